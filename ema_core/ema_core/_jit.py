@@ -1,0 +1,56 @@
+"""The one place that owns the compilation options of every kernel.
+
+numba's file cache of a function goes stale when a function that it calls changes in another file.
+The cache folder is therefore keyed on a digest of all sources that may hold kernels.
+"""
+
+import hashlib
+import importlib.util
+import os
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+
+_KERNEL_PACKAGES = ("ema_core", "ema_sim", "ema_monitor")
+
+
+@cache
+def _cache_folder() -> str:
+    digest = hashlib.sha256(numba.__version__.encode())
+    for package in _KERNEL_PACKAGES:
+        spec = importlib.util.find_spec(package)
+        for location in (spec.submodule_search_locations or ()) if spec else ():
+            for source in sorted(Path(location).rglob("*.py")):
+                digest.update(source.read_bytes())
+    root = os.environ.get("NUMBA_CACHE_DIR") or (
+        Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ema"
+    )
+    return str(Path(root) / f"kernels-{digest.hexdigest()[:16]}")
+
+
+def kernel(*, parallel: bool = False) -> Callable[[Callable[..., Any]], Any]:
+    """Return the decorator that compiles a kernel.
+
+    Kernels divide by zero as IEEE 754 says, release the interpreter lock, never raise and are
+    cached on disk.
+
+    Parameters
+    ----------
+    parallel
+        Let ``numba.prange`` loops of the kernel run on all cores.
+    """
+
+    def compile_kernel(function: Callable[..., Any]) -> Any:
+        shared_folder = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = _cache_folder()
+        try:
+            return numba.njit(
+                error_model="numpy", nogil=True, cache=True, parallel=parallel
+            )(function)
+        finally:
+            numba.config.CACHE_DIR = shared_folder
+
+    return compile_kernel

@@ -1,0 +1,175 @@
+"""Position commands as sampled arrays, and the test cycle that makes a live window comparable.
+
+A command of ``n`` samples at period ``h`` holds the user-shaft angle [rad] at h, 2 h, ... n h; at
+time 0 it is zero. Models interpolate it linearly between samples.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+COMMAND_SHAPES: Final = ("step", "ramp", "sine", "chirp", "custom")
+
+_APPROACH_DEPTH = 2e-3
+_APPROACH_S = 0.4
+_RETREAT_S = 0.1
+_HOLD_S = 0.1
+_RETURN_S = 0.3
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command by its shape and figures.
+
+    Attributes
+    ----------
+    shape
+        One of ``COMMAND_SHAPES``.
+    amplitude
+        Amplitude of sine and chirp, height of the step, end value of the ramp [rad].
+    duration
+        Length [s].
+    start_time
+        When a step or ramp starts [s].
+    rate
+        Slope of the ramp [rad/s].
+    start_frequency, end_frequency
+        Frequency of the sine, or of the chirp at its start and end [Hz].
+    final_fraction
+        Share of the chirp's amplitude that is left at its end, reached linearly [-].
+    samples
+        Samples of a custom command [rad].
+
+    Raises
+    ------
+    ValueError
+        When a figure is impossible; the message names it with its value, unit and range.
+    """
+
+    shape: str = "chirp"
+    amplitude: float = 0.005
+    duration: float = 0.5
+    start_time: float = 0.01
+    rate: float = 0.1
+    start_frequency: float = 0.0
+    end_frequency: float = 15.0
+    final_fraction: float = 1.0
+    samples: ArrayLike = field(default=(), repr=False)
+
+    def __post_init__(self) -> None:
+        if self.shape not in COMMAND_SHAPES:
+            raise ValueError(
+                f"command shape {self.shape!r} is unknown; known: {', '.join(COMMAND_SHAPES)}"
+            )
+        limits = {
+            "amplitude": (-10.0, 10.0, "rad"),
+            "duration": (1e-3, 3600.0, "s"),
+            "start_time": (0.0, 3600.0, "s"),
+            "rate": (-100.0, 100.0, "rad/s"),
+            "start_frequency": (0.0, 1e3, "Hz"),
+            "end_frequency": (0.0, 1e3, "Hz"),
+            "final_fraction": (0.0, 1.0, "-"),
+        }
+        for name, (lowest, highest, unit) in limits.items():
+            value = getattr(self, name)
+            if not lowest <= value <= highest:
+                raise ValueError(
+                    f"command {name} = {value:g} {unit} is outside [{lowest:g}, {highest:g}] {unit}"
+                )
+        samples = np.asarray(self.samples, dtype=np.float64)
+        if self.shape == "custom":
+            if samples.ndim != 1 or samples.size == 0:
+                raise ValueError(
+                    f"a custom command needs a row of samples, not an array of {samples.shape}"
+                )
+            bad = np.flatnonzero(~np.isfinite(samples))
+            if bad.size:
+                raise ValueError(f"custom command sample {bad[0]} is {samples[bad[0]]}, not finite")
+        object.__setattr__(self, "samples", samples)
+
+    def sample(self, sample_period: float) -> NDArray[np.float64]:
+        """Return the command's samples, ``(n,)`` [rad].
+
+        Parameters
+        ----------
+        sample_period
+            Period h [s].
+        """
+        if self.shape == "custom":
+            return np.array(self.samples)
+        n = max(1, round(self.duration / sample_period))
+        t = sample_period * np.arange(1, n + 1)
+        if self.shape == "step":
+            return np.where(t >= self.start_time - 1e-12, self.amplitude, 0.0)
+        if self.shape == "ramp":
+            return np.clip(
+                self.rate * np.maximum(t - self.start_time, 0.0),
+                -abs(self.amplitude),
+                abs(self.amplitude),
+            )
+        f0 = self.start_frequency
+        if self.shape == "sine":
+            return self.amplitude * np.sin(2 * math.pi * f0 * t)
+        f1, T = self.end_frequency, self.duration
+        envelope = 1.0 - (1.0 - self.final_fraction) * t / T
+        phase = 2 * math.pi * (f0 * t + (f1 - f0) * t**2 / (2 * T))
+        return self.amplitude * envelope * np.sin(phase)
+
+
+THESIS_CHIRP: Final = Command()
+"""The thesis's test command: 5 mrad from 0 to 15 Hz in 0.5 s (its table 7)."""
+
+
+class Cycle(NamedTuple):
+    """Samples of a whole cycle [rad] and where in it the command proper lies.
+
+    ``start`` is the index of the last sample at rest before the command, ``stop`` that behind its
+    last sample.
+    """
+
+    samples: NDArray[np.float64]
+    start: int
+    stop: int
+
+
+def _glide(start: float, stop: float, duration: float, h: float) -> NDArray[np.float64]:
+    """Go from one angle to another with zero speed at both ends."""
+    n = max(1, round(duration / h))
+    u = np.arange(1, n + 1) / n
+    return start + (stop - start) * (1.0 - np.cos(math.pi * u)) / 2.0
+
+
+def build_cycle(command: Command, sample_period: float) -> Cycle:
+    """Return a test cycle: hold, approach from below, command, return, rest.
+
+    The flap's position does not show where in its play the motor stands. The slow approach from
+    -2 mrad always leaves it pushing in the same direction.
+
+    Parameters
+    ----------
+    command
+        What is tested with.
+    sample_period
+        Period h [s].
+    """
+    h = sample_period
+    proper = command.sample(h)
+    hold = round(_HOLD_S / h)
+    approach = np.linspace(-_APPROACH_DEPTH, 0.0, round(_APPROACH_S / h) + 1)[1:]
+    before = np.concatenate(
+        [
+            np.zeros(hold),
+            _glide(0.0, -_APPROACH_DEPTH, _RETREAT_S, h),
+            np.full(hold, -_APPROACH_DEPTH),
+            approach,
+            np.zeros(hold),
+        ]
+    )
+    after = np.concatenate([_glide(proper[-1], 0.0, _RETURN_S, h), np.zeros(hold)])
+    return Cycle(
+        np.concatenate([before, proper, after]), before.size - 1, before.size + proper.size
+    )
+

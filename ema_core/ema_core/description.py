@@ -1,0 +1,45 @@
+"""Who an actuator is, and what its maker says of it."""
+
+from dataclasses import dataclass
+
+from ema_core.parameters import ActuatorParameters
+
+SAMPLE_PERIOD = 1e-4
+"""Default period of the telemetry [s]."""
+
+
+@dataclass(frozen=True)
+class ActuatorDescription:
+    """Identity and nominal data of an actuator; the default is the built-in example.
+
+    Attributes
+    ----------
+    actuator_id
+        Name of the actuator in its system.
+    serial_number
+        Serial number of the unit fitted.
+    model
+        The maker's type designation.
+    sample_period
+        Period of its telemetry [s].
+    parameters
+        Nominal parameters.
+
+    Raises
+    ------
+    ValueError
+        When the id or serial number is empty or the period is not positive.
+    """
+
+    actuator_id: str = "flap"
+    serial_number: str = "SIM-0001"
+    model: str = "bldc-flap-actuator"
+    sample_period: float = SAMPLE_PERIOD
+    parameters: ActuatorParameters = ActuatorParameters()
+
+    def __post_init__(self) -> None:
+        for name in ("actuator_id", "serial_number"):
+            if not getattr(self, name):
+                raise ValueError(f"{name} is empty: expected a name")
+        if not 0.0 < self.sample_period <= 1.0:
+            raise ValueError(f"sample_period = {self.sample_period!r} s is outside (0, 1] s")

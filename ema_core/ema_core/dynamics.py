@@ -1,0 +1,67 @@
+"""Kernels of the parts that reference and monitor model share: controller, mechanics, filter."""
+
+import math
+from typing import Final
+
+from ema_core._jit import kernel
+from ema_core.parameters import ControlConstants, MechanicalConstants
+
+LAG_TIME_CONSTANT: Final = 1e-5
+"""Time constant of each of the three lags behind the equivalent current [s]."""
+
+
+def lag_factor(dt: float) -> float:
+    """Return the share of the input that a lag takes up in one step.
+
+    Parameters
+    ----------
+    dt
+        Step [s]. The factor is exact for an input that is constant over the step, so that models
+        with different steps delay the current alike.
+    """
+    return -math.expm1(-dt / LAG_TIME_CONSTANT)
+
+
+@kernel()
+def clip(x, limit):
+    """Limit ``x`` to plus or minus ``limit``."""
+    return min(max(x, -limit), limit)
+
+
+@kernel()
+def speed_error(c: ControlConstants, command, theta_user, omega):
+    """Position loop: error of the motor speed [rad/s] (equation M1)."""
+    return clip(c.G_prop * (command - theta_user), c.omega_max) - omega
+
+
+@kernel()
+def reference_current(c: ControlConstants, error, integral, last_error, disturbance, dt):
+    """Speed loop: reference current [A] from the error of speed (equation M1).
+
+    ``integral`` is that of the error [rad], ``disturbance`` is added before the limit [A].
+    """
+    torque = c.GAP * error + c.GAI * integral + c.GAD * (error - last_error) / dt
+    return clip(torque / c.k_t + disturbance, c.I_max)
+
+
+@kernel()
+def next_speed(m: MechanicalConstants, omega, torque, breakaway, dt):
+    """Motor speed after one step under ``torque``, motor less load, with dry friction (M7).
+
+    Borello's model: at rest friction holds any torque up to ``breakaway``, at least ``f_d``; in
+    motion it is ``f_d`` against the motion; a step that would pass through zero speed ends at
+    zero.
+    """
+    net = torque - m.C * omega
+    if omega == 0.0:
+        if abs(net) <= breakaway:
+            return 0.0
+        return dt / m.J * (net - math.copysign(m.f_d, net))
+    stepped = omega + dt / m.J * (net - math.copysign(m.f_d, omega))
+    return 0.0 if stepped * omega < 0.0 else stepped
+
+
+@kernel()
+def follow_in_play(theta_out, theta_motor, half_backlash):
+    """Angle behind the backlash (fast shaft) once the motor stands at ``theta_motor`` (M8)."""
+    return min(max(theta_out, theta_motor - half_backlash), theta_motor + half_backlash)

@@ -1,0 +1,208 @@
+"""Parameters of an actuator: definitions, validation and the flat tuples that kernels take.
+
+The default values are those of the thesis's table 2 (Politecnico di Torino, 2018); the gear ratio
+is not printed there and reproduces its figures.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple
+
+RPM = 2.0 * math.pi / 60.0
+
+
+def _quantity(
+    default: float, unit: str, lowest: float, highest: float, description: str
+) -> Any:
+    """Field of a parameter with what is needed to validate, document and declare it."""
+    metadata = {"unit": unit, "range": (lowest, highest), "description": description}
+    return field(default=default, metadata=metadata)
+
+
+class ControlConstants(NamedTuple):
+    """Constants of the position and speed loops, for kernels (equation M1)."""
+
+    G_prop: float
+    GAP: float
+    GAI: float
+    GAD: float
+    omega_max: float
+    k_t: float
+    I_max: float
+
+
+class MotorConstants(NamedTuple):
+    """Constants of motor and drive, for kernels (equations M2 to M6).
+
+    ``N_a``, ``N_b``, ``N_c`` are the healthy fractions of the turns [-], ``zeta`` the static
+    eccentricity [-] and ``phi`` its direction [rad].
+    """
+
+    V_max: float
+    T_max: float
+    k_e: float
+    G_M: float
+    R_s: float
+    L_s: float
+    P: float
+    h_b: float
+    N_a: float
+    N_b: float
+    N_c: float
+    zeta: float
+    phi: float
+
+
+class MechanicalConstants(NamedTuple):
+    """Constants of the mechanics on the motor shaft, for kernels (equations M7, M8)."""
+
+    J: float
+    C: float
+    f_s: float
+    f_d: float
+    half_backlash: float
+    tau: float
+    theta_stop: float
+
+
+@dataclass(frozen=True)
+class ActuatorParameters:
+    """Everything that defines an actuator, in SI units, referred to the motor shaft.
+
+    Raises
+    ------
+    ValueError
+        When a value is not a finite number within its range; the message names the parameter,
+        its value, unit and range.
+    """
+
+    G_prop: float = _quantity(1e5, "1/s", 0.0, 1e9, "position-error gain")
+    GAP: float = _quantity(0.05, "N.m.s/rad", 0.0, 1e3, "speed loop, proportional gain")
+    GAI: float = _quantity(0.0, "N.m/rad", 0.0, 1e6, "speed loop, integral gain")
+    GAD: float = _quantity(0.0, "N.m.s^2/rad", 0.0, 1.0, "speed loop, derivative gain")
+    omega_max: float = _quantity(8000 * RPM, "rad/s", 1e-3, 1e5, "limit of the speed reference")
+    V_max: float = _quantity(48.0, "V", 1e-3, 1e4, "supply voltage")
+    I_max: float = _quantity(22.5, "A", 1e-3, 1e4, "limit of the current reference")
+    T_max: float = _quantity(1.689, "N.m", 1e-6, 1e5, "limit of the motor torque")
+    k_t: float = _quantity(0.0752, "N.m/A", 1e-6, 1e3, "torque constant, phase to phase")
+    k_e: float = _quantity(0.0752, "V.s/rad", 1e-6, 1e3, "back-EMF constant, phase to phase")
+    G_M: float = _quantity(0.07322, "N.m/A", 1e-6, 1e3, "torque gain of the source monitor form")
+    R_s: float = _quantity(2.13, "ohm", 1e-4, 1e4, "resistance, phase to phase")
+    L_s: float = _quantity(7.2e-4, "H", 1e-6, 10.0, "inductance, phase to phase")
+    P: int = _quantity(2, "-", 1, 50, "pole pairs")
+    h_b: float = _quantity(0.5, "A", 1e-4, 1e3, "half-band of the current hysteresis")
+    J_m: float = _quantity(1.3e-5, "kg.m^2", 1e-9, 1e3, "inertia of the motor")
+    J_u: float = _quantity(1.2e-5, "kg.m^2", 0.0, 1e3, "inertia of the user")
+    C_m: float = _quantity(30e-6 / math.pi, "N.m.s/rad", 0.0, 1e2, "viscous damping, motor")
+    C_u: float = _quantity(4.5e-7, "N.m.s/rad", 0.0, 1e2, "viscous damping, user")
+    f_sm: float = _quantity(0.06 * 1.689, "N.m", 0.0, 1e4, "static friction, motor")
+    f_su: float = _quantity(0.04 * 1.689, "N.m", 0.0, 1e4, "static friction, user")
+    f_ratio: float = _quantity(0.5, "-", 0.0, 1.0, "dynamic over static friction")
+    BLK: float = _quantity(5e-3, "rad", 0.0, 10.0, "backlash, full width at the fast shaft")
+    tau: float = _quantity(1 / 500, "-", 1e-6, 1e3, "gear ratio, user over motor speed")
+    theta_stop: float = _quantity(1.2, "rad", 1e-3, 1e6, "end stop of the user shaft, either sign")
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            lowest, highest = item.metadata["range"]
+            unit = item.metadata["unit"]
+            if isinstance(value, bool) or not _is_finite_number(value):
+                raise ValueError(
+                    f"{item.name} = {value!r}: expected a finite number in "
+                    f"[{lowest:g}, {highest:g}] {unit} ({item.metadata['description']})"
+                )
+            if not lowest <= value <= highest:
+                raise ValueError(
+                    f"{item.name} = {value:g} {unit} is outside [{lowest:g}, {highest:g}] {unit} "
+                    f"({item.metadata['description']})"
+                )
+            if item.name == "P" and value != int(value):
+                raise ValueError(f"P = {value:g} is not a whole number of pole pairs")
+            # A kernel compiles anew for an int in a float field: every value gets its type here.
+            object.__setattr__(self, item.name, int(value) if item.name == "P" else float(value))
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> "ActuatorParameters":
+        """Build from names and values; what is not named keeps its default.
+
+        Raises
+        ------
+        ValueError
+            When a name is unknown or a value is impossible.
+        """
+        return cls().replace(values)
+
+    def replace(self, values: Mapping[str, Any]) -> "ActuatorParameters":
+        """Return these parameters with some values changed.
+
+        Raises
+        ------
+        ValueError
+            When a name is unknown or a value is impossible.
+        """
+        known = [item.name for item in fields(self)]
+        for name in values:
+            if name not in known:
+                raise ValueError(f"unknown actuator parameter {name!r}; known: {', '.join(known)}")
+        return dataclasses.replace(self, **values)
+
+    def as_mapping(self) -> dict[str, float]:
+        """Return names and values in the order of definition."""
+        return dataclasses.asdict(self)
+
+
+def _is_finite_number(value: Any) -> bool:
+    try:
+        return math.isfinite(value)
+    except TypeError:
+        return False
+
+
+class PlantConstants(NamedTuple):
+    """The three tuples of constants that together describe a plant."""
+
+    control: ControlConstants
+    motor: MotorConstants
+    mechanics: MechanicalConstants
+
+
+def constants(parameters: ActuatorParameters) -> PlantConstants:
+    """Return the healthy constants that kernels take.
+
+    Parameters
+    ----------
+    parameters
+        The actuator.
+    """
+    p = parameters
+    f_s = p.f_sm + p.f_su
+    return PlantConstants(
+        ControlConstants(p.G_prop, p.GAP, p.GAI, p.GAD, p.omega_max, p.k_t, p.I_max),
+        MotorConstants(
+            V_max=p.V_max,
+            T_max=p.T_max,
+            k_e=p.k_e,
+            G_M=p.G_M,
+            R_s=p.R_s,
+            L_s=p.L_s,
+            P=float(p.P),
+            h_b=p.h_b,
+            N_a=1.0,
+            N_b=1.0,
+            N_c=1.0,
+            zeta=0.0,
+            phi=0.0,
+        ),
+        MechanicalConstants(
+            J=p.J_m + p.J_u,
+            C=p.C_m + p.C_u,
+            f_s=f_s,
+            f_d=f_s * p.f_ratio,
+            half_backlash=p.BLK / 2.0,
+            tau=p.tau,
+            theta_stop=p.theta_stop / p.tau,
+        ),
+    )

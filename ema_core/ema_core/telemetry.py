@@ -1,0 +1,91 @@
+"""Telemetry of an actuator in contiguous columns."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+COLUMNS = ("command", "current", "position", "speed")
+"""Columns of telemetry, in the order of the messages."""
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """Consecutive samples at a fixed period.
+
+    Sample i covers ((i-1) h, i h]: current is its mean over that interval, the other columns are
+    the values at its end.
+
+    Attributes
+    ----------
+    stamp_ns
+        Time of the END of the first sample [ns].
+    sample_period
+        Period h [s].
+    first_index
+        Running index of the first sample.
+    command, position
+        Angle of the user shaft, ``(n,)`` [rad]; position is taken after the backlash.
+    current
+        Equivalent current, ``(n,)`` [A].
+    speed
+        Speed of the motor shaft, ``(n,)`` [rad/s].
+
+    Raises
+    ------
+    ValueError
+        When the columns differ in length or are empty, or the period is not positive.
+    """
+
+    stamp_ns: int
+    sample_period: float
+    first_index: int
+    command: NDArray[np.float64]
+    current: NDArray[np.float64]
+    position: NDArray[np.float64]
+    speed: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.sample_period < float("inf"):
+            raise ValueError(
+                f"sample_period = {self.sample_period!r} s: expected a positive number of seconds"
+            )
+        lengths = {name: len(getattr(self, name)) for name in COLUMNS}
+        if len(set(lengths.values())) != 1 or not len(self.command):
+            listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
+            raise ValueError(f"telemetry columns must have one length of at least 1, not {listed}")
+
+    def __len__(self) -> int:
+        return len(self.command)
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """Time of the end of every sample, ``(n,)`` [ns]."""
+        steps = np.arange(len(self)) * (self.sample_period * 1e9)
+        return self.stamp_ns + np.rint(steps).astype(np.int64)
+
+    def part(self, start: int, stop: int) -> "Telemetry":
+        """Return samples ``start`` to ``stop`` (exclusive) with their own stamp and index."""
+        return Telemetry(
+            int(self.stamps_ns[start]),
+            self.sample_period,
+            self.first_index + start,
+            *(getattr(self, name)[start:stop] for name in COLUMNS),
+        )
+
+
+def join(blocks: list[Telemetry]) -> Telemetry:
+    """Return consecutive blocks as one.
+
+    Parameters
+    ----------
+    blocks
+        At least one block, each beginning where the one before ends.
+    """
+    first = blocks[0]
+    return Telemetry(
+        first.stamp_ns,
+        first.sample_period,
+        first.first_index,
+        *(np.concatenate([getattr(block, name) for block in blocks]) for name in COLUMNS),
+    )
