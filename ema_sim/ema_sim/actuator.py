@@ -1,0 +1,175 @@
+"""The simulated actuator: the reference kernels with their state, advanced block by block."""
+
+import math
+
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ema_core.description import SAMPLE_PERIOD
+from ema_core.dynamics import lag_factor
+from ema_core.faults import degrade, healthy_faults
+from ema_core.parameters import ActuatorParameters, constants
+from ema_core.telemetry import Telemetry
+from ema_sim.reference import DT, State, advance
+
+
+
+class SimulatedActuator:
+    """A high-fidelity actuator that is given commands and returns telemetry.
+
+    The samples do not depend on how a command is cut into blocks.
+
+    Parameters
+    ----------
+    parameters
+        What the plant really is.
+    sample_period
+        Period of the telemetry [s], a whole multiple of 1 us.
+    noise_gain
+        K_noise, power of the white noise on the reference current: its variance is
+        ``K_noise`` 1e-6 / ``noise_hold_s`` [A^2].
+    noise_hold_s
+        Time t_n for which a value of that noise is held [s], a whole multiple of 1 us that
+        divides the sample period.
+    rng
+        Random numbers of that noise; only used where ``noise_gain`` is not 0.
+    stamp_ns
+        Time of the start [ns].
+
+    Raises
+    ------
+    ValueError
+        When a period is no whole multiple of the step, or the noise gain is negative.
+    """
+
+    def __init__(
+        self,
+        parameters: ActuatorParameters | None = None,
+        *,
+        sample_period: float = SAMPLE_PERIOD,
+        noise_gain: float = 0.0,
+        noise_hold_s: float = DT,
+        rng: np.random.Generator | None = None,
+        stamp_ns: int = 0,
+    ) -> None:
+        self.parameters = parameters or ActuatorParameters()
+        self.sample_period = sample_period
+        self._steps = _whole_steps("sample_period", sample_period)
+        self._hold = _whole_steps("noise_hold_s", noise_hold_s)
+        if self._steps % self._hold:
+            raise ValueError(
+                f"noise_hold_s = {noise_hold_s:g} s does not divide sample_period = "
+                f"{sample_period:g} s"
+            )
+        if not 0.0 <= noise_gain < math.inf:
+            raise ValueError(f"noise_gain = {noise_gain!r} is not a number of at least 0")
+        if noise_gain > 0.0 and rng is None:
+            raise ValueError("noise_gain > 0 needs a random number generator: give rng")
+        self._noise_sigma = math.sqrt(noise_gain * 1e-6 / noise_hold_s)
+        self._rng = rng
+        self._start_ns = stamp_ns
+        self._index = 1
+        self._last_command = 0.0
+        self._last_load = 0.0
+        self._plant = constants(self.parameters)
+        self._faults = healthy_faults()
+        self.state: State = at_rest()
+
+    @property
+    def faults(self) -> NDArray[np.float64]:
+        """Fault vector, ``(8,)``; assigning one takes effect from the next sample on."""
+        return self._faults.copy()
+
+    @faults.setter
+    def faults(self, values: ArrayLike) -> None:
+        self._plant = degrade(constants(self.parameters), values)
+        self._faults = np.array(values, dtype=np.float64)
+
+    def advance(self, command: ArrayLike, load: ArrayLike | float = 0.0) -> Telemetry:
+        """Run the actuator through the samples of a command.
+
+        Parameters
+        ----------
+        command
+            User-shaft angle at the end of each sample, ``(n,)`` [rad].
+        load
+            External torque on the motor shaft against positive motion at the end of each
+            sample, ``(n,)`` or one value for all [N.m].
+
+        Returns
+        -------
+        Telemetry
+            The ``n`` samples.
+
+        Raises
+        ------
+        ValueError
+            When a command or load is empty, not finite or of another shape.
+        """
+        commands = _finite_row("command", command)
+        loads = _finite_row("load", np.broadcast_to(np.asarray(load, float), commands.shape))
+        n = len(commands)
+        disturbances, hold = np.zeros(1), n * self._steps
+        if self._noise_sigma > 0.0 and self._rng is not None:
+            hold = self._hold
+            disturbances = self._rng.normal(0.0, self._noise_sigma, n * self._steps // hold)
+        current, position, speed = np.empty(n), np.empty(n), np.empty(n)
+        self.state = advance(
+            *self._plant,
+            self.state,
+            self._last_command,
+            commands,
+            self._last_load,
+            loads,
+            disturbances,
+            hold,
+            self._steps,
+            DT,
+            lag_factor(DT),
+            current,
+            position,
+            speed,
+        )
+        block = Telemetry(
+            self._start_ns + round(self._index * self.sample_period * 1e9),
+            self.sample_period,
+            self._index,
+            commands,
+            current,
+            position,
+            speed,
+        )
+        self._index += n
+        self._last_command = float(commands[-1])
+        self._last_load = float(loads[-1])
+        return block
+
+
+def at_rest(theta_m: float = 0.0, theta_b: float = 0.0) -> State:
+    """Return the state of an actuator at rest without current.
+
+    Parameters
+    ----------
+    theta_m, theta_b
+        Angle of the motor, and of the fast shaft behind the backlash [rad].
+    """
+    currents_and_lags = (0.0,) * 3 + (1.0,) * 3 + (0.0,) * 6
+    return State(float(theta_m), 0.0, float(theta_b), *currents_and_lags)
+
+
+def _whole_steps(name: str, period: float) -> int:
+    steps = round(period / DT) if 0.0 < period < 1.0 else 0
+    if steps < 1 or abs(steps * DT - period) > 1e-6 * DT:
+        raise ValueError(f"{name} = {period!r} s is not a whole multiple of {DT:g} s below 1 s")
+    return steps
+
+
+def _finite_row(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    row = np.array(values, dtype=np.float64)
+    if row.ndim != 1 or not row.size:
+        raise ValueError(f"{name} must be a row of samples, not an array of shape {row.shape}")
+    bad = np.flatnonzero(~np.isfinite(row))
+    if bad.size:
+        raise ValueError(f"{name} sample {bad[0]} is {row[bad[0]]}, not a finite number")
+    return row
