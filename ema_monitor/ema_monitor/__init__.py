@@ -1,0 +1,1 @@
+"""Fault identification and prognosis for an electromechanical actuator, and its node."""

@@ -1,0 +1,283 @@
+"""Static calibration: what the model misses on a healthy actuator, added to it ever after."""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from ema_core.description import ActuatorDescription
+from ema_core.faults import healthy_faults
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.model import MonitorModel
+from ema_monitor.residual import band_limited, rms
+from ema_monitor.window import Window
+
+_FORMAT = 1
+_COMMAND_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Static calibration of a monitor model for one unit, one command and one sample period.
+
+    Attributes
+    ----------
+    actuator_id, serial_number
+        The unit it was made on.
+    parameters
+        Nominal parameters that the model had.
+    form, dt
+        Form of the monitor model, and its step [s].
+    sample_period
+        Period of the telemetry [s].
+    command
+        Command of the window including that at the start, ``(n + 1,)`` [rad].
+    lift
+        Height of the step in current that the idle phase adds to the equivalent current [A].
+    correction
+        What the model with its lift still misses on the healthy actuator, ``(n,)`` [A].
+    healthy_rms
+        Rms of the band-limited residual of a healthy window after correction [A]; NaN when it
+        was made from a single window.
+    windows
+        Number of windows averaged.
+    """
+
+    actuator_id: str
+    serial_number: str
+    parameters: ActuatorParameters
+    form: str
+    dt: float
+    sample_period: float
+    command: NDArray[np.float64] = field(repr=False)
+    lift: float
+    correction: NDArray[np.float64] = field(repr=False)
+    healthy_rms: float
+    windows: int
+
+    @cached_property
+    def calibration_id(self) -> str:
+        """Identity of the content: the same figures give the same name."""
+        text = json.dumps(self._as_mapping(), sort_keys=True)
+        return f"{self.serial_number}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
+
+    def model(self) -> MonitorModel:
+        """Return the monitor model that this calibration belongs to."""
+        return MonitorModel(self.parameters, self.form, self.dt)
+
+    def apply(self, current: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the measured current to expect where the model says ``current`` [A].
+
+        Parameters
+        ----------
+        current
+            Current of the model, ``(..., n)`` [A].
+        """
+        return current + self.lift * lift_shape(current, self.parameters) + self.correction
+
+    def unit_mismatch(self, description: ActuatorDescription) -> str:
+        """Return why this calibration does not fit a described actuator; empty when it does.
+
+        Parameters
+        ----------
+        description
+            The actuator at hand.
+        """
+        reasons = []
+        if description.serial_number != self.serial_number:
+            reasons.append(
+                f"the actuator has serial number {description.serial_number!r}, the calibration "
+                f"was made on {self.serial_number!r}"
+            )
+        mine, theirs = self.parameters.as_mapping(), description.parameters.as_mapping()
+        reasons += [
+            f"the actuator has {name} = {theirs[name]:g}, the calibration {mine[name]:g}"
+            for name in mine
+            if not np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0)
+        ]
+        return "; ".join(reasons)
+
+    def shape_mismatch(self, window: Window) -> str:
+        """Return why the samples of a window are not those calibrated; empty when they are.
+
+        Parameters
+        ----------
+        window
+            The window to be diagnosed.
+        """
+        if abs(window.sample_period / self.sample_period - 1.0) > 1e-6:
+            return (
+                f"the sample period is {window.sample_period:g} s, the calibration's "
+                f"{self.sample_period:g} s"
+            )
+        if len(window) != len(self.correction):
+            return f"the window has {len(window)} samples, the calibration {len(self.correction)}"
+        return ""
+
+    def command_mismatch(self, window: Window) -> str:
+        """Return why a window's command is not the calibrated one; empty when it is.
+
+        Parameters
+        ----------
+        window
+            A window with as many samples as the calibration.
+        """
+        difference = rms(window.command - self.command)
+        if difference > _COMMAND_TOLERANCE:
+            return (
+                f"the command differs from the calibrated one by {difference:.3g} rad rms "
+                f"(limit {_COMMAND_TOLERANCE:g} rad): calibrate with this command"
+            )
+        return ""
+
+    def save(self, path: Path) -> None:
+        """Write the calibration to a YAML file.
+
+        Parameters
+        ----------
+        path
+            File to write; an existing one is replaced only once the new one is complete.
+        """
+        partial = path.with_suffix(path.suffix + ".partial")
+        partial.write_text(
+            yaml.safe_dump(self._as_mapping(), sort_keys=False, default_flow_style=None, width=96)
+        )
+        partial.replace(path)
+
+    @classmethod
+    def builtin(cls) -> "Calibration":
+        """Return the shipped calibration of the built-in actuator under the thesis's chirp."""
+        with resources.as_file(resources.files("ema_monitor") / "builtin_calibration.yaml") as path:
+            return cls.load(path)
+
+    @classmethod
+    def load(cls, path: Path) -> "Calibration":
+        """Read a calibration from a YAML file.
+
+        Parameters
+        ----------
+        path
+            File written by ``save``.
+
+        Raises
+        ------
+        ValueError
+            When the file is no calibration; the message names file and defect.
+        OSError
+            When it cannot be read.
+        """
+        try:
+            content = yaml.load(path.read_text(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise ValueError(f"{path} is not a YAML file: {error}") from error
+        if not isinstance(content, dict) or content.get("format") != _FORMAT:
+            raise ValueError(f"{path} is not a calibration of format {_FORMAT}")
+        content.pop("format")
+        try:
+            content["parameters"] = ActuatorParameters.from_mapping(content["parameters"])
+            for name in ("command", "correction"):
+                content[name] = np.array(content[name], dtype=np.float64)
+                if content[name].ndim != 1 or not np.all(np.isfinite(content[name])):
+                    raise ValueError(f"{name} is not a row of finite numbers")
+            calibration = cls(**content)
+            if len(calibration.command) != len(calibration.correction) + 1:
+                raise ValueError("command must have one value more than correction")
+            calibration.model()
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"{path} is a damaged calibration: {error}") from error
+        return calibration
+
+    def _as_mapping(self) -> dict[str, Any]:
+        content = {"format": _FORMAT, **asdict(self)}
+        content["command"] = [round(float(value), 9) for value in self.command]
+        content["correction"] = [round(float(value), 5) for value in self.correction]
+        content["healthy_rms"] = float(self.healthy_rms)
+        return content
+
+
+def lift_shape(current: NDArray[np.float64], parameters: ActuatorParameters) -> NDArray[np.float64]:
+    """Return how the idle phase lifts the equivalent current, for a lift of 1 A.
+
+    The idle phase is regulated about zero and still carries ripple, which the equivalent current
+    counts with the sign of the torque; within the hysteresis band that sign itself changes with
+    the ripple (M12).
+
+    Parameters
+    ----------
+    current
+        Current of the model, ``(..., n)`` [A].
+    parameters
+        Nominal parameters of the actuator.
+    """
+    return np.clip(current / parameters.h_b, -1.0, 1.0)
+
+
+def calibrate(
+    windows: list[Window], description: ActuatorDescription, form: str = "fast"
+) -> Calibration:
+    """Calibrate the monitor model on healthy windows of one actuator.
+
+    Parameters
+    ----------
+    windows
+        Windows of the same command, at least one; more average out the PWM's ripple.
+    description
+        The unit that the windows were taken from.
+    form
+        Form of the monitor model. The lift is fitted for the "fast" form only: the thesis's
+        calibration, which goes with the "source" form, is the correction alone.
+
+    Raises
+    ------
+    ValueError
+        When there is no window, or one is not like the first.
+    """
+    if not windows:
+        raise ValueError("calibration needs at least one healthy window, got none")
+    first = windows[0]
+    model = MonitorModel(description.parameters, form)
+    modelled = []
+    for number, window in enumerate(windows):
+        if len(window) != len(first) or window.sample_period != first.sample_period:
+            raise ValueError(
+                f"window {number} has {len(window)} samples of {window.sample_period:g} s, the "
+                f"first {len(first)} of {first.sample_period:g} s"
+            )
+        difference = rms(window.command - first.command)
+        if difference > _COMMAND_TOLERANCE:
+            raise ValueError(
+                f"window {number} has another command than the first: {difference:.3g} rad rms "
+                f"apart (limit {_COMMAND_TOLERANCE:g} rad)"
+            )
+        play = 0.0 if window.play is None else window.play
+        modelled.append(model.current(window, healthy_faults(), play)[0])
+    residuals = np.array([window.current for window in windows]) - modelled
+    lift = 0.0
+    if model.form == "fast":
+        shape = lift_shape(np.array(modelled), model.parameters)
+        lift = float(np.sum(shape * residuals) / np.sum(shape**2))
+        residuals -= lift * shape
+    correction = np.mean(residuals, axis=0)
+    n = len(windows)
+    spread = band_limited(residuals - correction, first.sample_period)
+    return Calibration(
+        description.actuator_id,
+        description.serial_number,
+        model.parameters,
+        model.form,
+        model.dt,
+        first.sample_period,
+        first.command,
+        lift,
+        correction,
+        # A residual against the mean of n, itself among them, is too small by this factor.
+        rms(spread) / np.sqrt(1.0 - 1.0 / n) if n > 1 else float("nan"),
+        n,
+    )

@@ -1,0 +1,113 @@
+"""The monitor model: the current that an actuator with given faults would draw in a window."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ema_core.dynamics import lag_factor
+from ema_core.faults import degrade
+from ema_core.parameters import ActuatorParameters, constants
+from ema_monitor.model_kernel import Lanes, run_lanes
+from ema_monitor.window import Window
+
+FORMS: Final = {"fast": 2e-5, "source": 1e-6}
+"""Forms of the model and the integration step that each takes by default [s]."""
+
+
+class MonitorModel:
+    """One-phase model of an actuator, driven by the measured command of a window.
+
+    Parameters
+    ----------
+    parameters
+        Nominal parameters of the actuator.
+    form
+        "fast", the slew-limited current of the driven pair (M10), or "source", the thesis's own
+        sign-switched current with its eq. 4.24 (M11).
+    dt
+        Integration step [s], by default that of the form.
+
+    Raises
+    ------
+    ValueError
+        When the form is unknown or the step not positive.
+    """
+
+    def __init__(
+        self, parameters: ActuatorParameters, form: str = "fast", dt: float | None = None
+    ) -> None:
+        if form not in FORMS:
+            raise ValueError(f"monitor form {form!r} is unknown; known: {', '.join(FORMS)}")
+        self.parameters = parameters
+        self.form = form
+        self.dt = FORMS[form] if dt is None else float(dt)
+        if not 0.0 < self.dt <= 1e-3:
+            raise ValueError(f"monitor step dt = {self.dt:g} s is outside (0, 0.001] s")
+        self._plant = constants(parameters)
+
+    def current(
+        self, window: Window, faults: ArrayLike, play: ArrayLike | float = 0.0
+    ) -> NDArray[np.float64]:
+        """Return the equivalent current of each individual in a window.
+
+        Parameters
+        ----------
+        window
+            Command and initial state, ``n`` samples behind the start.
+        faults
+            Fault vectors, ``(m, 8)``.
+        play
+            Where in its play the motor stands at the start, ``(m,)`` or one value for all
+            [half-widths, -1 to 1].
+
+        Returns
+        -------
+        numpy.ndarray
+            Current, mean over each sample, ``(m, n)`` [A].
+
+        Raises
+        ------
+        ValueError
+            When the window's sample period is not a whole multiple of the step, or a fault
+            vector is impossible.
+        """
+        faults = np.atleast_2d(np.asarray(faults, dtype=np.float64))
+        m = len(faults)
+        control, motor, mechanics = degrade(self._plant, faults)
+        start = window.telemetry
+        current = np.empty((m, len(window)))
+        run_lanes(
+            *self._plant,
+            Lanes(
+                control.G_prop,
+                mechanics.f_s,
+                mechanics.f_d,
+                mechanics.half_backlash,
+                motor.N_a,
+                motor.N_b,
+                motor.N_c,
+                motor.zeta,
+                motor.phi,
+                np.array(np.broadcast_to(np.asarray(play, dtype=np.float64), (m,))),
+            ),
+            window.command,
+            float(start.position[0]),
+            float(start.speed[0]),
+            float(start.current[0]),
+            self.form == "source",
+            self._steps(window.sample_period),
+            self.dt,
+            lag_factor(self.dt),
+            current,
+        )
+        return current
+
+    def _steps(self, sample_period: float) -> int:
+        steps = round(sample_period / self.dt)
+        if steps < 1 or abs(steps * self.dt - sample_period) > 1e-6 * sample_period:
+            raise ValueError(
+                f"sample period {sample_period:g} s is not a whole multiple of the monitor's "
+                f"step dt = {self.dt:g} s"
+            )
+        return steps

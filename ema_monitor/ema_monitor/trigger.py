@@ -1,0 +1,266 @@
+"""Where windows begin and end in a stream of telemetry, and what is wrong with the stream.
+
+All decisions rest on running indices and stamps, never on the time of arrival, so that a replay
+finds the same windows.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.parameters import ActuatorParameters, constants
+from ema_core.telemetry import COLUMNS, Telemetry, join
+from ema_monitor.window import Window
+
+_LOOKBACK_S: Final = 2.0
+_RATE_TOLERANCE: Final = 0.01
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A window that was begun and cannot be used.
+
+    ``start_ns`` and ``end_ns`` are the stamps of its first and last sample [ns].
+    """
+
+    start_ns: int
+    end_ns: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Defect:
+    """Something wrong with the stream outside of any window, at ``stamp_ns`` [ns]."""
+
+    stamp_ns: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class TriggerSettings:
+    """When a window begins and how long it is.
+
+    Attributes
+    ----------
+    window_s
+        Length of a window [s].
+    rest_s
+        How long the command must have been at rest before [s].
+    threshold
+        Change of the command that counts as motion [rad].
+
+    Raises
+    ------
+    ValueError
+        When a figure is not positive; the message names it.
+    """
+
+    window_s: float = 0.5
+    rest_s: float = 0.02
+    threshold: float = 1e-6
+
+    def __post_init__(self) -> None:
+        for name, unit in (("window_s", "s"), ("rest_s", "s"), ("threshold", "rad")):
+            value = getattr(self, name)
+            if not 0.0 < value < float("inf"):
+                raise ValueError(f"{name} = {value:g} {unit}: expected a positive number")
+
+
+class WindowTrigger:
+    """Cuts windows out of telemetry blocks.
+
+    A window begins at the last sample before the command leaves its rest value. If the command
+    comes to rest again before the window is full, there is no window: so a cycle's slow approach
+    is passed over.
+
+    Parameters
+    ----------
+    parameters
+        Nominal parameters of the actuator: they tell how far an approach must go to leave the
+        motor on a known flank of its play.
+    settings
+        When a window begins and how long it is.
+    """
+
+    def __init__(
+        self, parameters: ActuatorParameters, settings: TriggerSettings | None = None
+    ) -> None:
+        self.settings = settings or TriggerSettings()
+        self.longest_motion_s = 0.0
+        self._approach_travel = approach_travel(parameters)
+        self._reset()
+
+    def _reset(self) -> None:
+        self._blocks: list[Telemetry] = []
+        self._start: int | None = None
+        self._rest_value = float("nan")
+        self._rest_count = 0
+
+    def feed(self, block: Telemetry) -> list[Window | Refusal | Defect]:
+        """Take the next block and return what it completes or reveals.
+
+        Parameters
+        ----------
+        block
+            Telemetry of the one actuator that is watched.
+        """
+        events: list[Window | Refusal | Defect] = []
+        if self._blocks and (reason := _break_between(self._blocks[-1], block)):
+            events.append(self._interrupt(block, reason))
+        if reason := _not_finite(block):
+            events.append(self._interrupt(block, reason))
+            return events
+        self._blocks.append(block)
+        events += self._scan(block)
+        self._forget()
+        return events
+
+    def finish(self) -> list[Refusal]:
+        """Return the refusal of a window that the end of the telemetry cut off, if there is one."""
+        if self._start is None:
+            return []
+        last = self._blocks[-1]
+        end_ns = int(last.stamps_ns[-1])
+        start_ns = int(join(self._blocks).stamps_ns[self._start - self._blocks[0].first_index])
+        return [
+            Refusal(
+                start_ns,
+                end_ns,
+                f"the telemetry ends {(end_ns - start_ns) * 1e-9:.3f} s into the window of "
+                f"{self.settings.window_s:g} s",
+            )
+        ]
+
+    def _interrupt(self, block: Telemetry, reason: str) -> Refusal | Defect:
+        """Drop what was collected, and say so of the window if one was open."""
+        event: Refusal | Defect = Defect(block.stamp_ns, reason)
+        for cut in self.finish():
+            event = Refusal(cut.start_ns, cut.end_ns, reason)
+        self._reset()
+        return event
+
+    def _scan(self, block: Telemetry) -> list[Window | Refusal | Defect]:
+        """Follow the command through a block, sample by sample."""
+        h = block.sample_period
+        rest_samples = max(1, round(self.settings.rest_s / h))
+        window_samples = max(1, round(self.settings.window_s / h))
+        threshold = self.settings.threshold
+        events: list[Window | Refusal | Defect] = []
+        for index, command in enumerate(block.command.tolist(), block.first_index):
+            if abs(command - self._rest_value) <= threshold:
+                self._rest_count += 1
+                if self._start is not None and self._rest_count >= rest_samples:
+                    self._abandon(index - self._rest_count + 1, h)
+            else:
+                if self._rest_count >= rest_samples:
+                    self._start = index - 1
+                self._rest_value, self._rest_count = command, 1
+            if self._start is not None and index == self._start + window_samples:
+                events.append(self._complete(self._start, window_samples))
+                self._start = None
+        return events
+
+    def _abandon(self, stop: int, h: float) -> None:
+        if self._start is not None:
+            self.longest_motion_s = max(self.longest_motion_s, (stop - self._start) * h)
+        self._start = None
+
+    def _complete(self, start: int, samples: int) -> Window | Refusal:
+        history = join(self._blocks)
+        offset = start - history.first_index
+        telemetry = history.part(offset, offset + samples + 1)
+        stamps = np.array([block.stamp_ns for block in self._blocks])
+        indices = np.array([block.first_index for block in self._blocks])
+        inside = (indices >= start) & (indices <= start + samples)
+        if np.count_nonzero(inside) > 1:
+            period = np.ptp(stamps[inside]) * 1e-9 / np.ptp(indices[inside])
+            if abs(period / telemetry.sample_period - 1.0) > _RATE_TOLERANCE:
+                return Refusal(
+                    telemetry.stamp_ns,
+                    int(telemetry.stamps_ns[-1]),
+                    f"the stamps say one sample every {period:.4g} s, the blocks "
+                    f"{telemetry.sample_period:.4g} s",
+                )
+        return Window(telemetry, play_after(history.command[: offset + 1], self._approach_travel))
+
+    def _forget(self) -> None:
+        """Let go of blocks too old to matter."""
+        last = self._blocks[-1]
+        oldest = last.first_index - round(_LOOKBACK_S / last.sample_period)
+        if self._start is not None:
+            oldest = self._start - round(_LOOKBACK_S / last.sample_period)
+        while self._blocks[0].first_index + len(self._blocks[0]) < oldest:
+            self._blocks.pop(0)
+
+
+def approach_travel(parameters: ActuatorParameters) -> float:
+    """Return how far the command must go one way to leave the motor on that flank [rad].
+
+    It is the widest backlash, and the error that the worst friction holds at the lowest gain,
+    both at the user shaft.
+
+    Parameters
+    ----------
+    parameters
+        Nominal parameters of the actuator.
+    """
+    control, _, mechanics = constants(parameters)
+    stiffness = control.GAP * 0.5 * control.G_prop
+    held = 3.0 * mechanics.f_s / stiffness if stiffness > 0.0 else float("inf")
+    return 200.0 * mechanics.half_backlash * mechanics.tau + held
+
+
+def play_after(command: NDArray[np.float64], travel: float) -> float | None:
+    """Return where in its play the motor stands after a command: 1 or -1, None when unknown.
+
+    Parameters
+    ----------
+    command
+        The command up to the moment in question, ``(n,)`` [rad].
+    travel
+        How far it must have gone one way last [rad].
+    """
+    steps = np.diff(command)
+    moving = np.flatnonzero(steps)
+    if not moving.size:
+        return None
+    direction = float(np.sign(steps[moving[-1]]))
+    back = np.flatnonzero(steps * direction < 0.0)
+    turned = command[back[-1] + 1] if back.size else command[0]
+    return direction if abs(command[-1] - turned) >= travel else None
+
+
+def _break_between(last: Telemetry, block: Telemetry) -> str:
+    """Return what is wrong from one block to the next; empty when they join."""
+    if abs(block.sample_period / last.sample_period - 1.0) > 1e-6:
+        return (
+            f"the sample period changed from {last.sample_period:g} s to {block.sample_period:g} s"
+        )
+    expected = last.first_index + len(last)
+    if block.first_index > expected:
+        return (
+            f"gap of {block.first_index - expected} samples: index {block.first_index} follows "
+            f"{expected - 1}"
+        )
+    if block.first_index < expected:
+        return f"the sample index went back from {expected - 1} to {block.first_index}"
+    if block.stamp_ns <= last.stamp_ns:
+        return (
+            f"time ran backwards by {(last.stamp_ns - block.stamp_ns) * 1e-9:g} s at index "
+            f"{block.first_index}"
+        )
+    return ""
+
+
+def _not_finite(block: Telemetry) -> str:
+    for name in COLUMNS:
+        column = getattr(block, name)
+        bad = np.flatnonzero(~np.isfinite(column))
+        if bad.size:
+            return (
+                f"{name} is {column[bad[0]]} at index {block.first_index + bad[0]} "
+                f"({bad.size} such samples in its block): expected finite numbers"
+            )
+    return ""

@@ -1,0 +1,102 @@
+"""Covariance of an estimate, and which of its components a window says nothing useful about."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, N_FAULTS
+
+CORRELATION_S: Final = 5e-3
+"""Span over which residuals are taken to be correlated [s]."""
+
+UNOBSERVABLE_SIGMA: Final = 0.25
+"""From this standard deviation on, a component is no better known than by its range [-]."""
+
+DETECTION_CHI2: Final = 13.8
+"""Squared distance of the eccentricity from zero for it to be detected: chi-squared with two
+degrees of freedom at 99.9 % [-]."""
+
+SMALLEST_ECCENTRICITY: Final = 0.01
+"""Below this the mismatch of the model outweighs the eccentricity, and its phase is noise [-]."""
+
+MISMATCH_SIGMA: Final = 0.003
+"""Standard deviation that the mismatch of the model adds to every component [-]."""
+
+_PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
+
+
+class Uncertainty(NamedTuple):
+    """Covariance, ``(8, 8)``, NaN where unobservable, and flags, ``(8,)``."""
+
+    covariance: NDArray[np.float64]
+    unobservable: NDArray[np.bool_]
+
+
+def sandwich_covariance(
+    jacobian: NDArray[np.float64], residuals: NDArray[np.float64], lags: int
+) -> NDArray[np.float64]:
+    """Return the covariance of a least-squares estimate under correlated residuals.
+
+    Parameters
+    ----------
+    jacobian
+        Derivatives of the residuals at the estimate, ``(n, d)``.
+    residuals
+        The residuals there, ``(n,)``.
+    lags
+        Number of samples over which they are correlated.
+
+    Returns
+    -------
+    numpy.ndarray
+        Covariance, ``(d, d)``; a direction that leaves no trace gets a very large variance.
+
+    Notes
+    -----
+    Newey and West (1987), Econometrica 55(3), with Bartlett weights.
+    """
+    scores = jacobian * residuals[:, None]
+    centre = scores.T @ scores
+    for lag in range(1, lags + 1):
+        product = scores[lag:].T @ scores[:-lag]
+        centre += (1.0 - lag / (lags + 1.0)) * (product + product.T)
+    normal = jacobian.T @ jacobian
+    # A ridge far below what any visible component has keeps an invisible one finite.
+    ridge = 1e-9 * max(np.max(np.diag(normal)), 1e-300)
+    bread = np.linalg.inv(normal + ridge * np.eye(len(normal)))
+    covariance = bread @ (centre + ridge * np.eye(len(normal))) @ bread
+    return (covariance + covariance.T) / 2.0
+
+
+def uncertainty_of_faults(
+    faults: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> Uncertainty:
+    """Turn a covariance with eccentricity in Cartesian form into one of the fault vector.
+
+    Parameters
+    ----------
+    faults
+        The estimate, ``(8,)``.
+    covariance
+        Covariance of the faults with ``zeta cos(phi)`` and ``zeta sin(phi)`` in the places of
+        eccentricity and phase, ``(8, 8)`` or larger.
+    """
+    zeta = faults[ECCENTRICITY]
+    phi = (2.0 * faults[ECCENTRICITY_PHASE] - 1.0) * np.pi
+    cosine, sine = np.cos(phi), np.sin(phi)
+    covariance = covariance[:N_FAULTS, :N_FAULTS] + MISMATCH_SIGMA**2 * np.eye(N_FAULTS)
+    plane = covariance[np.ix_(_PLANE, _PLANE)]
+    offset = zeta * np.array([cosine, sine])
+    distance = float(offset @ np.linalg.solve(plane, offset))
+    detected = distance > DETECTION_CHI2 and zeta > SMALLEST_ECCENTRICITY
+
+    turn = np.eye(N_FAULTS)
+    around = 2.0 * np.pi * max(zeta, SMALLEST_ECCENTRICITY)
+    turn[np.ix_(_PLANE, _PLANE)] = [[cosine, sine], [-sine / around, cosine / around]]
+    result = turn @ covariance @ turn.T
+    unobservable = np.sqrt(np.diag(result)) > UNOBSERVABLE_SIGMA
+    unobservable[ECCENTRICITY_PHASE] |= not detected
+    result[unobservable, :] = np.nan
+    result[:, unobservable] = np.nan
+    return Uncertainty(result, unobservable)

@@ -1,0 +1,52 @@
+"""A window of telemetry: the stretch of samples that one diagnosis rests on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.telemetry import Telemetry
+
+
+@dataclass(frozen=True)
+class Window:
+    """Telemetry from the last sample at rest, which gives the initial state, to the end.
+
+    Attributes
+    ----------
+    telemetry
+        ``n + 1`` samples without gap; the first belongs to the start.
+    play
+        Where in its play the motor stands at the start [half-widths, -1 to 1]; None when unknown.
+    """
+
+    telemetry: Telemetry
+    play: float | None = None
+
+    def __len__(self) -> int:
+        return len(self.telemetry) - 1
+
+    @property
+    def command(self) -> NDArray[np.float64]:
+        """Command including that at the start, ``(n + 1,)`` [rad]."""
+        return self.telemetry.command
+
+    @property
+    def current(self) -> NDArray[np.float64]:
+        """Measured equivalent current after the start, ``(n,)`` [A]."""
+        return self.telemetry.current[1:]
+
+    @property
+    def sample_period(self) -> float:
+        """Period of the samples [s]."""
+        return self.telemetry.sample_period
+
+    @property
+    def start_ns(self) -> int:
+        """Stamp of the start [ns]."""
+        return self.telemetry.stamp_ns
+
+    @property
+    def end_ns(self) -> int:
+        """Stamp of the last sample [ns]."""
+        return int(self.telemetry.stamps_ns[-1])
