@@ -152,7 +152,7 @@ def estimation_error(estimate: ArrayLike, truth: ArrayLike) -> float:
 
     Notes
     -----
-    The form that reproduces the thesis's printed errors (equation M10): the phase counts by the
+    The form that reproduces the thesis's printed errors (equation M14): the phase counts by the
     estimated eccentricity. The phase difference is wrapped to half a turn.
     """
     k, k_true = np.asarray(estimate, dtype=float), np.asarray(truth, dtype=float)

@@ -1,6 +1,6 @@
 """Kernels of the monitor model: one equivalent phase, run for many fault vectors at once.
 
-The numbers (M1) to (M12) are those of ``docs/model.md``.
+The numbers (M10) to (M12) are those of ``docs/model.md``.
 """
 
 import math

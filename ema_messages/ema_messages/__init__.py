@@ -1,0 +1,1 @@
+"""Conversions between numerics and ROS messages."""

@@ -1,0 +1,1 @@
+"""Reads and writes recordings as rosbag2 does, in MCAP."""

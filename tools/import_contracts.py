@@ -1,0 +1,44 @@
+"""A contract type for import-linter: it lists what may be imported, not what may not."""
+
+import sys
+from fnmatch import fnmatch
+
+from grimp import ImportGraph
+from importlinter import Contract, ContractCheck, fields, output
+
+
+class OnlyContract(Contract):
+    """``modules`` import themselves, ``allowed`` and the standard library, and nothing else.
+
+    Modules that match a pattern of ``apart_from`` may import what they like, and may not be
+    imported by the others.
+    """
+
+    type_name = "only"
+
+    modules = fields.ListField(subfield=fields.StringField())
+    allowed = fields.ListField(subfield=fields.StringField())
+    apart_from = fields.ListField(subfield=fields.StringField(), required=False, default=[])
+
+    def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
+        """Collect the imports from elsewhere."""
+        options = self.contract_options
+        allowed = {*options["allowed"], *sys.stdlib_module_names}
+        strangers = []
+        for module in options["modules"]:
+            family = {
+                name
+                for name in (module, *graph.find_descendants(module))
+                if not any(fnmatch(name, pattern) for pattern in options.get("apart_from", ()))
+            }
+            for importer in sorted(family):
+                for imported in sorted(graph.find_modules_directly_imported_by(importer) - family):
+                    if imported.partition(".")[0] not in allowed:
+                        strangers.append(f"{importer} -> {imported}")
+        return ContractCheck(kept=not strangers, metadata={"strangers": strangers})
+
+    def render_broken_contract(self, check: ContractCheck) -> None:
+        """Print the imports that are not allowed."""
+        for stranger in check.metadata["strangers"]:
+            output.print_error(f"- {stranger}", bold=False)
+        output.new_line()

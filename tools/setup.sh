@@ -1,0 +1,249 @@
+#!/usr/bin/env bash
+# Makes .venv, builds ros2_ws and writes activate.sh. What is done already is not done again.
+#
+#   PYTHON=python3.12 tools/setup.sh
+#
+# ROS 2 Jazzy comes from the wheels of requirements/lock.txt, so the machine needs Python 3.11 to
+# 3.13 and a C++ compiler only. Where a native Jazzy is sourced, that one is used instead.
+set -euo pipefail
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
+venv=$root/.venv
+ws=$root/ros2_ws
+lock=$root/requirements/lock.txt
+log=$ws/log/setup.log
+
+die() {
+    echo "setup: $*" >&2
+    exit 1
+}
+
+# step NAME COMMAND...: run quietly, say how long it took
+step() {
+    local name=$1 start=$SECONDS
+    shift
+    printf 'setup: %s ... ' "$name"
+    # A subshell of its own, outside any condition: else bash would not heed set -e within.
+    set +e
+    (set -e; "$@") >>"$log" 2>&1
+    local status=$?
+    set -e
+    if ((status)); then
+        echo "failed"
+        # Where CI runs, the file is out of reach.
+        if [[ -n ${CI:-} ]]; then tail -n 60 "$log"; fi
+        die "$name failed, see $log"
+    fi
+    echo "$((SECONDS - start)) s"
+}
+
+digest() { sha256sum | cut -c1-32; }
+
+# ---- Where ROS comes from. activate.sh sets _ROS_WHEELS_BOOTSTRAP_COMPLETE: with it set, the Jazzy
+# ---- that this shell knows is our own.
+native=
+if [[ ${ROS_DISTRO:-} == jazzy && -z ${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-} ]]; then
+    IFS=: read -ra prefixes <<<"${AMENT_PREFIX_PATH:-}"
+    for prefix in "${prefixes[@]}"; do
+        if [[ -e $prefix/share/rclpy && -e $prefix/setup.bash ]]; then native=$prefix; fi
+    done
+fi
+
+# Once chosen, it stays in a shell that has not sourced it.
+if [[ -z $native && -e $venv/.native ]]; then native=$(<"$venv/.native"); fi
+if [[ -z $native && $(uname -sm) != 'Linux x86_64' ]]; then
+    die "no ROS 2 wheels for $(uname -sm): install ROS 2 Jazzy natively and source it"
+fi
+
+# ---- From here on nothing that the caller has sourced or activated has any influence.
+for name in ${!ROS_@} ${!AMENT_@} ${!COLCON_@} ${!CMAKE_@} ${!PYTHON@}; do
+    if [[ $name != PYTHON ]]; then unset "$name"; fi
+done
+unset LD_LIBRARY_PATH PKG_CONFIG_PATH VIRTUAL_ENV CONDA_PREFIX MAKEFLAGS MFLAGS name
+export UV_SYSTEM_CERTS=1 PIP_DISABLE_PIP_VERSION_CHECK=1
+
+# source_underlay: ROS itself, without our workspace. Its scripts read unset variables.
+source_underlay() {
+    set +u
+    if [[ -n $native ]]; then
+        source "$native/setup.bash"
+    else
+        local libs
+        libs=$(printf ':%s' "$venv"/lib/python3.*/site-packages/ros_*.libs)
+        export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv LD_LIBRARY_PATH=$venv/lib$libs
+        # Otherwise Python runs itself anew to set LD_LIBRARY_PATH, in an order of its own.
+        export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1 RMW_IMPLEMENTATION=rmw_fastrtps_cpp ROS_DISTRO=jazzy
+    fi
+    export PATH=$venv/bin:$PATH
+    set -u
+}
+
+# ---- Python
+# Prints the interpreter behind a command (which may be a shim or in a virtual environment), or says
+# on stderr what it lacks.
+probe='
+import os, sys, sysconfig
+version = "%d.%d" % sys.version_info[:2]
+if not (3, 11) <= sys.version_info[:2] <= (3, 13):
+    sys.exit("is Python %s: set PYTHON to a Python 3.11, 3.12 or 3.13" % version)
+try:
+    import ensurepip, venv
+except ImportError:
+    sys.exit("has no venv: install it with `sudo apt install python%s-venv`" % version)
+if not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h")):
+    sys.exit("has no headers: install them with `sudo apt install python%s-dev`" % version)
+print(os.path.realpath(sys._base_executable))
+'
+find_python() {
+    local candidates=(python3.12 python3.11 python3.13 python3) candidate found complaint=
+    if [[ -n $native ]]; then candidates=(/usr/bin/python3); fi # rclpy is compiled for this one
+    if [[ -n ${PYTHON:-} ]]; then candidates=("$PYTHON"); fi
+    # Without an order to the contrary, stay with the Python that was chosen the first time.
+    if [[ -z ${PYTHON:-} && -e $venv/.python ]]; then candidates=("$(<"$venv/.python")" "${candidates[@]}"); fi
+    for candidate in "${candidates[@]}"; do
+        if ! command -v "$candidate" >/dev/null; then continue; fi
+        if found=$("$candidate" -c "$probe" 2>&1); then
+            echo "$found"
+            return
+        fi
+        # A shim without an interpreter behind it also fails, in many lines of its own.
+        if [[ $found == *$'\n'* ]]; then continue; fi
+        complaint=${complaint:-$candidate $found}
+    done
+    die "${complaint:-no Python 3.11 to 3.13${PYTHON:+ called $PYTHON}: install one with \`sudo apt install python3 python3-venv python3-dev\` or set PYTHON}"
+}
+
+# ---- Steps
+make_venv() {
+    rm -rf "$venv" "$ws/build" "$ws/install"
+    "$python" -m venv ${native:+--system-site-packages} "$venv"
+    echo "$python" >"$venv/.python"
+    echo "$native" >"$venv/.native"
+}
+
+# On a native ROS, apt's build tools and apt's numpy stay: the message packages are compiled for it.
+locked() {
+    if [[ -n $native ]]; then
+        grep -vE '^(ros-|colcon-|(catkin-pkg|empy|lark-parser|cmake|ninja|setuptools|numpy)==)' "$lock"
+    else
+        cat "$lock"
+    fi
+}
+
+install_packages() {
+    local pip=("$venv/bin/python" -m pip) list=$venv/lock.txt
+    locked >"$list"
+    if "${pip[@]}" install "$(grep -o '^uv==[^ ]*' "$lock")"; then
+        # Not `uv pip sync`: the wheels hold egg-info folders, which it takes for packages that do not
+        # belong here and removes.
+        if VIRTUAL_ENV=$venv "$venv/bin/uv" pip install --no-deps -r "$list"; then return; fi
+    fi
+    echo 'setup: uv failed, trying pip'
+    "${pip[@]}" install --no-deps -r "$list"
+}
+
+build() {
+    source_underlay
+    # The scripts of the packages begin with the Python that runs colcon: let it be ours.
+    local colcon cmake_args=("-DPython3_EXECUTABLE=$venv/bin/python" -DBUILD_TESTING=OFF)
+    colcon=$(command -v colcon)
+    if [[ -z $native ]]; then
+        cmake_args+=(-GNinja "-DCMAKE_PROJECT_INCLUDE=$root/tools/wheel_includes.cmake")
+    fi
+    cd "$ws"
+    "$venv/bin/python" "$colcon" --log-base log build --symlink-install \
+        --event-handlers console_direct+ --cmake-args "${cmake_args[@]}"
+}
+
+# Works out the environment once, from nothing, and writes it as plain exports.
+write_activate() {
+    local base=/usr/bin:/bin name value
+    PATH=$base
+    source_underlay
+    set +u
+    source "$ws/install/local_setup.bash"
+    set -u
+    PATH=$ws/install/ema_cli/lib/ema_cli:$PATH
+    {
+        echo '# Written by tools/setup.sh: the environment of this workspace, for bash, zsh and dash.'
+        echo
+        echo '# _prepend NAME PATHS: put PATHS in front of $NAME, if they are not there yet'
+        echo '_prepend() {'
+        echo '    eval "_before=\${$1-}"'
+        echo '    case ":$_before:" in'
+        echo '        *":$2:"*) ;;'
+        echo '        *) export "$1=$2${_before:+:$_before}" ;;'
+        echo '    esac'
+        echo '}'
+        for name in PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH; do
+            value=${!name-}
+            value=${value%":$base"}
+            echo "_prepend $name '${value%:}'"
+        done
+        echo 'unset -f _prepend'
+        echo 'unset _before'
+        echo
+        echo "export VIRTUAL_ENV='$venv'"
+        echo 'export ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3'
+        if [[ -z $native ]]; then
+            echo "export RMW_IMPLEMENTATION=$RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE=1"
+        fi
+        echo "export FASTRTPS_DEFAULT_PROFILES_FILE=\"\${FASTRTPS_DEFAULT_PROFILES_FILE:-$root/tools/fastdds.xml}\""
+    } >"$root/activate.sh.new"
+    mv "$root/activate.sh.new" "$root/activate.sh"
+}
+
+# ---- What has to be done
+if [[ $root == *[[:space:]\'\"]* ]]; then
+    die "the path '$root' has a space or quote in it: move the repository"
+fi
+mkdir -p "$ws/log"
+# One at a time. The lock is on this script, which is always there.
+exec 9<"${BASH_SOURCE[0]}"
+if ! flock --nonblock 9; then
+    echo 'setup: waiting for another one to finish'
+    flock 9
+fi
+
+python=$(find_python)
+packages=$({
+    echo "$root $python $("$python" -V) $native"
+    cat "$lock" "${BASH_SOURCE[0]}"
+} | digest)
+# Edits of Python modules act at once, through links. New interfaces, entry points and installed
+# files do not.
+sources=$({
+    echo "$packages"
+    cat "$root/tools/wheel_includes.cmake"
+    find -L "$ws/src" -type f \( -name package.xml -o -name CMakeLists.txt -o -name 'setup.*' \
+        -o -name '*.msg' -o -name '*.srv' -o -name '*.action' \) -print0 |
+        sort -z | xargs -0 sha256sum
+    find -L "$ws/src" -type f \( -path '*/launch/*' -o -path '*/config/*' \) \
+        -not -name '*.pyc' | sort
+} | digest)
+
+# done_for STAMP DIGEST: whether a step was finished for these inputs
+done_for() { [[ -e $1 && $(<"$1") == "$2" ]]; }
+
+have_packages=
+if done_for "$venv/.packages" "$packages" && "$venv/bin/python" -c '' 2>/dev/null; then
+    have_packages=1
+    if done_for "$ws/install/.sources" "$sources" && [[ -e $root/activate.sh ]]; then exit 0; fi
+fi
+
+compiler=
+for candidate in "${CXX:-}" c++ g++ clang++; do
+    if command -v "$candidate" >/dev/null; then compiler=$candidate; fi
+done
+if [[ -z $compiler ]]; then die 'no C++ compiler: install one with `sudo apt install g++`'; fi
+
+: >"$log"
+if [[ -z $have_packages ]]; then
+    step ".venv with $("$python" -V)" make_venv
+    step 'download of requirements/lock.txt' install_packages
+    echo "$packages" >"$venv/.packages"
+fi
+rm -f "$ws/install/.sources"
+step 'workspace ros2_ws' build
+step 'activate.sh' write_activate
+echo "$sources" >"$ws/install/.sources"
