@@ -3,7 +3,7 @@
 MAKEFLAGS += --no-print-directory
 activate = . ./activate.sh
 
-.PHONY: help setup test lint lock clean distclean
+.PHONY: help setup test lint calibration sample lock clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -18,6 +18,16 @@ lint: setup ## style, types and import contracts
 	$(activate) && ruff check
 	$(activate) && basedpyright
 	$(activate) && lint-imports --no-logo
+
+calibration: setup ## the shipped calibration anew, after a change of either model
+	$(activate) && ema simulate --cycles 20 --force -o ros2_ws/build/healthy.mcap
+	$(activate) && ema calibrate ros2_ws/build/healthy.mcap \
+	    -o ema_monitor/ema_monitor/builtin_calibration.yaml
+
+sample: setup ## the sample bag anew, after a change of the reference actuator or the messages
+	$(activate) && ema simulate --fault friction=0.25 --fault eccentricity=0.1 \
+	    --fault eccentricity_phase=0.7 --current-noise 0.02 \
+	    --quantise current=0.005,position=1e-6,speed=0.05 --seed 1 --force -o bags/faulty_flap.mcap
 
 lock: setup ## compile requirements/lock.txt anew (ARGS=--upgrade takes newer versions)
 	tools/lock.sh $(ARGS)

@@ -10,6 +10,7 @@ setup(
     maintainer="EMA health monitor maintainers",
     maintainer_email="maintainers@example.org",
     packages=find_packages(include=[package, f"{package}.*"]),
+    package_data={package: ["builtin_calibration.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import config
 
 _KERNEL_PACKAGES = ("ema_core", "ema_sim", "ema_monitor")
 
@@ -44,13 +45,14 @@ def kernel(*, parallel: bool = False) -> Callable[[Callable[..., Any]], Any]:
     """
 
     def compile_kernel(function: Callable[..., Any]) -> Any:
-        shared_folder = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = _cache_folder()
+        # pyright does not see the options, which numba sets from the environment.
+        shared_folder = config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
+        config.CACHE_DIR = _cache_folder()  # pyright: ignore[reportAttributeAccessIssue]
         try:
-            return numba.njit(
-                error_model="numpy", nogil=True, cache=True, parallel=parallel
-            )(function)
+            return numba.njit(error_model="numpy", nogil=True, cache=True, parallel=parallel)(
+                function
+            )
         finally:
-            numba.config.CACHE_DIR = shared_folder
+            config.CACHE_DIR = shared_folder  # pyright: ignore[reportAttributeAccessIssue]
 
     return compile_kernel

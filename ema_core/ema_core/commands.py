@@ -101,7 +101,7 @@ class Command:
         if self.shape == "custom":
             return np.array(self.samples)
         n = max(1, round(self.duration / sample_period))
-        t = sample_period * np.arange(1, n + 1)
+        t: NDArray[np.float64] = sample_period * np.arange(1.0, n + 1)
         if self.shape == "step":
             return np.where(t >= self.start_time - 1e-12, self.amplitude, 0.0)
         if self.shape == "ramp":
@@ -172,4 +172,3 @@ def build_cycle(command: Command, sample_period: float) -> Cycle:
     return Cycle(
         np.concatenate([before, proper, after]), before.size - 1, before.size + proper.size
     )
-

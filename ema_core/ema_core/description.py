@@ -1,6 +1,6 @@
 """Who an actuator is, and what its maker says of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ema_core.parameters import ActuatorParameters
 
@@ -35,7 +35,7 @@ class ActuatorDescription:
     serial_number: str = "SIM-0001"
     model: str = "bldc-flap-actuator"
     sample_period: float = SAMPLE_PERIOD
-    parameters: ActuatorParameters = ActuatorParameters()
+    parameters: ActuatorParameters = field(default_factory=ActuatorParameters)
 
     def __post_init__(self) -> None:
         for name in ("actuator_id", "serial_number"):

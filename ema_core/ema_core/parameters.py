@@ -13,9 +13,7 @@ from typing import Any, NamedTuple
 RPM = 2.0 * math.pi / 60.0
 
 
-def _quantity(
-    default: float, unit: str, lowest: float, highest: float, description: str
-) -> Any:
+def _quantity(default: float, unit: str, lowest: float, highest: float, description: str) -> Any:
     """Field of a parameter with what is needed to validate, document and declare it."""
     metadata = {"unit": unit, "range": (lowest, highest), "description": description}
     return field(default=default, metadata=metadata)

@@ -174,7 +174,9 @@ class Calibration:
             When it cannot be read.
         """
         try:
-            content = yaml.load(path.read_text(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+            content = yaml.load(
+                path.read_text(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+            )
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise ValueError(f"{path} is not a YAML file: {error}") from error
         if not isinstance(content, dict) or content.get("format") != _FORMAT:
@@ -266,7 +268,7 @@ def calibrate(
         residuals -= lift * shape
     correction = np.mean(residuals, axis=0)
     n = len(windows)
-    spread = band_limited(residuals - correction, first.sample_period)
+    spread = [band_limited(row, first.sample_period) for row in residuals - correction]
     return Calibration(
         description.actuator_id,
         description.serial_number,
@@ -278,6 +280,6 @@ def calibrate(
         lift,
         correction,
         # A residual against the mean of n, itself among them, is too small by this factor.
-        rms(spread) / np.sqrt(1.0 - 1.0 / n) if n > 1 else float("nan"),
+        rms(np.array(spread)) / np.sqrt(1.0 - 1.0 / n) if n > 1 else float("nan"),
         n,
     )

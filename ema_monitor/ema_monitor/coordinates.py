@@ -42,9 +42,7 @@ class Coordinates:
             x, y = (2.0 * points[:, _PLANE] - 1.0).T
             faults[:, ECCENTRICITY] = np.minimum(np.hypot(x, y), 1.0)
             faults[:, ECCENTRICITY_PHASE] = (np.arctan2(y, x) / np.pi + 1.0) / 2.0
-        play = (
-            np.full(len(points), self.play) if self.play is not None else 2 * points[:, -1] - 1.0
-        )
+        play = np.full(len(points), self.play) if self.play is not None else 2 * points[:, -1] - 1.0
         return np.minimum(faults, HIGHEST), play
 
     def encode(self, faults: NDArray[np.float64], play: float = 0.0) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -57,7 +57,7 @@ class Settings:
 
     algorithm: str = DEFAULT_ALGORITHM
     fitness: str = "total_least_squares"
-    termination: Termination = Termination()
+    termination: Termination = field(default_factory=Termination)
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -262,7 +262,10 @@ class Identification:
         calibration, window = self._calibration, self._window
         if reason := calibration.shape_mismatch(window) or excitation_defect(window):
             return reason, []
-        doubts = [calibration.unit_mismatch(self._description), calibration.command_mismatch(window)]
+        doubts = [
+            calibration.unit_mismatch(self._description),
+            calibration.command_mismatch(window),
+        ]
         doubts = [doubt for doubt in doubts if doubt]
         if doubts and not self._force:
             return "the calibration does not fit: " + "; ".join(doubts), []
@@ -307,15 +310,13 @@ class Identification:
             round(CORRELATION_S / h),
         )
         covariance, unobservable = uncertainty_of_faults(faults, covariance)
-        faults = np.where(
-            unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE), 0.5, faults
-        )
+        faults = np.where(unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE), 0.5, faults)
         goodness = rms(band_limited(at_point, h)) / self._calibration.healthy_rms
         if goodness > POOR_FIT:
             caveats = [
                 *caveats,
-                f"the residual is {goodness:.1f} times that of a healthy actuator: the eight faults "
-                "may not be all that is wrong",
+                f"the residual is {goodness:.1f} times that of a healthy actuator: the eight "
+                "faults may not be all that is wrong",
             ]
         return Estimate(
             self._window.start_ns,

@@ -75,22 +75,28 @@ class MonitorModel:
         faults = np.atleast_2d(np.asarray(faults, dtype=np.float64))
         m = len(faults)
         control, motor, mechanics = degrade(self._plant, faults)
+        lanes = Lanes(
+            *map(
+                np.asarray,
+                (
+                    control.G_prop,
+                    mechanics.f_s,
+                    mechanics.f_d,
+                    mechanics.half_backlash,
+                    motor.N_a,
+                    motor.N_b,
+                    motor.N_c,
+                    motor.zeta,
+                    motor.phi,
+                    np.full(m, play, dtype=np.float64),
+                ),
+            )
+        )
         start = window.telemetry
         current = np.empty((m, len(window)))
         run_lanes(
             *self._plant,
-            Lanes(
-                control.G_prop,
-                mechanics.f_s,
-                mechanics.f_d,
-                mechanics.half_backlash,
-                motor.N_a,
-                motor.N_b,
-                motor.N_c,
-                motor.zeta,
-                motor.phi,
-                np.array(np.broadcast_to(np.asarray(play, dtype=np.float64), (m,))),
-            ),
+            lanes,
             window.command,
             float(start.position[0]),
             float(start.speed[0]),

@@ -49,7 +49,7 @@ def active_pair(theta_e):
 
 @kernel()
 def fast_drive(motor: MotorConstants, I, I_ref, omega, theta_m, dt):
-    """Current, torque and ripple of the torque one step on.
+    """Return current, torque and ripple of the torque one step on.
 
     The current follows its reference as fast as V_max lets it. Resistance, inductance and torque
     constant are those of the driven pair (M10).
@@ -78,7 +78,7 @@ def fast_drive(motor: MotorConstants, I, I_ref, omega, theta_m, dt):
 
 @kernel()
 def source_drive(motor: MotorConstants, I, I_ref, omega, theta_m, dt):
-    """Current, torque and its ripple as the thesis has them: full voltage by the error's sign.
+    """Return current, torque and its ripple by the thesis: full voltage by the error's sign.
 
     The form of the eccentricity is that printed in the thesis, eq. 4.24 and 4.25, which does not
     describe the reference actuator (M11).

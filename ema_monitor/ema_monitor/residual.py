@@ -13,20 +13,20 @@ def band_limited(residual: NDArray[np.float64], sample_period: float) -> NDArray
     Parameters
     ----------
     residual
-        Measured less modelled current, ``(..., n)`` [A].
+        Measured less modelled current, ``(n,)`` [A].
     sample_period
         Period of the samples [s].
 
     Returns
     -------
     numpy.ndarray
-        The residual under a Hann window of ``BAND_S``, of the same shape; at the ends the
-        window is cut.
+        The residual under a Hann window of ``BAND_S``, ``(n,)`` [A]; at the ends the window is
+        cut.
     """
     length = max(1, round(BAND_S / sample_period))
     hann = np.hanning(length + 2)[1:-1]
-    cover = np.convolve(np.ones(residual.shape[-1]), hann, "same")
-    return np.apply_along_axis(np.convolve, -1, residual, hann, "same") / cover
+    cover = np.convolve(np.ones(len(residual)), hann, "same")
+    return np.convolve(residual, hann, "same") / cover
 
 
 def rms(values: NDArray[np.float64]) -> float:

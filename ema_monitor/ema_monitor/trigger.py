@@ -108,9 +108,9 @@ class WindowTrigger:
         """
         events: list[Window | Refusal | Defect] = []
         if self._blocks and (reason := _break_between(self._blocks[-1], block)):
-            events.append(self._interrupt(block, reason))
+            events.append(self.interrupt(block.stamp_ns, reason))
         if reason := _not_finite(block):
-            events.append(self._interrupt(block, reason))
+            events.append(self.interrupt(block.stamp_ns, reason))
             return events
         self._blocks.append(block)
         events += self._scan(block)
@@ -133,9 +133,17 @@ class WindowTrigger:
             )
         ]
 
-    def _interrupt(self, block: Telemetry, reason: str) -> Refusal | Defect:
-        """Drop what was collected, and say so of the window if one was open."""
-        event: Refusal | Defect = Defect(block.stamp_ns, reason)
+    def interrupt(self, stamp_ns: int, reason: str) -> Refusal | Defect:
+        """Drop what was collected because the stream broke, and say so of the window if one is open.
+
+        Parameters
+        ----------
+        stamp_ns
+            When it broke [ns].
+        reason
+            What happened.
+        """
+        event: Refusal | Defect = Defect(stamp_ns, reason)
         for cut in self.finish():
             event = Refusal(cut.start_ns, cut.end_ns, reason)
         self._reset()

@@ -2,7 +2,6 @@
 
 import math
 
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -12,7 +11,6 @@ from ema_core.faults import degrade, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.telemetry import Telemetry
 from ema_sim.reference import DT, State, advance
-
 
 
 class SimulatedActuator:

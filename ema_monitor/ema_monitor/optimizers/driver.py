@@ -39,9 +39,7 @@ class Termination:
         if self.budget < 1:
             raise ValueError(f"budget = {self.budget} evaluations: expected at least 1")
         if self.stall_generations < 1:
-            raise ValueError(
-                f"stall_generations = {self.stall_generations}: expected at least 1"
-            )
+            raise ValueError(f"stall_generations = {self.stall_generations}: expected at least 1")
         if not self.tolerance >= 0.0:
             raise ValueError(f"tolerance = {self.tolerance}: expected at least 0")
 

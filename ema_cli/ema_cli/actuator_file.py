@@ -1,0 +1,47 @@
+"""Description of an actuator from a YAML file."""
+
+from pathlib import Path
+
+import yaml
+
+from ema_core.description import ActuatorDescription
+from ema_core.parameters import ActuatorParameters
+
+_NAMES = ("actuator_id", "serial_number", "model", "sample_period", "parameters")
+
+
+def load_description(path: Path) -> ActuatorDescription:
+    """Read a description.
+
+    Parameters
+    ----------
+    path
+        YAML file with ``actuator_id``, ``serial_number``, ``model``, ``sample_period`` [s] and
+        ``parameters``, a mapping of names to values in SI units. What is missing keeps the value
+        of the built-in actuator.
+
+    Raises
+    ------
+    ValueError
+        When the file is no such mapping, or names or values are impossible.
+    OSError
+        When it cannot be read.
+    """
+    try:
+        content = yaml.safe_load(path.read_text())
+    except yaml.YAMLError as error:
+        raise ValueError(f"{path} is not a YAML file: {error}") from error
+    if not isinstance(content, dict):
+        raise ValueError(f"{path}: expected a mapping with {', '.join(_NAMES)}")
+    for name in content:
+        if name not in _NAMES:
+            raise ValueError(f"{path}: unknown entry {name!r}; known: {', '.join(_NAMES)}")
+    parameters = content.pop("parameters", {})
+    if not isinstance(parameters, dict):
+        raise ValueError(f"{path}: parameters must be a mapping of names to values")
+    try:
+        return ActuatorDescription(
+            parameters=ActuatorParameters.from_mapping(parameters), **content
+        )
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error

@@ -1,0 +1,153 @@
+"""``ema estimate``: the faults in a bag."""
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from ema_cli.errors import REFUSED, one_clear_line
+from ema_cli.progress import progress_bar
+from ema_cli.settings import calibration_from, identification_options, settings_from
+from ema_cli.windows import BagWindows, read_windows, require_windows
+from ema_core.faults import FAULT_NAMES, FAULTS
+from ema_monitor.calibration import Calibration
+from ema_monitor.identification import Estimate, Identification, Settings, refusal
+from ema_monitor.trigger import Refusal
+from ema_monitor.window import Window
+
+
+@click.command()
+@click.argument("bag", type=click.Path(path_type=Path))
+@identification_options
+@click.option("--json", "as_json", is_flag=True, help="Print one list, an object a window.")
+def estimate(
+    bag: Path,
+    algorithm: str,
+    fitness: str,
+    budget: int,
+    seed: int,
+    calibration_file: Path | None,
+    actuator_id: str | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Name the faults in each window of BAG, with their uncertainty."""
+    with one_clear_line():
+        calibration = calibration_from(calibration_file)
+        settings = settings_from(algorithm, fitness, budget, seed)
+        found = read_windows(bag, actuator_id)
+        for remark in found.remarks:
+            click.echo(f"{bag}: {remark}", err=True)
+        require_windows(bag, found)
+        estimates = estimate_windows(found, found.windows, calibration, settings, force=force)
+    if as_json:
+        click.echo(json.dumps([as_object(e, found) for e in estimates], indent=2))
+    else:
+        source = calibration_file or "the shipped one of the built-in actuator"
+        click.echo(f"calibration {calibration.calibration_id} ({source})")
+        for number, one in enumerate(estimates):
+            _print(number, one, found)
+    if not all(one.valid for one in estimates):
+        sys.exit(REFUSED)
+
+
+def estimate_windows(
+    found: BagWindows,
+    windows: Sequence[Window | Refusal],
+    calibration: Calibration,
+    settings: Settings,
+    *,
+    force: bool,
+) -> list[Estimate]:
+    """Return the estimate of every window, with a progress bar.
+
+    Parameters
+    ----------
+    found
+        What is in the bag.
+    windows
+        Those of its windows that are wanted.
+    calibration, settings, force
+        As of ``Identification``.
+    """
+    estimates = []
+    with progress_bar() as progress:
+        task = progress.add_task("identifying", total=len(windows), state="")
+        for number, window in enumerate(windows):
+            if isinstance(window, Window):
+                run = Identification(window, found.description, calibration, settings, force=force)
+                for generation in run:
+                    progress.update(
+                        task,
+                        state=f"window {number + 1} of {len(windows)}, "
+                        f"{generation.evaluations} evaluations, "
+                        f"fitness {generation.fitness:.5f} A^2.s",
+                    )
+                estimates.append(run.estimate)
+            else:
+                estimates.append(
+                    refusal(
+                        window.start_ns,
+                        window.end_ns,
+                        settings,
+                        calibration.calibration_id,
+                        window.reason,
+                    )
+                )
+            progress.advance(task)
+    return estimates
+
+
+def as_object(one: Estimate, found: BagWindows) -> dict[str, Any]:
+    """Return an estimate as plain values; what is not a number is null."""
+    return {
+        "faults": _by_fault(one.faults),
+        "sigma": _by_fault(one.sigma),
+        "fitness": _number(one.fitness),
+        "goodness_of_fit": _number(one.goodness_of_fit),
+        "play_offset": _number(one.play),
+        "evaluations": one.evaluations,
+        "computing_time_s": one.computing_time_s,
+        "valid": one.valid,
+        "reason": one.reason,
+        "algorithm": one.algorithm,
+        "seed": one.seed,
+        "calibration": one.calibration_id,
+        "start": round(found.seconds(one.start_ns), 9),
+        "end": round(found.seconds(one.end_ns), 9),
+    }
+
+
+def _by_fault(values: np.ndarray) -> dict[str, float | None]:
+    return dict(zip(FAULT_NAMES, map(_number, values), strict=True))
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _print(number: int, one: Estimate, found: BagWindows) -> None:
+    start, end = found.seconds(one.start_ns), found.seconds(one.end_ns)
+    title = f"window {number}, {start:.4f} s to {end:.4f} s"
+    if not one.valid:
+        click.echo(f"{title}: no estimate: {one.reason}")
+        return
+    table = Table(title=title, title_justify="left")
+    for heading in ("fault", "estimate", "sigma", "meaning"):
+        table.add_column(heading, justify="right" if heading in ("estimate", "sigma") else "left")
+    for fault, value, sigma in zip(FAULTS, one.faults, one.sigma, strict=True):
+        known = "unobservable" if np.isnan(sigma) else f"{sigma:.4f}"
+        table.add_row(fault.label, f"{value:.4f}", known, fault.physical)
+    Console().print(table)
+    click.echo(
+        f"fitness {one.fitness:.5f} A^2.s, goodness of fit {one.goodness_of_fit:.2f}, "
+        f"{one.algorithm}: {one.evaluations} evaluations in {one.computing_time_s:.2f} s"
+    )
+    if one.reason:
+        click.echo(f"note: {one.reason}")

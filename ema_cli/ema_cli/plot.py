@@ -1,0 +1,166 @@
+"""``ema plot``: telemetry, fit and faults of a bag as a picture."""
+
+from pathlib import Path
+
+import click
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ema_cli.errors import one_clear_line
+from ema_cli.estimate import estimate_windows
+from ema_cli.settings import calibration_from, identification_options, settings_from
+from ema_cli.windows import BagWindows, read_windows
+from ema_core.faults import FAULTS, healthy_faults
+from ema_core.telemetry import Telemetry, join
+from ema_monitor.calibration import Calibration
+from ema_monitor.identification import Estimate
+from ema_monitor.residual import band_limited
+from ema_monitor.window import Window
+
+
+@click.command()
+@click.argument("bag", type=click.Path(path_type=Path))
+@identification_options
+@click.option("--window", "number", type=click.IntRange(0), help="Show the fit of this window.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Picture to write (.png, .svg, .pdf); by default beside the bag.",
+)
+def plot(
+    bag: Path,
+    algorithm: str,
+    fitness: str,
+    budget: int,
+    seed: int,
+    calibration_file: Path | None,
+    actuator_id: str | None,
+    force: bool,
+    number: int | None,
+    output: Path | None,
+) -> None:
+    """Draw the telemetry of BAG with its windows; with --window, also its fit and faults."""
+    output = output or bag.with_suffix(".png")
+    with one_clear_line():
+        found = read_windows(bag, actuator_id)
+        if number is None:
+            figure = draw_telemetry(found)
+        else:
+            window = _window(found, number)
+            calibration = calibration_from(calibration_file)
+            settings = settings_from(algorithm, fitness, budget, seed)
+            [one] = estimate_windows(found, [window], calibration, settings, force=force)
+            if not one.valid:
+                raise ValueError(f"window {number} has no estimate: {one.reason}")
+            figure = draw_fit(found, window, calibration, one)
+        figure.savefig(output, dpi=120)
+    click.echo(f"{output}")
+
+
+def _window(found: BagWindows, number: int) -> Window:
+    if number >= len(found.windows):
+        raise ValueError(f"--window {number}: the bag has {len(found.windows)} windows, from 0")
+    window = found.windows[number]
+    if not isinstance(window, Window):
+        raise ValueError(f"window {number} cannot be used: {window.reason}")
+    return window
+
+
+def draw_telemetry(found: BagWindows) -> Figure:
+    """Return a figure of the whole telemetry, windows shaded.
+
+    Parameters
+    ----------
+    found
+        What is in the bag.
+    """
+    figure = Figure(figsize=(11, 8), layout="constrained")
+    angle, current, speed = figure.subplots(3, 1, sharex=True)
+    for number, stretch in enumerate(_stretches(found.blocks)):
+        t = (stretch.stamps_ns - found.first_ns) * 1e-9
+        first = number == 0
+        angle.plot(t, 1e3 * stretch.command, "C0", lw=1, label="command" if first else None)
+        angle.plot(t, 1e3 * stretch.position, "C1", lw=1, label="position" if first else None)
+        current.plot(t, stretch.current, "C2", lw=0.6)
+        speed.plot(t, stretch.speed, "C3", lw=0.8)
+    for axes in (angle, current, speed):
+        for window in found.windows:
+            colour = "C0" if isinstance(window, Window) else "C3"
+            start, end = found.seconds(window.start_ns), found.seconds(window.end_ns)
+            axes.axvspan(start, end, color=colour, alpha=0.12, lw=0)
+    _label(angle, "user shaft [mrad]", legend=True)
+    _label(current, "current [A]")
+    _label(speed, "motor [rad/s]")
+    speed.set_xlabel("time since the first sample [s]")
+    unit = found.description
+    figure.suptitle(f"{unit.actuator_id} ({unit.serial_number}); windows shaded, unusable ones red")
+    return figure
+
+
+def draw_fit(
+    found: BagWindows, window: Window, calibration: Calibration, one: Estimate
+) -> Figure:
+    """Return a figure of a window's current, what the model makes of it, and the faults.
+
+    Parameters
+    ----------
+    found
+        What is in the bag.
+    window
+        The window.
+    calibration
+        Calibration that was used.
+    one
+        The estimate in the window.
+    """
+    faults = np.array([one.faults, healthy_faults()])
+    modelled = calibration.apply(calibration.model().current(window, faults, one.play))
+    residual = window.current - modelled[0]
+    t = found.seconds(window.start_ns) + window.sample_period * np.arange(1, len(window) + 1)
+
+    figure = Figure(figsize=(11, 9), layout="constrained")
+    fit, rest, bars = figure.subplots(3, 1, height_ratios=(3, 1.5, 2))
+    fit.plot(t, window.current, "0.6", lw=0.8, label="measured")
+    fit.plot(t, modelled[1], "C0--", lw=0.9, label="model, healthy")
+    fit.plot(t, modelled[0], "C3", lw=0.9, label="model, estimated faults")
+    _label(fit, "current [A]", legend=True)
+    rest.plot(t, residual, "0.75", lw=0.5, label="residual")
+    smooth = band_limited(residual, window.sample_period)
+    rest.plot(t, smooth, "C3", lw=1, label="band-limited")
+    _label(rest, "residual [A]", legend=True)
+    rest.set_xlabel("time since the first sample [s]")
+
+    sigma = 1.645 * np.nan_to_num(one.sigma)
+    place = np.arange(len(FAULTS))
+    bars.bar(place, one.faults, color=["0.7" if bad else "C3" for bad in one.unobservable])
+    bars.errorbar(place, one.faults, sigma, fmt="none", ecolor="k", capsize=4)
+    bars.plot(place, healthy_faults(), "C0_", ms=28, mew=2, label="healthy")
+    bars.set_xticks(place, [fault.label for fault in FAULTS], rotation=15)
+    bars.set_ylim(0.0, 1.05)
+    _label(bars, "normalised fault", legend=True)
+    figure.suptitle(
+        f"{found.description.actuator_id}: {one.algorithm}, {one.evaluations} evaluations, "
+        f"fitness {one.fitness:.5f} A²s; bars of 90 %, grey where unobservable"
+    )
+    return figure
+
+
+def _stretches(blocks: list[Telemetry]) -> list[Telemetry]:
+    """Return blocks joined wherever nothing is missing between them."""
+    groups: list[list[Telemetry]] = []
+    for block in blocks:
+        last = groups[-1][-1] if groups else None
+        if last is not None and last.first_index + len(last) == block.first_index:
+            groups[-1].append(block)
+        else:
+            groups.append([block])
+    return [join(group) for group in groups]
+
+
+def _label(axes: Axes, quantity: str, *, legend: bool = False) -> None:
+    axes.set_ylabel(quantity)
+    axes.grid(alpha=0.3)
+    if legend:
+        axes.legend(loc="upper right", fontsize="small")

@@ -1,0 +1,147 @@
+"""``ema simulate``: a faulty actuator to a bag."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+import numpy as np
+
+from ema_cli.actuator_file import load_description
+from ema_cli.command_file import command_from
+from ema_cli.errors import Assignments, merged, one_clear_line
+from ema_cli.progress import progress_bar
+from ema_core.commands import build_cycle
+from ema_core.description import ActuatorDescription
+from ema_core.faults import FAULT_NAMES, fault_vector
+from ema_recording.actuator_bag import SimulatedActuatorBag
+from ema_recording.writer import BagWriter
+from ema_sim.actuator import SimulatedActuator
+from ema_sim.sensors import Sensors
+
+_BLOCK_S = 0.01
+
+
+@click.command()
+@click.option(
+    "--fault",
+    "faults",
+    type=Assignments(),
+    multiple=True,
+    help=f"A fault in [0, 1], e.g. friction=0.25; known: {', '.join(FAULT_NAMES)}.",
+)
+@click.option("--cycles", default=1, show_default=True, type=click.IntRange(1, 100_000))
+@click.option(
+    "--command",
+    "shape",
+    default="chirp",
+    show_default=True,
+    help="step, ramp, sine, chirp, or a CSV file with one angle [rad] a sample in its last column.",
+)
+@click.option(
+    "--command-set",
+    "figures",
+    type=Assignments(),
+    multiple=True,
+    help="Figures of the command: amplitude [rad], duration [s], start_time [s], rate [rad/s], "
+    "start_frequency, end_frequency [Hz], final_fraction [-].",
+)
+@click.option(
+    "--set",
+    "true_values",
+    type=Assignments(),
+    multiple=True,
+    help="True parameter of the plant, e.g. R_s=2.24; the description keeps the nominal one.",
+)
+@click.option(
+    "--actuator",
+    "actuator_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="YAML file that describes the actuator; without it the built-in one.",
+)
+@click.option("--serial-number", help="Serial number in the description.")
+@click.option("--load", default=0.0, show_default=True, help="External torque, motor shaft [N.m].")
+@click.option(
+    "--noise-gain",
+    default=0.0,
+    show_default=True,
+    help="K_noise of the white noise on the reference current.",
+)
+@click.option(
+    "--current-noise",
+    default=0.0,
+    show_default=True,
+    help="Standard deviation of Gaussian noise on each published current sample [A].",
+)
+@click.option(
+    "--quantise",
+    "resolutions",
+    type=Assignments(),
+    multiple=True,
+    help="Resolution of a published column, e.g. current=0.01,position=1e-6 [A, rad, rad/s].",
+)
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Of all noise.")
+@click.option("--force", is_flag=True, help="Replace an existing bag.")
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="Bag to write: one file if it ends in .mcap, else a folder.",
+)
+def simulate(
+    faults,
+    cycles,
+    shape,
+    figures,
+    true_values,
+    actuator_file,
+    serial_number,
+    load,
+    noise_gain,
+    current_noise,
+    resolutions,
+    seed,
+    force,
+    output,
+) -> None:
+    """Run the high-fidelity actuator through test cycles and record them to a bag.
+
+    Every cycle approaches its start slowly from below, so that the gear always rests on the same
+    flank, runs the command, returns and rests.
+    """
+    with one_clear_line():
+        description = load_description(actuator_file) if actuator_file else ActuatorDescription()
+        if serial_number is not None:
+            description = replace(description, serial_number=serial_number)
+        vector = fault_vector(merged(faults, "--fault"))
+        cycle = build_cycle(
+            command_from(shape, merged(figures, "--command-set")), description.sample_period
+        ).samples
+        rng = np.random.default_rng(seed)
+        sensors = Sensors(current_noise, merged(resolutions, "--quantise"), rng)
+        actuator = SimulatedActuator(
+            description.parameters.replace(merged(true_values, "--set")),
+            sample_period=description.sample_period,
+            noise_gain=noise_gain,
+            rng=rng,
+        )
+        actuator.faults = vector
+        try:
+            bag = BagWriter(output, overwrite=force)
+        except FileExistsError as error:
+            raise click.ClickException(f"{output} is there already: --force replaces it") from error
+        with SimulatedActuatorBag(bag, description) as recording, progress_bar() as progress:
+            task = progress.add_task("simulating", total=cycles * len(cycle), state="")
+            block_samples = max(1, round(_BLOCK_S / description.sample_period))
+            for number in range(cycles):
+                progress.update(task, state=f"cycle {number + 1} of {cycles}")
+                recording.begin_cycle(number, vector)
+                for samples in np.split(cycle, range(block_samples, len(cycle), block_samples)):
+                    block = actuator.advance(samples, load)
+                    recording.write_block(sensors.measure(block), actuator.state.torque)
+                    progress.advance(task, len(block))
+    seconds = cycles * len(cycle) * description.sample_period
+    click.echo(
+        f"{output}: {cycles} cycle{'s' * (cycles > 1)} of {description.actuator_id} "
+        f"({description.serial_number}), {seconds:.1f} s of telemetry"
+    )
