@@ -3,7 +3,7 @@
 MAKEFLAGS += --no-print-directory
 activate = . ./activate.sh
 
-.PHONY: help setup test lint calibration sample lock clean distclean
+.PHONY: help setup test lint bench calibration sample lock clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -18,6 +18,9 @@ lint: setup ## style, types and import contracts
 	$(activate) && ruff check
 	$(activate) && basedpyright
 	$(activate) && lint-imports --no-logo
+
+bench: setup ## error and time on the thesis's cases; writes tests/benchmarks/accuracy.json
+	$(activate) && python tests/benchmarks/accuracy.py --json tests/benchmarks/accuracy.json
 
 calibration: setup ## the shipped calibration anew, after a change of either model
 	$(activate) && ema simulate --cycles 20 --force -o ros2_ws/build/healthy.mcap

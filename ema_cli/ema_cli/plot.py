@@ -138,8 +138,9 @@ def draw_fit(
     bars.errorbar(place, one.faults, sigma, fmt="none", ecolor="k", capsize=4)
     bars.plot(place, healthy_faults(), "C0_", ms=28, mew=2, label="healthy")
     bars.set_xticks(place, [fault.label for fault in FAULTS], rotation=15)
-    bars.set_ylim(0.0, 1.05)
-    _label(bars, "normalised fault", legend=True)
+    bars.set_ylim(-0.02, 1.05)
+    _label(bars, "normalised fault")
+    bars.legend(loc="upper left", fontsize="small")
     figure.suptitle(
         f"{found.description.actuator_id}: {one.algorithm}, {one.evaluations} evaluations, "
         f"fitness {one.fitness:.5f} A²s; bars of 90 %, grey where unobservable"
@@ -163,4 +164,4 @@ def _label(axes: Axes, quantity: str, *, legend: bool = False) -> None:
     axes.set_ylabel(quantity)
     axes.grid(alpha=0.3)
     if legend:
-        axes.legend(loc="upper right", fontsize="small")
+        axes.legend(loc="lower left", ncols=3, fontsize="small")

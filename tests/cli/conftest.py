@@ -1,0 +1,66 @@
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from ema_cli.main import main
+from ema_core.commands import THESIS_CHIRP, build_cycle
+from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
+from ema_core.telemetry import Telemetry
+from ema_recording.actuator_bag import SimulatedActuatorBag
+from ema_recording.writer import BagWriter
+from ema_sim.actuator import SimulatedActuator
+
+Ema = Callable[..., Result]
+
+
+@pytest.fixture(scope="session")
+def ema() -> Ema:
+    """Run the command in this process; what is not an exit code is an error of the test."""
+
+    def run(*arguments: str | Path) -> Result:
+        result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+        if result.exception and not isinstance(result.exception, SystemExit):
+            raise result.exception
+        return result
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def faulty_blocks() -> list[Telemetry]:
+    """Telemetry of one cycle with friction, in blocks of 10 ms."""
+    actuator = SimulatedActuator()
+    actuator.faults = fault_vector({"friction": 0.3})
+    samples = build_cycle(THESIS_CHIRP, 1e-4).samples
+    return [actuator.advance(part) for part in np.split(samples, range(100, len(samples), 100))]
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Callable[[list[Telemetry]], Path]:
+    """Write blocks to a bag and return its path."""
+
+    def write(blocks: list[Telemetry]) -> Path:
+        path = tmp_path / "recorded.mcap"
+        with SimulatedActuatorBag(BagWriter(path), ActuatorDescription()) as bag:
+            for block in blocks:
+                bag.write_block(block, 0.0)
+        return path
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def spoiled() -> Callable[[Telemetry, str, int, float], Telemetry]:
+    """Return a block with one sample of one column replaced."""
+
+    def spoil(block: Telemetry, column: str, sample: int, value: float) -> Telemetry:
+        values = getattr(block, column).copy()
+        values[sample] = value
+        return replace(block, **{column: values})
+
+    return spoil

@@ -1,0 +1,158 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ema_core.faults import FAULT_NAMES, estimation_error, fault_vector
+
+SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
+SAMPLE_FAULTS = {"friction": 0.25, "eccentricity": 0.1, "eccentricity_phase": 0.7}
+
+KEYS = {
+    "faults",
+    "sigma",
+    "fitness",
+    "evaluations",
+    "computing_time_s",
+    "valid",
+    "reason",
+    "algorithm",
+    "start",
+    "end",
+}
+
+
+@pytest.fixture(scope="module")
+def sample_estimate(ema):
+    result = ema("estimate", SAMPLE, "--json")
+    assert result.exit_code == 0
+    [estimate] = json.loads(result.stdout)
+    return estimate
+
+
+def test_sample_bag_has_its_faults_named(sample_estimate):
+    assert set(sample_estimate) >= KEYS
+    assert sample_estimate["valid"]
+    assert list(sample_estimate["faults"]) == list(FAULT_NAMES)
+    found = [sample_estimate["faults"][name] for name in FAULT_NAMES]
+    # Measured 0.5 %; noise and resolution of the sample's sensors are part of it.
+    assert estimation_error(found, fault_vector(SAMPLE_FAULTS)) < 1.5
+
+
+def test_window_is_half_a_second_at_the_chirp(sample_estimate):
+    # The cycle holds, retreats, approaches and holds for 0.8 s before its chirp; the first sample
+    # is at 0.1 ms, and the chirp leaves the threshold of 1 urad within 1.5 ms.
+    assert 0.7999 <= sample_estimate["start"] <= 0.8016
+    assert sample_estimate["end"] - sample_estimate["start"] == pytest.approx(0.5, abs=1e-9)
+
+
+def test_errors_are_within_their_uncertainty(sample_estimate):
+    truth = fault_vector(SAMPLE_FAULTS)
+    for name, true in zip(FAULT_NAMES, truth, strict=True):
+        assert abs(sample_estimate["faults"][name] - true) < 4.0 * sample_estimate["sigma"][name]
+
+
+def test_same_seed_same_estimate_in_every_field_but_the_time(ema, sample_estimate):
+    [again] = json.loads(ema("estimate", SAMPLE, "--json").stdout)
+    times = ("computing_time_s",)
+    assert {k: v for k, v in again.items() if k not in times} == {
+        k: v for k, v in sample_estimate.items() if k not in times
+    }
+
+
+def test_phase_of_a_healthy_actuator_is_unobservable(ema, tmp_path):
+    bag = tmp_path / "healthy.mcap"
+    assert ema("simulate", "--cycles", "2", "-o", bag).exit_code == 0
+    estimates = json.loads(ema("estimate", bag, "--json").stdout)
+    assert len(estimates) == 2
+    for estimate in estimates:
+        assert estimate["faults"]["eccentricity_phase"] == 0.5
+        assert estimate["sigma"]["eccentricity_phase"] is None
+        assert estimation_error(list(estimate["faults"].values()), fault_vector({})) < 1.0
+
+
+def test_particle_swarm_and_budget(ema):
+    result = ema(
+        "estimate", SAMPLE, "--algorithm", "pso", "--budget", "500", "--seed", "3", "--json"
+    )
+    [estimate] = json.loads(result.stdout)
+    assert estimate["algorithm"] == "pso"
+    # Ten generations of 50, and the 17 windows that the covariance takes.
+    assert estimate["evaluations"] == 517
+
+
+def test_table_names_the_shipped_calibration(ema):
+    result = ema("estimate", SAMPLE)
+    assert result.exit_code == 0
+    assert "shipped one of the built-in actuator" in result.stdout
+    assert "short circuit A" in result.stdout
+
+
+def test_plant_that_differs_keeps_its_nominal_description(ema, tmp_path):
+    bag = tmp_path / "hot.mcap"
+    ema("simulate", "--set", "R_s=2.24", "--fault", "friction=0.2", "-o", bag)
+    result = ema("estimate", bag, "--json")
+    assert result.exit_code == 0
+    [estimate] = json.loads(result.stdout)
+    assert estimate["valid"]
+    # 5 % of resistance hardly shows while the current is controlled.
+    assert estimate["faults"]["friction"] == pytest.approx(0.2, abs=0.02)
+
+
+def test_calibration_of_the_own_unit(ema, tmp_path):
+    healthy, case, calibration = (
+        tmp_path / name for name in ("healthy.mcap", "case.mcap", "c.yaml")
+    )
+    unit = ("--serial-number", "SN-7")
+    ema("simulate", *unit, "--cycles", "3", "-o", healthy)
+    ema("simulate", *unit, "--fault", "gain=0.6", "-o", case)
+    result = ema("calibrate", healthy, "-o", calibration)
+    assert result.exit_code == 0
+    assert "3 windows" in result.stdout
+    refused = ema("estimate", case, "--json")
+    assert refused.exit_code == 3
+    [estimate] = json.loads(refused.stdout)
+    assert not estimate["valid"]
+    assert "'SN-7'" in estimate["reason"]
+    assert "'SIM-0001'" in estimate["reason"]
+    assert estimate["faults"]["gain"] is None
+
+    [forced] = json.loads(ema("estimate", case, "--force", "--json").stdout)
+    assert forced["valid"]
+    assert "forced" in forced["reason"]
+
+    [own] = json.loads(ema("estimate", case, "--calibration", calibration, "--json").stdout)
+    assert own["valid"]
+    assert own["reason"] == ""
+    assert own["faults"]["gain"] == pytest.approx(0.6, abs=0.01)
+
+
+def test_plot_draws_telemetry_and_fit(ema, tmp_path):
+    for arguments in ((), ("--window", "0")):
+        picture = tmp_path / f"{len(arguments)}.png"
+        assert ema("plot", SAMPLE, *arguments, "-o", picture).exit_code == 0
+        assert picture.read_bytes().startswith(b"\x89PNG")
+    missing = ema("plot", SAMPLE, "--window", "5", "-o", tmp_path / "no.png")
+    assert missing.exit_code == 1
+    assert "--window 5" in missing.stderr
+
+
+def test_info_tells_topics_actuator_and_windows(ema):
+    result = ema("info", SAMPLE)
+    assert result.exit_code == 0
+    for part in ("/ema/telemetry", "SIM-0001", "17000 samples", "windows: 1"):
+        assert part in result.stdout
+
+
+def test_another_command_needs_its_own_calibration(ema, tmp_path):
+    bag = tmp_path / "sine.mcap"
+    samples = tmp_path / "motion.csv"
+    t = 1e-4 * np.arange(1, 5201)
+    np.savetxt(
+        samples, np.column_stack([t, 4e-3 * np.sin(12.0 * t)]), delimiter=",", header="t,angle"
+    )
+    assert ema("simulate", "--command", samples, "-o", bag).exit_code == 0
+    [estimate] = json.loads(ema("estimate", bag, "--json").stdout)
+    assert not estimate["valid"]
+    assert "command differs" in estimate["reason"]

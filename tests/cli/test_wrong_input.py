@@ -1,0 +1,154 @@
+"""Every wrong input ends in one clear line that names it, its value and what was expected."""
+
+import json
+import subprocess
+
+import numpy as np
+import pytest
+from rclpy.qos import QoSProfile
+from std_msgs.msg import String
+
+from ema_recording.writer import BagWriter
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (("--fault", "friction=1.5"), ("friction", "1.5", "[0, 1]")),
+        (("--fault", "friction=nan"), ("friction", "nan", "[0, 1]")),
+        (("--fault", "short_circuit_a=1"), ("short_circuit_a", "0.99")),
+        (("--fault", "rust=0.1"), ("'rust'", "friction", "gain")),
+        (("--fault", "friction"), ("'friction'", "name=value")),
+        (("--fault", "gain=0.1", "--fault", "gain=0.2"), ("gain", "more than once")),
+        (("--set", "R_s=-2"), ("R_s", "-2", "ohm")),
+        (("--set", "Rs=2"), ("'Rs'", "R_s")),
+        (("--quantise", "torque=0.1"), ("'torque'", "current")),
+        (("--quantise", "current=0"), ("current", "0")),
+        (("--current-noise", "-1"), ("current_noise", "-1", "A")),
+        (("--command", "square"), ("'square'", "chirp")),
+        (("--command", "missing.csv"), ("missing.csv",)),
+        (("--command-set", "amplitude=99"), ("amplitude", "99", "rad")),
+        (("--command-set", "loudness=1"), ("'loudness'", "amplitude")),
+        (("--cycles", "0"), ("--cycles", "0")),
+        (("--actuator", "missing.yaml"), ("missing.yaml",)),
+    ],
+)
+def test_simulate_refuses_by_name_value_and_range(ema, tmp_path, arguments, parts):
+    bag = tmp_path / "case.mcap"
+    result = ema("simulate", *arguments, "-o", bag)
+    assert result.exit_code in (1, 2)
+    error = result.stderr.strip().splitlines()[-1]
+    for part in parts:
+        assert part in error
+    assert not bag.exists()
+
+
+def test_existing_bag_is_kept_unless_forced(ema, tmp_path):
+    bag = tmp_path / "case.mcap"
+    bag.write_bytes(b"precious")
+    result = ema("simulate", "-o", bag)
+    assert result.exit_code == 1
+    assert "--force" in result.stderr
+    assert bag.read_bytes() == b"precious"
+
+
+@pytest.mark.parametrize("column", ["command", "current", "position", "speed"])
+def test_not_a_number_inside_a_window(ema, record, spoiled, faulty_blocks, column):
+    blocks = list(faulty_blocks)
+    blocks[100] = spoiled(blocks[100], column, 7, np.nan)
+    result = ema("estimate", record(blocks), "--json")
+    assert result.exit_code == 3
+    [estimate] = json.loads(result.stdout)
+    assert not estimate["valid"]
+    assert f"{column} is nan at index {blocks[100].first_index + 7}" in estimate["reason"]
+
+
+def test_gap_inside_a_window(ema, record, faulty_blocks):
+    result = ema("estimate", record(faulty_blocks[:100] + faulty_blocks[103:]), "--json")
+    assert result.exit_code == 3
+    [estimate] = json.loads(result.stdout)
+    assert "gap of 300 samples" in estimate["reason"]
+
+
+def test_gap_at_rest_is_told_and_does_no_harm(ema, record, faulty_blocks):
+    result = ema("estimate", record(faulty_blocks[:3] + faulty_blocks[5:]), "--json")
+    assert result.exit_code == 0
+    assert "gap of 200 samples" in result.stderr
+    [estimate] = json.loads(result.stdout)
+    assert estimate["faults"]["friction"] == pytest.approx(0.3, abs=0.02)
+
+
+def test_telemetry_that_ends_inside_a_window(ema, record, faulty_blocks):
+    result = ema("estimate", record(faulty_blocks[:110]), "--json")
+    assert result.exit_code == 3
+    [estimate] = json.loads(result.stdout)
+    assert "ends" in estimate["reason"]
+
+
+def test_truncated_bag_is_read_as_far_as_it_goes(ema, record, faulty_blocks, tmp_path):
+    whole = record(faulty_blocks * 1)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    result = ema("info", cut)
+    output = result.stdout + result.stderr
+    assert "cut.mcap" in output
+    assert "Traceback" not in output
+
+
+def test_command_that_never_moves(ema, record, faulty_blocks):
+    result = ema("estimate", record(faulty_blocks[:9]))
+    assert result.exit_code == 1
+    assert "no excitation" in result.stderr
+
+
+def test_command_that_hardly_moves(ema, tmp_path):
+    bag = tmp_path / "faint.mcap"
+    ema("simulate", "--command-set", "amplitude=1e-4", "-o", bag)
+    result = ema("estimate", bag, "--json")
+    assert result.exit_code == 3
+    [estimate] = json.loads(result.stdout)
+    assert "no excitation: the command travels 0.0002 rad" in estimate["reason"]
+
+
+def test_bag_without_telemetry_names_its_topics(ema, tmp_path):
+    path = tmp_path / "other.mcap"
+    with BagWriter(path) as bag:
+        bag.add_topic("/chatter", String, QoSProfile(depth=1))
+        bag.write("/chatter", String(data="hello"), 1)
+    result = ema("estimate", path)
+    assert result.exit_code == 1
+    assert "TelemetryBlock" in result.stderr
+    assert "/chatter" in result.stderr
+
+
+@pytest.mark.parametrize("content", [b"", b"not a bag at all"])
+def test_file_that_is_no_bag(ema, tmp_path, content):
+    path = tmp_path / "junk.mcap"
+    path.write_bytes(content)
+    result = ema("estimate", path)
+    assert result.exit_code == 1
+    assert "junk.mcap" in result.stderr
+
+
+def test_missing_bag_and_wrong_calibration_file(ema, tmp_path):
+    assert "nowhere.mcap" in ema("estimate", tmp_path / "nowhere.mcap").stderr
+    junk = tmp_path / "junk.yaml"
+    junk.write_text("- 1\n")
+    result = ema("estimate", tmp_path / "nowhere.mcap", "--calibration", junk)
+    assert result.exit_code == 1
+    assert "junk.yaml" in result.stderr
+
+
+def test_actuator_file_is_checked(ema, tmp_path):
+    description = tmp_path / "unit.yaml"
+    description.write_text("serial_number: SN-1\nparameters: {J_m: -1.0}\n")
+    result = ema("simulate", "--actuator", description, "-o", tmp_path / "case.mcap")
+    assert result.exit_code == 1
+    for part in ("unit.yaml", "J_m", "-1", "kg.m^2"):
+        assert part in result.stderr
+
+
+def test_installed_command_answers():
+    result = subprocess.run(["ema", "--help"], capture_output=True, text=True, check=True)
+    for name in ("simulate", "calibrate", "estimate", "plot", "info"):
+        assert name in result.stdout
