@@ -134,7 +134,7 @@ class WindowTrigger:
         ]
 
     def interrupt(self, stamp_ns: int, reason: str) -> Refusal | Defect:
-        """Drop what was collected because the stream broke, and say so of the window if one is open.
+        """Drop what was collected because the stream broke, and tell of the window if one is open.
 
         Parameters
         ----------

@@ -1,0 +1,29 @@
+"""Time stamps: nanoseconds and builtin_interfaces/Time."""
+
+from builtin_interfaces.msg import Time
+
+_NS_PER_S = 1_000_000_000
+
+
+def stamp_to_message(stamp_ns: int) -> Time:
+    """Return a time as a message.
+
+    Parameters
+    ----------
+    stamp_ns
+        Time since the epoch [ns].
+
+    Raises
+    ------
+    ValueError
+        When the time is outside what the message holds, about 68 years either way.
+    """
+    sec, nanosec = divmod(int(stamp_ns), _NS_PER_S)
+    if not -(2**31) <= sec < 2**31:
+        raise ValueError(f"stamp_ns = {stamp_ns} ns is outside [-2^31, 2^31) s")
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def stamp_from_message(message: Time) -> int:
+    """Return the time of a message since the epoch [ns]."""
+    return message.sec * _NS_PER_S + message.nanosec

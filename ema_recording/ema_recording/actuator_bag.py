@@ -1,0 +1,88 @@
+"""A recording of a simulated actuator, made without any node."""
+
+from types import TracebackType
+from typing import Any, Self
+
+from numpy.typing import ArrayLike
+
+from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
+from ema_core.telemetry import Telemetry
+from ema_messages import topics
+from ema_messages.description import description_to_message
+from ema_messages.faults import StampedFaults, stamped_faults_to_message
+from ema_messages.joint_state import joint_state
+from ema_messages.telemetry import telemetry_to_message
+from ema_recording.writer import BagWriter
+
+
+class SimulatedActuatorBag:
+    """Records what a simulated actuator node would publish, in simulated time from 0.
+
+    Parameters
+    ----------
+    bag
+        Recording to write to; it is closed at the end of the context.
+    description
+        The actuator.
+    """
+
+    def __init__(self, bag: BagWriter, description: ActuatorDescription) -> None:
+        self._bag = bag
+        self._description = description
+        self._end_ns = 0
+        for name, (message_class, qos) in topics.ACTUATOR_TOPICS.items():
+            bag.add_topic(f"{topics.NAMESPACE}/{name}", message_class, qos)
+        self._write(topics.DESCRIPTION, description_to_message(description), 0)
+
+    def begin_cycle(self, cycle: int, faults: ArrayLike) -> None:
+        """Record the true faults of the test cycle that begins.
+
+        Parameters
+        ----------
+        cycle
+            Running number, from 0.
+        faults
+            Fault vector, ``(8,)``.
+        """
+        truth = StampedFaults(
+            self._end_ns, self._description.actuator_id, cycle, fault_vector(faults)
+        )
+        self._write(topics.SIMULATED_FAULTS, stamped_faults_to_message(truth), self._end_ns)
+
+    def write_block(self, block: Telemetry, motor_torque: float) -> None:
+        """Record a block of telemetry and the joint state at its end.
+
+        Parameters
+        ----------
+        block
+            Telemetry as it is measured.
+        motor_torque
+            Torque of the motor at the block's end [N.m].
+        """
+        name, tau = self._description.actuator_id, self._description.parameters.tau
+        self._end_ns = int(block.stamps_ns[-1])
+        self._write(topics.TELEMETRY, telemetry_to_message(block, name), block.stamp_ns)
+        joint = joint_state(
+            self._end_ns,
+            name,
+            float(block.position[-1]),
+            float(block.speed[-1]) * tau,
+            motor_torque / tau,
+        )
+        self._write(topics.JOINT_STATES, joint, self._end_ns)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._bag.close()
+
+    def _write(self, name: str, message: Any, stamp_ns: int) -> None:
+        """Write a message that is received when the block with it is complete."""
+        self._bag.write(f"{topics.NAMESPACE}/{name}", message, self._end_ns, stamp_ns)

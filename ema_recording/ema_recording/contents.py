@@ -1,0 +1,237 @@
+"""What an MCAP file holds: by its index, or by reading it through where that is damaged."""
+
+import io
+import struct
+import zlib
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, ChunkIndex, Schema, Statistics
+
+from ema_recording.records import (
+    MAGIC,
+    DamageError,
+    Record,
+    StoredMessage,
+    parse,
+    parse_message,
+    read_records,
+    unpack,
+)
+
+_FOOTER = struct.Struct("<BQQQI")
+_FOOTER_HEAD = (Opcode.FOOTER, 20)
+_CHECKSUM_BYTES = 4
+_TAIL_BYTES = _FOOTER.size + len(MAGIC)
+_STRETCH_BYTES = 1 << 20
+
+
+@dataclass
+class Stretch:
+    """A run of bytes that holds messages: a chunk, or messages side by side outside of chunks.
+
+    ``channels`` are those that have messages in it, empty where that is not known; log times of
+    the messages lie from ``start_ns`` to ``end_ns``.
+    """
+
+    offset: int
+    stop: int
+    start_ns: int = 2**64
+    end_ns: int = 0
+    channels: set[int] = field(default_factory=set)
+
+
+@dataclass
+class Contents:
+    """What an MCAP file holds.
+
+    Attributes
+    ----------
+    schemas, channels
+        Records by their ids.
+    counts
+        Number of messages of each channel.
+    stretches
+        Where the messages are, in the order of the file.
+    damage
+        What is wrong with the file, one item a finding.
+    """
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    counts: Counter[int] = field(default_factory=Counter)
+    stretches: list[Stretch] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)
+
+
+def read_contents(path: Path) -> Contents:
+    """Find out what a file holds.
+
+    Parameters
+    ----------
+    path
+        An MCAP file; it may be cut off anywhere.
+
+    Raises
+    ------
+    ValueError
+        When the file is empty or not an MCAP file.
+    """
+    with path.open("rb") as file:
+        size = file.seek(0, io.SEEK_END)
+        if size == 0:
+            raise ValueError(f"{path} is empty: expected an MCAP file")
+        file.seek(0)
+        begin = file.read(len(MAGIC))
+        if not MAGIC.startswith(begin):
+            raise ValueError(f"{path} is not an MCAP file: it begins with {begin!r}")
+        summary = _read_summary(file, size)
+        indexed = _indexed(summary) if summary else None
+        return indexed or _read_through(file, size, index_is_whole=summary is not None)
+
+
+def read_messages(path: Path, stretch: Stretch) -> list[StoredMessage]:
+    """Read the messages of a stretch, in the order of the file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    stretch
+        One of its stretches.
+
+    Raises
+    ------
+    DamageError
+        When it is not whole.
+    """
+    with path.open("rb") as file:
+        return [
+            parse_message(record.content)
+            for outer in read_records(file, stretch.offset, stretch.stop)
+            for record in unpack(outer)
+            if record.opcode == Opcode.MESSAGE
+        ]
+
+
+def _read_summary(file: BinaryIO, size: int) -> bytes | None:
+    """Return the records after the data, ``b""`` if none; None when the end is damaged."""
+    if size < len(MAGIC) + _TAIL_BYTES:
+        return None
+    file.seek(size - _TAIL_BYTES)
+    tail = file.read(_TAIL_BYTES)
+    opcode, length, start, _, checksum = _FOOTER.unpack_from(tail)
+    if (opcode, length) != _FOOTER_HEAD or not tail.endswith(MAGIC):
+        return None
+    if start == 0:
+        return b""
+    if not len(MAGIC) <= start <= size - _TAIL_BYTES:
+        return None
+    file.seek(start)
+    summary = file.read(size - _TAIL_BYTES - start)
+    checked = summary + tail[: _FOOTER.size - _CHECKSUM_BYTES]
+    return None if checksum and zlib.crc32(checked) != checksum else summary
+
+
+def _indexed(summary: bytes) -> Contents | None:
+    """Return the contents by the summary; None where it does not tell everything."""
+    contents = Contents()
+    statistics = None
+    try:
+        for record in read_records(io.BytesIO(summary), 0, len(summary)):
+            if record.opcode == Opcode.STATISTICS:
+                statistics = parse(Statistics, record.content)
+            elif record.opcode == Opcode.CHUNK_INDEX:
+                chunk = parse(ChunkIndex, record.content)
+                stretch = Stretch(
+                    chunk.chunk_start_offset,
+                    chunk.chunk_start_offset + chunk.chunk_length,
+                    chunk.message_start_time,
+                    chunk.message_end_time,
+                    set(chunk.message_index_offsets),
+                )
+                contents.stretches.append(stretch)
+            else:
+                _define(contents, record)
+    except DamageError:
+        return None
+    if statistics is None:
+        return None
+    contents.counts.update(statistics.channel_message_counts)
+    schemas = {channel.schema_id for channel in contents.channels.values()} - {0}
+    complete = (
+        len(contents.stretches) == statistics.chunk_count
+        and (contents.stretches or not statistics.message_count)
+        and contents.counts.keys() <= contents.channels.keys()
+        and schemas <= contents.schemas.keys()
+    )
+    return contents if complete else None
+
+
+def _read_through(file: BinaryIO, size: int, *, index_is_whole: bool) -> Contents:
+    """Return the contents by reading the whole file, as far as that goes."""
+    contents = Contents()
+    end = len(MAGIC)
+    broken = ""
+    try:
+        for record in read_records(file, end, size):
+            end = record.end
+            if record.opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                break
+            try:
+                _take_in(contents, record)
+            except DamageError as error:
+                kind = "chunk" if record.opcode == Opcode.CHUNK else "record"
+                contents.damage.append(f"the {kind} at byte {record.offset} is lost: {error}")
+        else:
+            broken = f"it was not closed and ends at byte {size}"
+    except DamageError as error:
+        broken = f"it breaks off at byte {end} of {size}: {error}"
+    for number in contents.counts.keys() - contents.channels.keys():
+        lost = contents.counts.pop(number)
+        contents.damage.append(f"{lost} messages of channel {number} are lost: it is not defined")
+    if broken:
+        contents.damage.append(f"{broken}; {_intact(contents)}; any later messages are lost")
+    elif not index_is_whole:
+        contents.damage.append(f"its index is damaged; {_intact(contents)}, no message is lost")
+    return contents
+
+
+def _take_in(contents: Contents, record: Record) -> None:
+    """Add a record of the data section."""
+    records = unpack(record)
+    for inner in records:
+        _define(contents, inner)
+    messages = [parse_message(inner.content) for inner in records if inner.opcode == Opcode.MESSAGE]
+    if not messages:
+        return
+    last = contents.stretches[-1] if contents.stretches else None
+    if last is None or last.stop != record.offset or record.end - last.offset > _STRETCH_BYTES:
+        last = Stretch(record.offset, record.end)
+        contents.stretches.append(last)
+    last.stop = record.end
+    for message in messages:
+        last.start_ns = min(last.start_ns, message.log_time_ns)
+        last.end_ns = max(last.end_ns, message.log_time_ns)
+        last.channels.add(message.channel)
+        contents.counts[message.channel] += 1
+
+
+def _define(contents: Contents, record: Record) -> None:
+    if record.opcode == Opcode.SCHEMA:
+        schema = parse(Schema, record.content)
+        contents.schemas[schema.id] = schema
+    elif record.opcode == Opcode.CHANNEL:
+        channel = parse(Channel, record.content)
+        contents.channels[channel.id] = channel
+
+
+def _intact(contents: Contents) -> str:
+    if not contents.stretches:
+        return "no message is intact"
+    last = max(stretch.end_ns for stretch in contents.stretches)
+    seconds = f"{last // 10**9}.{last % 10**9:09d}"
+    return f"{contents.counts.total()} messages are intact, up to log time {seconds} s"

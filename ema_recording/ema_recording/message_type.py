@@ -1,0 +1,79 @@
+"""Message types by the names that recordings use: classes, definitions, hashes."""
+
+import importlib
+import json
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import get_package_share_directory
+
+
+def type_name(message_class: type) -> str:
+    """Return the name of a message class, such as ``std_msgs/msg/Header``.
+
+    Raises
+    ------
+    ValueError
+        When it is not the class of a message.
+    """
+    if not hasattr(message_class, "get_fields_and_field_types"):
+        raise ValueError(f"{message_class!r}: expected the class of a ROS message")
+    package, kind = message_class.__module__.split(".")[:2]
+    return f"{package}/{kind}/{message_class.__name__}"
+
+
+def message_class(name: str) -> Any:
+    """Return the class of a message type.
+
+    Raises
+    ------
+    ValueError
+        When the type is not installed.
+    """
+    package, kind, short = _parts(name)
+    try:
+        return getattr(importlib.import_module(f"{package}.{kind}"), short)
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"message type {name} is not installed here: {error}") from error
+
+
+def definition(name: str) -> str:
+    """Return the text of the ``.msg`` file of a message type.
+
+    Raises
+    ------
+    ValueError
+        When the type is not installed, or not as a ``.msg`` file.
+    """
+    return _shared_file(name, ".msg").read_bytes().decode()  # line ends stay as they are
+
+
+def type_hash(name: str) -> str:
+    """Return the hash of a message type, ``RIHS01_...``, by which ROS 2 tells versions apart.
+
+    Raises
+    ------
+    ValueError
+        When the type is not installed.
+    """
+    description = json.loads(_shared_file(name, ".json").read_text(encoding="utf-8"))
+    hashes = {item["type_name"]: item["hash_string"] for item in description["type_hashes"]}
+    return hashes[name]
+
+
+def _parts(name: str) -> tuple[str, str, str]:
+    parts = name.split("/")
+    if len(parts) != 3 or not all(part.isidentifier() for part in parts):
+        raise ValueError(f"message type {name!r}: expected a name such as 'std_msgs/msg/Header'")
+    return parts[0], parts[1], parts[2]
+
+
+def _shared_file(name: str, suffix: str) -> Path:
+    package, kind, short = _parts(name)
+    try:
+        path = Path(get_package_share_directory(package)) / kind / (short + suffix)
+    except (LookupError, ValueError):
+        raise ValueError(f"message type {name} is not installed here: no {package}") from None
+    if not path.exists():
+        raise ValueError(f"message type {name} is not installed here: no {path}")
+    return path

@@ -1,0 +1,261 @@
+"""Reads recordings as rosbag2 makes them in MCAP, damaged ones as far as they are intact."""
+
+import heapq
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rclpy.serialization import deserialize_message
+
+from ema_recording.contents import Contents, Stretch, read_contents, read_messages
+from ema_recording.message_type import message_class
+from ema_recording.metadata import METADATA_FILE, folder_contents
+from ema_recording.records import DamageError
+from ema_recording.schema import check_schema
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a recording.
+
+    Attributes
+    ----------
+    type_name
+        Type of its messages, such as ``std_msgs/msg/Header``.
+    count
+        Number of messages.
+    encoding
+        How they are encoded; "cdr" in ROS 2.
+    type_hash, schema
+        Hash and definition of the type when it was recorded; empty when they are not there.
+    qos
+        What was offered, YAML text of a list.
+    """
+
+    type_name: str
+    count: int
+    encoding: str
+    type_hash: str
+    schema: str
+    qos: str
+
+
+class Recorded(NamedTuple):
+    """A message of a recording; ``message`` is the message itself, or its bytes."""
+
+    topic: str
+    type_name: str
+    message: Any
+    log_time_ns: int
+    publish_time_ns: int
+
+
+class Bag:
+    """A recording: one ``.mcap`` file, or a folder as ``ros2 bag record`` makes it.
+
+    A file that was not closed, is cut off or lost its index is read through once when the
+    recording is opened. Any file is checked as it is read. Chunks are taken whole or not at all.
+
+    Parameters
+    ----------
+    path
+        The file or folder.
+
+    Attributes
+    ----------
+    topics
+        What was recorded, by topic.
+    start_ns, end_ns
+        Log times of the first and last message [ns]; None when there is none.
+
+    Raises
+    ------
+    FileNotFoundError
+        When there is no such file or folder, or no recording in it.
+    ValueError
+        When a file is empty or not MCAP, the recording is stored or compressed in a way that is
+        not read here, or a topic has two types.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._damage: dict[str, None] = {}
+        self._files: dict[Path, Contents] = {}
+        if not self.path.exists():
+            raise FileNotFoundError(f"{self.path}: there is no such recording")
+        if self.path.is_dir():
+            self._open_folder()
+        else:
+            self._open_file(self.path)
+        self.topics: Mapping[str, Topic] = self._find_topics()
+        stretches = [item for contents in self._files.values() for item in contents.stretches]
+        self.start_ns = min((stretch.start_ns for stretch in stretches), default=None)
+        self.end_ns = max((stretch.end_ns for stretch in stretches), default=None)
+
+    @property
+    def damage(self) -> str:
+        """Where the recording is damaged and what is lost; empty as long as it seems whole.
+
+        A chunk that was damaged in an indexed file is only found when it is read.
+        """
+        return "; ".join(self._damage)
+
+    def messages(self, topics: Iterable[str] | None = None) -> Iterator[Recorded]:
+        """Read and decode messages, in the order of their log times.
+
+        Parameters
+        ----------
+        topics
+            Names of the topics wanted; None for all.
+
+        Raises
+        ------
+        ValueError
+            When a topic is not in the recording, its type is not installed or differs from the
+            installed one, it is not CDR, or a message cannot be decoded.
+        """
+        chosen = self._chosen(topics)
+        classes = {
+            name: self._message_class(name, topic) for name, topic in chosen.items() if topic.count
+        }
+        return self._decoded(chosen, classes)
+
+    def raw_messages(self, topics: Iterable[str] | None = None) -> Iterator[Recorded]:
+        """Read messages as they are stored, in the order of their log times.
+
+        Parameters
+        ----------
+        topics
+            Names of the topics wanted; None for all.
+
+        Raises
+        ------
+        ValueError
+            When a topic is not in the recording.
+        """
+        return self._in_log_order(self._chosen(topics))
+
+    def _open_folder(self) -> None:
+        folder = folder_contents(self.path)
+        self._note(f"{self.path.name}: {item}" for item in folder.damage)
+        for path in folder.files:
+            try:
+                self._open_file(path)
+            except ValueError as error:
+                if len(folder.files) == 1:
+                    raise
+                self._note([str(error)])
+        found = sum(contents.counts.total() for contents in self._files.values())
+        if folder.message_count is not None and folder.message_count > found:
+            promised = f"{METADATA_FILE} promises {folder.message_count} messages"
+            self._note([f"{self.path.name}: {promised}, {found} are there"])
+
+    def _open_file(self, path: Path) -> None:
+        contents = self._files[path] = read_contents(path)
+        self._note(f"{path.name}: {item}" for item in contents.damage)
+
+    def _note(self, findings: Iterable[str]) -> None:
+        self._damage.update(dict.fromkeys(findings))
+
+    def _find_topics(self) -> dict[str, Topic]:
+        topics: dict[str, Topic] = {}
+        for contents in self._files.values():
+            for number, channel in contents.channels.items():
+                schema = contents.schemas.get(channel.schema_id)
+                is_text = schema is not None and schema.encoding == "ros2msg"
+                known = topics.get(channel.topic)
+                topic = Topic(
+                    schema.name if schema else "",
+                    contents.counts[number] + (known.count if known else 0),
+                    channel.message_encoding,
+                    channel.metadata.get("topic_type_hash", ""),
+                    schema.data.decode("utf-8", "replace") if schema and is_text else "",
+                    channel.metadata.get("offered_qos_profiles", ""),
+                )
+                if known and known.type_name != topic.type_name:
+                    raise ValueError(
+                        f"{self.path}: topic {channel.topic} holds {known.type_name} as well as "
+                        f"{topic.type_name}, expected one type"
+                    )
+                topics[channel.topic] = topic
+        return topics
+
+    def _chosen(self, topics: Iterable[str] | None) -> dict[str, Topic]:
+        if topics is None:
+            return dict(self.topics)
+        names = [topics] if isinstance(topics, str) else list(topics)
+        for name in names:
+            if name not in self.topics:
+                present = ", ".join(sorted(self.topics)) or "none"
+                raise ValueError(f"{self.path} has no topic {name!r}; topics: {present}")
+        return {name: self.topics[name] for name in names}
+
+    def _message_class(self, name: str, topic: Topic) -> Any:
+        try:
+            if topic.encoding != "cdr":
+                raise ValueError(f"it is encoded as {topic.encoding!r}, expected 'cdr'")
+            found = message_class(topic.type_name)
+            check_schema(topic.type_name, topic.schema, topic.type_hash)
+        except ValueError as error:
+            raise ValueError(f"{self.path}: topic {name} cannot be decoded: {error}") from error
+        return found
+
+    def _decoded(
+        self, chosen: Mapping[str, Topic], classes: Mapping[str, Any]
+    ) -> Iterator[Recorded]:
+        for item in self._in_log_order(chosen):
+            try:
+                message = deserialize_message(item.message, classes[item.topic])
+            except RuntimeError as error:
+                raise ValueError(
+                    f"{self.path}: a message on {item.topic} of log time {item.log_time_ns} ns "
+                    f"is no {item.type_name}: {error}"
+                ) from error
+            yield item._replace(message=message)
+
+    def _in_log_order(self, chosen: Mapping[str, Topic]) -> Iterator[Recorded]:
+        found: Counter[str] = Counter()
+        # The stretches may overlap in time: what is read waits until no stretch to come can hold
+        # anything earlier. Equal times stay in the order of the files.
+        waiting: list[tuple[int, int, int, int, Recorded]] = []
+        for file_number, path, stretch in self._stretches(chosen):
+            while waiting and waiting[0][0] < stretch.start_ns:
+                yield heapq.heappop(waiting)[-1]
+            for number, item in enumerate(self._read(path, stretch, chosen)):
+                found[item.topic] += 1
+                heapq.heappush(
+                    waiting, (item.log_time_ns, file_number, stretch.offset, number, item)
+                )
+        while waiting:
+            yield heapq.heappop(waiting)[-1]
+        for name, topic in chosen.items():
+            if found[name] < topic.count:
+                lost = f"{topic.count - found[name]} of {topic.count} messages are lost"
+                self._note([f"{self.path.name}: topic {name}: {lost}"])
+
+    def _stretches(self, chosen: Mapping[str, Topic]) -> list[tuple[int, Path, Stretch]]:
+        """Stretches that may hold messages of the topics, by the time of their first message."""
+        stretches = []
+        for file_number, (path, contents) in enumerate(self._files.items()):
+            channels = {n for n, channel in contents.channels.items() if channel.topic in chosen}
+            for stretch in contents.stretches:
+                if not stretch.channels or stretch.channels & channels:
+                    stretches.append((file_number, path, stretch))
+        return sorted(stretches, key=lambda item: (item[2].start_ns, item[0], item[2].offset))
+
+    def _read(
+        self, path: Path, stretch: Stretch, chosen: Mapping[str, Topic]
+    ) -> Iterator[Recorded]:
+        channels = self._files[path].channels
+        try:
+            messages = read_messages(path, stretch)
+        except DamageError as error:
+            self._note([f"{path.name}: the chunk at byte {stretch.offset} is lost: {error}"])
+            return
+        for number, log_time_ns, publish_time_ns, data in messages:
+            channel = channels.get(number)
+            if channel is not None and channel.topic in chosen:
+                type_name = chosen[channel.topic].type_name
+                yield Recorded(channel.topic, type_name, data, log_time_ns, publish_time_ns)

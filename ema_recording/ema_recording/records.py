@@ -1,0 +1,111 @@
+"""Records of MCAP files, whole or refused. https://mcap.dev/spec describes them."""
+
+import io
+import struct
+from collections.abc import Iterator
+from typing import Any, BinaryIO, NamedTuple
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Chunk
+from mcap.stream_reader import get_chunk_data_stream
+
+MAGIC = b"\x89MCAP0\r\n"
+_HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+
+
+class DamageError(Exception):
+    """Something in a file is cut off or not what it should be."""
+
+
+class Record(NamedTuple):
+    """A record: where it begins and ends in its file, its opcode and its content."""
+
+    offset: int
+    end: int
+    opcode: int
+    content: bytes
+
+
+class StoredMessage(NamedTuple):
+    """A message as it is stored."""
+
+    channel: int
+    log_time_ns: int
+    publish_time_ns: int
+    data: bytes
+
+
+def read_records(file: BinaryIO, start: int, stop: int) -> Iterator[Record]:
+    """Read the records between two offsets.
+
+    Raises
+    ------
+    DamageError
+        When a record is not whole.
+    """
+    file.seek(start)
+    offset = start
+    while offset < stop:
+        head = file.read(_HEAD.size)
+        if len(head) < _HEAD.size:
+            raise DamageError("the head of a record is cut off")
+        opcode, length = _HEAD.unpack(head)
+        if opcode == 0:
+            raise DamageError("no record begins there")
+        end = offset + _HEAD.size + length
+        content = file.read(length) if end <= stop else b""
+        if len(content) < length:
+            raise DamageError(f"a record of {length} bytes is cut off")
+        yield Record(offset, end, opcode, content)
+        offset = end
+
+
+def parse(kind: Any, content: bytes) -> Any:
+    """Return a record's content as one of the classes of ``mcap.records``.
+
+    Raises
+    ------
+    DamageError
+        When the content is not of that kind.
+    """
+    try:
+        return kind.read(ReadDataStream(io.BytesIO(content)))
+    except (McapError, struct.error, UnicodeDecodeError) as error:
+        raise DamageError(f"not a {kind.__name__} record: {error}") from error
+
+
+def parse_message(content: bytes) -> StoredMessage:
+    """Return the message that a record holds.
+
+    Raises
+    ------
+    DamageError
+        When the record is too short.
+    """
+    if len(content) < _MESSAGE.size:
+        raise DamageError(f"a message record of {len(content)} bytes")
+    channel, _, log_time_ns, publish_time_ns = _MESSAGE.unpack_from(content)
+    return StoredMessage(channel, log_time_ns, publish_time_ns, content[_MESSAGE.size :])
+
+
+def unpack(record: Record) -> list[Record]:
+    """Return the records in a chunk, or the record itself when it is none.
+
+    Raises
+    ------
+    DamageError
+        When the chunk cannot be unpacked or its checksum is wrong.
+    """
+    if record.opcode != Opcode.CHUNK:
+        return [record]
+    chunk = parse(Chunk, record.content)
+    try:
+        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+    except Exception as error:  # each decompressor has errors of its own
+        raise DamageError(str(error)) from error
+    if length != chunk.uncompressed_size:
+        raise DamageError(f"{length} bytes where {chunk.uncompressed_size} were packed")
+    return list(read_records(io.BytesIO(stream.read(length)), 0, length))

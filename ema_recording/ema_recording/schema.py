@@ -1,0 +1,107 @@
+"""Message schemas in recordings: the text of a type and of all that it contains."""
+
+import re
+from collections.abc import Iterator
+
+from ema_recording.message_type import definition, type_hash
+
+_PRIMITIVES = {"bool", "byte", "char", "float32", "float64", "string", "wstring"}
+_PRIMITIVES |= {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
+_SEPARATOR = "=" * 80 + "\nMSG: "
+# Type, bounds and name of a field. Names of constants are in capitals.
+_FIELD = re.compile(
+    r"^[ \t]*([A-Za-z][\w/]*)((?:<=\d+)?(?:\[[<=\d]*\])?)[ \t]+([a-z]\w*)", re.MULTILINE
+)
+
+
+def schema_text(name: str) -> str:
+    """Return the schema of an installed message type as rosbag2 stores it (``ros2msg``).
+
+    The definition comes first, then every type that it contains, once each, depth first, those
+    side by side in alphabetical order.
+
+    Raises
+    ------
+    ValueError
+        When the type, or one that it contains, is not installed.
+    """
+    return "\n".join(_definitions(name, set()))
+
+
+def _definitions(name: str, seen: set[str]) -> Iterator[str]:
+    text = definition(name)
+    package, _, short = name.split("/")
+    yield f"{_SEPARATOR}{package}/{short}\n{text}" if seen else text
+    seen.add(name)
+    types = {field_type for field_type, _, _ in _fields(text, package)}
+    for contained in sorted(types - _PRIMITIVES):
+        contained_name = contained.replace("/", "/msg/")
+        if contained_name not in seen:
+            yield from _definitions(contained_name, seen)
+
+
+def _fields(text: str, package: str) -> list[tuple[str, str, str]]:
+    """Type, bounds and name of every field; types of the package itself get its name in front."""
+    fields = []
+    for field_type, bounds, name in _FIELD.findall(text):
+        own = field_type not in _PRIMITIVES and "/" not in field_type
+        fields.append((f"{package}/{field_type}" if own else field_type, bounds, name))
+    return fields
+
+
+def check_schema(name: str, recorded_text: str, recorded_hash: str) -> None:
+    """Refuse a recorded message type that is not the installed one.
+
+    The hash decides. Recordings from before ROS 2 Iron have none: there the fields of the
+    definitions are compared.
+
+    Parameters
+    ----------
+    name
+        Name of the type.
+    recorded_text
+        Schema in the recording; empty when it has none that is ``ros2msg``.
+    recorded_hash
+        Type hash in the recording; empty when it has none.
+
+    Raises
+    ------
+    ValueError
+        When they differ, naming the fields, or the installed type cannot be found.
+    """
+    installed_hash = type_hash(name)
+    if recorded_hash == installed_hash:
+        return
+    differences = _differences(name, recorded_text)
+    if recorded_hash or differences:
+        told = "; ".join(differences) or f"{recorded_hash} there, {installed_hash} here"
+        raise ValueError(f"the recorded {name} is not the installed one: {told}")
+
+
+def _differences(name: str, recorded_text: str) -> list[str]:
+    recorded, installed = _field_lists(name, recorded_text), _field_lists(name, schema_text(name))
+    told = []
+    for short in dict.fromkeys([*installed, *recorded]):
+        there, here = recorded.get(short, []), installed.get(short, [])
+        if there != here:
+            only_there = ", ".join(field for field in there if field not in here)
+            only_here = ", ".join(field for field in here if field not in there)
+            told.append(
+                f"{short} has [{only_there}] in the recording where it has [{only_here}] here"
+                if only_there or only_here
+                else f"{short} has the same fields in another order"
+            )
+    return told
+
+
+def _field_lists(name: str, text: str) -> dict[str, list[str]]:
+    """Fields of every definition in a schema, as text, by the definition's short name."""
+    package, _, short = name.split("/")
+    named = f"{_SEPARATOR}{package}/{short}\n{text}".replace("\r\n", "\n").split(_SEPARATOR)[1:]
+    lists = {}
+    for block in named:
+        head, _, body = block.partition("\n")
+        fields = _fields(body, head.partition("/")[0])
+        short_name = head.strip().replace("/msg/", "/")
+        lists[short_name] = [f"{kind}{bounds} {field}" for kind, bounds, field in fields]
+    return lists

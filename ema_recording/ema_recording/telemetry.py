@@ -1,0 +1,155 @@
+"""The telemetry in a recording, found by its type."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry
+from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
+from ema_interfaces.msg import TelemetryBlock
+from ema_messages.description import description_from_message
+from ema_messages.telemetry import telemetry_from_message
+from ema_recording.message_type import type_name
+from ema_recording.reader import Bag, Recorded
+
+
+@dataclass(frozen=True)
+class Malformed:
+    """A block that is no telemetry.
+
+    Attributes
+    ----------
+    stamp_ns
+        When it was recorded [ns].
+    reason
+        What is wrong with it.
+    """
+
+    stamp_ns: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class RecordedTelemetry:
+    """Telemetry of one actuator in a recording.
+
+    Attributes
+    ----------
+    bag
+        The recording.
+    topic
+        Topic of the telemetry.
+    actuator_id
+        Which actuator.
+    passes_over_others
+        Whether blocks of other actuators on the same topic are passed over; else they are an
+        error.
+    descriptions
+        Descriptions of the actuator in order, without those that repeat the one before.
+    """
+
+    bag: Bag
+    topic: str
+    actuator_id: str
+    passes_over_others: bool
+    descriptions: tuple[ActuatorDescription, ...]
+
+    def blocks(self) -> Iterator[Telemetry | Malformed]:
+        """Read the blocks in the order of their log times.
+
+        Raises
+        ------
+        ValueError
+            When there is a block of another actuator and it was not said which one is wanted.
+        """
+        for item in self.bag.messages([self.topic]):
+            actuator_id = item.message.actuator_id
+            if actuator_id == self.actuator_id:
+                try:
+                    yield telemetry_from_message(item.message)
+                except ValueError as error:
+                    yield Malformed(item.log_time_ns, str(error))
+            elif not self.passes_over_others:
+                raise ValueError(
+                    f"{self.bag.path}: topic {self.topic} holds telemetry of {self.actuator_id!r} "
+                    f"as well as {actuator_id!r}: choose one by actuator_id"
+                )
+
+
+def read_telemetry(
+    bag: Bag, topic: str | None = None, actuator_id: str | None = None
+) -> RecordedTelemetry:
+    """Find the telemetry of one actuator, and its descriptions, in a recording.
+
+    Parameters
+    ----------
+    bag
+        The recording.
+    topic
+        Topic of the telemetry; needed when there are several of the same actuator.
+    actuator_id
+        Which actuator; needed when there are several.
+
+    Raises
+    ------
+    ValueError
+        When there is no telemetry, not of that actuator or not on that topic; when there is a
+        choice and it was not made; when a type is not the installed one or a description is
+        impossible.
+    """
+    candidates = _telemetry_topics(bag, topic)
+    first_ids = {name: next(_actuator_ids(bag, name), "") for name in candidates}
+    there = ", ".join(f"{name} (actuator {first!r})" for name, first in first_ids.items())
+    if actuator_id is not None:
+        # Only where an actuator is not the first of any topic, topics are searched through.
+        candidates = [name for name, first in first_ids.items() if first == actuator_id] or [
+            name for name in candidates if actuator_id in _actuator_ids(bag, name)
+        ]
+    if not candidates:
+        raise ValueError(f"{bag.path} has no telemetry of actuator {actuator_id!r}; it has {there}")
+    if len(candidates) > 1:
+        raise ValueError(
+            f"{bag.path} has telemetry on several topics: {there}: choose one by topic or "
+            "actuator_id"
+        )
+    chosen_id = first_ids[candidates[0]] if actuator_id is None else actuator_id
+    return RecordedTelemetry(
+        bag, candidates[0], chosen_id, actuator_id is not None, _descriptions(bag, chosen_id)
+    )
+
+
+def _telemetry_topics(bag: Bag, topic: str | None) -> list[str]:
+    wanted = type_name(TelemetryBlock)
+    present = ", ".join(f"{name} ({item.type_name})" for name, item in bag.topics.items())
+    names = [name for name, item in bag.topics.items() if item.type_name == wanted]
+    if not names:
+        raise ValueError(f"{bag.path} has no topic of {wanted}; topics: {present or 'none'}")
+    if topic is not None and topic not in names:
+        raise ValueError(f"{bag.path} has no telemetry on {topic!r}; topics: {present}")
+    filled = [name for name in names if bag.topics[name].count and topic in (None, name)]
+    if not filled:
+        raise ValueError(f"{bag.path} has no message on {topic or ', '.join(names)}")
+    return filled
+
+
+def _actuator_ids(bag: Bag, topic: str) -> Iterator[str]:
+    return (item.message.actuator_id for item in bag.messages([topic]))
+
+
+def _descriptions(bag: Bag, actuator_id: str) -> tuple[ActuatorDescription, ...]:
+    wanted = type_name(DescriptionMessage)
+    topics = [name for name, item in bag.topics.items() if item.type_name == wanted]
+    descriptions: list[ActuatorDescription] = []
+    for item in bag.messages(topics):
+        if item.message.actuator_id == actuator_id:
+            try:
+                description = description_from_message(item.message)
+            except ValueError as error:
+                raise ValueError(f"{_place(bag, item)}: {error}") from error
+            if not descriptions or description != descriptions[-1]:
+                descriptions.append(description)
+    return tuple(descriptions)
+
+
+def _place(bag: Bag, item: Recorded) -> str:
+    return f"{bag.path}: message on {item.topic} of log time {item.log_time_ns} ns"

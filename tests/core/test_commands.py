@@ -1,0 +1,201 @@
+"""Commands as samples, and the test cycle around one."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ema_core.commands import COMMAND_SHAPES, THESIS_CHIRP, Command, build_cycle
+
+H = 1e-4
+
+
+def times(n: int, h: float = H) -> np.ndarray:
+    return h * np.arange(1, n + 1)
+
+
+def test_thesis_chirp():
+    """A sin(2 pi (f0 t + (f1 - f0) t^2 / 2 T)) from 0 to 15 Hz in 0.5 s."""
+    t = times(5000)
+    # Phases up to 24 rad: rounding times 5 mrad.
+    np.testing.assert_allclose(
+        THESIS_CHIRP.sample(H), 0.005 * np.sin(2 * np.pi * 15 * t**2), rtol=0, atol=1e-16
+    )
+
+
+def test_chirp_crosses_zero_where_its_phase_is_a_whole_number_of_half_turns():
+    """f0 t + (f1 - f0) t^2 / 2 T = n / 2, solved for t."""
+    f0, f1, T = 2.0, 12.0, 1.4
+    c = Command(start_frequency=f0, end_frequency=f1, duration=T).sample(H)
+    t = times(c.size)
+    flips = np.flatnonzero(np.sign(c[1:]) != np.sign(c[:-1]))
+    # Linear between samples: the curvature of the sine is worth 1e-3 of a sample.
+    crossings = t[flips] - c[flips] * H / (c[flips + 1] - c[flips])
+    n = np.arange(1, crossings.size + 1)
+    slope = (f1 - f0) / T
+    expected = (-f0 + np.sqrt(f0**2 + slope * n)) / slope
+    assert crossings.size == 19  # (f0 + f1) T half turns in all: 19.6
+    np.testing.assert_allclose(crossings, expected, rtol=0, atol=0.01 * H)
+
+
+def test_amplitude_falls_linearly_to_its_fraction():
+    full = Command(start_frequency=3.0).sample(H)
+    falling = Command(start_frequency=3.0, final_fraction=0.25).sample(H)
+    t = times(full.size)
+    np.testing.assert_allclose(falling, full * (1 - 0.75 * t / 0.5), rtol=1e-14, atol=1e-18)
+    assert abs(falling[-1]) == pytest.approx(0.25 * abs(full[-1]))
+
+
+def test_amplitude_can_fall_to_nothing():
+    assert Command(final_fraction=0.0).sample(H)[-1] == pytest.approx(0.0, abs=1e-17)
+
+
+def test_step_at_ten_milliseconds():
+    c = Command("step", amplitude=1.0, duration=0.05).sample(H)
+    assert c.size == 500
+    # Sample i stands for time (i + 1) h.
+    assert (c[:99] == 0.0).all()
+    assert (c[99:] == 1.0).all()
+
+
+@pytest.mark.parametrize("h", [1e-4, 3e-4, 1e-3, 7e-5])
+def test_step_is_up_from_its_time_on(h):
+    c = Command("step", amplitude=-0.3, duration=0.1, start_time=0.021).sample(h)
+    t = times(c.size, h)
+    assert (c[t < 0.021 - 1e-9] == 0.0).all()
+    assert (c[t > 0.021 - 1e-9] == -0.3).all()
+
+
+@pytest.mark.parametrize(("rate", "end"), [(2.0, 0.1), (-2.0, -0.1)])
+def test_ramp_rises_at_its_rate_and_stays_at_its_end(rate, end):
+    c = Command("ramp", amplitude=0.1, rate=rate, duration=0.1, start_time=0.02).sample(H)
+    t = times(1000)
+    expected = np.interp(t, [0.02, 0.07], [0.0, end])
+    np.testing.assert_allclose(c, expected, rtol=0, atol=1e-15)
+
+
+def test_sine():
+    c = Command("sine", amplitude=0.01, start_frequency=5.0, duration=1.0).sample(H)
+    t = times(10_000)
+    np.testing.assert_allclose(c, 0.01 * np.sin(2 * np.pi * 5 * t), rtol=0, atol=1e-15)
+    # Over whole periods: no mean, and half of the squared amplitude.
+    assert c.mean() == pytest.approx(0.0, abs=1e-15)
+    assert np.mean(c**2) == pytest.approx(0.01**2 / 2, rel=1e-12)
+
+
+def test_custom_is_what_was_given():
+    row = [0.0, 0.1, -0.2]
+    command = Command("custom", samples=row)
+    assert command.sample(H).tolist() == row
+    command.sample(H)[:] = 7.0
+    assert command.sample(H).tolist() == row
+
+
+@pytest.mark.parametrize("shape", set(COMMAND_SHAPES) - {"custom"})
+@pytest.mark.parametrize("h", [1e-4, 3e-4, 1e-3])
+def test_length_is_the_duration(shape, h):
+    assert Command(shape, duration=0.3).sample(h).size == round(0.3 / h)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, -2e4, 2e4])
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("amplitude", "rad"),
+        ("duration", "s"),
+        ("start_time", "s"),
+        ("rate", "rad/s"),
+        ("start_frequency", "Hz"),
+        ("end_frequency", "Hz"),
+        ("final_fraction", "-"),
+    ],
+)
+def test_impossible_figure_is_refused_by_name_value_unit_and_range(name, unit, value):
+    with pytest.raises(ValueError, match=rf"command {name} = {value:g} {unit} is outside \["):
+        Command(**{name: value})
+
+
+def test_unknown_shape_is_refused():
+    with pytest.raises(ValueError, match="command shape 'square' is unknown; known: step, ramp"):
+        Command("square")
+
+
+@pytest.mark.parametrize(
+    ("samples", "match"),
+    [
+        ([], "row of samples"),
+        ([[0.0, 1.0]], "row of samples"),
+        (0.5, "row of samples"),
+        ([0.0, math.nan], "sample 1 is nan"),
+        ([math.inf], "sample 0 is inf"),
+    ],
+)
+def test_bad_custom_samples_are_refused(samples, match):
+    with pytest.raises(ValueError, match=match):
+        Command("custom", samples=samples)
+
+
+@pytest.mark.parametrize("h", [1e-4, 1e-3])
+@pytest.mark.parametrize(
+    "command",
+    [THESIS_CHIRP, Command(final_fraction=0.3), Command("sine", start_frequency=4.0)],
+    ids=["chirp", "falling", "sine"],
+)
+class TestCycle:
+    def test_holds_the_command_between_start_and_stop(self, command, h):
+        cycle = build_cycle(command, h)
+        np.testing.assert_array_equal(
+            cycle.samples[cycle.start + 1 : cycle.stop], command.sample(h)
+        )
+        # The start is still at rest, the last sample before anything moves.
+        assert cycle.samples[cycle.start] == 0.0
+
+    def test_rests_before_and_after(self, command, h):
+        cycle = build_cycle(command, h)
+        tenth = round(0.1 / h)
+        assert (cycle.samples[:tenth] == 0.0).all()
+        assert (cycle.samples[cycle.start - tenth + 1 : cycle.start + 1] == 0.0).all()
+        assert (cycle.samples[-tenth:] == 0.0).all()
+
+    def test_approaches_slowly_from_below(self, command, h):
+        """From -2 mrad upwards only, so that the gear ends on one flank; no figure depends on h."""
+        cycle = build_cycle(command, h)
+        before = cycle.samples[: cycle.start + 1]
+        lowest = np.flatnonzero(before <= before.min() + 1e-12)
+        assert before.min() == pytest.approx(-2e-3, rel=1e-12)
+        # It waits down there before it turns.
+        assert lowest.size * h >= 0.1
+        rise = np.diff(before[lowest[-1] :])
+        assert (rise >= 0.0).all()
+        assert rise.max() / h == pytest.approx(2e-3 / 0.4, rel=1e-9)
+        assert (before <= 0.0).all()
+
+    def test_returns_smoothly_in_three_tenths_of_a_second(self, command, h):
+        cycle = build_cycle(command, h)
+        end = command.sample(h)[-1]
+        back = cycle.samples[cycle.stop :]
+        n = round(0.3 / h)
+        assert (back[n - 1 :] == 0.0).all()
+        assert back.size == n + round(0.1 / h)
+        # Half a cosine: no jump of speed at either end, steepest half way.
+        speed = np.diff(np.concatenate([[end], back])) / h
+        assert np.abs(speed).max() <= math.pi / 2 * abs(end) / 0.3 * (1 + 1e-9)
+        assert np.abs(np.diff(speed)).max() <= math.pi**2 / 2 * abs(end) / 0.3**2 * h * 1.01
+
+    def test_is_continuous(self, command, h):
+        """No sample is further from the one before than the fastest part of it moves."""
+        samples = np.concatenate([[0.0], build_cycle(command, h).samples])
+        fastest = max(
+            2 * math.pi * 15 * 0.005,  # end of the chirp
+            math.pi / 2 * 2e-3 / 0.1,  # retreat
+            math.pi / 2 * 5e-3 / 0.3,  # return
+        )
+        assert np.abs(np.diff(samples)).max() <= fastest * h
+
+
+def test_window_opens_at_the_start_of_the_command():
+    """A second of preparation and rest, half a second of chirp, as indices."""
+    cycle = build_cycle(THESIS_CHIRP, H)
+    assert cycle.start == 7999
+    assert cycle.stop - cycle.start - 1 == 5000
+    assert cycle.samples.size == 8000 + 5000 + 3000 + 1000

@@ -1,0 +1,180 @@
+"""The kernels that reference and monitor model share, one by one."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ema_core.dynamics import (
+    LAG_TIME_CONSTANT,
+    clip,
+    follow_in_play,
+    lag_factor,
+    next_speed,
+    reference_current,
+    speed_error,
+)
+from ema_core.parameters import ActuatorParameters, constants
+
+CONTROL, _, MECHANICS = constants(ActuatorParameters())
+F_S, F_D, J = 0.1689, 0.08445, 2.5e-5
+DT = 1e-6
+
+
+@pytest.mark.parametrize(("x", "expected"), [(-3.0, -2.0), (-2.0, -2.0), (0.5, 0.5), (9.0, 2.0)])
+def test_clip(x, expected):
+    assert clip(x, 2.0) == expected
+
+
+def test_speed_reference_is_limited_to_8000_rpm():
+    limit = 8000 / 60 * 2 * math.pi
+    assert speed_error(CONTROL, 1.0, 0.0, 0.0) == pytest.approx(limit, rel=1e-15)
+    assert speed_error(CONTROL, 0.0, 1.0, 100.0) == pytest.approx(-limit - 100.0, rel=1e-15)
+    assert speed_error(CONTROL, 2e-3, 1e-3, 30.0) == pytest.approx(1e5 * 1e-3 - 30.0)
+
+
+def test_speed_loop_is_a_pid():
+    """With e = a + b t + c t^2 all three parts are known."""
+    c = CONTROL._replace(GAP=0.03, GAI=2.0, GAD=1e-4, I_max=1e3)
+
+    def error(t: float) -> float:
+        return 20.0 - 300.0 * t + 5e4 * t**2
+
+    t, dt = 0.01, 1e-7
+    integral = 20.0 * t - 150.0 * t**2 + 5e4 / 3 * t**3
+    slope = -300.0 + 1e5 * t
+    expected = (0.03 * error(t) + 2.0 * integral + 1e-4 * slope) / 0.0752 + 0.5
+    # The difference quotient is off by c dt.
+    assert reference_current(c, error(t), integral, error(t - dt), 0.5, dt) == pytest.approx(
+        expected, abs=1e-4 * 5e4 * 1.1 * dt / 0.0752
+    )
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_reference_current_is_limited_with_its_disturbance(direction):
+    def current(error, disturbance):
+        return reference_current(
+            CONTROL, direction * error, 0.0, direction * error, direction * disturbance, DT
+        )
+
+    assert current(30.0, 0.0) == pytest.approx(direction * 0.05 * 30.0 / 0.0752)
+    assert current(100.0, 0.0) == direction * 22.5
+    assert current(30.0, 5.0) == direction * 22.5
+    # The limit acts on the sum, so a disturbance takes from what is in excess first.
+    assert current(100.0, -10.0) == direction * 22.5
+
+
+def stepped(omega: float, torque: float, dt: float = DT) -> float:
+    return next_speed(MECHANICS, omega, torque, F_S, dt)
+
+
+@pytest.mark.parametrize("torque", [0.0, 0.1, F_S * (1 - 1e-12), -F_S * (1 - 1e-12)])
+def test_sticks_below_breakaway(torque):
+    assert stepped(0.0, torque) == 0.0
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_breaks_away_with_what_dynamic_friction_leaves(direction):
+    expected = direction * DT / J * (F_S - F_D)
+    assert stepped(0.0, direction * F_S * (1 + 1e-9)) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_breakaway_torque_can_be_less_than_static_friction(direction):
+    """Ripple on top of a mean torque sets a shaft free early; in motion nothing is different."""
+    torque = direction * 0.8 * F_S
+    expected = direction * DT / J * (0.8 * F_S - F_D)
+    assert next_speed(MECHANICS, 0.0, torque, 0.7 * F_S, DT) == pytest.approx(expected)
+    assert next_speed(MECHANICS, 0.0, torque, 0.9 * F_S, DT) == 0.0
+    for breakaway in (0.5 * F_S, F_S):
+        assert next_speed(MECHANICS, 2.0, torque, breakaway, DT) == stepped(2.0, torque)
+
+
+def test_stays_in_motion_below_breakaway():
+    """Static friction has no say while it moves."""
+    assert stepped(1.0, 0.9 * F_S) > 1.0
+    assert stepped(-1.0, 0.9 * F_S) > -1.0
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_step_that_would_cross_zero_ends_there(direction):
+    slow = direction * 0.5 * DT / J * F_D
+    assert stepped(slow, 0.0) == 0.0
+    # Even under a torque that could drive it on the other way: that is for the next step.
+    assert stepped(slow, -direction * 1.0) == 0.0
+    assert stepped(0.0, -direction * 1.0) * direction < 0.0
+
+
+def test_speed_is_odd():
+    rng = np.random.default_rng(2)
+    for omega, torque in rng.normal(0.0, [1e-2, 0.3], (200, 2)):
+        assert stepped(-omega, -torque) == -stepped(omega, torque)
+
+
+def test_friction_never_drives():
+    """Without a torque no speed grows, whatever the step."""
+    rng = np.random.default_rng(3)
+    for omega, exponent in zip(rng.normal(0.0, 50.0, 200), rng.uniform(-6, -3, 200), strict=True):
+        after = stepped(omega, 0.0, 10.0**exponent)
+        assert abs(after) < abs(omega)
+        assert after * omega >= 0.0
+
+
+def test_coast_down_converges_at_first_order():
+    """J omega' = -C omega - f_d, until just before it stands still."""
+    m = MECHANICS._replace(C=0.01)
+    duration, start = 1.5e-3, 10.0
+    exact = (start + m.f_d / m.C) * math.exp(-m.C / m.J * duration) - m.f_d / m.C
+    assert exact > 1.0
+    errors = []
+    for steps in (500, 1000, 2000):
+        omega = start
+        for _ in range(steps):
+            omega = next_speed(m, omega, 0.0, m.f_s, duration / steps)
+        errors.append(abs(omega - exact))
+    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 1.0, atol=0.01)
+
+
+def test_play_is_followed_at_its_edges():
+    half = 0.3
+    assert follow_in_play(0.0, 0.2, half) == 0.0
+    assert follow_in_play(0.0, -0.3, half) == 0.0
+    assert follow_in_play(0.0, 0.5, half) == pytest.approx(0.2)
+    assert follow_in_play(0.0, -0.5, half) == pytest.approx(-0.2)
+
+
+def test_play_depends_on_the_way_not_on_its_steps():
+    """Rate-independent: a straight way in one step or in a hundred ends in the same place."""
+    rng = np.random.default_rng(4)
+    half, corners = 0.4, rng.normal(0.0, 1.0, 50)
+    coarse = fine = motor = 0.0
+    for corner in corners:
+        coarse = follow_in_play(coarse, corner, half)
+        for angle in np.linspace(motor, corner, 100)[1:]:
+            fine = follow_in_play(fine, angle, half)
+        motor = corner
+        assert fine == pytest.approx(coarse, abs=1e-15)
+        assert abs(motor - fine) <= half + 1e-15
+
+
+def test_no_play_no_difference():
+    for angle in (-1.0, 0.0, 2.5):
+        assert follow_in_play(0.7, angle, 0.0) == angle
+
+
+def test_lag_is_exact_for_constant_input():
+    for dt in (1e-7, 1e-6, 1e-5, 2e-5, 1e-4):
+        assert lag_factor(dt) == pytest.approx(1 - math.exp(-dt / 1e-5), rel=1e-14)
+    assert LAG_TIME_CONSTANT == 1e-5
+
+
+def test_lag_of_two_steps_is_the_lag_of_one_twice_as_long():
+    for dt in (1e-6, 7e-6, 2e-5):
+        left = (1 - lag_factor(dt)) ** 2
+        assert left == pytest.approx(1 - lag_factor(2 * dt), rel=1e-13)
+
+
+def test_lag_is_stable_at_any_step_and_euler_at_a_small_one():
+    assert 0.0 < lag_factor(1e-3) <= 1.0
+    # dt / T to first order; expm1 keeps the digits that 1 - exp would lose.
+    assert lag_factor(1e-14) == pytest.approx(1e-9, rel=1e-9)

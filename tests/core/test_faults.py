@@ -1,0 +1,322 @@
+"""The fault vector: what it accepts, does, and how far an estimate is off."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ema_core.faults import (
+    FAULT_NAMES,
+    FAULTS,
+    HIGHEST,
+    N_FAULTS,
+    degrade,
+    estimation_error,
+    fault_vector,
+    healthy_faults,
+    random_faults,
+)
+from ema_core.parameters import ActuatorParameters, constants
+
+PLANT = constants(ActuatorParameters())
+HEALTHY = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5]
+
+
+def test_names_and_healthy_values():
+    assert FAULT_NAMES == (
+        "friction",
+        "backlash",
+        "short_circuit_a",
+        "short_circuit_b",
+        "short_circuit_c",
+        "eccentricity",
+        "eccentricity_phase",
+        "gain",
+    )
+    assert N_FAULTS == 8
+    assert healthy_faults().tolist() == HEALTHY
+    assert HIGHEST.tolist() == [1.0, 1.0, 0.99, 0.99, 0.99, 1.0, 1.0, 1.0]
+    for fault in FAULTS:
+        assert fault.label
+        assert "k" in fault.physical
+
+
+def test_healthy_vector_is_nobody_elses():
+    healthy_faults()[:] = 0.9
+    assert healthy_faults().tolist() == HEALTHY
+
+
+def test_what_is_not_named_is_healthy():
+    assert fault_vector({}).tolist() == HEALTHY
+    k = fault_vector({"gain": 1, "short_circuit_b": 0.3})
+    assert k.tolist() == [0.0, 0.0, 0.0, 0.3, 0.0, 0.0, 0.5, 1.0]
+    assert k.dtype == np.float64
+
+
+def test_rows_are_taken_as_they_are_and_copied():
+    row = np.array(HEALTHY)
+    k = fault_vector(row)
+    row[:] = 0.7
+    assert k.tolist() == HEALTHY
+    assert fault_vector(np.full((3, 2, 8), 0.5)).shape == (3, 2, 8)
+    assert fault_vector([0, 0, 0, 0, 0, 0, 1, 1]).dtype == np.float64
+
+
+@pytest.mark.parametrize("index", range(8))
+@pytest.mark.parametrize("value", [-1e-9, 1.0 + 1e-9, math.nan, math.inf, -math.inf])
+def test_impossible_value_is_refused_by_name_value_and_range(index, value):
+    fault = FAULTS[index]
+    message = rf"fault {fault.name} = {value:g} is outside \[0, {fault.highest:g}\] \("
+    with pytest.raises(ValueError, match=message):
+        fault_vector({fault.name: value})
+    many = np.tile(HEALTHY, (3, 1))
+    many[1, index] = value
+    with pytest.raises(ValueError, match=message):
+        fault_vector(many)
+    with pytest.raises(ValueError, match=message):
+        degrade(PLANT, many[1])
+
+
+@pytest.mark.parametrize("phase", "abc")
+def test_short_circuit_leaves_a_hundredth_of_the_turns(phase):
+    name = f"short_circuit_{phase}"
+    assert fault_vector({name: 0.99}).max() == 0.99
+    with pytest.raises(ValueError, match=rf"{name} = 0.991 is outside \[0, 0.99\]"):
+        fault_vector({name: 0.991})
+
+
+def test_unknown_name_is_refused():
+    with pytest.raises(ValueError, match="unknown fault 'wear'; known: friction, backlash, "):
+        fault_vector({"wear": 0.1})
+
+
+@pytest.mark.parametrize("values", [[], [0.0] * 7, [0.0] * 9, 0.5, np.zeros((8, 2))])
+def test_other_than_eight_components_are_refused(values):
+    with pytest.raises(ValueError, match="8 components"):
+        fault_vector(values)
+
+
+@pytest.mark.parametrize(
+    "actuator",
+    [ActuatorParameters(), ActuatorParameters(f_sm=0.12345, BLK=0.0123, G_prop=98765.4321)],
+    ids=["example", "odd"],
+)
+def test_healthy_degrade_is_the_identity(actuator):
+    """To the last bit: a healthy run through it is comparable with one without."""
+    assert degrade(constants(actuator), healthy_faults()) == constants(actuator)
+
+
+def test_each_fault_does_what_it_means():
+    k = [0.25, 0.5, 0.2, 0.7, 0.99, 0.6, 0.75, 0.1]
+    control, motor, mechanics = degrade(PLANT, k)
+    assert mechanics.f_s == pytest.approx(1.5 * 0.1689)
+    assert mechanics.f_d == pytest.approx(1.5 * 0.1689 / 2)
+    assert mechanics.half_backlash == pytest.approx(50.5 * 2.5e-3)
+    assert (motor.N_a, motor.N_b, motor.N_c) == pytest.approx((0.8, 0.3, 0.01))
+    assert motor.zeta == 0.6
+    assert motor.phi == pytest.approx(math.pi / 2)
+    assert control.G_prop == pytest.approx(0.6e5)
+
+
+@pytest.mark.parametrize(("k", "phi"), [(0.0, -math.pi), (0.5, 0.0), (1.0, math.pi)])
+def test_phase_covers_a_turn(k, phi):
+    assert degrade(PLANT, fault_vector({"eccentricity_phase": k})).motor.phi == phi
+
+
+@pytest.mark.parametrize("name", FAULT_NAMES)
+def test_fault_touches_nothing_else(name):
+    touched = {
+        "friction": {"f_s", "f_d"},
+        "backlash": {"half_backlash"},
+        "short_circuit_a": {"N_a"},
+        "short_circuit_b": {"N_b"},
+        "short_circuit_c": {"N_c"},
+        "eccentricity": {"zeta"},
+        "eccentricity_phase": {"phi"},
+        "gain": {"G_prop"},
+    }
+    faulty = degrade(PLANT, fault_vector({name: 0.9}))
+    changed = {
+        symbol
+        for before, after in zip(PLANT, faulty, strict=True)
+        for symbol in before._fields
+        if getattr(before, symbol) != getattr(after, symbol)
+    }
+    assert changed == touched[name]
+
+
+def test_many_vectors_at_once_are_the_vectors_one_by_one():
+    rng = np.random.default_rng(3)
+    k = np.array([random_faults(rng) for _ in range(5)])
+    together = degrade(PLANT, k)
+    for n, row in enumerate(k):
+        alone = degrade(PLANT, row)
+        for parts_together, parts_alone in zip(together, alone, strict=True):
+            values = [np.broadcast_to(value, 5)[n] for value in parts_together]
+            assert values == list(parts_alone)
+
+
+def draws(n: int) -> np.ndarray:
+    rng = np.random.default_rng(41)
+    return np.array([random_faults(rng) for _ in range(n)])
+
+
+def test_random_faults_are_fault_vectors():
+    k = draws(2000)
+    np.testing.assert_array_equal(fault_vector(k), k)
+
+
+def test_random_faults_follow_their_law():
+    """P(k <= x) = x^(1/7) for the first six, x for the phase; the gain symmetric about 1/2."""
+    n = 4000
+    k = draws(n)
+
+    def assert_probability(event: np.ndarray, p: float) -> None:
+        # Five standard deviations of a binomial share.
+        assert event.mean() == pytest.approx(p, abs=5 * math.sqrt(p * (1 - p) / n))
+
+    for x in (1e-4, 0.5**7, 0.1, 0.5, 0.98):
+        for component in range(6):
+            assert_probability(k[:, component] <= x, x ** (1 / 7))
+        # |2 k - 1| is the seventh power of a uniform number.
+        assert_probability(np.abs(2 * k[:, 7] - 1) <= x, x ** (1 / 7))
+    for x in (0.1, 0.25, 0.5, 0.9):
+        assert_probability(k[:, 6] <= x, x)
+    assert_probability(k[:, 7] < 0.5, 0.5)
+    # Half of the components are below 1 %.
+    assert np.median(k[:, :6]) < 0.01
+
+
+def test_random_components_are_independent():
+    ranks = draws(4000).argsort(axis=0).argsort(axis=0)
+    correlation = np.corrcoef(ranks, rowvar=False) - np.eye(8)
+    assert np.abs(correlation).max() < 5 / math.sqrt(4000)
+
+
+def test_random_short_circuits_are_clipped():
+    class Certain(np.random.Generator):
+        def random(self, size=1):  # pyright: ignore[reportIncompatibleMethodOverride]
+            return np.full(size, np.nextafter(1.0, 0.0))
+
+    k = random_faults(Certain(np.random.PCG64(0)))
+    assert k[2:5].tolist() == [0.99] * 3
+    assert (k[[0, 1, 5, 6, 7]] > 0.999).all()
+
+
+def test_same_seed_same_faults():
+    one, other = (random_faults(np.random.default_rng(8)) for _ in range(2))
+    np.testing.assert_array_equal(one, other)
+
+
+MULTIPLE = {
+    "friction": 0.0068,
+    "short_circuit_a": 0.00919,
+    "short_circuit_b": 0.0013,
+    "short_circuit_c": 0.00086,
+    "eccentricity": 0.0111,
+    "eccentricity_phase": 0.8009,
+    "gain": 0.38038,
+}
+# Truth, estimate and the error beside it, as printed in the thesis; the backlash of table 25 is
+# 74 / 99 rather than the printed 0.747. In all of them the phase is off by less than half a turn.
+PRINTED = {
+    "table 9, de, run 4": (
+        {"friction": 0.25},
+        [0.2269, 0.012, 0.0165, 0.0007, 0.0142, 0.0455, 0.0775, 0.4226],
+        9.789,
+    ),
+    "table 22, de, run 2": (
+        {"backlash": 0.0909},
+        [0.0045, 0.073, 0.0052, 0.0253, 0.0113, 0.0742, 0.5831, 0.5176],
+        8.36,
+    ),
+    "table 25, pso, run 8": (
+        {"backlash": 74 / 99},
+        [0.0, 0.733, 0.0, 0.0004, 0.0005, 0.0072, 0.059, 0.497],
+        1.67,
+    ),
+    "table 33, ga, run 3": (
+        {"short_circuit_a": 0.7},
+        [0.0044, 0.0075, 0.6453, 0.023, 0.0282, 0.022, 0.0131, 0.5245],
+        7.48,
+    ),
+    "table 42, ga, run 9": (
+        {"eccentricity": 0.75},
+        [0.0046, 0.0096, 0.0037, 0.0034, 0.0027, 0.7561, 0.5019, 0.4838],
+        2.12,
+    ),
+    "table 45, gwo, run 1": (
+        {"eccentricity": 0.75},
+        [0.0335, 0.0, 0.0, 0.0, 0.0043, 0.7139, 0.4971, 0.5236],
+        5.48,
+    ),
+    "table 50, gwo, run 3": (
+        {"gain": 0.25},
+        [0.0, 0.0, 0.0049, 0.0001, 0.0, 0.0001, 0.1831, 0.2501],
+        0.49,
+    ),
+    "table 56, ga, run 3": (
+        MULTIPLE,
+        [0.0077, 0.016, 0.0048, 0.0199, 0.0226, 0.056, 0.4328, 0.3723],
+        6.005,
+    ),
+    "table 56, de, run 9": (
+        MULTIPLE,
+        [0.0075, 0.0009, 0.0201, 0.021, 0.0104, 0.042, 0.5062, 0.3773],
+        4.151,
+    ),
+    "table 57, pso, run 1": (
+        MULTIPLE,
+        [0.0078, 0.001, 0.0077, 0.0003, 0.0007, 0.0048, 0.4782, 0.3808],
+        0.69,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_printed_errors_of_the_thesis(name):
+    truth, estimate, error = PRINTED[name]
+    # Half a unit of the last of four digits in each of eight components, in percent, and half a
+    # unit of the error's own last digit: at most 0.014 + 0.005.
+    assert estimation_error(estimate, fault_vector(truth)) == pytest.approx(error, abs=0.019)
+
+
+def test_error_by_hand():
+    truth = [0.1, 0.2, 0.0, 0.0, 0.0, 0.4, 0.3, 0.5]
+    estimate = [0.13, 0.16, 0.0, 0.0, 0.12, 0.5, 0.5, 0.5]
+    # 0.03^2 + 0.04^2 + 0.12^2 = 0.13^2; eccentricity 0.1, phase 0.5 of 0.2 = 0.1.
+    expected = 100 * math.sqrt(0.13**2 + 0.1**2 + 0.1**2)
+    assert estimation_error(estimate, truth) == pytest.approx(expected, rel=1e-14)
+
+
+def test_no_error_at_the_truth():
+    for k in draws(20):
+        assert estimation_error(k, k) == 0.0
+
+
+def test_phase_counts_by_the_estimated_eccentricity():
+    truth = fault_vector({"eccentricity": 0.5, "eccentricity_phase": 0.5})
+    no_eccentricity = fault_vector({"eccentricity_phase": 0.9})
+    assert estimation_error(no_eccentricity, truth) == pytest.approx(50.0)
+    assert estimation_error(truth, no_eccentricity) == pytest.approx(
+        100 * math.hypot(0.5, 0.5 * 0.4)
+    )
+
+
+@pytest.mark.parametrize(
+    ("estimate", "truth", "turn"),
+    [(0.98, 0.03, 0.05), (0.03, 0.98, 0.05), (1.0, 0.0, 0.0), (0.7, 0.2, 0.5), (0.2, 0.61, 0.41)],
+)
+def test_phase_is_compared_around_the_circle(estimate, truth, turn):
+    def with_phase(k7):
+        return fault_vector({"eccentricity": 0.4, "eccentricity_phase": k7})
+
+    error = estimation_error(with_phase(estimate), with_phase(truth))
+    assert error == pytest.approx(100 * 0.4 * turn, abs=1e-12)
+
+
+def test_error_leaves_its_arguments_alone():
+    truth, estimate = healthy_faults(), fault_vector({"eccentricity_phase": 0.1, "gain": 0.2})
+    estimation_error(estimate, truth)
+    assert truth.tolist() == HEALTHY
+    assert estimate.tolist() == fault_vector({"eccentricity_phase": 0.1, "gain": 0.2}).tolist()

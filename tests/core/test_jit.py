@@ -1,0 +1,140 @@
+"""Compilation of the kernels: the cache follows the sources, options are the promised ones."""
+
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import pytest
+from numba.core import config
+
+from ema_core import _jit
+from ema_core.dynamics import next_speed
+from ema_core.parameters import ActuatorParameters, constants
+
+PROBE = "ema_probe_kernels"
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package that counts as one with kernels."""
+    folder = tmp_path / PROBE
+    folder.mkdir()
+    (folder / "__init__.py").write_text("")
+    (folder / "inner.py").write_text("FACTOR = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(_jit, "_KERNEL_PACKAGES", (PROBE, "ema_package_that_is_not_installed"))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    return folder
+
+
+def cache_folder() -> Path:
+    """Where kernels would go if the process started now."""
+    return Path(_jit._cache_folder.__wrapped__())
+
+
+def test_cache_folder_follows_the_sources(package):
+    before = cache_folder()
+    assert cache_folder() == before
+    (package / "inner.py").write_text("FACTOR = 2\n")
+    changed = cache_folder()
+    assert changed != before
+    (package / "deep").mkdir()
+    (package / "deep" / "kernels.py").write_text("FACTOR = 3\n")
+    assert cache_folder() not in (before, changed)
+    (package / "deep" / "kernels.py").unlink()
+    (package / "inner.py").write_text("FACTOR = 1\n")
+    assert cache_folder() == before
+
+
+def test_cache_folder_ignores_what_is_no_source(package):
+    before = cache_folder()
+    (package / "notes.txt").write_text("nothing\n")
+    assert cache_folder() == before
+
+
+def test_cache_folder_follows_numba(package, monkeypatch):
+    before = cache_folder()
+    monkeypatch.setattr(numba, "__version__", "0.0.1")
+    assert cache_folder() != before
+
+
+def test_cache_folder_lies_where_the_environment_says(package, monkeypatch, tmp_path):
+    assert cache_folder().parent == tmp_path / "cache"
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert cache_folder().parent == tmp_path / "xdg" / "ema"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert cache_folder().parent == tmp_path / "home" / ".cache" / "ema"
+
+
+INNER = """
+from ema_core._jit import kernel
+
+@kernel()
+def factor():
+    return {factor}
+"""
+OUTER = """
+from ema_core._jit import kernel
+from ema_monitor.inner import factor
+
+@kernel()
+def scaled(x):
+    return factor() * x
+
+print(scaled(1.0), sum(scaled.stats.cache_hits.values()))
+"""
+
+
+def test_kernel_sees_a_change_of_its_callee_in_another_file(tmp_path):
+    """What numba's own cache would miss. A process each, as modules and digest are kept in one."""
+    folder = tmp_path / "ema_monitor"
+    folder.mkdir()
+    (folder / "__init__.py").write_text("")
+    (folder / "outer.py").write_text(OUTER)
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)]),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+    }
+
+    def run(factor: float) -> list[float]:
+        (folder / "inner.py").write_text(INNER.format(factor=factor))
+        done = subprocess.run(
+            [sys.executable, "-c", "import ema_monitor.outer"],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=100,
+        )
+        return [float(word) for word in done.stdout.split()]
+
+    assert run(2.0) == [2.0, 0.0]
+    assert run(2.0) == [2.0, 1.0]  # unchanged: not compiled again
+    assert run(3.0) == [3.0, 0.0]
+
+
+def test_kernels_divide_by_zero_as_floats_do():
+    m = constants(ActuatorParameters()).mechanics._replace(J=0.0)
+    assert next_speed(m, 0.0, 1.0, m.f_s, 1e-6) == math.inf
+
+
+def test_kernels_release_the_interpreter_lock():
+    assert next_speed.targetoptions["nogil"]
+
+
+def test_decorating_leaves_the_settings_of_numba_alone():
+    before = config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
+
+    @_jit.kernel()
+    def identity(x):
+        return x
+
+    assert before == config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
+    assert identity.py_func(3) == 3

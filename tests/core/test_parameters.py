@@ -1,0 +1,170 @@
+"""The definition of an actuator: values, what is refused, and what kernels get."""
+
+import dataclasses
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from ema_core.parameters import ActuatorParameters, constants
+
+FIELDS = {item.name: item for item in dataclasses.fields(ActuatorParameters)}
+
+
+def test_example_is_the_motor_of_the_thesis():
+    """Table 2; lengths of the loop constants in SI."""
+    p = ActuatorParameters()
+    assert p.as_mapping() == pytest.approx(
+        {
+            "G_prop": 1e5,
+            "GAP": 0.05,
+            "GAI": 0.0,
+            "GAD": 0.0,
+            "omega_max": 8000 / 60 * 2 * math.pi,
+            "V_max": 48.0,
+            "I_max": 22.5,
+            "T_max": 1.689,
+            "k_t": 0.0752,
+            "k_e": 0.0752,
+            "G_M": 0.07322,
+            "R_s": 2.13,
+            "L_s": 7.2e-4,
+            "P": 2,
+            "h_b": 0.5,
+            "J_m": 1.3e-5,
+            "J_u": 1.2e-5,
+            "C_m": 30 / math.pi * 1e-6,
+            "C_u": 4.5e-7,
+            "f_sm": 0.06 * 1.689,
+            "f_su": 0.04 * 1.689,
+            "f_ratio": 0.5,
+            "BLK": 5e-3,
+            "tau": 1 / 500,
+            "theta_stop": 1.2,
+        },
+        rel=1e-15,
+    )
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_value_out_of_range_is_refused_by_name_value_unit_and_range(name):
+    metadata = FIELDS[name].metadata
+    lowest, highest = metadata["range"]
+    for value in (lowest - 7.0, 3.0 * highest):
+        with pytest.raises(ValueError, match="outside") as refused:
+            ActuatorParameters.from_mapping({name: value})
+        message = str(refused.value)
+        assert message.startswith(f"{name} = {value:g} {metadata['unit']} ")
+        assert f"[{lowest:g}, {highest:g}] {metadata['unit']}" in message
+        assert metadata["description"] in message
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_range_includes_its_ends_and_ends_there(name):
+    lowest, highest = FIELDS[name].metadata["range"]
+    for value in (lowest, highest):
+        assert getattr(ActuatorParameters.from_mapping({name: value}), name) == value
+    for value in (np.nextafter(lowest, -math.inf), np.nextafter(highest, math.inf)):
+        with pytest.raises(ValueError, match=f"{name} = "):
+            ActuatorParameters.from_mapping({name: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [(name, math.nan) for name in FIELDS]
+    + [
+        (name, value)
+        for name in ("R_s", "P")
+        for value in (math.inf, -math.inf, np.nan, "2", None, True, 1j, [2.0])
+    ],
+)
+def test_what_is_no_finite_number_is_refused(name, value):
+    lowest, highest = FIELDS[name].metadata["range"]
+    with pytest.raises(ValueError, match="expected a finite number") as refused:
+        ActuatorParameters.from_mapping({name: value})
+    message = str(refused.value)
+    assert message.startswith(f"{name} = {value!r}")
+    assert f"[{lowest:g}, {highest:g}] {FIELDS[name].metadata['unit']}" in message
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_parameter_is_described(name):
+    metadata = FIELDS[name].metadata
+    lowest, highest = metadata["range"]
+    assert metadata["unit"]
+    assert metadata["description"]
+    assert lowest <= FIELDS[name].default <= highest
+
+
+def test_unknown_name_is_refused():
+    for build in (ActuatorParameters.from_mapping, ActuatorParameters().replace):
+        with pytest.raises(ValueError, match="unknown actuator parameter 'r_s'; known: G_prop, "):
+            build({"R_s": 2.0, "r_s": 2.0})
+
+
+@pytest.mark.parametrize(
+    "value", [48, np.float32(48.0), np.int64(48), np.array(48.0), Fraction(48)], ids=repr
+)
+def test_numbers_of_any_type_become_floats(value):
+    """A kernel would compile anew for an integer in the place of a float."""
+    V_max = ActuatorParameters(V_max=value).V_max
+    assert type(V_max) is float
+    assert V_max == 48.0
+
+
+@pytest.mark.parametrize("value", [3, 3.0, np.float64(3.0), np.int8(3)], ids=repr)
+def test_pole_pairs_become_an_integer(value):
+    P = ActuatorParameters(P=value).P
+    assert type(P) is int
+    assert P == 3
+
+
+def test_pole_pairs_must_be_whole():
+    with pytest.raises(ValueError, match=r"P = 2.5 is not a whole number"):
+        ActuatorParameters.from_mapping({"P": 2.5})
+
+
+def test_replace_leaves_the_rest_and_the_original():
+    original = ActuatorParameters(R_s=1.5)
+    changed = original.replace({"L_s": 1e-3})
+    assert (changed.R_s, changed.L_s) == (1.5, 1e-3)
+    assert original == ActuatorParameters(R_s=1.5)
+
+
+def test_mapping_there_and_back():
+    p = ActuatorParameters(P=4, k_e=0.1)
+    assert ActuatorParameters.from_mapping(p.as_mapping()) == p
+    assert list(p.as_mapping()) == list(FIELDS)
+
+
+def test_parameters_do_not_change():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        ActuatorParameters().R_s = 1.0  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_constants_are_referred_to_the_motor_shaft():
+    p = ActuatorParameters()
+    control, motor, mechanics = constants(p)
+    C = 30 / math.pi * 1e-6 + 4.5e-7
+    # J, C, f_s, f_d, half backlash, tau, end stop
+    assert mechanics == pytest.approx(
+        (2.5e-5, C, 0.1689, 0.1689 / 2, 2.5e-3, 0.002, 600.0), rel=1e-15
+    )
+    assert control == (1e5, 0.05, 0.0, 0.0, p.omega_max, 0.0752, 22.5)
+    assert (motor.N_a, motor.N_b, motor.N_c, motor.zeta, motor.phi) == (1.0, 1.0, 1.0, 0.0, 0.0)
+
+
+def test_constants_carry_every_parameter():
+    """No parameter is defined and then not used."""
+    for name, item in FIELDS.items():
+        default = getattr(ActuatorParameters(), name)
+        other = min(2 * default or 1.0, item.metadata["range"][1])
+        changed = ActuatorParameters.from_mapping({name: other})
+        assert constants(changed) != constants(ActuatorParameters()), name
+
+
+def test_constants_are_floats_whatever_was_given():
+    integers = ActuatorParameters.from_mapping({"V_max": 40, "tau": 1, "P": 3, "J_u": 0, "BLK": 0})
+    for constants_of_part in constants(integers):
+        assert {type(value) for value in constants_of_part} == {float}

@@ -1,0 +1,211 @@
+"""Conversions between numerics and messages lose nothing and refuse what is impossible."""
+
+import array
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from rclpy.serialization import deserialize_message, serialize_message
+
+from ema_core.description import ActuatorDescription
+from ema_core.faults import FAULT_NAMES, healthy_faults
+from ema_core.parameters import ActuatorParameters
+from ema_core.telemetry import COLUMNS, Telemetry
+from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
+from ema_interfaces.msg import FaultVector, TelemetryBlock
+from ema_messages.description import (
+    IDENTITY,
+    PARAMETER_FIELDS,
+    description_from_message,
+    description_to_message,
+)
+from ema_messages.faults import (
+    StampedFaults,
+    faults_from_message,
+    faults_to_message,
+    stamped_faults_from_message,
+    stamped_faults_to_message,
+)
+from ema_messages.joint_state import joint_state
+from ema_messages.stamps import stamp_from_message, stamp_to_message
+from ema_messages.telemetry import telemetry_from_message, telemetry_to_message
+
+
+def over_the_wire(message):
+    return deserialize_message(serialize_message(message), type(message))
+
+
+def some_telemetry(n: int = 100, first_index: int = 7) -> Telemetry:
+    columns = np.random.default_rng(1).normal(size=(len(COLUMNS), n))
+    return Telemetry(1_700_000_000_123_456_789, 1e-4, first_index, *columns)
+
+
+@pytest.mark.parametrize(
+    ("stamp_ns", "sec", "nanosec"),
+    [(0, 0, 0), (999_999_999, 0, 999_999_999), (10**9, 1, 0), (-1, -1, 999_999_999)],
+)
+def test_stamp_goes_both_ways(stamp_ns: int, sec: int, nanosec: int):
+    message = stamp_to_message(stamp_ns)
+    assert message == Time(sec=sec, nanosec=nanosec)
+    assert stamp_from_message(message) == stamp_ns
+
+
+def test_stamp_is_exact_where_a_float_is_not():
+    stamp_ns = 2**53 + 1
+    assert stamp_from_message(stamp_to_message(stamp_ns)) == stamp_ns
+
+
+@pytest.mark.parametrize("stamp_ns", [2**31 * 10**9, -(2**31) * 10**9 - 1])
+def test_stamp_out_of_range_is_refused(stamp_ns: int):
+    with pytest.raises(ValueError, match=r"stamp_ns = -?\d+ ns is outside"):
+        stamp_to_message(stamp_ns)
+
+
+def test_telemetry_survives_the_wire():
+    sent = some_telemetry(first_index=2**63 + 1)
+    message = over_the_wire(telemetry_to_message(sent, "flap"))
+    received = telemetry_from_message(message)
+    assert message.actuator_id == "flap"
+    assert (received.stamp_ns, received.sample_period) == (sent.stamp_ns, sent.sample_period)
+    assert received.first_index == 2**63 + 1
+    for name in COLUMNS:
+        np.testing.assert_array_equal(getattr(received, name), getattr(sent, name))
+
+
+def test_block_stamp_is_the_end_of_its_first_sample():
+    block = some_telemetry()
+    for part in (block, block.part(3, 50)):
+        stamp = telemetry_to_message(part, "flap").header.stamp
+        assert stamp_from_message(stamp) == part.stamps_ns[0]
+
+
+def test_received_telemetry_owns_its_columns():
+    message = telemetry_to_message(some_telemetry(), "flap")
+    block = telemetry_from_message(message)
+    before = block.current.copy()
+    message.current[0] = 1e9
+    np.testing.assert_array_equal(block.current, before)
+    assert block.current.flags.owndata
+    assert block.current.flags.writeable
+
+
+def test_columns_of_other_types_become_float64():
+    columns = [np.arange(6, dtype=kind)[::2] for kind in (np.int32, np.float32, np.int64, float)]
+    message = telemetry_to_message(Telemetry(0, 1e-4, 0, *columns), "flap")
+    for name in COLUMNS:
+        assert getattr(message, name) == array.array("d", [0.0, 2.0, 4.0])
+
+
+def test_samples_that_are_not_finite_pass():
+    message = telemetry_to_message(some_telemetry(3), "flap")
+    message.current = array.array("d", [math.nan, math.inf, 0.0])
+    block = telemetry_from_message(message)
+    assert math.isnan(block.current[0])
+    assert math.isinf(block.current[1])
+
+
+def test_telemetry_of_unequal_columns_is_refused():
+    message = telemetry_to_message(some_telemetry(5), "flap")
+    message.speed = array.array("d", [0.0] * 4)
+    with pytest.raises(ValueError, match="position 5, speed 4"):
+        telemetry_from_message(message)
+
+
+def test_empty_telemetry_is_refused():
+    with pytest.raises(ValueError, match="command 0"):
+        telemetry_from_message(TelemetryBlock(sample_period=1e-4))
+
+
+@pytest.mark.parametrize("period", [0.0, -1e-4, math.nan, math.inf])
+def test_telemetry_without_a_positive_period_is_refused(period: float):
+    message = telemetry_to_message(some_telemetry(3), "flap")
+    message.sample_period = period
+    with pytest.raises(ValueError, match="sample_period = "):
+        telemetry_from_message(message)
+
+
+def test_every_parameter_and_every_field_is_mapped():
+    assert list(PARAMETER_FIELDS) == [item.name for item in fields(ActuatorParameters)]
+    mapped = {"header", *IDENTITY, *PARAMETER_FIELDS.values()}
+    assert mapped == set(DescriptionMessage.get_fields_and_field_types())
+    assert len(set(PARAMETER_FIELDS.values())) == len(PARAMETER_FIELDS)
+    assert {*IDENTITY, "parameters"} == {item.name for item in fields(ActuatorDescription)}
+
+
+def test_description_survives_the_wire():
+    parameters = ActuatorParameters()
+    # Every parameter a value of its own, so that no two can be mistaken for each other.
+    changed = {
+        item.name: getattr(parameters, item.name) * (1.0 + 1e-3 * number)
+        for number, item in enumerate(fields(ActuatorParameters))
+        if item.name != "P"
+    }
+    sent = ActuatorDescription("left_flap", "SN-7", "type 5", 2e-4, replace(parameters, **changed))
+    message = over_the_wire(description_to_message(sent, stamp_ns=5))
+    assert description_from_message(message) == sent
+    assert stamp_from_message(message.header.stamp) == 5
+    assert message.gear_ratio == sent.parameters.tau
+    assert message.pole_pairs == 2
+
+
+def test_impossible_description_is_refused_by_name():
+    message = description_to_message(ActuatorDescription())
+    message.resistance = -1.0
+    with pytest.raises(ValueError, match="R_s = -1 ohm is outside"):
+        description_from_message(message)
+
+
+def test_empty_description_is_refused():
+    with pytest.raises(ValueError, match="omega_max = 0 rad"):
+        description_from_message(DescriptionMessage())
+
+
+def test_faults_survive_the_wire_in_order():
+    k = np.linspace(0.1, 0.8, 8)
+    message = over_the_wire(faults_to_message(k))
+    assert message.friction == k[0]
+    assert message.gain == k[7]
+    np.testing.assert_array_equal(faults_from_message(message), k)
+
+
+def test_fault_vector_and_message_have_the_same_components():
+    assert list(FaultVector.get_fields_and_field_types()) == list(FAULT_NAMES)
+
+
+def test_impossible_faults_are_refused_by_name():
+    message = faults_to_message(healthy_faults())
+    message.short_circuit_b = 1.0
+    with pytest.raises(ValueError, match=r"short_circuit_b = 1 is outside \[0, 0.99\]"):
+        faults_from_message(message)
+    message.short_circuit_b = math.nan
+    with pytest.raises(ValueError, match="short_circuit_b = nan"):
+        faults_from_message(message)
+
+
+def test_estimate_that_is_not_known_can_be_sent():
+    assert math.isnan(faults_to_message(np.full(8, math.nan)).eccentricity)
+
+
+def test_too_few_faults_are_refused():
+    with pytest.raises(ValueError, match=r"expected shape \(8,\), not \(7,\)"):
+        faults_to_message(np.zeros(7))
+
+
+def test_stamped_faults_survive_the_wire():
+    sent = StampedFaults(123_456_789_012, "flap", 2**53 + 1, healthy_faults())
+    received = stamped_faults_from_message(over_the_wire(stamped_faults_to_message(sent)))
+    np.testing.assert_array_equal(received.faults, sent.faults)
+    assert replace(received, faults=sent.faults) == sent
+
+
+def test_joint_state_has_one_joint():
+    message = over_the_wire(joint_state(1_500_000_000, "flap", 0.1, -0.2, 300))
+    assert message.name == ["flap"]
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1, 500_000_000)
+    assert [list(message.position), list(message.velocity), list(message.effort)] == [
+        [0.1],
+        [-0.2],
+        [300.0],
+    ]

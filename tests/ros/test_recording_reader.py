@@ -1,0 +1,412 @@
+"""A recording is read in order and as far as it is intact, and never as what it is not."""
+
+import random
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from mcap.writer import CompressionType, IndexType, Writer
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+from std_msgs.msg import Header, String
+
+from ema_recording.message_type import type_hash
+from ema_recording.reader import Bag
+from ema_recording.schema import schema_text
+from ema_recording.writer import BagWriter
+
+QOS = QoSProfile(depth=10)
+STEP_NS = 10_000_000
+N = 200
+STRING = "std_msgs/msg/String"
+Written = list[tuple[str, str, int]]
+
+
+def text(number: int) -> str:
+    return f"message {number} " + str(random.Random(number).getrandbits(2000))
+
+
+def as_read(bag: Bag) -> Written:
+    return [(item.topic, item.message.data, item.log_time_ns) for item in bag.messages()]
+
+
+def record_by_us(path: Path, compression: Any = "zstd", first: int = 0) -> Written:
+    written = [
+        (f"/t{number % 2}", text(number), number * STEP_NS) for number in range(first, first + N)
+    ]
+    with BagWriter(path, compression=compression, chunk_bytes=10_000) as writer:
+        for topic in ("/t0", "/t1"):
+            writer.add_topic(topic, String, QOS)
+        for topic, data, log_time_ns in written:
+            writer.write(topic, String(data=data), log_time_ns)
+    return written
+
+
+def record_by_mcap(path: Path, **settings) -> Written:
+    """Write by the library itself, with settings of which rosbag2 has some as its presets."""
+    written = [(f"/t{number % 2}", text(number), number * STEP_NS) for number in range(N)]
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=10_000, **settings)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(STRING, "ros2msg", schema_text(STRING).encode())
+        channels = [writer.register_channel(f"/t{n}", "cdr", schema) for n in range(2)]
+        for number, (_, data, log_time_ns) in enumerate(written):
+            content = serialize_message(String(data=data))
+            writer.add_message(channels[number % 2], log_time_ns, content, log_time_ns)
+        writer.finish()
+    return written
+
+
+NO_SUMMARY = {
+    "index_types": IndexType.NONE,
+    "repeat_channels": False,
+    "repeat_schemas": False,
+    "use_statistics": False,
+    "use_summary_offsets": False,
+}
+RECORDERS: dict[str, Callable[[Path], Written]] = {
+    "ours, zstd": record_by_us,
+    "ours, none": lambda path: record_by_us(path, "none"),
+    "lz4": lambda path: record_by_mcap(path, compression=CompressionType.LZ4),
+    "no checksums": lambda path: record_by_mcap(
+        path, compression=CompressionType.NONE, enable_crcs=False
+    ),
+    "no chunks": lambda path: record_by_mcap(path, use_chunking=False),
+    "no summary": lambda path: record_by_mcap(path, **NO_SUMMARY),
+    "no message index": lambda path: record_by_mcap(path, index_types=IndexType.CHUNK),
+    "no repeated channels": lambda path: record_by_mcap(path, repeat_channels=False),
+}
+every_recorder = pytest.mark.parametrize("recorder", RECORDERS.values(), ids=RECORDERS)
+
+
+@every_recorder
+def test_whole_files_are_read_whole(recorder: Callable, tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    written = recorder(path)
+    bag = Bag(path)
+    assert as_read(bag) == written
+    assert as_read(bag) == written, "a second time"
+    assert bag.damage == ""
+    assert (bag.start_ns, bag.end_ns) == (0, (N - 1) * STEP_NS)
+    assert {topic.count for topic in bag.topics.values()} == {N // 2}
+    assert [item.log_time_ns for item in bag.raw_messages(["/t1"])] == [
+        log_time_ns for topic, _, log_time_ns in written if topic == "/t1"
+    ]
+
+
+@every_recorder
+def test_truncated_file_yields_what_is_before_the_cut(recorder: Callable, tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    written = recorder(path)
+    whole = path.read_bytes()
+    rng = random.Random(20)
+    read_counts = []
+    for size in [1, 8, 9, len(whole) - 1, *sorted(rng.randrange(1, len(whole)) for _ in range(20))]:
+        path.write_bytes(whole[:size])
+        bag = Bag(path)
+        read = as_read(bag)
+        assert read == written[: len(read)]
+        assert bag.damage.startswith("flight.mcap: ")
+        assert f"{len(read) or 'no'} message" in bag.damage
+        assert sum(topic.count for topic in bag.topics.values()) == len(read)
+        assert bag.end_ns == (read[-1][2] if read else None)
+        read_counts.append(len(read))
+    assert read_counts[:3] == [0, 0, 0]
+    assert read_counts[3] == N, "only the end of the index was cut off"
+    assert read_counts[4:] == sorted(read_counts[4:])
+    assert len(set(read_counts)) > 8
+
+
+@pytest.mark.parametrize("compression", ["zstd", "none"])
+def test_flipped_bits_never_make_a_message(compression: str, tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    written = record_by_us(path, compression)
+    whole = path.read_bytes()
+    rng = random.Random(21)
+    harmed = 0
+    for _ in range(100):
+        damaged = bytearray(whole)
+        damaged[rng.randrange(8, len(whole))] ^= 1 << rng.randrange(8)
+        path.write_bytes(damaged)
+        bag = Bag(path)
+        read = as_read(bag)
+        remaining = iter(written)
+        assert all(item in remaining for item in read), "in order, and nothing else"
+        if len(read) < N:
+            harmed += 1
+            assert "lost" in bag.damage
+    assert harmed > 50
+
+
+def test_damaged_chunk_is_told_with_what_is_lost(tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    written = record_by_us(path, "none")
+    damaged = path.read_bytes().replace(b"message 100 ", b"massage 100 ")
+    path.write_bytes(damaged)
+    bag = Bag(path)
+    assert bag.damage == "", "an indexed file is checked as it is read"
+    read = as_read(bag)
+    assert ("/t0", text(100), 100 * STEP_NS) not in read
+    assert N - 20 < len(read) < N
+    assert set(read) < set(written)
+    assert "the chunk at byte" in bag.damage
+    assert "crc validation failed" in bag.damage
+    assert f"topic /t0: {N // 2 - sum(item[0] == '/t0' for item in read)} of 100 " in bag.damage
+    # Read through, as without an index, the same is lost.
+    path.write_bytes(damaged[:-1])
+    again = Bag(path)
+    assert "the chunk at byte" in again.damage
+    assert as_read(again) == read
+
+
+def test_zeros_after_a_power_failure_are_no_records(tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    written = record_by_us(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2] + bytes(len(whole) // 2))
+    bag = Bag(path)
+    read = as_read(bag)
+    assert 0 < len(read) < N
+    assert read == written[: len(read)]
+    place = re.search(r"breaks off at byte (\d+) of", bag.damage)
+    assert place
+    assert int(place[1]) <= len(whole) // 2 + 10_000, "after the chunk that was cut"
+
+
+def test_damaged_index_is_not_believed(tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    written = record_by_us(path)
+    before, name, after = path.read_bytes().rpartition(b"/t0")
+    assert name
+    path.write_bytes(before + b"/t9" + after)
+    bag = Bag(path)
+    assert sorted(bag.topics) == ["/t0", "/t1"]
+    assert "its index is damaged; 200 messages are intact" in bag.damage
+    assert as_read(bag) == written
+
+
+def test_messages_come_in_the_order_of_their_log_times(tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    times = list(range(500))
+    random.Random(22).shuffle(times)
+    times += [250] * 10
+    with BagWriter(path, chunk_bytes=1000) as writer:
+        writer.add_topic("/t", String, QOS)
+        for number, log_time_ns in enumerate(times):
+            writer.write("/t", String(data=str(number)), log_time_ns)
+    bag = Bag(path)
+    read = [(item.log_time_ns, int(item.message.data)) for item in bag.messages()]
+    assert read == sorted((log_time_ns, number) for number, log_time_ns in enumerate(times))
+    assert (bag.start_ns, bag.end_ns) == (0, 499)
+
+
+def test_equal_log_times_stay_in_the_order_of_the_file(tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    chunks = [[250], [100, 250], [250, 300], [50, 250]]
+    with BagWriter(path) as writer:
+        writer.add_topic("/t", String, QOS)
+        for number, log_times_ns in enumerate(chunks):
+            for log_time_ns in log_times_ns:
+                writer.write("/t", String(data=str(number)), log_time_ns)
+            writer.flush()
+    read = [(item.log_time_ns, int(item.message.data)) for item in Bag(path).messages()]
+    assert read == [(50, 3), (100, 1), (250, 0), (250, 1), (250, 2), (250, 3), (300, 2)]
+
+
+def test_only_the_topics_asked_for_are_decoded(tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        unknown = writer.register_schema("no_such/msg/Thing", "ros2msg", b"float64 x\n")
+        known = writer.register_schema(STRING, "ros2msg", schema_text(STRING).encode())
+        things = writer.register_channel("/things", "cdr", unknown)
+        texts = writer.register_channel("/texts", "cdr", known)
+        notes = writer.register_channel("/notes", "json", known)
+        writer.register_channel("/never", "cdr", unknown)
+        for channel, data in ((things, b"12345678"), (notes, b"{}")):
+            writer.add_message(channel, 1, data, 1)
+        writer.add_message(texts, 2, serialize_message(String(data="known")), 2)
+        writer.finish()
+    bag = Bag(path)
+    assert [item.message.data for item in bag.messages(["/texts", "/never"])] == ["known"]
+    assert [item.message.data for item in bag.messages("/texts")] == ["known"]
+    with pytest.raises(ValueError, match=r"/things cannot be decoded: .*no_such/msg/Thing is"):
+        bag.messages(["/texts", "/things"])
+    with pytest.raises(ValueError, match="topic /notes cannot be decoded: it is encoded as 'json'"):
+        bag.messages(["/notes"])
+    with pytest.raises(ValueError, match="/things"):
+        bag.messages()
+    assert [item.message for item in bag.raw_messages(["/things"])] == [b"12345678"]
+    assert len(list(bag.raw_messages())) == 3
+
+
+def test_topic_that_is_not_there_is_named_with_those_that_are(tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    record_by_us(path)
+    bag = Bag(path)
+    for ask in (bag.messages, bag.raw_messages):
+        with pytest.raises(ValueError, match="has no topic '/t2'; topics: /t0, /t1"):
+            ask(["/t0", "/t2"])
+
+
+@pytest.mark.parametrize("with_hash", [True, False])
+def test_type_that_has_changed_is_refused(with_hash: bool, tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    name = "std_msgs/msg/Header"
+    schema = schema_text(name).replace("string frame_id", "string frame")
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        number = writer.register_schema(name, "ros2msg", schema.encode())
+        metadata = {"topic_type_hash": "RIHS01_" + "1" * 64} if with_hash else {}
+        channel = writer.register_channel("/t", "cdr", number, metadata)
+        writer.add_message(channel, 1, serialize_message(Header()), 1)
+        writer.finish()
+    bag = Bag(path)
+    with pytest.raises(ValueError, match=r"/t .* std_msgs/msg/Header .*\[string frame\]"):
+        bag.messages()
+    assert len(list(bag.raw_messages())) == 1
+
+
+def test_message_that_is_none_is_refused(tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    with BagWriter(path) as writer:
+        writer.add_topic("/t", Header, QOS)
+        writer.write_serialized("/t", b"\x00\x01\x00\x00\x01", 7)
+    with pytest.raises(ValueError, match="on /t of log time 7 ns is no std_msgs/msg/Header"):
+        list(Bag(path).messages())
+
+
+def test_what_is_not_a_recording_is_refused(tmp_path: Path):
+    (tmp_path / "notes.mcap").write_bytes(b"these are notes")
+    with pytest.raises(ValueError, match=r"notes.mcap is not an MCAP file: it begins with b'these"):
+        Bag(tmp_path / "notes.mcap")
+    (tmp_path / "empty.mcap").touch()
+    with pytest.raises(ValueError, match=r"empty.mcap is empty: expected an MCAP file"):
+        Bag(tmp_path / "empty.mcap")
+    with pytest.raises(FileNotFoundError, match=r"nothing.mcap: there is no such recording"):
+        Bag(tmp_path / "nothing.mcap")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(FileNotFoundError, match=r"folder is not a recording: .* no .mcap file"):
+        Bag(tmp_path / "folder")
+
+
+def split_folder(folder: Path) -> Written:
+    """Make a recording in two files, as rosbag2 splits them."""
+    folder.mkdir()
+    written = record_by_us(folder / "flight_0.mcap")
+    written += record_by_us(folder / "flight_1.mcap", first=N)
+    information = {
+        "version": 9,
+        "storage_identifier": "mcap",
+        "message_count": len(written),
+        "compression_mode": "",
+        "relative_file_paths": ["flight_0.mcap", "flight_1.mcap"],
+    }
+    write_metadata(folder, information)
+    return written
+
+
+def write_metadata(folder: Path, information: dict) -> None:
+    (folder / "metadata.yaml").write_text(
+        yaml.safe_dump({"rosbag2_bagfile_information": information})
+    )
+
+
+def test_folder_with_several_files_is_one_recording(tmp_path: Path):
+    written = split_folder(tmp_path / "flight")
+    bag = Bag(tmp_path / "flight")
+    assert as_read(bag) == written
+    assert bag.damage == ""
+    assert bag.topics["/t0"].count == N
+    assert (bag.start_ns, bag.end_ns) == (0, (2 * N - 1) * STEP_NS)
+
+
+def test_folder_with_a_file_missing_gives_the_others(tmp_path: Path):
+    written = split_folder(tmp_path / "flight")
+    (tmp_path / "flight" / "flight_0.mcap").unlink()
+    bag = Bag(tmp_path / "flight")
+    assert as_read(bag) == written[N:]
+    assert "flight_0.mcap is missing" in bag.damage
+    assert f"promises {2 * N} messages, {N} are there" in bag.damage
+    (tmp_path / "flight" / "flight_1.mcap").unlink()
+    with pytest.raises(FileNotFoundError, match=r"flight_0.mcap, flight_1.mcap .* missing"):
+        Bag(tmp_path / "flight")
+
+
+def test_folder_with_a_file_that_is_none_gives_the_others(tmp_path: Path):
+    written = split_folder(tmp_path / "flight")
+    (tmp_path / "flight" / "flight_1.mcap").write_bytes(b"")
+    bag = Bag(tmp_path / "flight")
+    assert as_read(bag) == written[:N]
+    assert "flight_1.mcap is empty" in bag.damage
+
+
+@pytest.mark.parametrize(
+    ("metadata", "told"),
+    [
+        (None, "no metadata.yaml: not closed"),
+        (b"", "metadata.yaml cannot be read"),
+        (b"rosbag2_bagfile_information: [", "metadata.yaml cannot be read"),
+        (b"rosbag2_bagfile_information:\n  version: 9\n", "metadata.yaml cannot be read"),
+        (b"\xff\xfe", "metadata.yaml cannot be read"),
+    ],
+)
+def test_folder_without_good_metadata_gives_its_files(metadata, told: str, tmp_path: Path):
+    written = split_folder(tmp_path / "flight")
+    (tmp_path / "flight" / "metadata.yaml").unlink()
+    if metadata is not None:
+        (tmp_path / "flight" / "metadata.yaml").write_bytes(metadata)
+    bag = Bag(tmp_path / "flight")
+    assert as_read(bag) == written
+    assert told in bag.damage
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"storage_identifier": "sqlite3"}, "storage is 'sqlite3', expected 'mcap'"),
+        ({"compression_mode": "FILE"}, "compressed by FILE, expected"),
+    ],
+)
+def test_other_storage_is_refused(change: dict, told: str, tmp_path: Path):
+    split_folder(tmp_path / "flight")
+    text = (tmp_path / "flight" / "metadata.yaml").read_text()
+    information = yaml.safe_load(text)["rosbag2_bagfile_information"]
+    write_metadata(tmp_path / "flight", information | change)
+    with pytest.raises(ValueError, match=told):
+        Bag(tmp_path / "flight")
+
+
+def test_recording_by_rosbags_is_read(tmp_path: Path):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    string = store.types[STRING]
+    with RosbagsWriter(tmp_path / "flight", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/t", STRING, typestore=store)
+        for number in range(5):
+            data = store.serialize_cdr(string(data=str(number)), STRING)
+            writer.write(connection, number, data)
+    bag = Bag(tmp_path / "flight")
+    assert as_read(bag) == [("/t", str(number), number) for number in range(5)]
+    assert bag.damage == ""
+    assert bag.topics["/t"].type_hash in ("", type_hash(STRING))
+
+
+def test_topic_of_two_types_is_refused(tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        for name in (STRING, "std_msgs/msg/Header"):
+            number = writer.register_schema(name, "ros2msg", schema_text(name).encode())
+            writer.register_channel("/t", "cdr", number)
+        writer.finish()
+    with pytest.raises(ValueError, match=f"topic /t holds {STRING} as well as std_msgs/msg/Header"):
+        Bag(path)

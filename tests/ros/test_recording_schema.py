@@ -1,0 +1,200 @@
+"""Schemas, hashes and offered qualities of service are those that ROS 2 itself would note."""
+
+import pytest
+import rclpy
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from mcap_ros2._dynamic import generate_dynamic
+from rclpy.duration import Duration
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from rosbags.rosbag2.metadata import parse_qos
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header, String
+from visualization_msgs.msg import InteractiveMarkerUpdate
+
+import ema_interfaces.msg
+from ema_interfaces.msg import FaultEstimate, TelemetryBlock
+from ema_recording.message_type import definition, message_class, type_hash, type_name
+from ema_recording.qos import offered_qos, offered_qos_profiles
+from ema_recording.schema import check_schema, schema_text
+
+OWN_TYPES = [
+    item
+    for item in vars(ema_interfaces.msg).values()
+    if hasattr(item, "get_fields_and_field_types")
+]
+TYPES = [
+    *OWN_TYPES,
+    DiagnosticArray,
+    Header,
+    InteractiveMarkerUpdate,
+    JointState,
+    PoseWithCovarianceStamped,
+    String,
+]
+TELEMETRY = "ema_interfaces/msg/TelemetryBlock"
+SEPARATOR = "=" * 80
+
+
+@pytest.fixture
+def node():
+    rclpy.init()
+    node = rclpy.create_node("schema_test")
+    yield node
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+@pytest.mark.parametrize("kind", TYPES, ids=type_name)
+def test_names_go_both_ways(kind: type):
+    assert message_class(type_name(kind)) is kind
+
+
+def test_hashes_are_those_of_discovery(node):
+    for number, kind in enumerate(TYPES):
+        topic = f"/hash_{number}"
+        publisher = node.create_publisher(kind, topic, 1)
+        (info,) = node.get_publishers_info_by_topic(topic)
+        assert str(info.topic_type_hash) == type_hash(info.topic_type)
+        assert info.topic_type == type_name(kind)
+        node.destroy_publisher(publisher)
+
+
+@pytest.mark.parametrize("kind", TYPES, ids=type_name)
+def test_schema_says_what_is_hashed(kind: type):
+    # rosbags computes the hash from the text, so text and hash belong together.
+    name = type_name(kind)
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(schema_text(name), name))
+    assert store.hash_rihs01(name) == type_hash(name)
+
+
+@pytest.mark.parametrize("kind", TYPES, ids=type_name)
+def test_schema_is_read_by_mcap_ros2(kind: type):
+    name = type_name(kind)
+    assert name in generate_dynamic(name, schema_text(name))
+
+
+def test_schema_of_a_flat_type_is_its_definition():
+    assert schema_text("std_msgs/msg/String") == definition("std_msgs/msg/String")
+
+
+def test_schema_joins_the_definitions_as_they_are():
+    assert schema_text("std_msgs/msg/Header") == (
+        f"{definition('std_msgs/msg/Header')}\n{SEPARATOR}\nMSG: builtin_interfaces/Time\n"
+        f"{definition('builtin_interfaces/msg/Time')}"
+    )
+
+
+def test_contained_types_come_once_and_depth_first():
+    titles = [
+        line for line in schema_text("ema_interfaces/msg/Health").splitlines() if "MSG: " in line
+    ]
+    assert titles == [
+        "MSG: ema_interfaces/FaultHealth",
+        "MSG: ema_interfaces/RemainingUsefulLife",
+        "MSG: std_msgs/Header",
+        "MSG: builtin_interfaces/Time",
+    ]
+
+
+def test_installed_schema_passes_by_hash_and_by_fields():
+    text = schema_text(TELEMETRY)
+    check_schema(TELEMETRY, text, type_hash(TELEMETRY))
+    check_schema(TELEMETRY, "", type_hash(TELEMETRY))
+    check_schema(TELEMETRY, text, "")
+    bare = "\n".join(line.partition("#")[0].rstrip() for line in text.splitlines())
+    check_schema(TELEMETRY, bare.replace("MSG: std_msgs/", "MSG: std_msgs/msg/"), "")
+
+
+@pytest.mark.parametrize("recorded_hash", ["", "RIHS01_" + "0" * 64])
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("float64 sample_period", "float32 sample_period", r"\[float32 sample_period\].*float64"),
+        ("float64[] command ", "float64[<=100] command ", r"\[float64\[<=100\] command\]"),
+        ("uint64 first_index", "# uint64 first_index", r"\[\] in .* \[uint64 first_index\]"),
+        ("uint32 nanosec", "int32 nanosec", "builtin_interfaces/Time has .int32 nanosec."),
+    ],
+)
+def test_other_fields_are_refused_by_name(old: str, new: str, told: str, recorded_hash: str):
+    text = schema_text(TELEMETRY)
+    assert old in text
+    with pytest.raises(ValueError, match=f"recorded {TELEMETRY} is not the installed one.*{told}"):
+        check_schema(TELEMETRY, text.replace(old, new), recorded_hash)
+
+
+def test_other_order_is_refused():
+    lines = schema_text("ema_interfaces/msg/FaultVector").splitlines(keepends=True)
+    friction = next(line for line in lines if line.startswith("float64 friction"))
+    lines.append(lines.pop(lines.index(friction)))
+    with pytest.raises(ValueError, match="the same fields in another order"):
+        check_schema("ema_interfaces/msg/FaultVector", "".join(lines), "")
+
+
+def test_other_hash_alone_is_refused():
+    with pytest.raises(ValueError, match=r"RIHS01_0+ there, RIHS01_[0-9a-f]+ here"):
+        check_schema(TELEMETRY, schema_text(TELEMETRY), "RIHS01_" + "0" * 64)
+
+
+@pytest.mark.parametrize("ask", [message_class, definition, type_hash, schema_text])
+@pytest.mark.parametrize(
+    "name",
+    ["no_such_package/msg/Thing", "std_msgs/msg/NoSuchThing", "std_msgs/String", "", "a/b/c"],
+)
+def test_unknown_type_is_named(ask, name: str):
+    with pytest.raises(ValueError, match=f"message type '?{name}"):
+        ask(name)
+
+
+@pytest.mark.parametrize("thing", [int, len])
+def test_what_is_no_message_class_has_no_type_name(thing):
+    with pytest.raises(ValueError, match="expected the class of a ROS message"):
+        type_name(thing)
+
+
+def test_offered_qos_in_words():
+    qos = QoSProfile(
+        depth=5,
+        history=HistoryPolicy.KEEP_LAST,
+        reliability=ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        deadline=Duration(nanoseconds=1_500_000_000),
+        liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+    )
+    infinite = {"sec": 9223372036, "nsec": 854775807}
+    assert offered_qos(qos) == {
+        "history": "keep_last",
+        "depth": 5,
+        "reliability": "best_effort",
+        "durability": "transient_local",
+        "deadline": {"sec": 1, "nsec": 500_000_000},
+        "lifespan": infinite,
+        "liveliness": "manual_by_topic",
+        "liveliness_lease_duration": infinite,
+        "avoid_ros_namespace_conventions": False,
+    }
+    assert yaml.safe_load(offered_qos_profiles(qos)) == [offered_qos(qos)]
+
+
+def test_offered_qos_is_what_discovery_reports(node):
+    # Discovery does not tell history and depth.
+    qos = QoSProfile(depth=3)
+    node.create_publisher(FaultEstimate, "/offered", qos)
+    node.create_publisher(TelemetryBlock, "/offered_too", qos)
+    (info,) = node.get_publishers_info_by_topic("/offered")
+    told = {"history": "unknown", "depth": 0}
+    assert offered_qos(info.qos_profile) == offered_qos(qos) | told
+
+
+def test_offered_qos_is_read_by_rosbags():
+    (read,) = parse_qos(offered_qos_profiles(QoSProfile(depth=7)))
+    assert (read.depth, read.reliability.name, read.liveliness.name) == (7, "RELIABLE", "AUTOMATIC")

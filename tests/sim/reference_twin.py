@@ -1,0 +1,150 @@
+"""The reference actuator a second time: plain Python, written from its equations alone.
+
+Angles of the commutation are in degrees, faults come in by name, and nothing is shared with the
+kernels but the table of parameters. One call of `step` does the six parts of a step in order, each
+with what the parts before it left.
+"""
+
+import math
+from collections.abc import Mapping
+
+from ema_core.parameters import ActuatorParameters
+
+PHASES = (0, 1, 2)
+
+
+def sign(x: float) -> int:
+    return (x > 0) - (x < 0)
+
+
+def saturate(x: float, limit: float) -> float:
+    return math.copysign(limit, x) if abs(x) > limit else x
+
+
+def driven(degrees: float) -> int:
+    """Sign of the current in a phase at its electrical angle."""
+    degrees %= 360
+    if 30 < degrees < 150:
+        return 1
+    if 210 < degrees < 330:
+        return -1
+    return 0
+
+
+def back_emf_shape(degrees: float) -> float:
+    """Trapezoid: +1 and -1 where the phase is driven, straight in between."""
+    degrees %= 360
+    if degrees < 30:
+        return degrees / 30
+    if degrees <= 150:
+        return 1
+    if degrees < 210:
+        return (180 - degrees) / 30
+    if degrees <= 330:
+        return -1
+    return (degrees - 360) / 30
+
+
+class ReferenceTwin:
+    def __init__(
+        self,
+        actuator: ActuatorParameters,
+        faults: Mapping[str, float],
+        *,
+        theta_m: float = 0.0,
+        omega: float = 0.0,
+        dt: float = 1e-6,
+    ) -> None:
+        p = actuator
+        self.actuator = p
+        self.dt = dt
+        self.theta_m = theta_m
+        self.omega = omega
+        self.theta_out = theta_m
+        self.i = [0.0, 0.0, 0.0]
+        self.q = [1, 1, 1]
+        self.lag = [0.0, 0.0, 0.0]
+        self.integral = 0.0
+        self.last_error = 0.0
+        self.torque = 0.0
+
+        self.J = p.J_m + p.J_u
+        self.C = p.C_m + p.C_u
+        self.f_s = (p.f_sm + p.f_su) * (1 + 2 * faults.get("friction", 0))
+        self.f_d = self.f_s * p.f_ratio
+        self.play = p.BLK * (1 + 99 * faults.get("backlash", 0))
+        self.N = [1 - faults.get(f"short_circuit_{phase}", 0) for phase in "abc"]
+        self.zeta = faults.get("eccentricity", 0)
+        self.phi = (2 * faults.get("eccentricity_phase", 0.5) - 1) * math.pi
+        self.g = 0.5 + faults.get("gain", 0.5)
+
+    @property
+    def theta_user(self) -> float:
+        return self.theta_out * self.actuator.tau
+
+    def step(self, command: float, noise: float = 0.0, load: float = 0.0) -> None:
+        I_ref = self._control(command, noise)
+        electrical = [math.degrees(self.actuator.P * self.theta_m) - 120 * n for n in PHASES]
+        self._switch([I_ref * driven(angle) for angle in electrical])
+        k = [self._back_emf_constant(n, electrical[n]) for n in PHASES]
+        self._stator(k)
+        self._torque_and_lags(k)
+        self._mechanics(load)
+
+    def _control(self, command: float, noise: float) -> float:
+        p = self.actuator
+        omega_ref = saturate(p.G_prop * self.g * (command - self.theta_user), p.omega_max)
+        error = omega_ref - self.omega
+        torque_ref = (
+            p.GAP * error + p.GAI * self.integral + p.GAD * (error - self.last_error) / self.dt
+        )
+        self.integral += error * self.dt
+        self.last_error = error
+        return saturate(torque_ref / p.k_t + noise, p.I_max)
+
+    def _switch(self, targets: list[float]) -> None:
+        for n in PHASES:
+            if self.i[n] - targets[n] > self.actuator.h_b:
+                self.q[n] = -1
+            elif self.i[n] - targets[n] < -self.actuator.h_b:
+                self.q[n] = 1
+
+    def _back_emf_constant(self, n: int, electrical: float) -> float:
+        gap = 1 + self.zeta * math.cos(self.theta_m + self.phi + 2 * math.pi * n / 3)
+        return self.actuator.k_e / 2 * self.N[n] * back_emf_shape(electrical) * gap
+
+    def _stator(self, k: list[float]) -> None:
+        p = self.actuator
+        R = [p.R_s / 2 * N for N in self.N]
+        L = [p.L_s / 2 * N**2 for N in self.N]
+        u = [p.V_max / 2 * self.q[n] - R[n] * self.i[n] - k[n] * self.omega for n in PHASES]
+        centre = sum(u[n] / L[n] for n in PHASES) / sum(1 / L[n] for n in PHASES)
+        self.i = [self.i[n] + (u[n] - centre) / L[n] * self.dt for n in PHASES]
+
+    def _torque_and_lags(self, k: list[float]) -> None:
+        torque = sum(k[n] * self.i[n] for n in PHASES)
+        self.torque = saturate(torque, self.actuator.T_max)
+        signal = sign(self.torque) * sum(abs(i) for i in self.i) / 2
+        for n in range(3):
+            self.lag[n] += (1 - math.exp(-self.dt / 1e-5)) * (signal - self.lag[n])
+            signal = self.lag[n]
+
+    def _mechanics(self, load: float) -> None:
+        T = self.torque - load
+        if self.omega == 0:
+            friction = T if abs(T) <= self.f_s else self.f_d * sign(T)
+        else:
+            friction = self.f_d * sign(self.omega)
+        omega = self.omega + (T - self.C * self.omega - friction) / self.J * self.dt
+        if sign(omega) == -sign(self.omega):
+            omega = 0.0
+        self.omega = omega
+        self.theta_m += omega * self.dt
+        stop = self.actuator.theta_stop / self.actuator.tau
+        if abs(self.theta_m) > stop:
+            self.theta_m = stop * sign(self.theta_m)
+            self.omega = 0.0
+        if self.theta_m - self.theta_out > self.play / 2:
+            self.theta_out = self.theta_m - self.play / 2
+        elif self.theta_out - self.theta_m > self.play / 2:
+            self.theta_out = self.theta_m + self.play / 2

@@ -1,0 +1,78 @@
+"""The equivalent current and the three lags behind it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ema_core.dynamics import lag_factor
+from ema_core.faults import degrade, fault_vector
+from ema_core.parameters import ActuatorParameters, constants
+from ema_sim.actuator import at_rest
+from ema_sim.reference import DT, step
+
+from .trajectories import locked, run
+
+PLANT = constants(ActuatorParameters())
+FAULTY = degrade(PLANT, fault_vector({"short_circuit_b": 0.5, "eccentricity": 0.5}))
+T = 1e-5  # time constant of each lag [s]
+
+
+def frozen_current(amperes: float):
+    """Plant and state whose current neither rises nor decays: no supply, no resistance."""
+    motor = PLANT.motor._replace(V_max=0.0, R_s=0.0)
+    state = at_rest()._replace(i_b=-amperes, i_c=amperes)
+    return locked(PLANT._replace(motor=motor)), state
+
+
+@pytest.mark.parametrize("amperes", [4.0, -9.0])
+def test_constant_current_comes_through_three_lags(amperes):
+    """1 - (1 + t/T + (t/T)^2 / 2) exp(-t/T), with an error of first order in the step."""
+    plant, state = frozen_current(amperes)
+    errors = []
+    for dt in (1e-6, 5e-7, 2.5e-7):
+        steps = round(1e-4 / dt)
+        x = run(plant, state, steps, dt=dt)
+        t = dt / T * np.arange(steps + 1)
+        expected = 1 - (1 + t + t**2 / 2) * np.exp(-t)
+        errors.append(np.abs(x.lag_3 / amperes - expected).max())
+        # One lag alone is exact for what is constant over a step, whatever the step.
+        np.testing.assert_allclose(x.lag_1 / amperes, 1 - np.exp(-t), rtol=1e-12)
+    # Two of the lags see what the lag before has become in the step: half a step early each, a
+    # tenth of T together, times the steepest slope, 2 exp(-2) / T.
+    assert errors[0] < 1.2 * DT / T * 2 * math.exp(-2)
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    np.testing.assert_allclose(orders, 1.0, atol=0.1)
+
+
+def test_current_is_delayed_by_thirty_microseconds():
+    """The area above the step response is the delay of anything slow."""
+    plant, state = frozen_current(1.0)
+    for dt in (1e-6, 5e-7, 2.5e-7):
+        missing = 1.0 - run(plant, state, round(4e-4 / dt), dt=dt).lag_3
+        delay = np.trapezoid(missing, dx=dt)
+        # Three geometric series, and half a step from the trapezoidal rule. What is not there yet
+        # after 40 T is below 1e-14.
+        assert delay == pytest.approx(3 * dt / math.expm1(dt / T) + dt / 2, rel=1e-10)
+        # Two half steps short of 3 T: 3 % at 1 us.
+        assert delay == pytest.approx(3 * T, abs=dt)
+
+
+@pytest.mark.parametrize("plant", [PLANT, FAULTY], ids=["healthy", "faulty"])
+def test_equivalent_current_is_the_largest_phase_current_with_the_sign_of_torque(plant):
+    """Currents that add up to zero: half the sum of their sizes is the largest of them."""
+    state = at_rest()
+    signs = set()
+    for n in range(6000):
+        state = step(*plant, state, 4e-3 * math.sin(1200 * n * DT), 0.0, 0.0, DT, 1.0)
+        largest = max(abs(state.i_a), abs(state.i_b), abs(state.i_c))
+        # A lag that takes up everything in a step hides nothing.
+        assert state.lag_3 == pytest.approx(math.copysign(largest, state.torque), abs=1e-11)
+        signs.add(math.copysign(1.0, state.torque))
+    assert signs == {-1.0, 1.0}
+
+
+def test_no_torque_no_equivalent_current():
+    state = at_rest()._replace(i_b=3.0, i_c=3.0, i_a=-6.0)
+    plant = PLANT._replace(motor=PLANT.motor._replace(k_e=0.0))
+    assert step(*plant, state, 0.0, 0.0, 0.0, DT, lag_factor(DT)).lag_3 == 0.0

@@ -1,0 +1,133 @@
+"""Telemetry: what a sample is, and that blocks do not show in it."""
+
+import numpy as np
+import pytest
+
+from ema_core.faults import fault_vector
+from ema_core.parameters import ActuatorParameters
+from ema_core.telemetry import Telemetry
+from ema_sim.actuator import SAMPLE_PERIOD, SimulatedActuator
+
+FAULTS = fault_vector({"short_circuit_b": 0.3, "backlash": 0.02, "eccentricity": 0.2})
+RNG = np.random.default_rng(5)
+N = 60
+COMMANDS = 3e-3 * np.sin(np.linspace(0.0, 12.0, N)) + 1e-4 * RNG.standard_normal(N)
+LOADS = 0.05 * RNG.standard_normal(N)
+
+
+def noisy_actuator(**settings) -> SimulatedActuator:
+    actuator = SimulatedActuator(
+        noise_gain=2.0, noise_hold_s=5e-6, rng=np.random.default_rng(17), **settings
+    )
+    actuator.faults = FAULTS
+    return actuator
+
+
+def in_blocks(actuator: SimulatedActuator, lengths: list[int]) -> list[Telemetry]:
+    blocks, start = [], 0
+    for length in lengths:
+        stop = start + length
+        blocks.append(actuator.advance(COMMANDS[start:stop], LOADS[start:stop]))
+        start = stop
+    assert start == N
+    return blocks
+
+
+@pytest.mark.parametrize(
+    "lengths", [[1] * N, [7, 1, 30, 2, 20], [59, 1]], ids=["ones", "uneven", "two"]
+)
+def test_blocks_do_not_show(lengths):
+    """Bit by bit, with noise, load and faults: all that lives between samples is in the state."""
+    actuator, whole_actuator = noisy_actuator(), noisy_actuator()
+    blocks = in_blocks(actuator, lengths)
+    (whole,) = in_blocks(whole_actuator, [N])
+    for column in ("command", "current", "position", "speed"):
+        joined = np.concatenate([getattr(block, column) for block in blocks])
+        np.testing.assert_array_equal(joined, getattr(whole, column))
+    stamps = np.concatenate([block.stamps_ns for block in blocks])
+    np.testing.assert_array_equal(stamps, whole.stamps_ns)
+    assert actuator.state == whole_actuator.state
+
+
+def test_current_is_the_mean_over_a_sample_the_rest_its_end():
+    """Against the same actuator sampled at every step."""
+    steps = 50
+    coarse = SimulatedActuator(sample_period=steps * 1e-6)
+    fine = SimulatedActuator(sample_period=1e-6)
+    coarse.faults = fine.faults = FAULTS
+    x = coarse.advance(COMMANDS, LOADS)
+    # The command at the end of every step, on straight lines between the samples. A step uses
+    # the value at its start, which for the fine actuator is the end of the sample before.
+    share = np.arange(1, steps + 1) / steps
+
+    def straight(values: np.ndarray) -> np.ndarray:
+        before = np.concatenate([[0.0], values[:-1]])[:, np.newaxis]
+        rows = before + share * (values[:, np.newaxis] - before)
+        rows[:, -1] = values
+        return rows.ravel()
+
+    y = fine.advance(straight(COMMANDS), straight(LOADS))
+    mean = y.current.reshape(N, steps).mean(axis=1)
+    # Only the order of summation differs.
+    np.testing.assert_allclose(x.current, mean, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(x.position, y.position[steps - 1 :: steps])
+    np.testing.assert_array_equal(x.speed, y.speed[steps - 1 :: steps])
+    np.testing.assert_array_equal(x.command, COMMANDS)
+    assert np.ptp(y.current.reshape(N, steps), axis=1).max() > 0.1
+    np.testing.assert_array_equal(x.stamps_ns, y.stamps_ns[steps - 1 :: steps])
+
+
+def test_command_and_load_run_straight_from_sample_to_sample():
+    """A step takes the value at its start: the last of a sample is one step short of its end."""
+    actuator = SimulatedActuator()
+    last = 0.0
+    for value in (1e-5, 3e-5, -2e-5):  # too little to move it
+        actuator.advance([value])
+        taken = actuator.state.error / actuator.parameters.G_prop
+        assert taken == pytest.approx(last + 0.99 * (value - last), rel=1e-12)
+        last = value
+    # A load that rises to 1 % above what holds the shaft frees it in the last step of 100.
+    holding = SimulatedActuator(ActuatorParameters(k_e=1e-6))
+    holding.advance([0.0], 0.1689 * (1 + 1e-4) / 0.99)
+    torque = -0.1689 * (1 + 1e-4) + 0.1689 / 2
+    assert holding.state.omega == pytest.approx(torque / 2.5e-5 * 1e-6, rel=1e-9)
+
+
+def test_position_is_that_of_the_user_speed_that_of_the_motor():
+    actuator = SimulatedActuator()
+    for value in (1e-3, 3e-3, 2e-3):
+        block = actuator.advance([value])
+        assert block.position[0] == actuator.state.theta_b * actuator.parameters.tau
+        assert block.speed[0] == actuator.state.omega
+
+
+def test_stamp_is_the_end_of_the_first_sample_and_the_index_runs_on():
+    actuator = SimulatedActuator(stamp_ns=5_000_000_000)
+    first = actuator.advance(np.zeros(3))
+    second = actuator.advance(np.zeros(2))
+    period_ns = 100_000
+    assert (first.first_index, second.first_index) == (1, 4)
+    assert first.stamp_ns == 5_000_000_000 + period_ns
+    assert second.stamp_ns == 5_000_000_000 + 4 * period_ns
+    assert second.stamps_ns.tolist() == [5_000_400_000, 5_000_500_000]
+    assert first.sample_period == SAMPLE_PERIOD
+
+
+def test_stamps_do_not_drift():
+    """A period that binary fractions cannot express, a hundred thousand times."""
+    actuator = SimulatedActuator(sample_period=3e-6)
+    long = actuator.advance(np.zeros(100_000))
+    assert long.stamps_ns[-1] == 100_000 * 3000
+    assert actuator.advance([0.0]).stamp_ns == 100_001 * 3000
+
+
+def test_telemetry_keeps_its_own_copy():
+    commands = np.full(3, 1e-3)
+    block = SimulatedActuator().advance(commands)
+    commands[:] = 7.0
+    assert block.command.tolist() == [1e-3] * 3
+
+
+def test_same_seed_same_telemetry():
+    one, other = in_blocks(noisy_actuator(), [N])[0], in_blocks(noisy_actuator(), [N])[0]
+    np.testing.assert_array_equal(one.current, other.current)

@@ -1,0 +1,46 @@
+"""Runs of the step kernel that keep every state."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ema_core.dynamics import lag_factor
+from ema_core.parameters import PlantConstants
+from ema_sim.reference import DT, State, step
+
+Signal = float | Callable[[float], float]
+
+_ROW = [(name, float) for name in State._fields]
+
+
+def run(
+    plant: PlantConstants,
+    state: State,
+    steps: int,
+    *,
+    command: Signal = 0.0,
+    load: Signal = 0.0,
+    dt: float = DT,
+) -> np.recarray:
+    """States after 0, 1, ... `steps` steps, `(steps + 1,)` with a field per state.
+
+    Command [rad] and load [N.m] are constants or functions of time [s].
+    """
+    lag = lag_factor(dt)
+    command_at = command if callable(command) else lambda _: float(command)
+    load_at = load if callable(load) else lambda _: float(load)
+    states = [state]
+    for n in range(steps):
+        state = step(*plant, state, command_at(n * dt), 0.0, load_at(n * dt), dt, lag)
+        states.append(state)
+    return np.array(states, dtype=_ROW).view(np.recarray)
+
+
+def locked(plant: PlantConstants) -> PlantConstants:
+    """Hold the rotor whatever the torque."""
+    return plant._replace(mechanics=plant.mechanics._replace(f_s=1e9))
+
+
+def unpowered(plant: PlantConstants) -> PlantConstants:
+    """Cut the tie between motor and shaft: no torque, no back-EMF."""
+    return plant._replace(motor=plant.motor._replace(k_e=0.0))
