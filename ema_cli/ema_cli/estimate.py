@@ -78,7 +78,7 @@ def estimate_windows(
     """
     estimates = []
     with progress_bar() as progress:
-        task = progress.add_task("identifying", total=len(windows), state="")
+        task = progress.add_task("identifying", total=len(windows))
         for number, window in enumerate(windows):
             if isinstance(window, Window):
                 run = Identification(window, found.description, calibration, settings, force=force)

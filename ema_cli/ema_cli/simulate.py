@@ -131,7 +131,7 @@ def simulate(
         except FileExistsError as error:
             raise click.ClickException(f"{output} is there already: --force replaces it") from error
         with SimulatedActuatorBag(bag, description) as recording, progress_bar() as progress:
-            task = progress.add_task("simulating", total=cycles * len(cycle), state="")
+            task = progress.add_task("simulating", total=cycles * len(cycle))
             block_samples = max(1, round(_BLOCK_S / description.sample_period))
             for number in range(cycles):
                 progress.update(task, state=f"cycle {number + 1} of {cycles}")

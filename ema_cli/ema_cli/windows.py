@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from ema_cli.progress import progress_bar
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.trigger import Defect, Refusal, TriggerSettings, WindowTrigger
@@ -71,17 +72,19 @@ def read_windows(path: Path, actuator_id: str | None = None) -> BagWindows:
     remarks = []
     if len(recorded.descriptions) > 1:
         remarks.append("the description changes on the way: the last one is used")
-    for item in recorded.blocks():
-        if isinstance(item, Malformed):
-            events = [trigger.interrupt(item.stamp_ns, item.reason)]
-        else:
-            blocks.append(item)
-            events = trigger.feed(item)
-        for event in events:
-            if isinstance(event, Defect):
-                remarks.append(f"at {event.stamp_ns * 1e-9:.4f} s: {event.reason}")
+    with progress_bar() as progress:
+        total = bag.topics[recorded.topic].count
+        for item in progress.track(recorded.blocks(), total=total, description=f"reading {path}"):
+            if isinstance(item, Malformed):
+                events = [trigger.interrupt(item.stamp_ns, item.reason)]
             else:
-                windows.append(event)
+                blocks.append(item)
+                events = trigger.feed(item)
+            for event in events:
+                if isinstance(event, Defect):
+                    remarks.append(f"at {event.stamp_ns * 1e-9:.4f} s: {event.reason}")
+                else:
+                    windows.append(event)
     windows += trigger.finish()
     if bag.damage:
         remarks.append(bag.damage)

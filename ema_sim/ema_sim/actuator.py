@@ -113,7 +113,7 @@ class SimulatedActuator:
             hold = self._hold
             disturbances = self._rng.normal(0.0, self._noise_sigma, n * self._steps // hold)
         current, position, speed = np.empty(n), np.empty(n), np.empty(n)
-        self.state = advance(
+        state = advance(
             *self._plant,
             self.state,
             self._last_command,
@@ -129,6 +129,7 @@ class SimulatedActuator:
             position,
             speed,
         )
+        self.state = State(*state)
         block = Telemetry(
             self._start_ns + round(self._index * self.sample_period * 1e9),
             self.sample_period,

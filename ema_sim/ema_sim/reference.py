@@ -183,7 +183,7 @@ def advance(
 
     Command and load are interpolated linearly from the sample before (``last_command``,
     ``last_load``); a disturbance is held for ``hold`` steps. ``current``, ``position`` and
-    ``speed`` are filled, all ``(n,)``.
+    ``speed`` are filled, all ``(n,)``. The new state is returned as a plain tuple.
     """
     tick = 0
     for k in range(len(commands)):
@@ -208,4 +208,6 @@ def advance(
         current[k] = total / steps
         position[k] = x.theta_b * mech.tau
         speed[k] = x.omega
-    return x
+    # Not the NamedTuple itself: to build one, numba runs Python code, and an interrupt that arrives
+    # there (Ctrl-C) ends in a crash.
+    return x[:]

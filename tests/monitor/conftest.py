@@ -1,0 +1,66 @@
+"""Telemetry of simulated actuators, and a calibration, that the tests of the monitor share."""
+
+from collections.abc import Callable, Mapping
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ema_core.commands import THESIS_CHIRP, Cycle, build_cycle
+from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
+from ema_core.parameters import ActuatorParameters
+from ema_core.telemetry import Telemetry
+from ema_monitor.calibration import Calibration, calibrate
+from ema_monitor.trigger import WindowTrigger
+from ema_monitor.window import Window
+from ema_sim.actuator import SimulatedActuator
+
+
+@pytest.fixture(scope="session")
+def description() -> ActuatorDescription:
+    return ActuatorDescription()
+
+
+@pytest.fixture(scope="session")
+def cycle(description) -> Cycle:
+    return build_cycle(THESIS_CHIRP, description.sample_period)
+
+
+@pytest.fixture(scope="session")
+def record(cycle) -> Callable[[Mapping[str, float], int], Telemetry]:
+    """Telemetry of an actuator with faults through some test cycles; each run is made once."""
+
+    @cache
+    def run(faults: tuple[tuple[str, float], ...], cycles: int) -> Telemetry:
+        actuator = SimulatedActuator()
+        actuator.faults = fault_vector(dict(faults))
+        return actuator.advance(np.tile(cycle.samples, cycles))
+
+    def record(faults: Mapping[str, float], cycles: int = 1) -> Telemetry:
+        return run(tuple(sorted(faults.items())), cycles)
+
+    return record
+
+
+@pytest.fixture(scope="session")
+def windows_of(record) -> Callable[[Mapping[str, float], int], list[Window]]:
+    """Windows of an actuator with faults, one of each test cycle."""
+
+    def windows_of(faults: Mapping[str, float], cycles: int = 1) -> list[Window]:
+        events = WindowTrigger(ActuatorParameters()).feed(record(faults, cycles))
+        windows = [event for event in events if isinstance(event, Window)]
+        assert len(windows) == len(events) == cycles
+        return windows
+
+    return windows_of
+
+
+@pytest.fixture(scope="session")
+def healthy_windows(windows_of) -> list[Window]:
+    return windows_of({}, 5)
+
+
+@pytest.fixture(scope="session")
+def calibration(healthy_windows, description) -> Calibration:
+    return calibrate(healthy_windows, description)

@@ -1,0 +1,178 @@
+"""The monitor model a second time: plain Python, written from its equations alone.
+
+The driven pair comes from the commutation of the reference, degree by degree, faults come in by
+name, and nothing is shared with the kernels but the table of parameters. One call of `step` does
+controller, drive, filter and mechanics in order, each with what the parts before it left.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+from ema_core.parameters import ActuatorParameters
+
+PHASES = (0, 1, 2)
+
+
+def sign(x: float) -> int:
+    return (x > 0) - (x < 0)
+
+
+def saturate(x: float, limit: float) -> float:
+    return math.copysign(limit, x) if abs(x) > limit else x
+
+
+def driven(degrees: float) -> int:
+    """Sign of the current in a phase at its electrical angle."""
+    degrees %= 360
+    if 30 < degrees < 150:
+        return 1
+    if 210 < degrees < 330:
+        return -1
+    return 0
+
+
+def eccentricity_4_24(zeta: float, phi: float, theta_e: float) -> float:
+    """Factor of eq. 4.24; its sawtooth (4.25) rises from 0 to 2 six times a turn."""
+    sawtooth = 2 * ((6 * theta_e - math.pi) / (2 * math.pi) % 1)
+    wave = math.cos(theta_e + phi) + sawtooth * math.sin(theta_e - math.pi)
+    return 1 - 0.42 * zeta * wave
+
+
+class MonitorTwin:
+    def __init__(
+        self,
+        actuator: ActuatorParameters,
+        faults: Mapping[str, float],
+        *,
+        form: str,
+        dt: float,
+        command: float = 0.0,
+        position: float = 0.0,
+        speed: float = 0.0,
+        current: float = 0.0,
+        play: float = 0.0,
+    ) -> None:
+        p = actuator
+        self.actuator = p
+        self.form = form
+        self.dt = dt
+        self.J = p.J_m + p.J_u
+        self.C = p.C_m + p.C_u
+        self.f_s = (p.f_sm + p.f_su) * (1 + 2 * faults.get("friction", 0))
+        self.f_d = self.f_s * p.f_ratio
+        self.play = p.BLK * (1 + 99 * faults.get("backlash", 0))
+        self.N = [1 - faults.get(f"short_circuit_{phase}", 0) for phase in "abc"]
+        self.zeta = faults.get("eccentricity", 0)
+        self.phi = (2 * faults.get("eccentricity_phase", 0.5) - 1) * math.pi
+        self.G_prop = p.G_prop * (0.5 + faults.get("gain", 0.5))
+
+        self.theta_out = position / p.tau
+        self.theta_m = self.theta_out + play * self.play / 2
+        self.omega = speed
+        self.torque = 0.0
+        self.ripple = 0.0
+        self.last_error = self._speed_error(command, position)
+        # The integrator holds what the current at the start cannot owe to the error.
+        self.integral = 0.0
+        if p.GAI > 0:
+            self.integral = (current * p.k_t - p.GAP * self.last_error) / p.GAI
+        self.I = self._reference_current(self.last_error)
+        self.lag = [self.I] * 3
+
+    def samples(
+        self, commands: Sequence[float], steps: int, watch: Callable[["MonitorTwin"], None]
+    ) -> list[float]:
+        """Mean current of each sample; the first command belongs to the start.
+
+        `watch` is called after every step.
+        """
+        means = []
+        for k in range(1, len(commands)):
+            total = 0.0
+            for j in range(steps):
+                self.step(commands[k - 1] + (commands[k] - commands[k - 1]) * (j - 0.5) / steps)
+                watch(self)
+                total += self.lag[2]
+            means.append(total / steps)
+        return means
+
+    def step(self, command: float) -> None:
+        error = self._speed_error(command, self.theta_out * self.actuator.tau)
+        I_ref = self._reference_current(error)
+        self.integral += error * self.dt
+        self.last_error = error
+        if self.form == "fast":
+            self._fast_drive(I_ref)
+        else:
+            self._source_drive(I_ref)
+        signal = self.I
+        for n in range(3):
+            self.lag[n] += (1 - math.exp(-self.dt / 1e-5)) * (signal - self.lag[n])
+            signal = self.lag[n]
+        self._mechanics()
+
+    def _speed_error(self, command: float, position: float) -> float:
+        return saturate(self.G_prop * (command - position), self.actuator.omega_max) - self.omega
+
+    def _reference_current(self, error: float) -> float:
+        p = self.actuator
+        slope = (error - self.last_error) / self.dt
+        torque = p.GAP * error + p.GAI * self.integral + p.GAD * slope
+        return saturate(torque / p.k_t, p.I_max)
+
+    def _commutation(self) -> list[int]:
+        electrical = math.degrees(self.actuator.P * self.theta_m)
+        return [driven(electrical - 120 * n) for n in PHASES]
+
+    def _fast_drive(self, I_ref: float) -> None:
+        p = self.actuator
+        s = self._commutation()
+        # Behind the driven phases' plateaus the shape of the back-EMF is the sign of the current.
+        k = [
+            p.k_e
+            / 2
+            * self.N[n]
+            * s[n]
+            * (1 + self.zeta * math.cos(self.theta_m + self.phi + 2 * math.pi * n / 3))
+            for n in PHASES
+        ]
+        R = sum(p.R_s / 2 * self.N[n] for n in PHASES if s[n])
+        L = sum(p.L_s / 2 * self.N[n] ** 2 for n in PHASES if s[n])
+        K = k[s.index(1)] - k[s.index(-1)]
+        highest = (p.V_max - R * self.I - K * self.omega) / L * self.dt
+        lowest = (-p.V_max - R * self.I - K * self.omega) / L * self.dt
+        self.I += sorted((lowest, I_ref - self.I, highest))[1]
+        self.torque = saturate(K * self.I, p.T_max)
+        self.ripple = K * p.h_b
+
+    def _source_drive(self, I_ref: float) -> None:
+        p = self.actuator
+        s = self._commutation()
+        f = sum(self.N[n] for n in PHASES if s[n]) / 2
+        K = f * eccentricity_4_24(self.zeta, self.phi, p.P * self.theta_m)
+        R = p.R_s * f
+        time_constant = p.L_s * sum(N**2 for N in self.N) / 3 / R
+        voltage = p.V_max * sign(I_ref - self.I) - p.k_e * K * self.omega
+        self.I += (voltage / R - self.I) / time_constant * self.dt
+        self.torque = saturate(p.G_M * K * self.I, p.T_max)
+
+    def _mechanics(self) -> None:
+        T = self.torque
+        if self.omega == 0:
+            holds = abs(T) <= max(self.f_s - self.ripple, self.f_d)
+            friction = T if holds else self.f_d * sign(T)
+        else:
+            friction = self.f_d * sign(self.omega)
+        omega = self.omega + (T - self.C * self.omega - friction) / self.J * self.dt
+        if sign(omega) == -sign(self.omega):
+            omega = 0.0
+        self.omega = omega
+        self.theta_m += omega * self.dt
+        stop = self.actuator.theta_stop / self.actuator.tau
+        if abs(self.theta_m) > stop:
+            self.theta_m = stop * sign(self.theta_m)
+            self.omega = 0.0
+        if self.theta_m - self.theta_out > self.play / 2:
+            self.theta_out = self.theta_m - self.play / 2
+        elif self.theta_out - self.theta_m > self.play / 2:
+            self.theta_out = self.theta_m + self.play / 2

@@ -1,0 +1,176 @@
+"""Calibrations written to files, and what is refused when one is read."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+import yaml
+
+from ema_core.faults import healthy_faults
+from ema_monitor.calibration import Calibration, calibrate
+from ema_monitor.residual import band_limited, rms
+
+EXACT = [field.name for field in fields(Calibration) if field.name not in ("command", "correction")]
+
+
+@pytest.fixture(scope="module")
+def path(calibration, tmp_path_factory):
+    path = tmp_path_factory.mktemp("calibrations") / "unit.yaml"
+    calibration.save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def content(path):
+    return yaml.safe_load(path.read_text())
+
+
+@pytest.fixture
+def refused(tmp_path):
+    """Message of the refusal to read a file with a content."""
+
+    def refused(content) -> str:
+        path = tmp_path / "other.yaml"
+        if isinstance(content, bytes):
+            path.write_bytes(content)
+        else:
+            path.write_text(yaml.safe_dump(content))
+        with pytest.raises(ValueError, match=r"other\.yaml is ") as error:
+            Calibration.load(path)
+        return str(error.value)
+
+    return refused
+
+
+def test_what_was_saved_is_loaded(calibration, path):
+    loaded = Calibration.load(path)
+    for name in EXACT:
+        assert getattr(loaded, name) == getattr(calibration, name)
+    # Half a digit of what is written: 1 nrad and 10 uA.
+    assert np.max(np.abs(loaded.command - calibration.command)) <= 0.5001e-9
+    assert np.max(np.abs(loaded.correction - calibration.correction)) <= 0.5001e-5
+
+
+def test_identity_survives_saving_and_loading(calibration, path, tmp_path):
+    loaded = Calibration.load(path)
+    assert loaded.calibration_id == calibration.calibration_id
+    assert loaded.calibration_id.startswith("SIM-0001-")
+    loaded.save(tmp_path / "again.yaml")
+    assert (tmp_path / "again.yaml").read_bytes() == path.read_bytes()
+
+
+def test_single_window_calibration_survives(healthy_windows, description, tmp_path):
+    """Its healthy rms is not a number and stays so."""
+    calibration = calibrate(healthy_windows[:1], description)
+    calibration.save(tmp_path / "single.yaml")
+    loaded = Calibration.load(tmp_path / "single.yaml")
+    assert np.isnan(loaded.healthy_rms)
+    assert loaded.calibration_id == calibration.calibration_id
+
+
+def test_different_content_has_a_different_identity(calibration, healthy_windows, description):
+    assert calibrate(healthy_windows[:4], description).calibration_id != calibration.calibration_id
+
+
+def test_saving_replaces_an_older_file_and_leaves_nothing_else(calibration, tmp_path):
+    path = tmp_path / "unit.yaml"
+    path.write_text("older")
+    calibration.save(path)
+    assert [p.name for p in tmp_path.iterdir()] == ["unit.yaml"]
+    assert Calibration.load(path).windows == calibration.windows
+
+
+def test_builtin_calibration_is_that_of_the_built_in_actuator(healthy_windows, description):
+    builtin = Calibration.builtin()
+    window = healthy_windows[3]
+    assert builtin.unit_mismatch(description) == ""
+    assert builtin.shape_mismatch(window) == ""
+    assert builtin.command_mismatch(window) == ""
+    modelled = builtin.model().current(window, healthy_faults(), window.play)[0]
+    residual = band_limited(window.current - builtin.apply(modelled), window.sample_period)
+    # A healthy window it has not seen leaves what healthy windows leave, with some scatter.
+    assert rms(residual) == pytest.approx(builtin.healthy_rms, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"just text", b"- 1\n- 2\n", b"format: 2\n", b"format: one\n", b"lift: 0.1\n"],
+)
+def test_other_yaml_files_are_refused(refused, content):
+    assert refused(content).endswith("is not a calibration of format 1")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"a: [1, 2", b"a: b: c", b"\x89PNG\r\n\x1a\n", b"\x00\x01\x02", b"!!python/name:os.system ''"],
+)
+def test_other_files_are_refused(refused, content):
+    assert "is not a YAML file: " in refused(content)
+
+
+def test_absent_file_is_an_os_error(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        Calibration.load(tmp_path / "none.yaml")
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Calibration)])
+def test_missing_entry_is_refused_by_name(refused, content, name):
+    del (damaged := dict(content))[name]
+    message = refused(damaged)
+    assert "is a damaged calibration: " in message
+    assert name in message
+
+
+def test_unknown_entry_is_refused_by_name(refused, content):
+    assert "colour" in refused({**content, "colour": "red"})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("form", "exact", "'exact' is unknown"),
+        ("dt", 0.0, "dt = 0 s"),
+        ("command", [0.0, 1.0], "one value more"),
+        ("command", [[0.0]], "command"),
+        ("correction", [], "one value more"),
+        ("correction", [0.0, float("nan")], "correction"),
+        ("correction", [0.0, float("inf")], "correction"),
+        ("parameters", {"R_s": -1.0}, "R_s = -1 ohm"),
+        ("parameters", {"R_x": 1.0}, "'R_x'"),
+        ("parameters", {"R_s": "low"}, "R_s = 'low'"),
+    ],
+)
+def test_impossible_entry_is_refused_with_the_reason(refused, content, name, value, said):
+    message = refused({**content, name: value})
+    assert "is a damaged calibration: " in message
+    assert said in message
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("lift", "high"),
+        ("lift", None),
+        ("lift", float("nan")),
+        ("sample_period", "short"),
+        ("sample_period", 0.0),
+        ("sample_period", -1e-4),
+        ("dt", None),
+        ("dt", 3e-5),
+        ("healthy_rms", "small"),
+        ("healthy_rms", -0.02),
+        ("windows", "five"),
+        ("windows", 0),
+        ("serial_number", None),
+        ("serial_number", ""),
+        ("actuator_id", 3),
+    ],
+)
+def test_impossible_figure_is_refused_by_name(refused, content, name, value):
+    assert name in refused({**content, name: value})
+
+
+def test_missing_parameter_is_refused_by_name(refused, content):
+    """It must not quietly become that of the built-in actuator."""
+    parameters = {key: value for key, value in content["parameters"].items() if key != "R_s"}
+    assert "R_s" in refused({**content, "parameters": parameters})

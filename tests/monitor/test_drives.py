@@ -1,0 +1,124 @@
+"""One step of the two current loops, against figures worked out by hand."""
+
+import math
+
+import pytest
+
+from ema_core.parameters import ActuatorParameters, constants
+from ema_monitor.model_kernel import active_pair, fast_drive, source_drive
+
+BC, AB, AC = 0, 1, 2
+MOTOR = constants(ActuatorParameters()).motor
+
+
+@pytest.mark.parametrize(
+    ("from_degrees", "to_degrees", "pair"),
+    # Eq. 4.12, and the next two half turns: the pair does not tell which way the current flows.
+    [(-30, 30, BC), (30, 90, AB), (90, 150, AC), (150, 210, BC), (210, 270, AB), (-90, -30, AC)],
+)
+def test_pair_is_that_of_equation_4_12(from_degrees, to_degrees, pair):
+    # 1e-9 degrees is far beyond rounding; on the very edge either pair is right.
+    for degrees in (from_degrees + 1e-9, (from_degrees + to_degrees) / 2, to_degrees - 1e-9):
+        for turns in (-7, 0, 500):
+            assert active_pair(math.radians(degrees) + 2 * math.pi * turns) == pair
+
+
+# theta_e, phi and 1 - 0.42 (cos(theta_e + phi) + sawtooth sin(theta_e - pi)), to five digits; the
+# sawtooth is 1 at multiples of 60 degrees, 0.5 at 45, 1.5 at 75 degrees.
+EQUATION_4_24 = [
+    (0, 0, 0.58),
+    (45, 0, 0.85151),
+    (60, 0, 1.15373),
+    (75, 0, 1.49983),
+    (120, 0, 1.57373),
+    (240, 0, 0.84627),
+    (60, 90, 1.72746),
+    (-60, -90, 1.0),
+]
+
+
+@pytest.mark.parametrize(("theta_e", "phi", "factor"), EQUATION_4_24)
+def test_source_eccentricity_is_equation_4_24(theta_e, phi, factor):
+    motor = MOTOR._replace(zeta=1.0, phi=math.radians(phi))
+    theta_m = math.radians(theta_e) / motor.P
+    I, torque, _ = source_drive(motor, 5.0, 5.0, 0.0, theta_m, 1e-6)
+    assert torque / (motor.G_M * I) == pytest.approx(factor, abs=1e-5)
+    # The back-EMF has the same factor: without an error of current it alone drives, with the drop.
+    dt, omega = 1e-6, 100.0
+    turning, _, _ = source_drive(motor, 5.0, 5.0, omega, theta_m, dt)
+    back_emf = (I - turning) * motor.L_s / dt
+    # The two currents agree to five digits, which leaves their difference eleven less five.
+    assert back_emf == pytest.approx(motor.k_e * factor * omega, rel=2e-5)
+
+
+@pytest.mark.parametrize("zeta", [0.3, 1.0])
+def test_source_eccentricity_is_scaled_by_0_42(zeta):
+    I, torque, _ = source_drive(MOTOR._replace(zeta=zeta), 5.0, 5.0, 0.0, 0.0, 1e-6)
+    assert torque / (MOTOR.G_M * I) == pytest.approx(1 - 0.42 * zeta, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("theta_e", "f"), [(0, (0.5 + 0.25) / 2), (60, (0.8 + 0.5) / 2), (120, (0.8 + 0.25) / 2)]
+)
+def test_source_short_circuit_scales_torque_resistance_and_inductance(theta_e, f):
+    motor = MOTOR._replace(N_a=0.8, N_b=0.5, N_c=0.25)
+    theta_m, dt = math.radians(theta_e) / motor.P, 1e-6
+    I, torque, ripple = source_drive(motor, 5.0, 5.0, 0.0, theta_m, dt)
+    assert torque == pytest.approx(motor.G_M * f * I, rel=1e-12)
+    # Without an error of current the voltage is off, and the current decays with R f over L N^2.
+    L = motor.L_s * (0.8**2 + 0.5**2 + 0.25**2) / 3
+    assert (5.0 - I) / dt == pytest.approx(5.0 * motor.R_s * f / L, rel=1e-9)
+    assert ripple == 0.0
+
+
+@pytest.mark.parametrize(("start", "I_ref", "voltage"), [(0.0, 50.0, 48.0), (12.0, -50.0, -48.0)])
+@pytest.mark.parametrize("omega", [0.0, 150.0])
+@pytest.mark.parametrize(
+    ("theta_e", "N_1", "N_2"), [(0, 0.5, 0.25), (60, 0.8, 0.5), (120, 0.8, 0.25)]
+)
+def test_supply_limits_the_slope_of_the_current(start, I_ref, voltage, omega, theta_e, N_1, N_2):
+    """A reference out of reach: the driven pair's R and L answer the full supply's step."""
+    motor = MOTOR._replace(N_a=0.8, N_b=0.5, N_c=0.25)
+    R = motor.R_s / 2 * (N_1 + N_2)
+    L = motor.L_s / 2 * (N_1**2 + N_2**2)
+    K = motor.k_e / 2 * (N_1 + N_2)
+    final = (voltage - K * omega) / R
+    dt, current, torque = 1e-7, start, 0.0
+    theta_m = math.radians(theta_e) / motor.P
+    for n in range(1, 1001):
+        current, torque, _ = fast_drive(motor, current, I_ref, omega, theta_m, dt)
+        change = (start - final) * math.exp(-n * dt * R / L)
+        # Euler's error is this change times n (dt R / L)^2 / 2 and terms of higher order.
+        tolerance = 0.6 * abs(change) * n * (dt * R / L) ** 2
+        assert current - final == pytest.approx(change, abs=tolerance)
+    limited = max(-motor.T_max, min(motor.T_max, K * current))
+    assert torque == pytest.approx(limited, rel=1e-12)
+
+
+def test_current_within_reach_is_its_reference():
+    I, torque, ripple = fast_drive(MOTOR, 2.0, 2.3, 50.0, 0.1, 2e-5)
+    assert I == 2.3
+    assert torque == pytest.approx(MOTOR.k_e * 2.3, rel=1e-12)
+    assert ripple == pytest.approx(MOTOR.k_e * MOTOR.h_b, rel=1e-12)
+
+
+@pytest.mark.parametrize("drive", [fast_drive, source_drive])
+def test_torque_is_limited(drive):
+    _, torque, _ = drive(MOTOR, -40.0, -40.0, 0.0, 0.0, 1e-6)
+    assert torque == -MOTOR.T_max
+
+
+@pytest.mark.parametrize(
+    ("theta_e", "first", "second"), [(0, "b", "c"), (60, "a", "b"), (120, "a", "c")]
+)
+def test_fast_torque_constant_is_that_of_the_driven_pair(theta_e, first, second):
+    """Eq. 3.3 of the pair's two phases; the third leaves no trace."""
+    N = {"a": 0.9, "b": 0.7, "c": 0.4}
+    zeta, phi = 0.6, 0.7
+    motor = MOTOR._replace(N_a=N["a"], N_b=N["b"], N_c=N["c"], zeta=zeta, phi=phi)
+    theta_m = math.radians(theta_e) / motor.P
+    gap = {x: 1 + zeta * math.cos(theta_m + phi + 2 * math.pi / 3 * "abc".index(x)) for x in N}
+    K = motor.k_e / 2 * (N[first] * gap[first] + N[second] * gap[second])
+    _, torque, ripple = fast_drive(motor, 2.0, 2.01, 0.0, theta_m, 2e-5)
+    assert torque == pytest.approx(K * 2.01, rel=1e-12)
+    assert ripple == pytest.approx(K * motor.h_b, rel=1e-12)

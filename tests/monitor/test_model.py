@@ -1,0 +1,185 @@
+"""What the monitor model does as a whole: rest, steady motion, steps, many individuals."""
+
+import numpy as np
+import pytest
+
+from ema_core.commands import THESIS_CHIRP
+from ema_core.dynamics import lag_factor
+from ema_core.faults import degrade, fault_vector, healthy_faults, random_faults
+from ema_core.parameters import ActuatorParameters, constants
+from ema_monitor.model import FORMS, MonitorModel
+from ema_monitor.model_kernel import run_lane
+from ema_monitor.residual import rms
+
+from .windows import window_from
+
+PARAMETERS = ActuatorParameters()
+CHIRP = np.concatenate([[0.0], THESIS_CHIRP.sample(1e-4)])
+
+
+def one(window, faults=None, *, form="fast", parameters=PARAMETERS, dt=None, play=0.0):
+    return MonitorModel(parameters, form, dt).current(window, fault_vector(faults or {}), play)[0]
+
+
+@pytest.mark.parametrize("gain", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize(("form", "tolerance"), [("fast", 1e-12), ("source", 0.067)])
+def test_held_shaft_draws_the_reference_current(form, tolerance, gain):
+    """An offset that friction holds is an exact I_ref; the source form chatters about it.
+
+    Its tolerance is what the full supply adds in a step of 1 us, 48 V / 0.72 mH.
+    """
+    p, offset = PARAMETERS, 8e-6
+    I_ref = p.GAP * p.G_prop * (0.5 + gain) * offset / p.k_t
+    current = one(window_from(np.full(200, offset)), {"gain": gain}, form=form)
+    assert current[20:] == pytest.approx(I_ref, rel=1e-12, abs=tolerance)
+    if form == "fast":
+        assert current[0] == pytest.approx(I_ref, rel=1e-12)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_reference_current_is_limited(form):
+    p = PARAMETERS.replace({"f_sm": 10.0, "R_s": 1.0, "T_max": 5.0})
+    current = one(window_from(np.full(200, -1.0)), form=form, parameters=p)
+    # 0.067 A: the chatter of the source form, as above.
+    assert current[-50:] == pytest.approx(-p.I_max, abs=0.067)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("rate", [0.1, -0.6])
+@pytest.mark.parametrize(("form", "torque_constant"), [("fast", "k_e"), ("source", "G_M")])
+def test_steady_motion_draws_what_friction_needs(form, torque_constant, rate, friction):
+    p, h = PARAMETERS, 1e-4
+    n = 2000 if form == "fast" else 600
+    command = rate * h * np.arange(n + 1)
+    omega = rate / p.tau
+    # The position lags until the position loop asks for the speed: a start without transient.
+    window = window_from(command, speed=omega, position=-omega / p.G_prop)
+    torque = (p.C_m + p.C_u) * abs(omega) + (1 + 2 * friction) * p.f_ratio * (p.f_sm + p.f_su)
+    expected = np.sign(rate) * torque / getattr(p, torque_constant)
+    current = one(window, {"friction": friction}, form=form)[n // 2 :]
+    if form == "fast":
+        # The loop settles with a time constant of some ms: 1e-6 of what is left of its start.
+        assert current == pytest.approx(expected, rel=1e-6)
+    else:
+        # Chatter: a sample of 100 steps of up to 0.13 A, and their mean over 300 samples.
+        assert current == pytest.approx(expected, abs=0.13)
+        assert np.mean(current) == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize(("offset_in_band", "moves"), [(-0.01, False), (0.01, True)])
+def test_ripple_breaks_the_motor_away_below_static_friction(offset_in_band, moves):
+    """(M12): it takes f_s less what the hysteresis band is worth in torque, k_e h_b."""
+    p = PARAMETERS
+    breakaway = p.f_sm + p.f_su - p.k_e * p.h_b
+    I = (breakaway + offset_in_band * p.k_e * p.h_b) / p.k_e
+    command = np.full(400, I * p.k_t / (p.GAP * p.G_prop))
+    current = one(window_from(command))
+    # Where the shaft yields, the error of position and with it the current fall.
+    assert (current[-1] < 0.9 * current[0]) == moves
+    if not moves:
+        assert current == pytest.approx(I, rel=1e-12)
+
+
+def test_ripple_leaves_the_dynamic_friction():
+    """However wide the band, what brakes the motion also holds the rest."""
+    p = PARAMETERS.replace({"h_b": 5.0})
+    for share, moves in ((0.99, False), (1.01, True)):
+        I = share * p.f_ratio * (p.f_sm + p.f_su) / p.k_e
+        current = one(
+            window_from(np.full(400, I * p.k_t / (p.GAP * p.G_prop))), parameters=p, play=1.0
+        )
+        assert (current[-1] < (1 - 1e-6) * current[0]) == moves
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        {},
+        {"friction": 0.5},
+        {"backlash": 0.3},
+        {"short_circuit_a": 0.7},
+        {"eccentricity": 0.7},
+        {"friction": 0.25, "short_circuit_a": 0.2, "eccentricity": 0.3, "gain": 0.3},
+    ],
+)
+def test_fast_form_converges_with_its_step(faults):
+    window = window_from(CHIRP)
+    finest = one(window, faults, dt=1e-6)
+    steps = np.array([5e-5, 2e-5, 1e-5, 5e-6, 2.5e-6])
+    errors = [rms(one(window, faults, dt=dt) - finest) for dt in steps]
+    # First order; stops at zero speed and the edges of the pairs scatter it.
+    assert 0.7 < np.polyfit(np.log(steps), np.log(errors), 1)[0] < 1.5
+    # The default step is well below the PWM's ripple of 0.1 A.
+    assert errors[1] < 0.02
+    assert FORMS["fast"] == steps[1]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_individuals_of_one_call_do_not_know_each_other(form):
+    rng = np.random.default_rng(5)
+    faults = np.stack([random_faults(rng) for _ in range(9)])
+    play = rng.uniform(-1.0, 1.0, 9)
+    model = MonitorModel(PARAMETERS, form)
+    window = window_from(CHIRP[1500:2500], position=CHIRP[1500], speed=30.0)
+    together = model.current(window, faults, play)
+    for i in range(9):
+        alone = model.current(window, faults[i], play[i])
+        assert np.array_equal(together[i], alone[0])
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_healthy_faults_change_nothing(form):
+    plant = constants(PARAMETERS)
+    assert degrade(plant, healthy_faults()) == plant
+    command, current = CHIRP[1500:2500], np.empty(999)
+    dt = FORMS[form]
+    state = (command[0], 30.0, 0.0)
+    run_lane(
+        *plant,
+        0.3,
+        command,
+        *state,
+        form == "source",
+        round(1e-4 / dt),
+        dt,
+        lag_factor(dt),
+        current,
+    )
+    window = window_from(command, position=command[0], speed=30.0)
+    assert np.array_equal(current, one(window, form=form, play=0.3))
+
+
+def test_run_starts_with_the_state_of_the_window():
+    """What the speed loop holds at the start is the measured current less what the error asks."""
+    p = PARAMETERS.replace({"GAI": 0.5})
+    # Held by friction at zero error, so that only the integrator drives.
+    current = one(window_from(np.zeros(50), current=0.7), parameters=p)
+    assert current == pytest.approx(0.7, rel=1e-12)
+
+
+def test_step_that_does_not_divide_the_sample_period_is_refused():
+    model = MonitorModel(PARAMETERS, dt=3e-5)
+    with pytest.raises(ValueError, match=r"sample period 0\.0001 s .* dt = 3e-05 s"):
+        model.current(window_from(np.zeros(10)), healthy_faults())
+    with pytest.raises(ValueError, match=r"sample period 1e-05 s .* dt = 2e-05 s"):
+        MonitorModel(PARAMETERS).current(
+            window_from(np.zeros(10), sample_period=1e-5), healthy_faults()
+        )
+
+
+def test_unknown_form_is_refused():
+    with pytest.raises(ValueError, match="'exact' is unknown; known: fast, source"):
+        MonitorModel(PARAMETERS, "exact")
+
+
+@pytest.mark.parametrize("dt", [0.0, -1e-6, 2e-3, float("nan")])
+def test_impossible_step_is_refused(dt):
+    with pytest.raises(ValueError, match="monitor step dt = "):
+        MonitorModel(PARAMETERS, dt=dt)
+
+
+def test_impossible_fault_is_refused():
+    faults = healthy_faults()
+    faults[3] = 1.0
+    with pytest.raises(ValueError, match="short_circuit_b"):
+        MonitorModel(PARAMETERS).current(window_from(np.zeros(10)), faults)
