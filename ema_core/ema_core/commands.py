@@ -20,7 +20,7 @@ _HOLD_S = 0.1
 _RETURN_S = 0.3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Command:
     """A command by its shape and figures.
 
@@ -79,7 +79,7 @@ class Command:
                 raise ValueError(
                     f"command {name} = {value:g} {unit} is outside [{lowest:g}, {highest:g}] {unit}"
                 )
-        samples = np.asarray(self.samples, dtype=np.float64)
+        samples = np.array(self.samples, dtype=np.float64)
         if self.shape == "custom":
             if samples.ndim != 1 or samples.size == 0:
                 raise ValueError(
@@ -97,7 +97,14 @@ class Command:
         ----------
         sample_period
             Period h [s].
+
+        Raises
+        ------
+        ValueError
+            When the period is not positive or longer than 10 ms.
         """
+        if not 0.0 < sample_period <= 0.01:
+            raise ValueError(f"sample_period = {sample_period!r} s is outside (0, 0.01] s")
         if self.shape == "custom":
             return np.array(self.samples)
         n = max(1, round(self.duration / sample_period))
@@ -154,6 +161,11 @@ def build_cycle(command: Command, sample_period: float) -> Cycle:
         What is tested with.
     sample_period
         Period h [s].
+
+    Raises
+    ------
+    ValueError
+        When the period is not positive or longer than 10 ms.
     """
     h = sample_period
     proper = command.sample(h)

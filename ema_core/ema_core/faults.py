@@ -72,7 +72,10 @@ def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]
         for name, value in values.items():
             if name not in FAULT_NAMES:
                 raise ValueError(f"unknown fault {name!r}; known: {', '.join(FAULT_NAMES)}")
-            k[FAULT_NAMES.index(name)] = value
+            try:
+                k[FAULT_NAMES.index(name)] = value
+            except (TypeError, ValueError) as error:
+                raise ValueError(f"fault {name} = {value!r} is not a number") from error
     else:
         k = np.array(values, dtype=np.float64)
         if k.shape[-1:] != (N_FAULTS,):

@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
+import numpy as np
+
 RPM = 2.0 * math.pi / 60.0
 
 
@@ -107,7 +109,7 @@ class ActuatorParameters:
             value = getattr(self, item.name)
             lowest, highest = item.metadata["range"]
             unit = item.metadata["unit"]
-            if isinstance(value, bool) or not _is_finite_number(value):
+            if not _is_finite_number(value):
                 raise ValueError(
                     f"{item.name} = {value!r}: expected a finite number in "
                     f"[{lowest:g}, {highest:g}] {unit} ({item.metadata['description']})"
@@ -154,8 +156,8 @@ class ActuatorParameters:
 
 def _is_finite_number(value: Any) -> bool:
     try:
-        return math.isfinite(value)
-    except TypeError:
+        return not isinstance(value, bool | np.bool_) and math.isfinite(value)
+    except (TypeError, OverflowError):
         return False
 
 

@@ -65,7 +65,15 @@ class Telemetry:
         return self.stamp_ns + np.rint(steps).astype(np.int64)
 
     def part(self, start: int, stop: int) -> "Telemetry":
-        """Return samples ``start`` to ``stop`` (exclusive) with their own stamp and index."""
+        """Return samples ``start`` to ``stop`` (exclusive) with their own stamp and index.
+
+        Raises
+        ------
+        ValueError
+            When there is no such part, or nothing in it.
+        """
+        if not 0 <= start < stop <= len(self):
+            raise ValueError(f"samples {start} to {stop} are no part of {len(self)} samples")
         return Telemetry(
             int(self.stamps_ns[start]),
             self.sample_period,

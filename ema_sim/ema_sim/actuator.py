@@ -1,13 +1,14 @@
 """The simulated actuator: the reference kernels with their state, advanced block by block."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.description import SAMPLE_PERIOD
 from ema_core.dynamics import lag_factor
-from ema_core.faults import degrade, healthy_faults
+from ema_core.faults import degrade, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.telemetry import Telemetry
 from ema_sim.reference import DT, State, advance
@@ -70,19 +71,36 @@ class SimulatedActuator:
         self._index = 1
         self._last_command = 0.0
         self._last_load = 0.0
-        self._plant = constants(self.parameters)
-        self._faults = healthy_faults()
+        self.faults = healthy_faults()
         self.state: State = at_rest()
 
     @property
     def faults(self) -> NDArray[np.float64]:
-        """Fault vector, ``(8,)``; assigning one takes effect from the next sample on."""
+        """Fault vector, ``(8,)``; assigning one takes effect from the next sample on.
+
+        Raises
+        ------
+        ValueError
+            When it is no fault vector, or leaves a phase so little inductance that the step of
+            1 us is too long for it.
+        """
         return self._faults.copy()
 
     @faults.setter
-    def faults(self, values: ArrayLike) -> None:
-        self._plant = degrade(constants(self.parameters), values)
-        self._faults = np.array(values, dtype=np.float64)
+    def faults(self, values: Mapping[str, float] | ArrayLike) -> None:
+        k = fault_vector(values)
+        if k.ndim != 1:
+            raise ValueError(f"faults: expected one vector of shape ({len(k.T)},), not {k.shape}")
+        plant = degrade(constants(self.parameters), k)
+        motor = plant.motor
+        decay = DT * motor.R_s / (motor.L_s * min(motor.N_a, motor.N_b, motor.N_c))
+        if decay > 1.0:
+            raise ValueError(
+                f"L_s = {motor.L_s:g} H with R_s = {motor.R_s:g} ohm: the current of the most "
+                f"shorted phase decays {decay:.3g} times within a step of {DT:g} s, at most 1 "
+                "can be simulated"
+            )
+        self._plant, self._faults = plant, k
 
     def advance(self, command: ArrayLike, load: ArrayLike | float = 0.0) -> Telemetry:
         """Run the actuator through the samples of a command.

@@ -12,16 +12,17 @@ def test_interrupted_simulation_leaves_a_closed_bag(tmp_path, attempt):
     # An interrupt that met a kernel on its way back to Python used to crash the process; where it
     # meets the process is chance, hence the attempts.
     path = tmp_path / "long.mcap"
-    process = subprocess.Popen(
+    with subprocess.Popen(
         ["ema", "simulate", "--cycles", "100000", "-o", path], stderr=subprocess.PIPE, text=True
-    )
-    deadline = time.monotonic() + 60.0
-    while not path.exists() or path.stat().st_size < 200_000 * (attempt + 1):
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=20)
+    ) as process:
+        deadline = time.monotonic() + 60.0
+        while not path.exists() or path.stat().st_size < 200_000 * (attempt + 1):
+            if process.poll() is not None or time.monotonic() > deadline:
+                process.kill()
+                pytest.fail(f"no recording came to be: {process.communicate()[1]}")
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=20)
     assert (process.returncode, error.strip()) == (1, "Aborted!")
     bag = Bag(path)
     assert bag.damage == ""

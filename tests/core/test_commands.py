@@ -199,3 +199,16 @@ def test_window_opens_at_the_start_of_the_command():
     assert cycle.start == 7999
     assert cycle.stop - cycle.start - 1 == 5000
     assert cycle.samples.size == 8000 + 5000 + 3000 + 1000
+
+
+def test_custom_command_keeps_its_own_samples():
+    row = np.zeros(3)
+    command = Command("custom", samples=row)
+    row[0] = np.nan
+    np.testing.assert_array_equal(command.sample(1e-4), np.zeros(3))
+
+
+@pytest.mark.parametrize("period", [0.0, -1e-4, 0.5, np.nan])
+def test_impossible_sample_period_is_refused(period):
+    with pytest.raises(ValueError, match=r"sample_period"):
+        Command().sample(period)

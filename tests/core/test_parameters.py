@@ -168,3 +168,9 @@ def test_constants_are_floats_whatever_was_given():
     integers = ActuatorParameters.from_mapping({"V_max": 40, "tau": 1, "P": 3, "J_u": 0, "BLK": 0})
     for constants_of_part in constants(integers):
         assert {type(value) for value in constants_of_part} == {float}
+
+
+@pytest.mark.parametrize("value", [10**400, np.True_, "48", None])
+def test_huge_and_boolean_numbers_are_refused(value):
+    with pytest.raises(ValueError, match=r"V_max = .*expected a finite number"):
+        ActuatorParameters(V_max=value)

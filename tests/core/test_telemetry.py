@@ -74,3 +74,10 @@ def test_no_samples_are_refused():
 def test_impossible_period_is_refused(period):
     with pytest.raises(ValueError, match=r"sample_period = .* positive"):
         telemetry(sample_period=period)
+
+
+@pytest.mark.parametrize(("start", "stop"), [(-2, 5), (5, 5), (0, 10_000)])
+def test_part_that_is_none_is_refused(start, stop):
+    row = np.zeros(10)
+    with pytest.raises(ValueError, match=r"no part of 10 samples"):
+        Telemetry(0, 1e-4, 1, row, row, row, row).part(start, stop)
