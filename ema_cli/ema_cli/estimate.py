@@ -12,12 +12,12 @@ from rich.console import Console
 from rich.table import Table
 
 from ema_cli.errors import REFUSED, one_clear_line
+from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.progress import progress_bar
-from ema_cli.settings import calibration_from, identification_options, settings_from
 from ema_cli.windows import BagWindows, read_windows, require_windows
 from ema_core.faults import FAULT_NAMES, FAULTS
 from ema_monitor.calibration import Calibration
-from ema_monitor.identification import Estimate, Identification, Settings, refusal
+from ema_monitor.identification import Estimate, Identification, refusal
 from ema_monitor.trigger import Refusal
 from ema_monitor.window import Window
 
@@ -26,31 +26,19 @@ from ema_monitor.window import Window
 @click.argument("bag", type=click.Path(path_type=Path))
 @identification_options
 @click.option("--json", "as_json", is_flag=True, help="Print one list, an object a window.")
-def estimate(
-    bag: Path,
-    algorithm: str,
-    fitness: str,
-    budget: int,
-    seed: int,
-    calibration_file: Path | None,
-    actuator_id: str | None,
-    force: bool,
-    as_json: bool,
-) -> None:
+def estimate(bag: Path, options: IdentificationOptions, as_json: bool) -> None:
     """Name the faults in each window of BAG, with their uncertainty."""
     with one_clear_line():
-        calibration = calibration_from(calibration_file)
-        settings = settings_from(algorithm, fitness, budget, seed)
-        found = read_windows(bag, actuator_id)
+        calibration = options.calibration()
+        found = read_windows(bag, options.actuator_id)
         for remark in found.remarks:
             click.echo(f"{bag}: {remark}", err=True)
         require_windows(bag, found)
-        estimates = estimate_windows(found, found.windows, calibration, settings, force=force)
+        estimates = estimate_windows(found, found.windows, calibration, options)
     if as_json:
         click.echo(json.dumps([as_object(e, found) for e in estimates], indent=2))
     else:
-        source = calibration_file or "the shipped one of the built-in actuator"
-        click.echo(f"calibration {calibration.calibration_id} ({source})")
+        click.echo(f"calibration {calibration.calibration_id} ({options.calibration_source})")
         for number, one in enumerate(estimates):
             _print(number, one, found)
     if not all(one.valid for one in estimates):
@@ -61,9 +49,7 @@ def estimate_windows(
     found: BagWindows,
     windows: Sequence[Window | Refusal],
     calibration: Calibration,
-    settings: Settings,
-    *,
-    force: bool,
+    options: IdentificationOptions,
 ) -> list[Estimate]:
     """Return the estimate of every window, with a progress bar.
 
@@ -73,15 +59,20 @@ def estimate_windows(
         What is in the bag.
     windows
         Those of its windows that are wanted.
-    calibration, settings, force
-        As of ``Identification``.
+    calibration
+        Calibration of the model.
+    options
+        How to identify.
     """
+    settings = options.settings
     estimates = []
     with progress_bar() as progress:
         task = progress.add_task("identifying", total=len(windows))
         for number, window in enumerate(windows):
             if isinstance(window, Window):
-                run = Identification(window, found.description, calibration, settings, force=force)
+                run = Identification(
+                    window, found.description, calibration, settings, force=options.force
+                )
                 for generation in run:
                     progress.update(
                         task,

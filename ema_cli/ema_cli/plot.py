@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ema_cli.errors import one_clear_line
 from ema_cli.estimate import estimate_windows
-from ema_cli.settings import calibration_from, identification_options, settings_from
+from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.windows import BagWindows, read_windows
 from ema_core.faults import FAULTS, healthy_faults
 from ema_core.telemetry import Telemetry, join
@@ -30,28 +30,18 @@ from ema_monitor.window import Window
     help="Picture to write (.png, .svg, .pdf); by default beside the bag.",
 )
 def plot(
-    bag: Path,
-    algorithm: str,
-    fitness: str,
-    budget: int,
-    seed: int,
-    calibration_file: Path | None,
-    actuator_id: str | None,
-    force: bool,
-    number: int | None,
-    output: Path | None,
+    bag: Path, options: IdentificationOptions, number: int | None, output: Path | None
 ) -> None:
     """Draw the telemetry of BAG with its windows; with --window, also its fit and faults."""
     output = output or bag.with_suffix(".png")
     with one_clear_line():
-        found = read_windows(bag, actuator_id)
+        found = read_windows(bag, options.actuator_id)
         if number is None:
             figure = draw_telemetry(found)
         else:
             window = _window(found, number)
-            calibration = calibration_from(calibration_file)
-            settings = settings_from(algorithm, fitness, budget, seed)
-            [one] = estimate_windows(found, [window], calibration, settings, force=force)
+            calibration = options.calibration()
+            [one] = estimate_windows(found, [window], calibration, options)
             if not one.valid:
                 raise ValueError(f"window {number} has no estimate: {one.reason}")
             figure = draw_fit(found, window, calibration, one)
@@ -99,9 +89,7 @@ def draw_telemetry(found: BagWindows) -> Figure:
     return figure
 
 
-def draw_fit(
-    found: BagWindows, window: Window, calibration: Calibration, one: Estimate
-) -> Figure:
+def draw_fit(found: BagWindows, window: Window, calibration: Calibration, one: Estimate) -> Figure:
     """Return a figure of a window's current, what the model makes of it, and the faults.
 
     Parameters

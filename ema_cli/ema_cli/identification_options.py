@@ -1,0 +1,115 @@
+"""Options that say how to identify, shared by the commands that do."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ema_monitor.calibration import Calibration
+from ema_monitor.fitness import WEIGHTS
+from ema_monitor.identification import Settings
+from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
+from ema_monitor.optimizers.driver import Termination
+
+_OPTIONS = (
+    click.option(
+        "--algorithm",
+        default=DEFAULT_ALGORITHM,
+        show_default=True,
+        type=click.Choice(list(ALGORITHMS)),
+    ),
+    click.option(
+        "--fitness",
+        default="total_least_squares",
+        show_default=True,
+        type=click.Choice(list(WEIGHTS)),
+    ),
+    click.option(
+        "--budget",
+        default=Termination.budget,
+        show_default=True,
+        type=click.IntRange(1),
+        help="Largest number of model evaluations a window.",
+    ),
+    click.option(
+        "--seed", default=0, show_default=True, type=click.IntRange(0), help="Of the algorithm."
+    ),
+    click.option(
+        "--calibration",
+        "calibration_file",
+        type=click.Path(path_type=Path, dir_okay=False),
+        help="File made by `ema calibrate`; without it that of the built-in actuator.",
+    ),
+    click.option("--actuator-id", help="Which actuator, if the bag holds several."),
+    click.option(
+        "--force", is_flag=True, help="Estimate even if the calibration does not fit, and say so."
+    ),
+)
+
+
+@dataclass(frozen=True)
+class IdentificationOptions:
+    """What the options say.
+
+    Attributes
+    ----------
+    settings
+        How to identify.
+    calibration_file
+        File of the calibration; None for the shipped one.
+    actuator_id
+        Which actuator; None for the only one.
+    force
+        Whether to estimate even if the calibration does not fit.
+    """
+
+    settings: Settings
+    calibration_file: Path | None
+    actuator_id: str | None
+    force: bool
+
+    def calibration(self) -> Calibration:
+        """Return the calibration that the options name.
+
+        Raises
+        ------
+        ValueError
+            When the file is no calibration.
+        OSError
+            When it cannot be read.
+        """
+        if self.calibration_file is None:
+            return Calibration.builtin()
+        return Calibration.load(self.calibration_file)
+
+    @property
+    def calibration_source(self) -> str:
+        """Where the calibration comes from, in words."""
+        return str(self.calibration_file or "the shipped one of the built-in actuator")
+
+
+def identification_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options; it gets them as one argument, ``options``."""
+
+    @wraps(command)
+    def with_options(
+        *,
+        algorithm: str,
+        fitness: str,
+        budget: int,
+        seed: int,
+        calibration_file: Path | None,
+        actuator_id: str | None,
+        force: bool,
+        **others: Any,
+    ) -> None:
+        settings = Settings(algorithm, fitness, Termination(budget), seed)
+        options = IdentificationOptions(settings, calibration_file, actuator_id, force)
+        command(options=options, **others)
+
+    for option in reversed(_OPTIONS):
+        with_options = option(with_options)
+    return with_options
