@@ -161,5 +161,5 @@ def estimation_error(estimate: ArrayLike, truth: ArrayLike) -> float:
     k, k_true = np.asarray(estimate, dtype=float), np.asarray(truth, dtype=float)
     difference = k - k_true
     turn = difference[ECCENTRICITY_PHASE]
-    difference[ECCENTRICITY_PHASE] = k[ECCENTRICITY] * (turn - round(turn))
+    difference[ECCENTRICITY_PHASE] = k[ECCENTRICITY] * (turn - np.round(turn))
     return float(100.0 * np.sqrt(np.sum(difference**2)))

@@ -75,7 +75,7 @@ class Telemetry:
         if not 0 <= start < stop <= len(self):
             raise ValueError(f"samples {start} to {stop} are no part of {len(self)} samples")
         return Telemetry(
-            int(self.stamps_ns[start]),
+            self.stamp_ns + round(start * self.sample_period * 1e9),
             self.sample_period,
             self.first_index + start,
             *(getattr(self, name)[start:stop] for name in COLUMNS),

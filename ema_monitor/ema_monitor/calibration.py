@@ -21,6 +21,14 @@ from ema_monitor.window import Window
 
 _FORMAT = 1
 _COMMAND_TOLERANCE = 1e-6
+_LEAST_SCATTER = 1e-6
+_RANGES = {
+    "dt": ("s", 1e-9, 1e-3),
+    "sample_period": ("s", 1e-9, 1.0),
+    "lift": ("A", -1e3, 1e3),
+    "healthy_rms": ("A", _LEAST_SCATTER, 1e4),
+    "windows": ("", 1, 1e9),
+}
 
 
 @dataclass(frozen=True)
@@ -44,10 +52,15 @@ class Calibration:
     correction
         What the model with its lift still misses on the healthy actuator, ``(n,)`` [A].
     healthy_rms
-        Rms of the band-limited residual of a healthy window after correction [A]; NaN when it
-        was made from a single window.
+        Rms of the band-limited residual that another healthy window has after correction [A];
+        NaN when that is unknown: there was a single window, or all were equal.
     windows
         Number of windows averaged.
+
+    Raises
+    ------
+    ValueError
+        When a figure is impossible; the message names it.
     """
 
     actuator_id: str
@@ -61,6 +74,29 @@ class Calibration:
     correction: NDArray[np.float64] = field(repr=False)
     healthy_rms: float
     windows: int
+
+    def __post_init__(self) -> None:
+        for name in ("actuator_id", "serial_number", "form"):
+            value = getattr(self, name)
+            if not isinstance(value, str) or not value:
+                raise ValueError(f"{name} = {value!r}: expected a name")
+        for name, (unit, lowest, highest) in _RANGES.items():
+            value = getattr(self, name)
+            unknown = name == "healthy_rms" and isinstance(value, float) and np.isnan(value)
+            if not isinstance(value, int | float) or not (lowest <= value <= highest or unknown):
+                raise ValueError(
+                    f"{name} = {value!r}: expected a number in [{lowest:g}, {highest:g}] {unit}"
+                )
+        for name in ("command", "correction"):
+            row = getattr(self, name)
+            if row.ndim != 1 or not np.all(np.isfinite(row)):
+                raise ValueError(f"{name} is not a row of finite numbers")
+        if len(self.command) != len(self.correction) + 1:
+            raise ValueError(
+                f"command has {len(self.command)} values, expected one more than the "
+                f"{len(self.correction)} of correction"
+            )
+        self.model().steps(self.sample_period)
 
     @cached_property
     def calibration_id(self) -> str:
@@ -183,18 +219,16 @@ class Calibration:
             raise ValueError(f"{path} is not a calibration of format {_FORMAT}")
         content.pop("format")
         try:
-            content["parameters"] = ActuatorParameters.from_mapping(content["parameters"])
+            given = content["parameters"]
+            content["parameters"] = ActuatorParameters.from_mapping(given)
+            for name in content["parameters"].as_mapping():
+                if name not in given:
+                    raise ValueError(f"parameter {name} is missing")
             for name in ("command", "correction"):
                 content[name] = np.array(content[name], dtype=np.float64)
-                if content[name].ndim != 1 or not np.all(np.isfinite(content[name])):
-                    raise ValueError(f"{name} is not a row of finite numbers")
-            calibration = cls(**content)
-            if len(calibration.command) != len(calibration.correction) + 1:
-                raise ValueError("command must have one value more than correction")
-            calibration.model()
-        except (KeyError, TypeError, ValueError) as error:
+            return cls(**content)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{path} is a damaged calibration: {error}") from error
-        return calibration
 
     def _as_mapping(self) -> dict[str, Any]:
         content = {"format": _FORMAT, **asdict(self)}
@@ -247,6 +281,8 @@ def calibrate(
     model = MonitorModel(description.parameters, form)
     modelled = []
     for number, window in enumerate(windows):
+        if reason := window.excitation_defect():
+            raise ValueError(f"window {number}: {reason}")
         if len(window) != len(first) or window.sample_period != first.sample_period:
             raise ValueError(
                 f"window {number} has {len(window)} samples of {window.sample_period:g} s, the "
@@ -268,7 +304,13 @@ def calibrate(
         residuals -= lift * shape
     correction = np.mean(residuals, axis=0)
     n = len(windows)
-    spread = [band_limited(row, first.sample_period) for row in residuals - correction]
+    scatter = 0.0
+    if n > 1:
+        spread = rms(
+            np.array([band_limited(row, first.sample_period) for row in residuals - correction])
+        )
+        # Each window is itself in the mean that it is compared with; another one will not be.
+        scatter = spread * np.sqrt((n + 1.0) / (n - 1.0))
     return Calibration(
         description.actuator_id,
         description.serial_number,
@@ -279,7 +321,6 @@ def calibrate(
         first.command,
         lift,
         correction,
-        # A residual against the mean of n, itself among them, is too small by this factor.
-        rms(np.array(spread)) / np.sqrt(1.0 - 1.0 / n) if n > 1 else float("nan"),
+        scatter if scatter > _LEAST_SCATTER else float("nan"),
         n,
     )

@@ -25,9 +25,6 @@ from ema_monitor.residual import band_limited, rms
 from ema_monitor.uncertainty import CORRELATION_S, sandwich_covariance, uncertainty_of_faults
 from ema_monitor.window import Window
 
-MIN_TRAVEL: Final = 1e-3
-"""Travel of the command below which a window does not excite the faults [rad]."""
-
 POOR_FIT: Final = 5.0
 """Goodness of fit beyond which an estimate says that something else may be wrong [-]."""
 
@@ -174,25 +171,6 @@ def refusal(
     )
 
 
-def excitation_defect(window: Window) -> str:
-    """Return why a window does not excite the faults; empty when it does.
-
-    Parameters
-    ----------
-    window
-        The window to be diagnosed.
-    """
-    travel = float(np.ptp(window.command))
-    if travel < MIN_TRAVEL:
-        return (
-            f"no excitation: the command travels {travel:.3g} rad, at least {MIN_TRAVEL:g} rad "
-            "is needed"
-        )
-    if not np.any(window.telemetry.speed):
-        return "no excitation: the motor stands still although the command moves"
-    return ""
-
-
 class Identification:
     """One identification: iterate over its generations, then read ``estimate``.
 
@@ -260,7 +238,7 @@ class Identification:
     def _objections(self) -> tuple[str, list[str]]:
         """Return why no estimate can be made, and what an estimate must be read with."""
         calibration, window = self._calibration, self._window
-        if reason := calibration.shape_mismatch(window) or excitation_defect(window):
+        if reason := calibration.shape_mismatch(window) or window.excitation_defect():
             return reason, []
         doubts = [
             calibration.unit_mismatch(self._description),

@@ -102,14 +102,26 @@ class MonitorModel:
             float(start.speed[0]),
             float(start.current[0]),
             self.form == "source",
-            self._steps(window.sample_period),
+            self.steps(window.sample_period),
             self.dt,
             lag_factor(self.dt),
             current,
         )
         return current
 
-    def _steps(self, sample_period: float) -> int:
+    def steps(self, sample_period: float) -> int:
+        """Return how many integration steps make a sample.
+
+        Parameters
+        ----------
+        sample_period
+            Period of the telemetry [s].
+
+        Raises
+        ------
+        ValueError
+            When it is not a whole multiple of the step.
+        """
         steps = round(sample_period / self.dt)
         if steps < 1 or abs(steps * self.dt - sample_period) > 1e-6 * sample_period:
             raise ValueError(

@@ -159,6 +159,9 @@ class WindowTrigger:
         for index, command in enumerate(block.command.tolist(), block.first_index):
             if abs(command - self._rest_value) <= threshold:
                 self._rest_count += 1
+                if self._rest_count == rest_samples:
+                    # The value that the rest began with may be a last step of the motion before.
+                    self._rest_value = command
                 if self._start is not None and self._rest_count >= rest_samples:
                     self._abandon(index - self._rest_count + 1, h)
             else:
@@ -191,7 +194,9 @@ class WindowTrigger:
                     f"the stamps say one sample every {period:.4g} s, the blocks "
                     f"{telemetry.sample_period:.4g} s",
                 )
-        return Window(telemetry, play_after(history.command[: offset + 1], self._approach_travel))
+        approach = history.command[: offset + 1]
+        play = play_after(approach, self._approach_travel, self.settings.threshold)
+        return Window(telemetry, play)
 
     def _forget(self) -> None:
         """Let go of blocks too old to matter."""
@@ -220,7 +225,7 @@ def approach_travel(parameters: ActuatorParameters) -> float:
     return 200.0 * mechanics.half_backlash * mechanics.tau + held
 
 
-def play_after(command: NDArray[np.float64], travel: float) -> float | None:
+def play_after(command: NDArray[np.float64], travel: float, tolerance: float) -> float | None:
     """Return where in its play the motor stands after a command: 1 or -1, None when unknown.
 
     Parameters
@@ -229,15 +234,17 @@ def play_after(command: NDArray[np.float64], travel: float) -> float | None:
         The command up to the moment in question, ``(n,)`` [rad].
     travel
         How far it must have gone one way last [rad].
+    tolerance
+        How far it may have gone back on the way, too little to move the motor [rad].
     """
-    steps = np.diff(command)
-    moving = np.flatnonzero(steps)
-    if not moving.size:
-        return None
-    direction = float(np.sign(steps[moving[-1]]))
-    back = np.flatnonzero(steps * direction < 0.0)
-    turned = command[back[-1] + 1] if back.size else command[0]
-    return direction if abs(command[-1] - turned) >= travel else None
+    for direction in (1.0, -1.0):
+        way = direction * command
+        far = np.flatnonzero(way <= way[-1] - travel)
+        if far.size:
+            last = way[far[-1] :]
+            if np.max(np.maximum.accumulate(last) - last) <= tolerance:
+                return direction
+    return None
 
 
 def _break_between(last: Telemetry, block: Telemetry) -> str:

@@ -1,11 +1,15 @@
 """A window of telemetry: the stretch of samples that one diagnosis rests on."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.telemetry import Telemetry
+
+MIN_TRAVEL: Final = 1e-3
+"""Travel of the command below which a window does not excite the faults [rad]."""
 
 
 @dataclass(frozen=True)
@@ -50,3 +54,15 @@ class Window:
     def end_ns(self) -> int:
         """Stamp of the last sample [ns]."""
         return int(self.telemetry.stamps_ns[-1])
+
+    def excitation_defect(self) -> str:
+        """Return why the window does not excite the faults; empty when it does."""
+        travel = float(np.ptp(self.command))
+        if travel < MIN_TRAVEL:
+            return (
+                f"no excitation: the command travels {travel:.3g} rad, at least {MIN_TRAVEL:g} rad "
+                "is needed"
+            )
+        if not np.any(self.telemetry.speed):
+            return "no excitation: the motor stands still although the command moves"
+        return ""

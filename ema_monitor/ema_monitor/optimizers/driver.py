@@ -36,10 +36,12 @@ class Termination:
     tolerance: float = 1e-6
 
     def __post_init__(self) -> None:
-        if self.budget < 1:
+        if not self.budget >= 1:
             raise ValueError(f"budget = {self.budget} evaluations: expected at least 1")
         if self.stall_generations < 1:
             raise ValueError(f"stall_generations = {self.stall_generations}: expected at least 1")
+        if np.isnan(self.target):
+            raise ValueError(f"target = {self.target}: expected a number")
         if not self.tolerance >= 0.0:
             raise ValueError(f"tolerance = {self.tolerance}: expected at least 0")
 
@@ -104,9 +106,13 @@ def minimise(
         optimizer.tell(points, costs, residuals)
 
         leader = int(np.argmin(costs))
-        improved = costs[leader] < best.cost or best.generation == 0
-        gain = best.cost - costs[leader] if improved else 0.0
-        stalled = 0 if gain > termination.tolerance * best.cost else stalled + 1
+        # Nothing is lower than a best that is not there yet: the first point counts as a gain.
+        first = best.generation == 0 or not np.isfinite(best.cost)
+        improved = best.generation == 0 or costs[leader] < best.cost
+        if improved and (first or best.cost - costs[leader] > termination.tolerance * best.cost):
+            stalled = 0
+        else:
+            stalled += 1
         best = Progress(
             best.generation + 1,
             evaluations,

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
+
 _SCREEN = 600
 _STARTS = 12
 _DAMPINGS = np.array([1e-6, 1e-3, 1e-1, 10.0])
@@ -100,7 +102,10 @@ class ScreenedLeastSquares:
         for i, descent in enumerate(self._descents):
             rows = slice(i * d, (i + 1) * d)
             steps = np.diag(points[rows] - descent.point)
-            self._jacobians.append((residuals[rows] - descent.residuals).T / steps)
+            columns = (residuals[rows] - descent.residuals).T / steps
+            # Where there is no derivative, the component is left where it is.
+            columns[:, ~np.all(np.isfinite(columns), axis=0)] = 0.0
+            self._jacobians.append(columns)
         self._stage = self._take_trials
 
     def _trial_points(self) -> NDArray[np.float64]:
@@ -157,18 +162,4 @@ def bounded_step(
     """
     normal = jacobian.T @ jacobian
     scale = np.maximum(np.diag(normal), 1e-12 * max(np.max(np.diag(normal)), 1e-300))
-    damped = normal + damping * np.diag(scale)
-    gradient = jacobian.T @ residuals
-    target = point.copy()
-    free = np.ones(len(point), dtype=bool)
-    while np.any(free):
-        held = target - point
-        pull = gradient + damped @ np.where(free, 0.0, held)
-        step = np.linalg.solve(damped[np.ix_(free, free)], -pull[free])
-        target[free] = point[free] + step
-        outside = free & ((target < 0.0) | (target > 1.0))
-        if not np.any(outside):
-            break
-        target = np.clip(target, 0.0, 1.0)
-        free &= ~outside
-    return np.clip(target, 0.0, 1.0)
+    return lowest_in_box(normal + damping * np.diag(scale), jacobian.T @ residuals, point)

@@ -1,0 +1,112 @@
+"""The bounded Gauss-Newton step against an independent bounded least-squares solver."""
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from ema_monitor.optimizers.driver import Termination, minimise
+from ema_monitor.optimizers.least_squares import ScreenedLeastSquares, bounded_step
+
+N, D = 40, 8
+
+
+def problem(rng, spread, condition=30.0):
+    """Start, residuals there and derivatives of a linear problem.
+
+    Its minimum is drawn within the box widened by `spread` on all sides.
+    """
+    rotation = np.linalg.qr(rng.normal(size=(D, D)))[0]
+    jacobian = rng.normal(size=(N, D)) @ (rotation * np.geomspace(1.0, 1.0 / condition, D))
+    point, minimum = rng.random(D), rng.uniform(-spread, 1.0 + spread, D)
+    return point, jacobian @ (point - minimum) + 0.1 * rng.normal(size=N), jacobian
+
+
+def damped(point, residuals, jacobian, damping):
+    """The same problem with its damping as further residuals: matrix and right-hand side."""
+    weight = np.sqrt(damping * np.sum(jacobian**2, axis=0))
+    matrix = np.vstack([jacobian, np.diag(weight)])
+    return matrix, np.concatenate([jacobian @ point - residuals, weight * point])
+
+
+def excess(matrix, right, x, best):
+    """Share by which x costs more than the best."""
+    return np.sum((matrix @ x - right) ** 2) / np.sum((matrix @ best - right) ** 2) - 1.0
+
+
+@pytest.mark.parametrize("damping", [1e-6, 1e-3, 0.1, 10.0])
+def test_step_within_the_box_is_the_damped_least_squares_solution(damping):
+    rng = np.random.default_rng(1)
+    inside = 0
+    for _ in range(200):
+        # A well-conditioned problem with its minimum well inside, so that noise leaves it there.
+        point, residuals, jacobian = problem(rng, -0.2, condition=2.0)
+        matrix, right = damped(point, residuals, jacobian, damping)
+        best = lsq_linear(matrix, right, (0.0, 1.0), method="bvls", tol=1e-14).x
+        if np.all((best > 0.0) & (best < 1.0)):
+            inside += 1
+            # Normal equations square the condition number of at most some 10.
+            assert bounded_step(point, residuals, jacobian, damping) == pytest.approx(
+                best, abs=1e-10
+            )
+    assert inside > 150
+
+
+@pytest.mark.parametrize("damping", [1e-6, 1e-3, 0.1, 10.0])
+def test_step_is_within_the_box_and_never_uphill(damping):
+    rng = np.random.default_rng(2)
+    for _ in range(300):
+        point, residuals, jacobian = problem(rng, 0.5)
+        matrix, right = damped(point, residuals, jacobian, damping)
+        new = bounded_step(point, residuals, jacobian, damping)
+        assert np.all((new >= 0.0) & (new <= 1.0))
+        assert np.sum((matrix @ new - right) ** 2) <= np.sum(residuals**2) * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("damping", [1e-6, 1e-3, 0.1, 10.0])
+def test_components_off_the_walls_are_at_their_best(damping):
+    """What is held is held; of the rest the gradient is zero."""
+    rng = np.random.default_rng(3)
+    for _ in range(300):
+        point, residuals, jacobian = problem(rng, 0.5)
+        matrix, right = damped(point, residuals, jacobian, damping)
+        new = bounded_step(point, residuals, jacobian, damping)
+        gradient = matrix.T @ (matrix @ new - right)
+        free = (new > 0.0) & (new < 1.0)
+        # Against the gradient's terms of some 40: rounding times a condition number of 1e3.
+        assert np.all(np.abs(gradient[free]) < 1e-8)
+
+
+@pytest.mark.parametrize("damping", [1e-6, 1e-3, 0.1, 10.0])
+def test_step_is_the_bounded_least_squares_solution(damping):
+    rng = np.random.default_rng(4)
+    worst = 0.0
+    for _ in range(300):
+        point, residuals, jacobian = problem(rng, 0.5)
+        matrix, right = damped(point, residuals, jacobian, damping)
+        best = lsq_linear(matrix, right, (0.0, 1.0), method="bvls", tol=1e-14).x
+        new = bounded_step(point, residuals, jacobian, damping)
+        worst = max(worst, excess(matrix, right, new, best))
+    # The solver itself stops at some 1e-14 of the cost.
+    assert worst < 1e-9
+
+
+def test_component_without_effect_stays():
+    rng = np.random.default_rng(5)
+    point, residuals, jacobian = problem(rng, 0.5)
+    jacobian[:, 3] = 0.0
+    new = bounded_step(point, residuals, jacobian, 1e-6)
+    assert new[3] == pytest.approx(point[3], abs=1e-12)
+    assert np.array_equal(bounded_step(point, residuals, np.zeros((N, D)), 1e-6), point)
+
+
+def test_descent_ends_at_the_bounded_minimum_of_a_linear_problem():
+    """Of 40 problems with their minimum outside the box."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        point, residuals, jacobian = problem(rng, 0.3)
+        right = jacobian @ point - residuals
+        best = lsq_linear(jacobian, right, (0.0, 1.0), method="bvls", tol=1e-14).x
+        optimizer = ScreenedLeastSquares(np.full(D, 0.5), rng)
+        *_, last = minimise(lambda x, J=jacobian, b=right: x @ J.T - b, optimizer, Termination())
+        # Exact steps make it a Newton method.
+        assert excess(jacobian, right, last.point, best) < 1e-9

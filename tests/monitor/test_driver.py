@@ -1,0 +1,175 @@
+"""The loop around an optimizer: counting, best so far, and each reason to stop."""
+
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from ema_monitor.optimizers.driver import Termination, minimise
+from ema_monitor.optimizers.interface import Optimizer
+
+NAN = float("nan")
+
+
+class Script:
+    """An optimizer that asks for as many numbered points as it is told, generation by generation.
+
+    The residual of a point is the root of a given cost.
+    """
+
+    uses_residuals = False
+
+    def __init__(self, costs, converged_after=None):
+        self.costs = [np.atleast_1d(np.asarray(c, dtype=float)) for c in costs]
+        self.asked = 0
+        self.told = []
+        self.converged = False
+        self.converged_after = converged_after
+
+    def ask(self):
+        self.asked += 1
+        number = np.arange(float(len(self.costs[self.asked - 1])))
+        return np.stack([np.full(len(number), self.asked - 1.0), number], axis=1)
+
+    def residuals(self, points):
+        picked = np.array([self.costs[int(g)][int(i)] for g, i in points])
+        return np.sqrt(picked)[:, None]
+
+    def tell(self, points, costs, residuals):
+        self.told.append(costs)
+        self.converged = len(self.told) == self.converged_after
+
+
+class Reusing(Script):
+    """A script that goes on with the array it asked for."""
+
+    array = np.zeros((2, 2))
+
+    def ask(self):
+        self.array[:] = super().ask()
+        return self.array
+
+
+def drive(script, residuals_of=None, **termination):
+    optimizer = cast(Optimizer, script)
+    return list(minimise(residuals_of or script.residuals, optimizer, Termination(**termination)))
+
+
+def run(costs, converged_after=None, **termination):
+    script = Script(costs, converged_after)
+    return script, drive(script, **termination)
+
+
+def generations(costs, converged_after=None, **termination):
+    return len(run(costs, converged_after, **termination)[1])
+
+
+def test_best_so_far_is_kept():
+    _, progress = run([[5.0, 4.0], [7.0, 3.0], [9.0, 8.0]], converged_after=3)
+    # Costs are squares of roots: rounding.
+    assert [p.cost for p in progress] == pytest.approx([4.0, 3.0, 3.0], rel=1e-14)
+    assert [p.point.tolist() for p in progress] == [[0.0, 1.0], [1.0, 1.0], [1.0, 1.0]]
+    assert [p.generation for p in progress] == [1, 2, 3]
+    assert [p.evaluations for p in progress] == [2, 4, 6]
+
+
+def test_cost_is_the_sum_of_squares():
+    script = Script([[0.0, 0.0]], converged_after=1)
+    rows = np.array([[3.0, 4.0, 12.0], [1.0, 2.0, 2.0]])
+    [progress] = drive(script, lambda _: rows)
+    assert script.told[0].tolist() == [169.0, 9.0]
+    assert progress.cost == 9.0
+
+
+def test_what_is_not_finite_costs_infinity():
+    script, progress = run([[NAN, 2.0], [1.0, NAN]], converged_after=2)
+    assert script.told[0].tolist() == [np.inf, pytest.approx(2.0)]
+    assert script.told[1].tolist() == [pytest.approx(1.0), np.inf]
+    assert progress[-1].cost == pytest.approx(1.0)
+
+
+def test_first_finite_cost_after_none_is_the_best():
+    _, progress = run([[NAN, NAN], [6.0, NAN], [7.0, 8.0]], converged_after=3)
+    assert [p.cost for p in progress] == [np.inf, pytest.approx(6.0), pytest.approx(6.0)]
+    assert progress[-1].point.tolist() == [1.0, 0.0]
+
+
+def test_stops_when_the_optimizer_has_converged():
+    script, progress = run([1.0] * 9, converged_after=4)
+    assert len(progress) == script.asked == 4
+
+
+@pytest.mark.parametrize(("budget", "done"), [(3, 1), (5, 1), (6, 2), (11, 3), (100, 4)])
+def test_generation_that_would_pass_the_budget_is_not_begun(budget, done):
+    sizes = (3, 3, 4, 2)
+    script, progress = run([np.full(n, 9.0) for n in sizes], 4, budget=budget)
+    assert len(progress) == done
+    assert progress[-1].evaluations == sum(sizes[:done]) <= budget
+    assert len(script.told) == done
+
+
+def test_budget_below_the_first_generation_is_refused():
+    with pytest.raises(ValueError, match=r"budget = 2 evaluations: .* alone takes 3"):
+        run([[1.0, 1.0, 1.0]], budget=2)
+
+
+@pytest.mark.parametrize(("target", "done"), [(0.0, 5), (0.9, 5), (2.0, 4), (3.5, 3), (100.0, 1)])
+def test_stops_at_the_target(target, done):
+    # Roots of squares: 2.0 is met to rounding, from below.
+    costs = [9.0, 7.0, 3.0, np.nextafter(2.0, 0.0) * (1 - 1e-15), 1.0]
+    _, progress = run(costs, 5, target=target)
+    assert len(progress) == done
+
+
+def test_cost_of_zero_ends_a_run():
+    assert generations([4.0, 0.0, 0.0], tolerance=0.0) == 2
+
+
+@pytest.mark.parametrize("stall", [1, 2, 5])
+def test_stops_after_generations_without_improvement(stall):
+    """Three that improve, of which the first has nothing to be compared with, then none."""
+    costs = [8.0, 4.0, 2.0] + [2.0] * 20
+    assert generations(costs, stall_generations=stall, tolerance=0.1) == 3 + stall
+
+
+@pytest.mark.parametrize("stall", [1, 2, 5])
+def test_first_generation_is_no_stall(stall):
+    assert generations([8.0] * 20, stall_generations=stall) == 1 + stall
+
+
+def test_first_finite_cost_is_no_stall():
+    assert generations([NAN, 8.0, 4.0, 4.0, 4.0], 5, stall_generations=2, tolerance=0.1) == 5
+
+
+def test_improvement_below_the_tolerance_is_a_stall_all_the_same():
+    """Its point is taken, though; here each cost is 0.95 of that before."""
+    costs = [8.0 * 0.95**n for n in range(20)]
+    _, progress = run(costs, stall_generations=4, tolerance=0.1)
+    assert len(progress) == 5
+    assert progress[-1].cost == pytest.approx(8.0 * 0.95**4)
+    assert generations(costs, converged_after=20, stall_generations=4, tolerance=0.04) == 20
+
+
+def test_improvement_ends_a_stall():
+    costs = [8.0, 8.0, 8.0, 4.0, 4.0, 4.0, 4.0]
+    assert generations(costs, stall_generations=3, tolerance=0.1) == 7
+
+
+def test_best_point_is_a_copy():
+    progress = drive(Reusing([[3.0, 2.0], [5.0, 5.0]], converged_after=2))
+    assert progress[-1].point.tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("budget", 0), ("stall_generations", 0), ("tolerance", -1e-9)]
+)
+def test_impossible_termination_is_refused_by_name(name, value):
+    with pytest.raises(ValueError, match=f"{name} = {value}"):
+        Termination(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["budget", "target", "tolerance"])
+def test_termination_that_is_not_a_number_is_refused_by_name(name):
+    settings: dict[str, Any] = {name: NAN}
+    with pytest.raises(ValueError, match=f"{name} = nan"):
+        Termination(**settings)

@@ -1,0 +1,137 @@
+"""Windows and settings that no estimate is made of, and why."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.description import ActuatorDescription
+from ema_core.faults import estimation_error, fault_vector
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.identification import Estimate, Identification, Settings, identify
+from ema_monitor.window import Window
+
+FAULTS = {"friction": 0.25}
+OTHER_UNIT = ActuatorDescription(serial_number="SIM-0002")
+OTHER_MOTOR = ActuatorDescription(parameters=ActuatorParameters(R_s=2.3))
+
+
+@pytest.fixture(scope="module")
+def window(windows_of):
+    [window] = windows_of(FAULTS)
+    return window
+
+
+def changed(window: Window, **columns) -> Window:
+    return replace(window, telemetry=replace(window.telemetry, **columns))
+
+
+def check_refused(estimate: Estimate, *said: str):
+    assert not estimate.valid
+    for words in said:
+        assert words in estimate.reason
+    assert np.all(np.isnan(estimate.faults))
+    assert np.all(np.isnan(estimate.covariance))
+    assert np.all(estimate.unobservable)
+    assert np.isnan(estimate.play)
+    assert np.isnan(estimate.fitness)
+    assert np.isnan(estimate.goodness_of_fit)
+    assert estimate.evaluations == 0
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_command_that_hardly_moves_is_refused(window, calibration, description, force):
+    """Whatever is forced: there is nothing to be found."""
+    still = changed(window, command=0.09 * window.command)
+    estimate = identify(still, description, calibration, force=force)
+    # 0.09 of twice 5 mrad.
+    check_refused(estimate, "no excitation", "travels 0.0009 rad", "0.001 rad")
+    assert (estimate.start_ns, estimate.end_ns) == (window.start_ns, window.end_ns)
+    assert estimate.calibration_id == calibration.calibration_id
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_motor_that_stands_still_is_refused(window, calibration, description, force):
+    jammed = changed(window, speed=np.zeros(len(window) + 1))
+    estimate = identify(jammed, description, calibration, force=force)
+    check_refused(estimate, "no excitation", "the motor stands still")
+
+
+@pytest.mark.parametrize(
+    ("described", "said"),
+    [(OTHER_UNIT, ("'SIM-0002'", "'SIM-0001'")), (OTHER_MOTOR, ("R_s = 2.3", "2.13"))],
+)
+def test_calibration_of_another_unit_is_refused(window, calibration, described, said):
+    check_refused(identify(window, described, calibration), "calibration does not fit", *said)
+
+
+def test_calibration_of_another_command_is_refused(window, calibration, description):
+    other = changed(window, command=1.1 * window.command)
+    estimate = identify(other, description, calibration)
+    check_refused(estimate, "calibration does not fit", "rad rms", "calibrate with this command")
+
+
+def test_all_that_does_not_fit_is_named(window, calibration):
+    other = changed(window, command=1.1 * window.command)
+    estimate = identify(other, OTHER_UNIT, calibration)
+    check_refused(estimate, "serial number 'SIM-0002'", "the command differs")
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_calibration_for_another_sample_period_is_refused(window, calibration, description, force):
+    slower = changed(window, sample_period=2e-4)
+    estimate = identify(slower, description, calibration, force=force)
+    check_refused(estimate, "the sample period is 0.0002 s", "0.0001 s")
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_calibration_of_another_length_is_refused(window, calibration, description, force):
+    shorter = replace(window, telemetry=window.telemetry.part(0, 3001))
+    estimate = identify(shorter, description, calibration, force=force)
+    check_refused(estimate, "3000 samples", "5000")
+
+
+def test_refused_identification_has_no_generations(window, calibration):
+    identification = Identification(window, OTHER_UNIT, calibration, Settings())
+    assert list(identification) == []
+    assert identification.estimate is not None
+
+
+@pytest.mark.parametrize(
+    ("described", "said"), [(OTHER_UNIT, "serial number 'SIM-0002'"), (OTHER_MOTOR, "R_s = 2.3")]
+)
+def test_forced_estimate_says_so(window, calibration, described, said):
+    estimate = identify(window, described, calibration, force=True)
+    assert estimate.valid
+    assert estimate.reason.startswith("forced although the actuator has ")
+    assert said in estimate.reason
+    # The model is the calibration's, so that the estimate is that of the right unit.
+    assert estimation_error(estimate.faults, fault_vector(FAULTS)) < 1.5
+
+
+def test_force_does_not_show_where_it_was_not_needed(window, calibration, description):
+    estimate = identify(window, description, calibration, force=True)
+    assert estimate.valid
+    assert estimate.reason == ""
+
+
+def test_measured_current_that_is_no_number_is_refused(window, calibration, description):
+    """A trigger lets none through; a window made otherwise may have one."""
+    current = window.telemetry.current.copy()
+    current[1234] = np.nan
+    estimate = identify(changed(window, current=current), description, calibration)
+    check_refused(estimate, "no fault vector gave a finite cost")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("algorithm", "annealing", "'annealing' is unknown; known: least_squares"),
+        ("fitness", "median", "'median' is unknown; known: total_least_squares"),
+        ("seed", -1, "seed = -1"),
+    ],
+)
+def test_impossible_settings_are_refused_by_name(name, value, said):
+    with pytest.raises(ValueError, match=name) as error:
+        Settings(**{name: value})
+    assert said in str(error.value)

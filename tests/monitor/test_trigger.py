@@ -1,0 +1,196 @@
+"""Windows are found where the command says, whatever carries it."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from ema_core.commands import THESIS_CHIRP, build_cycle
+from ema_core.parameters import ActuatorParameters
+from ema_core.telemetry import COLUMNS
+from ema_monitor.trigger import TriggerSettings, WindowTrigger, approach_travel
+
+from .streams import PERIOD_NS, START_NS, H, blocks, stream, windows_in
+
+PARAMETERS = ActuatorParameters()
+CYCLE = build_cycle(THESIS_CHIRP, H)
+N = len(CYCLE.samples)
+REST = np.zeros(1000)
+CHIRP = THESIS_CHIRP.sample(H)
+
+
+def last_at_rest(threshold):
+    """Sample of the cycle, from 0, before the chirp passes the threshold."""
+    chirp = CYCLE.samples[CYCLE.start :]
+    return CYCLE.start + int(np.argmax(np.abs(chirp) > threshold)) - 1
+
+
+def found(command, settings=None, size=100):
+    trigger = WindowTrigger(PARAMETERS, settings)
+    return windows_in(
+        [event for block in blocks(stream(command), size) for event in trigger.feed(block)]
+    )
+
+
+def play_of(command):
+    [window] = found(command)
+    return window.play
+
+
+@pytest.mark.parametrize("size", [1, 7, 100, 5001, 3 * N])
+def test_windows_are_found_at_the_same_samples_whatever_the_blocks(size):
+    telemetry = stream(np.tile(CYCLE.samples, 3), first_index=41)
+    trigger = WindowTrigger(PARAMETERS)
+    windows = windows_in(
+        [event for block in blocks(telemetry, size) for event in trigger.feed(block)]
+    )
+    assert len(windows) == 3
+    for number, window in enumerate(windows):
+        start = number * N + last_at_rest(1e-6)
+        assert len(window) == 5000
+        assert window.telemetry.first_index == 41 + start
+        # Sample 41 + start ends so many periods of 100 us after the time of index 0.
+        assert window.start_ns == START_NS + (41 + start) * PERIOD_NS
+        assert window.end_ns == window.start_ns + 500_000_000
+        for name in COLUMNS:
+            expected = getattr(telemetry, name)[start : start + 5001]
+            assert np.array_equal(getattr(window.telemetry, name), expected)
+        assert window.play == 1.0
+    assert trigger.finish() == []
+
+
+def test_blocks_of_any_sizes_give_the_same_windows():
+    telemetry = stream(np.tile(CYCLE.samples, 2))
+    cuts = np.sort(np.random.default_rng(2).choice(np.arange(1, 2 * N), 150, replace=False))
+    trigger = WindowTrigger(PARAMETERS)
+    edges = [0, *cuts.tolist(), 2 * N]
+    events = []
+    for start, stop in pairwise(edges):
+        events += trigger.feed(telemetry.part(start, stop))
+    starts = [window.telemetry.first_index for window in windows_in(events)]
+    assert starts == [1 + last_at_rest(1e-6), 1 + N + last_at_rest(1e-6)]
+
+
+def test_approach_is_passed_over():
+    """Its motion ends before a window is full; how long it took is remembered."""
+    trigger = WindowTrigger(PARAMETERS)
+    assert trigger.feed(stream(CYCLE.samples[: CYCLE.start])) == []
+    # 0.4 s up from -2 mrad, found to some samples.
+    assert trigger.longest_motion_s == pytest.approx(0.4, abs=2e-3)
+    assert trigger.finish() == []
+
+
+def test_shorter_window_takes_the_approach_for_a_command():
+    """Why a window must be longer than an approach."""
+    windows = found(CYCLE.samples, TriggerSettings(window_s=0.3))
+    assert len(windows) == 2
+    assert windows[0].telemetry.first_index < CYCLE.start
+
+
+@pytest.mark.parametrize("threshold", [1e-7, 1e-5, 1e-4])
+def test_window_begins_before_the_command_passes_the_threshold(threshold):
+    command = np.concatenate([REST, CHIRP])
+    settings = TriggerSettings(window_s=0.4, threshold=threshold)
+    [window] = found(command, settings)
+    start = window.telemetry.first_index - 1
+    assert abs(command[start]) <= threshold < abs(command[start + 1])
+    assert start == len(REST) + int(np.argmax(np.abs(CHIRP) > threshold)) - 1
+
+
+def test_motion_below_the_threshold_is_none():
+    assert found(np.concatenate([REST, 0.9e-6 * np.sign(CHIRP)])) == []
+
+
+@pytest.mark.parametrize(("rest", "windows"), [(0.0199, 0), (0.0202, 1)])
+def test_window_needs_rest_before(rest, windows):
+    """The motion of the wave before it ends in the first sample of the rest."""
+    wave = 1e-3 * np.sin(2 * np.pi * 10 * H * np.arange(1, 2001))
+    # 1e-4 rad from the wave's end, so that the rest begins with a motion.
+    command = np.concatenate([wave, np.full(round(rest / H), 1e-4), 1e-4 + CHIRP])
+    # The chirp's first samples are below the threshold and belong to the rest as well.
+    below = int(np.argmax(np.abs(CHIRP) > 1e-6))
+    shorter = np.delete(command, np.arange(2000, 2000 + below))
+    events = found(shorter, TriggerSettings(window_s=0.4))
+    assert len(events) == windows
+
+
+def test_step_begins_in_the_sample_before_it():
+    command = np.concatenate([REST, np.full(5000, 0.1)])
+    [window] = found(command, TriggerSettings(window_s=0.01))
+    assert window.telemetry.first_index - 1 == len(REST) - 1
+    assert window.command[0] == 0.0
+    assert np.all(window.command[1:] == 0.1)
+
+
+def test_step_to_rest_makes_no_window():
+    """At rest again before the window is full: there is nothing to see in it."""
+    assert found(np.concatenate([REST, np.full(9000, 0.1)])) == []
+
+
+def test_rest_may_be_at_any_angle():
+    windows = found(CYCLE.samples + 0.3)
+    assert [w.telemetry.first_index for w in windows] == [1 + last_at_rest(1e-6)]
+    assert windows[0].play == 1.0
+
+
+def test_approach_from_below_leaves_the_motor_on_its_upper_flank():
+    assert play_of(CYCLE.samples) == 1.0
+
+
+def test_approach_from_above_leaves_it_on_its_lower_flank():
+    assert play_of(-CYCLE.samples) == -1.0
+
+
+def test_without_approach_the_place_in_the_play_is_unknown():
+    assert play_of(np.concatenate([REST, CHIRP, REST])) is None
+
+
+@pytest.mark.parametrize(("share", "play"), [(0.99, None), (1.01, 1.0)])
+def test_approach_must_cover_the_widest_play_and_what_friction_holds(share, play):
+    depth = share * approach_travel(PARAMETERS)
+    approach = np.concatenate([np.linspace(0.0, -depth, 2000), np.linspace(-depth, 0.0, 2000)])
+    assert play_of(np.concatenate([REST, approach, REST, CHIRP, REST])) == play
+
+
+def test_approach_travel_by_hand():
+    """0.5 rad of play at 1:500, and three times 0.1689 N.m over 0.05 * 0.5 * 1e5 N.m/rad."""
+    assert approach_travel(PARAMETERS) == pytest.approx(1e-3 + 3 * 0.1689 / 2500, rel=1e-9)
+
+
+def test_chirp_that_begins_against_the_approach_does_not_undo_it():
+    """The samples below the threshold before a window are no motion."""
+    command = CYCLE.samples.copy()
+    command[CYCLE.start + 1 :] *= -1
+    assert play_of(command) == 1.0
+
+
+def test_jitter_of_the_command_does_not_move_the_start():
+    """Rounding, here of 1e-9 rad, against a threshold of 1e-6 rad."""
+    jitter = np.random.default_rng(0).uniform(-1e-9, 1e-9, 4 * N)
+    starts = [w.telemetry.first_index for w in found(np.tile(CYCLE.samples, 4) + jitter)]
+    assert starts == [1 + number * N + last_at_rest(1e-6) for number in range(4)]
+
+
+def test_jitter_of_the_command_does_not_undo_an_approach():
+    jitter = np.random.default_rng(0).uniform(-1e-8, 1e-8, N)
+    assert play_of(CYCLE.samples + jitter) == 1.0
+
+
+@pytest.mark.parametrize("name", ["window_s", "rest_s", "threshold"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+def test_impossible_settings_are_refused_by_name(name, value):
+    with pytest.raises(ValueError, match=name):
+        TriggerSettings(**{name: value})
+
+
+def test_window_of_recorded_telemetry_is_what_was_recorded(record):
+    """From the simulated actuator, whose samples count from 1 at time 0."""
+    telemetry = record({})
+    trigger = WindowTrigger(PARAMETERS)
+    [window] = windows_in(
+        [event for block in blocks(telemetry, 100) for event in trigger.feed(block)]
+    )
+    start = last_at_rest(1e-6)
+    assert window.start_ns == (start + 1) * PERIOD_NS
+    assert np.array_equal(window.current, telemetry.current[start + 1 : start + 5001])
+    assert window.telemetry.position[0] == telemetry.position[start]
