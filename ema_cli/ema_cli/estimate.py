@@ -17,7 +17,8 @@ from ema_cli.progress import progress_bar
 from ema_cli.windows import BagWindows, read_windows, require_windows
 from ema_core.faults import FAULT_NAMES, FAULTS
 from ema_monitor.calibration import Calibration
-from ema_monitor.identification import Estimate, Identification, refusal
+from ema_monitor.estimate import Estimate, refusal
+from ema_monitor.identification import Identification
 from ema_monitor.trigger import Refusal
 from ema_monitor.window import Window
 

@@ -9,8 +9,8 @@ from typing import Any
 import click
 
 from ema_monitor.calibration import Calibration
+from ema_monitor.estimate import Settings
 from ema_monitor.fitness import WEIGHTS
-from ema_monitor.identification import Settings
 from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
 from ema_monitor.optimizers.driver import Termination
 

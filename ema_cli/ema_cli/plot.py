@@ -14,7 +14,7 @@ from ema_cli.windows import BagWindows, read_windows
 from ema_core.faults import FAULTS, healthy_faults
 from ema_core.telemetry import Telemetry, join
 from ema_monitor.calibration import Calibration
-from ema_monitor.identification import Estimate
+from ema_monitor.estimate import Estimate
 from ema_monitor.residual import band_limited
 from ema_monitor.window import Window
 

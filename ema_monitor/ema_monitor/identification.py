@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -17,10 +17,11 @@ from ema_core.faults import (
 )
 from ema_monitor.calibration import Calibration
 from ema_monitor.coordinates import Coordinates
+from ema_monitor.estimate import Estimate, Settings, refusal
 from ema_monitor.fitness import WEIGHTS
 from ema_monitor.model import MonitorModel
-from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
-from ema_monitor.optimizers.driver import Termination, minimise
+from ema_monitor.optimizers import ALGORITHMS
+from ema_monitor.optimizers.driver import minimise
 from ema_monitor.residual import band_limited, rms
 from ema_monitor.uncertainty import CORRELATION_S, sandwich_covariance, uncertainty_of_faults
 from ema_monitor.window import Window
@@ -32,100 +33,6 @@ _DIFFERENCE = 5e-3
 
 
 @dataclass(frozen=True)
-class Settings:
-    """How to identify.
-
-    Attributes
-    ----------
-    algorithm
-        Registered name.
-    fitness
-        "total_least_squares" or "least_squares".
-    termination
-        When to stop.
-    seed
-        Seed of the algorithm's random numbers.
-
-    Raises
-    ------
-    ValueError
-        When a name is unknown or the seed negative.
-    """
-
-    algorithm: str = DEFAULT_ALGORITHM
-    fitness: str = "total_least_squares"
-    termination: Termination = field(default_factory=Termination)
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.algorithm not in ALGORITHMS:
-            raise ValueError(
-                f"algorithm {self.algorithm!r} is unknown; known: {', '.join(ALGORITHMS)}"
-            )
-        if self.fitness not in WEIGHTS:
-            raise ValueError(f"fitness {self.fitness!r} is unknown; known: {', '.join(WEIGHTS)}")
-        if self.seed < 0:
-            raise ValueError(f"seed = {self.seed}: expected a whole number of at least 0")
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """What was found in a window.
-
-    Attributes
-    ----------
-    start_ns, end_ns
-        Stamps of the window's first and last sample [ns].
-    algorithm, seed
-        What it was found with.
-    calibration_id
-        Identity of the calibration used.
-    faults
-        Fault vector, ``(8,)``; NaN when none was found.
-    covariance
-        Its covariance, ``(8, 8)``; NaN in rows and columns of unobservable components.
-    unobservable
-        Components that the window says nothing useful about, ``(8,)``.
-    play
-        Where in its play the motor stood at the start [half-widths].
-    fitness
-        Cost at the estimate [A^2.s].
-    goodness_of_fit
-        Rms of the band-limited residual over that of a healthy actuator [-]; NaN when the
-        calibration does not tell the latter.
-    evaluations
-        Windows of the model that were computed.
-    computing_time_s
-        Time from window to estimate [s].
-    valid
-        Whether the estimate may be used.
-    reason
-        Why not, or what to keep in mind.
-    """
-
-    start_ns: int
-    end_ns: int
-    algorithm: str
-    seed: int
-    calibration_id: str
-    faults: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    unobservable: NDArray[np.bool_]
-    play: float
-    fitness: float
-    goodness_of_fit: float
-    evaluations: int
-    computing_time_s: float
-    valid: bool
-    reason: str
-
-    @property
-    def sigma(self) -> NDArray[np.float64]:
-        """Standard deviations, ``(8,)``; NaN where unobservable."""
-        return np.sqrt(np.diag(self.covariance))
-
-
-@dataclass(frozen=True)
 class Generation:
     """Where an identification stands after a generation."""
 
@@ -133,42 +40,6 @@ class Generation:
     evaluations: int
     fitness: float
     faults: NDArray[np.float64]
-
-
-def refusal(
-    start_ns: int, end_ns: int, settings: Settings, calibration_id: str, reason: str
-) -> Estimate:
-    """Return the estimate of a window that none can be made of.
-
-    Parameters
-    ----------
-    start_ns, end_ns
-        Stamps of the window [ns].
-    settings
-        What would have been used.
-    calibration_id
-        Identity of the calibration.
-    reason
-        Why there is no estimate.
-    """
-    nan = float("nan")
-    return Estimate(
-        start_ns,
-        end_ns,
-        settings.algorithm,
-        settings.seed,
-        calibration_id,
-        faults=np.full(N_FAULTS, nan),
-        covariance=np.full((N_FAULTS, N_FAULTS), nan),
-        unobservable=np.ones(N_FAULTS, dtype=bool),
-        play=nan,
-        fitness=nan,
-        goodness_of_fit=nan,
-        evaluations=0,
-        computing_time_s=0.0,
-        valid=False,
-        reason=reason,
-    )
 
 
 class Identification:
@@ -216,14 +87,14 @@ class Identification:
             return
         optimizer_class = ALGORITHMS[self._settings.algorithm]
         coordinates = Coordinates(self._window.play, cartesian=optimizer_class.uses_residuals)
-        optimizer = optimizer_class(
-            coordinates.encode(healthy_faults()), np.random.default_rng(self._settings.seed)
-        )
+        start = coordinates.encode(healthy_faults())
+        optimizer = optimizer_class(start, np.random.default_rng(self._settings.seed))
         progress = None
         for progress in minimise(
             lambda points: self._residuals(*coordinates.decode(points)) * self._weights,
             optimizer,
             self._settings.termination,
+            reserve=_conclusion_evaluations(start),
         ):
             faults, play = coordinates.decode(progress.point[None])
             yield Generation(progress.generation, progress.evaluations, progress.cost, faults[0])
@@ -308,7 +179,7 @@ class Identification:
             play=play,
             fitness=fitness,
             goodness_of_fit=goodness,
-            evaluations=evaluations + 2 * len(point) + 1,
+            evaluations=evaluations + _conclusion_evaluations(point),
             computing_time_s=time.perf_counter() - started,
             valid=True,
             reason="; ".join(caveats),
@@ -326,6 +197,11 @@ class Identification:
         at_point, at_below, at_above = np.split(residuals, [1, 1 + len(point)])
         steps = np.sum(above - below, axis=1)
         return (at_above - at_below).T / steps, at_point[0]
+
+
+def _conclusion_evaluations(point: NDArray[np.float64]) -> int:
+    """Return how many evaluations the central differences about a point and itself take."""
+    return 2 * len(point) + 1
 
 
 def identify(

@@ -78,8 +78,8 @@ def test_particle_swarm_and_budget(ema):
     )
     [estimate] = json.loads(result.stdout)
     assert estimate["algorithm"] == "pso"
-    # Ten generations of 50, and the 17 windows that the covariance takes.
-    assert estimate["evaluations"] == 517
+    # Nine generations of 50, and the 17 windows that the covariance takes.
+    assert estimate["evaluations"] == 467
 
 
 def test_table_names_the_shipped_calibration(ema):

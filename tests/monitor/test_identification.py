@@ -16,8 +16,9 @@ from ema_core.faults import (
 )
 from ema_core.parameters import constants
 from ema_monitor.calibration import calibrate
+from ema_monitor.estimate import Estimate, Settings
 from ema_monitor.fitness import WEIGHTS
-from ema_monitor.identification import Estimate, Identification, Settings, identify
+from ema_monitor.identification import Identification, identify
 from ema_monitor.optimizers.driver import Termination
 from ema_monitor.trigger import WindowTrigger
 from ema_monitor.uncertainty import MISMATCH_SIGMA, sandwich_covariance

@@ -8,7 +8,8 @@ import pytest
 from ema_core.description import ActuatorDescription
 from ema_core.faults import estimation_error, fault_vector
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.identification import Estimate, Identification, Settings, identify
+from ema_monitor.estimate import Estimate, Settings
+from ema_monitor.identification import Identification, identify
 from ema_monitor.window import Window
 
 FAULTS = {"friction": 0.25}

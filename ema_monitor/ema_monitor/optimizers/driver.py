@@ -70,6 +70,8 @@ def minimise(
     residuals_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     optimizer: Optimizer,
     termination: Termination,
+    *,
+    reserve: int = 0,
 ) -> Iterator[Progress]:
     """Run an optimizer and yield its progress after every generation; to cancel, stop asking.
 
@@ -82,6 +84,8 @@ def minimise(
         Where the points come from.
     termination
         When to stop.
+    reserve
+        How many evaluations of the budget to leave for what comes after.
 
     Raises
     ------
@@ -93,11 +97,11 @@ def minimise(
     while not optimizer.converged:
         points = optimizer.ask()
         evaluations = best.evaluations + len(points)
-        if evaluations > termination.budget:
+        if evaluations + reserve > termination.budget:
             if best.generation == 0:
                 raise ValueError(
-                    f"budget = {termination.budget} evaluations: the first generation "
-                    f"alone takes {len(points)}"
+                    f"budget = {termination.budget} evaluations: at least "
+                    f"{len(points) + reserve} are needed"
                 )
             return
         residuals = residuals_of(points)

@@ -1,0 +1,141 @@
+"""How an identification is asked for, and what it answers."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import N_FAULTS
+from ema_monitor.fitness import WEIGHTS
+from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
+from ema_monitor.optimizers.driver import Termination
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to identify.
+
+    Attributes
+    ----------
+    algorithm
+        Registered name.
+    fitness
+        "total_least_squares" or "least_squares".
+    termination
+        When to stop.
+    seed
+        Seed of the algorithm's random numbers.
+
+    Raises
+    ------
+    ValueError
+        When a name is unknown or the seed negative.
+    """
+
+    algorithm: str = DEFAULT_ALGORITHM
+    fitness: str = "total_least_squares"
+    termination: Termination = field(default_factory=Termination)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.algorithm not in ALGORITHMS:
+            raise ValueError(
+                f"algorithm {self.algorithm!r} is unknown; known: {', '.join(ALGORITHMS)}"
+            )
+        if self.fitness not in WEIGHTS:
+            raise ValueError(f"fitness {self.fitness!r} is unknown; known: {', '.join(WEIGHTS)}")
+        if self.seed < 0:
+            raise ValueError(f"seed = {self.seed}: expected a whole number of at least 0")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What was found in a window.
+
+    Attributes
+    ----------
+    start_ns, end_ns
+        Stamps of the window's first and last sample [ns].
+    algorithm, seed
+        What it was found with.
+    calibration_id
+        Identity of the calibration used.
+    faults
+        Fault vector, ``(8,)``; NaN when none was found.
+    covariance
+        Its covariance, ``(8, 8)``; NaN in rows and columns of unobservable components.
+    unobservable
+        Components that the window says nothing useful about, ``(8,)``.
+    play
+        Where in its play the motor stood at the start [half-widths].
+    fitness
+        Cost at the estimate [A^2.s].
+    goodness_of_fit
+        Rms of the band-limited residual over that of a healthy actuator [-]; NaN when the
+        calibration does not tell the latter.
+    evaluations
+        Windows of the model that were computed.
+    computing_time_s
+        Time from window to estimate [s].
+    valid
+        Whether the estimate may be used.
+    reason
+        Why not, or what to keep in mind.
+    """
+
+    start_ns: int
+    end_ns: int
+    algorithm: str
+    seed: int
+    calibration_id: str
+    faults: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    unobservable: NDArray[np.bool_]
+    play: float
+    fitness: float
+    goodness_of_fit: float
+    evaluations: int
+    computing_time_s: float
+    valid: bool
+    reason: str
+
+    @property
+    def sigma(self) -> NDArray[np.float64]:
+        """Standard deviations, ``(8,)``; NaN where unobservable."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def refusal(
+    start_ns: int, end_ns: int, settings: Settings, calibration_id: str, reason: str
+) -> Estimate:
+    """Return the estimate of a window that none can be made of.
+
+    Parameters
+    ----------
+    start_ns, end_ns
+        Stamps of the window [ns].
+    settings
+        What would have been used.
+    calibration_id
+        Identity of the calibration.
+    reason
+        Why there is no estimate.
+    """
+    nan = float("nan")
+    return Estimate(
+        start_ns,
+        end_ns,
+        settings.algorithm,
+        settings.seed,
+        calibration_id,
+        faults=np.full(N_FAULTS, nan),
+        covariance=np.full((N_FAULTS, N_FAULTS), nan),
+        unobservable=np.ones(N_FAULTS, dtype=bool),
+        play=nan,
+        fitness=nan,
+        goodness_of_fit=nan,
+        evaluations=0,
+        computing_time_s=0.0,
+        valid=False,
+        reason=reason,
+    )
