@@ -1,6 +1,7 @@
 """Description of an actuator from a YAML file."""
 
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -29,19 +30,30 @@ def load_description(path: Path) -> ActuatorDescription:
     """
     try:
         content = yaml.safe_load(path.read_text())
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is not a YAML file: {error}") from error
     if not isinstance(content, dict):
         raise ValueError(f"{path}: expected a mapping with {', '.join(_NAMES)}")
     for name in content:
         if name not in _NAMES:
             raise ValueError(f"{path}: unknown entry {name!r}; known: {', '.join(_NAMES)}")
-    parameters = content.pop("parameters", {})
+    parameters = content.pop("parameters", None) or {}
     if not isinstance(parameters, dict):
         raise ValueError(f"{path}: parameters must be a mapping of names to values")
+    if "sample_period" in content:
+        content["sample_period"] = _number(content["sample_period"])
+    parameters = {name: _number(value) for name, value in parameters.items()}
     try:
         return ActuatorDescription(
             parameters=ActuatorParameters.from_mapping(parameters), **content
         )
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def _number(value: Any) -> Any:
+    """Return what YAML 1.1 takes for text, such as 1e5, as the number that is meant."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value

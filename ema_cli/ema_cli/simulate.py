@@ -1,5 +1,6 @@
 """``ema simulate``: a faulty actuator to a bag."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 from ema_cli.actuator_file import load_description
 from ema_cli.command_file import command_from
 from ema_cli.errors import Assignments, merged, one_clear_line
+from ema_cli.interrupt import deferred_interrupt
 from ema_cli.progress import progress_bar
 from ema_core.commands import build_cycle
 from ema_core.description import ActuatorDescription
@@ -117,26 +119,35 @@ def simulate(
         cycle = build_cycle(
             command_from(shape, merged(figures, "--command-set")), description.sample_period
         ).samples
-        rng = np.random.default_rng(seed)
-        sensors = Sensors(current_noise, merged(resolutions, "--quantise"), rng)
+        of_sensors, of_current = np.random.default_rng(seed).spawn(2)
+        sensors = Sensors(current_noise, merged(resolutions, "--quantise"), of_sensors)
         actuator = SimulatedActuator(
             description.parameters.replace(merged(true_values, "--set")),
             sample_period=description.sample_period,
             noise_gain=noise_gain,
-            rng=rng,
+            rng=of_current,
         )
         actuator.faults = vector
+        if not math.isfinite(load):
+            raise ValueError(f"load = {load:g} N.m: expected a finite number")
         try:
             bag = BagWriter(output, overwrite=force)
         except FileExistsError as error:
-            raise click.ClickException(f"{output} is there already: --force replaces it") from error
-        with SimulatedActuatorBag(bag, description) as recording, progress_bar() as progress:
+            hint = "" if force else ": --force replaces a recording"
+            raise ValueError(f"{output} is there already{hint}") from error
+        with (
+            deferred_interrupt() as interrupted,
+            SimulatedActuatorBag(bag, description) as recording,
+            progress_bar() as progress,
+        ):
             task = progress.add_task("simulating", total=cycles * len(cycle))
             block_samples = max(1, round(_BLOCK_S / description.sample_period))
             for number in range(cycles):
                 progress.update(task, state=f"cycle {number + 1} of {cycles}")
                 recording.begin_cycle(number, vector)
                 for samples in np.split(cycle, range(block_samples, len(cycle), block_samples)):
+                    if interrupted.is_set():
+                        raise click.Abort
                     block = actuator.advance(samples, load)
                     recording.write_block(sensors.measure(block), actuator.state.torque)
                     progress.advance(task, len(block))

@@ -62,7 +62,10 @@ def read_windows(path: Path, actuator_id: str | None = None) -> BagWindows:
         When it cannot be opened.
     """
     bag = Bag(path)
-    recorded = read_telemetry(bag, actuator_id=actuator_id)
+    try:
+        recorded = read_telemetry(bag, actuator_id=actuator_id)
+    except ValueError as error:
+        raise ValueError("; ".join(filter(None, (str(error), bag.damage)))) from error
     if not recorded.descriptions:
         raise ValueError(f"{path} has no description of actuator {recorded.actuator_id!r}")
     description = recorded.descriptions[-1]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from ema_core.parameters import ActuatorParameters
+from ema_core.parameters import ActuatorParameters, is_finite_number
 
 SAMPLE_PERIOD = 1e-4
 """Default period of the telemetry [s]."""
@@ -38,8 +38,10 @@ class ActuatorDescription:
     parameters: ActuatorParameters = field(default_factory=ActuatorParameters)
 
     def __post_init__(self) -> None:
-        for name in ("actuator_id", "serial_number"):
-            if not getattr(self, name):
-                raise ValueError(f"{name} is empty: expected a name")
-        if not 0.0 < self.sample_period <= 1.0:
+        for name in ("actuator_id", "serial_number", "model"):
+            value = getattr(self, name)
+            if not isinstance(value, str) or (not value and name != "model"):
+                raise ValueError(f"{name} = {value!r}: expected a name (text)")
+        if not is_finite_number(self.sample_period) or not 0.0 < self.sample_period <= 1.0:
             raise ValueError(f"sample_period = {self.sample_period!r} s is outside (0, 1] s")
+        object.__setattr__(self, "sample_period", float(self.sample_period))

@@ -109,7 +109,7 @@ class ActuatorParameters:
             value = getattr(self, item.name)
             lowest, highest = item.metadata["range"]
             unit = item.metadata["unit"]
-            if not _is_finite_number(value):
+            if not is_finite_number(value):
                 raise ValueError(
                     f"{item.name} = {value!r}: expected a finite number in "
                     f"[{lowest:g}, {highest:g}] {unit} ({item.metadata['description']})"
@@ -154,7 +154,8 @@ class ActuatorParameters:
         return dataclasses.asdict(self)
 
 
-def _is_finite_number(value: Any) -> bool:
+def is_finite_number(value: Any) -> bool:
+    """Return whether a value is a finite number; True and False are none."""
     try:
         return not isinstance(value, bool | np.bool_) and math.isfinite(value)
     except (TypeError, OverflowError):

@@ -69,7 +69,7 @@ class BagWriter:
         path: str | Path,
         *,
         compression: Literal["zstd", "none"] = "zstd",
-        chunk_bytes: int = 768 * 1024,
+        chunk_bytes: int = 128 * 1024,
         flush_s: float = 0.5,
         overwrite: bool = False,
     ) -> None:

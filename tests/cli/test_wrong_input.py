@@ -85,14 +85,26 @@ def test_telemetry_that_ends_inside_a_window(ema, record, faulty_blocks):
     assert "ends" in estimate["reason"]
 
 
-def test_truncated_bag_is_read_as_far_as_it_goes(ema, record, faulty_blocks, tmp_path):
-    whole = record(faulty_blocks * 1)
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+def test_truncated_bag_is_read_as_far_as_it_goes(ema, record, faulty_blocks, tmp_path, share):
+    whole = record(faulty_blocks)
     cut = tmp_path / "cut.mcap"
-    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    cut.write_bytes(whole.read_bytes()[: int(share * whole.stat().st_size)])
     result = ema("info", cut)
-    output = result.stdout + result.stderr
-    assert "cut.mcap" in output
-    assert "Traceback" not in output
+    assert result.exit_code == 0
+    assert "breaks off" in result.stdout
+    recovered = int(result.stdout.split(" samples every")[0].split()[-1])
+    # A chunk, lost whole, is a quarter of a second of telemetry.
+    assert share * 17_000 - 6_000 < recovered < 17_000
+
+
+def test_bag_cut_before_its_telemetry_is_called_damaged(ema, record, faulty_blocks, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(record(faulty_blocks).read_bytes()[:100])
+    result = ema("estimate", cut)
+    assert result.exit_code == 1
+    assert "TelemetryBlock" in result.stderr
+    assert "breaks off" in result.stderr
 
 
 def test_command_that_never_moves(ema, record, faulty_blocks):
@@ -146,6 +158,22 @@ def test_actuator_file_is_checked(ema, tmp_path):
     assert result.exit_code == 1
     for part in ("unit.yaml", "J_m", "-1", "kg.m^2"):
         assert part in result.stderr
+
+
+def test_serial_number_that_is_no_text_is_refused(ema, tmp_path):
+    description = tmp_path / "unit.yaml"
+    description.write_text("serial_number: 7\n")
+    result = ema("simulate", "--actuator", description, "-o", tmp_path / "case.mcap")
+    assert result.exit_code == 1
+    assert "serial_number = 7" in result.stderr
+
+
+def test_numbers_may_be_written_without_a_point(ema, tmp_path):
+    # YAML 1.1 takes 2e-4 and 1e5 for text.
+    description, bag = tmp_path / "unit.yaml", tmp_path / "case.mcap"
+    description.write_text("sample_period: 2e-4\nparameters: {G_prop: 1e5}\n")
+    assert ema("simulate", "--actuator", description, "-o", bag).exit_code == 0
+    assert "8500 samples every 0.0002 s" in ema("info", bag).stdout
 
 
 def test_installed_command_answers():

@@ -19,7 +19,7 @@ def test_default_is_the_built_in_example():
 
 @pytest.mark.parametrize("name", ["actuator_id", "serial_number"])
 def test_nobody_is_refused(name):
-    with pytest.raises(ValueError, match=f"{name} is empty"):
+    with pytest.raises(ValueError, match=f"{name} = ''"):
         replace(ActuatorDescription(), **{name: ""})
 
 
