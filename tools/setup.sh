@@ -32,7 +32,7 @@ step() {
         echo "failed"
         # Where CI runs, the file is out of reach.
         if [[ -n ${CI:-} ]]; then tail -n 60 "$log"; fi
-        die "$name failed, see $log"
+        die "$name failed${hint:+: $hint}; the whole story is in $log"
     fi
     echo "$((SECONDS - start)) s"
 }
@@ -102,7 +102,7 @@ find_python() {
     if [[ -z ${PYTHON:-} && -e $venv/.python ]]; then candidates=("$(<"$venv/.python")" "${candidates[@]}"); fi
     for candidate in "${candidates[@]}"; do
         if ! command -v "$candidate" >/dev/null; then continue; fi
-        if found=$("$candidate" -c "$probe" 2>&1); then
+        if found=$("$candidate" -c "$probe" 2>&1) && [[ -x $found ]]; then
             echo "$found"
             return
         fi
@@ -240,7 +240,8 @@ if [[ -z $compiler ]]; then die 'no C++ compiler: install one with `sudo apt ins
 : >"$log"
 if [[ -z $have_packages ]]; then
     step ".venv with $("$python" -V)" make_venv
-    step 'download of requirements/lock.txt' install_packages
+    hint='is the network there, and can pip reach its package index? Then run the same again' \
+        step 'download of requirements/lock.txt' install_packages
     echo "$packages" >"$venv/.packages"
 fi
 rm -f "$ws/install/.sources"

@@ -1,14 +1,18 @@
 """``ema calibrate``: a calibration from healthy bags."""
 
+import math
 from pathlib import Path
 
 import click
 
 from ema_cli.errors import one_clear_line
+from ema_cli.source_options import Source, source_options
 from ema_cli.windows import read_windows, require_windows
 from ema_monitor.calibration import calibrate as calibrate_windows
 from ema_monitor.model import FORMS
 from ema_monitor.window import Window
+
+_ENOUGH_WINDOWS = 5
 
 
 @click.command()
@@ -20,7 +24,7 @@ from ema_monitor.window import Window
     type=click.Choice(list(FORMS)),
     help="Form of the monitor model; estimates with this calibration use the same.",
 )
-@click.option("--actuator-id", help="Which actuator, if the bags hold several.")
+@source_options
 @click.option(
     "-o",
     "--output",
@@ -28,15 +32,15 @@ from ema_monitor.window import Window
     type=click.Path(path_type=Path, dir_okay=False),
     help="Calibration file to write.",
 )
-def calibrate(bags: tuple[Path, ...], form: str, actuator_id: str | None, output: Path) -> None:
+def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -> None:
     """Average the windows in BAGS of one healthy actuator into a calibration."""
     with one_clear_line():
         descriptions, windows = [], []
         for bag in bags:
-            found = read_windows(bag, actuator_id)
+            found = read_windows(bag, source)
             for remark in found.remarks:
                 click.echo(f"{bag}: {remark}", err=True)
-            require_windows(bag, found)
+            require_windows(bag, found, source)
             for window in found.windows:
                 if isinstance(window, Window):
                     windows.append(window)
@@ -48,10 +52,20 @@ def calibrate(bags: tuple[Path, ...], form: str, actuator_id: str | None, output
                     f"{bag} is of another actuator ({found.description.serial_number}) than "
                     f"{bags[0]} ({descriptions[0].serial_number}), or described otherwise"
                 )
+            if found.simulated_faults:
+                click.echo(f"warning: {bag} records simulated faults: not healthy", err=True)
         calibration = calibrate_windows(windows, descriptions[0], form)
         calibration.save(output)
+    if calibration.windows < _ENOUGH_WINDOWS:
+        click.echo(
+            f"warning: {calibration.windows} windows average out little of the current's ripple, "
+            f"{_ENOUGH_WINDOWS} or more are better",
+            err=True,
+        )
+    known = math.isfinite(calibration.healthy_rms)
+    residual = f"{calibration.healthy_rms:.4f} A" if known else "unknown"
     click.echo(
         f"{output}: calibration {calibration.calibration_id} of {calibration.actuator_id} from "
         f"{calibration.windows} windows, lift {calibration.lift:.4f} A, residual of a healthy "
-        f"window {calibration.healthy_rms:.4f} A"
+        f"window {residual}"
     )

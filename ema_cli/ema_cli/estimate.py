@@ -4,7 +4,7 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 import numpy as np
@@ -14,27 +14,32 @@ from rich.table import Table
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.progress import progress_bar
+from ema_cli.source_options import Source, source_options
 from ema_cli.windows import BagWindows, read_windows, require_windows
-from ema_core.faults import FAULT_NAMES, FAULTS
+from ema_core.faults import FAULT_NAMES, FAULTS, healthy_faults
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate, refusal
 from ema_monitor.identification import Identification
 from ema_monitor.trigger import Refusal
 from ema_monitor.window import Window
 
+SIGNIFICANT: Final = 3.0
+"""Standard deviations from its healthy value beyond which a fault is named [-]."""
+
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
+@source_options
 @identification_options
 @click.option("--json", "as_json", is_flag=True, help="Print one list, an object a window.")
-def estimate(bag: Path, options: IdentificationOptions, as_json: bool) -> None:
+def estimate(bag: Path, source: Source, options: IdentificationOptions, as_json: bool) -> None:
     """Name the faults in each window of BAG, with their uncertainty."""
     with one_clear_line():
         calibration = options.calibration()
-        found = read_windows(bag, options.actuator_id)
+        found = read_windows(bag, source)
         for remark in found.remarks:
             click.echo(f"{bag}: {remark}", err=True)
-        require_windows(bag, found)
+        require_windows(bag, found, source)
         estimates = estimate_windows(found, found.windows, calibration, options)
     if as_json:
         click.echo(json.dumps([as_object(e, found) for e in estimates], indent=2))
@@ -116,6 +121,29 @@ def as_object(one: Estimate, found: BagWindows) -> dict[str, Any]:
     }
 
 
+def found_in_words(one: Estimate) -> str:
+    """Return the faults that stand out of their uncertainty, the largest first.
+
+    Parameters
+    ----------
+    one
+        A valid estimate.
+    """
+    healthy = healthy_faults()
+    standing_out = [
+        (abs(k - k_0), f"{fault.label} {k:.3f} ({fault.physical(k)})")
+        for fault, k, k_0, sigma in zip(FAULTS, one.faults, healthy, one.sigma, strict=True)
+        if fault.name != "eccentricity_phase" and abs(k - k_0) > SIGNIFICANT * sigma
+    ]
+    if not standing_out:
+        return "no fault stands out of its uncertainty"
+    return "; ".join(words for _, words in sorted(standing_out, reverse=True))
+
+
+def _figure(value: float) -> str:
+    return f"{value:.2f}" if np.isfinite(value) else "unknown"
+
+
 def _by_fault(values: np.ndarray) -> dict[str, float | None]:
     return dict(zip(FAULT_NAMES, map(_number, values), strict=True))
 
@@ -128,17 +156,18 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
     start, end = found.seconds(one.start_ns), found.seconds(one.end_ns)
     title = f"window {number}, {start:.4f} s to {end:.4f} s"
     if not one.valid:
-        click.echo(f"{title}: no estimate: {one.reason}")
+        click.echo(f"{title}: no valid estimate: {one.reason}")
         return
     table = Table(title=title, title_justify="left")
-    for heading in ("fault", "estimate", "sigma", "meaning"):
+    for heading in ("fault", "estimate", "sigma", "which means"):
         table.add_column(heading, justify="right" if heading in ("estimate", "sigma") else "left")
     for fault, value, sigma in zip(FAULTS, one.faults, one.sigma, strict=True):
         known = "unobservable" if np.isnan(sigma) else f"{sigma:.4f}"
-        table.add_row(fault.label, f"{value:.4f}", known, fault.physical)
+        table.add_row(fault.label, f"{value:.4f}", known, fault.physical(value))
     Console().print(table)
+    click.echo(f"found: {found_in_words(one)}")
     click.echo(
-        f"fitness {one.fitness:.5f} A^2.s, goodness of fit {one.goodness_of_fit:.2f}, "
+        f"fitness {one.fitness:.5f} A^2.s, goodness of fit {_figure(one.goodness_of_fit)}, "
         f"{one.algorithm}: {one.evaluations} evaluations in {one.computing_time_s:.2f} s"
     )
     if one.reason:

@@ -43,7 +43,6 @@ _OPTIONS = (
         type=click.Path(path_type=Path, dir_okay=False),
         help="File made by `ema calibrate`; without it that of the built-in actuator.",
     ),
-    click.option("--actuator-id", help="Which actuator, if the bag holds several."),
     click.option(
         "--force", is_flag=True, help="Estimate even if the calibration does not fit, and say so."
     ),
@@ -60,15 +59,12 @@ class IdentificationOptions:
         How to identify.
     calibration_file
         File of the calibration; None for the shipped one.
-    actuator_id
-        Which actuator; None for the only one.
     force
         Whether to estimate even if the calibration does not fit.
     """
 
     settings: Settings
     calibration_file: Path | None
-    actuator_id: str | None
     force: bool
 
     def calibration(self) -> Calibration:
@@ -102,12 +98,11 @@ def identification_options(command: Callable[..., None]) -> Callable[..., None]:
         budget: int,
         seed: int,
         calibration_file: Path | None,
-        actuator_id: str | None,
         force: bool,
         **others: Any,
     ) -> None:
         settings = Settings(algorithm, fitness, Termination(budget), seed)
-        options = IdentificationOptions(settings, calibration_file, actuator_id, force)
+        options = IdentificationOptions(settings, calibration_file, force)
         command(options=options, **others)
 
     for option in reversed(_OPTIONS):

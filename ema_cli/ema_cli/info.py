@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ema_cli.errors import one_clear_line
+from ema_cli.source_options import Source, source_options
 from ema_cli.windows import read_windows
 from ema_monitor.window import Window
 from ema_recording.reader import Bag
@@ -14,8 +15,8 @@ from ema_recording.reader import Bag
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@click.option("--actuator-id", help="Which actuator, if the bag holds several.")
-def info(bag: Path, actuator_id: str | None) -> None:
+@source_options
+def info(bag: Path, source: Source) -> None:
     """Say what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it."""
     with one_clear_line():
         contents = Bag(bag)
@@ -25,7 +26,7 @@ def info(bag: Path, actuator_id: str | None) -> None:
         for name, topic in contents.topics.items():
             table.add_row(name, topic.type_name, str(topic.count))
         Console().print(table)
-        found = read_windows(bag, actuator_id)
+        found = read_windows(bag, source)
     unit = found.description
     samples = sum(map(len, found.blocks))
     click.echo(f"actuator {unit.actuator_id}, serial number {unit.serial_number}, {unit.model}")

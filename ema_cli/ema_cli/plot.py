@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from ema_cli.errors import one_clear_line
 from ema_cli.estimate import estimate_windows
 from ema_cli.identification_options import IdentificationOptions, identification_options
+from ema_cli.source_options import Source, source_options
 from ema_cli.windows import BagWindows, read_windows
 from ema_core.faults import FAULTS, healthy_faults
 from ema_core.telemetry import Telemetry, join
@@ -21,6 +22,7 @@ from ema_monitor.window import Window
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
+@source_options
 @identification_options
 @click.option("--window", "number", type=click.IntRange(0), help="Show the fit of this window.")
 @click.option(
@@ -30,12 +32,16 @@ from ema_monitor.window import Window
     help="Picture to write (.png, .svg, .pdf); by default beside the bag.",
 )
 def plot(
-    bag: Path, options: IdentificationOptions, number: int | None, output: Path | None
+    bag: Path,
+    source: Source,
+    options: IdentificationOptions,
+    number: int | None,
+    output: Path | None,
 ) -> None:
     """Draw the telemetry of BAG with its windows; with --window, also its fit and faults."""
     output = output or bag.with_suffix(".png")
     with one_clear_line():
-        found = read_windows(bag, options.actuator_id)
+        found = read_windows(bag, source)
         if number is None:
             figure = draw_telemetry(found)
         else:
@@ -104,7 +110,9 @@ def draw_fit(found: BagWindows, window: Window, calibration: Calibration, one: E
         The estimate in the window.
     """
     faults = np.array([one.faults, healthy_faults()])
-    modelled = calibration.apply(calibration.model().current(window, faults, one.play))
+    modelled = calibration.apply(
+        calibration.model().current(window, faults, one.play), calibration.alignment(window)
+    )
     residual = window.current - modelled[0]
     t = found.seconds(window.start_ns) + window.sample_period * np.arange(1, len(window) + 1)
 
@@ -122,7 +130,8 @@ def draw_fit(found: BagWindows, window: Window, calibration: Calibration, one: E
 
     sigma = 1.645 * np.nan_to_num(one.sigma)
     place = np.arange(len(FAULTS))
-    bars.bar(place, one.faults, color=["0.7" if bad else "C3" for bad in one.unobservable])
+    colours = ["0.7" if bad else "C3" for bad in one.unobservable]
+    bars.bar(place, one.faults - healthy_faults(), bottom=healthy_faults(), color=colours)
     bars.errorbar(place, one.faults, sigma, fmt="none", ecolor="k", capsize=4)
     bars.plot(place, healthy_faults(), "C0_", ms=28, mew=2, label="healthy")
     bars.set_xticks(place, [fault.label for fault in FAULTS], rotation=15)

@@ -3,13 +3,22 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from ema_cli.progress import progress_bar
+from ema_cli.source_options import Source
 from ema_core.description import ActuatorDescription
+from ema_core.faults import healthy_faults
 from ema_core.telemetry import Telemetry
-from ema_monitor.trigger import Defect, Refusal, TriggerSettings, WindowTrigger
+from ema_interfaces.msg import FaultVectorStamped
+from ema_messages.faults import stamped_faults_from_message
+from ema_monitor.trigger import Defect, Refusal, WindowTrigger
 from ema_monitor.window import Window
+from ema_recording.message_type import type_name
 from ema_recording.reader import Bag
 from ema_recording.telemetry import Malformed, read_telemetry
+
+_MOST_DEFECTS = 5
 
 
 @dataclass(frozen=True)
@@ -29,7 +38,11 @@ class BagWindows:
     remarks
         What is wrong with the bag or its telemetry outside of any window.
     longest_motion_s
-        Longest motion of the command that was too short for a window [s].
+        Longest motion of the command that made no window [s].
+    has_rested
+        Whether the command was ever at rest.
+    simulated_faults
+        Whether the bag says that the actuator was simulated with faults.
     """
 
     description: ActuatorDescription
@@ -38,21 +51,23 @@ class BagWindows:
     windows: list[Window | Refusal]
     remarks: list[str]
     longest_motion_s: float
+    has_rested: bool
+    simulated_faults: bool
 
     def seconds(self, stamp_ns: int) -> float:
         """Return a stamp in seconds since the first sample."""
         return (stamp_ns - self.first_ns) * 1e-9
 
 
-def read_windows(path: Path, actuator_id: str | None = None) -> BagWindows:
+def read_windows(path: Path, source: Source) -> BagWindows:
     """Read a bag and cut its telemetry into windows.
 
     Parameters
     ----------
     path
         Bag to read.
-    actuator_id
-        Which actuator, where there are several.
+    source
+        What of it to look at.
 
     Raises
     ------
@@ -63,15 +78,16 @@ def read_windows(path: Path, actuator_id: str | None = None) -> BagWindows:
     """
     bag = Bag(path)
     try:
-        recorded = read_telemetry(bag, actuator_id=actuator_id)
+        recorded = read_telemetry(bag, source.topic, source.actuator_id)
     except ValueError as error:
         raise ValueError("; ".join(filter(None, (str(error), bag.damage)))) from error
     if not recorded.descriptions:
         raise ValueError(f"{path} has no description of actuator {recorded.actuator_id!r}")
     description = recorded.descriptions[-1]
-    trigger = WindowTrigger(description.parameters)
+    trigger = WindowTrigger(description.parameters, source.trigger_settings())
     blocks: list[Telemetry] = []
     windows: list[Window | Refusal] = []
+    defects: list[Defect] = []
     remarks = []
     if len(recorded.descriptions) > 1:
         remarks.append("the description changes on the way: the last one is used")
@@ -85,20 +101,48 @@ def read_windows(path: Path, actuator_id: str | None = None) -> BagWindows:
                 events = trigger.feed(item)
             for event in events:
                 if isinstance(event, Defect):
-                    remarks.append(f"at {event.stamp_ns * 1e-9:.4f} s: {event.reason}")
+                    defects.append(event)
                 else:
                     windows.append(event)
     windows += trigger.finish()
+    first_ns = blocks[0].stamp_ns if blocks else 0
+    for defect in defects[:_MOST_DEFECTS]:
+        remarks.append(f"at {(defect.stamp_ns - first_ns) * 1e-9:.4f} s: {defect.reason}")
+    if len(defects) > _MOST_DEFECTS:
+        remarks.append(f"and {len(defects) - _MOST_DEFECTS} more defects of the telemetry")
     if bag.damage:
         remarks.append(bag.damage)
     if not blocks:
         raise ValueError(f"{path} has no usable telemetry: {'; '.join(remarks)}")
+    if abs(blocks[0].sample_period / description.sample_period - 1.0) > 1e-6:
+        remarks.append(
+            f"the description says one sample every {description.sample_period:g} s, the telemetry "
+            f"{blocks[0].sample_period:g} s, which is used"
+        )
     return BagWindows(
-        description, blocks[0].stamp_ns, blocks, windows, remarks, trigger.longest_motion_s
+        description,
+        first_ns,
+        blocks,
+        windows,
+        remarks,
+        trigger.longest_motion_s,
+        trigger.has_rested,
+        _has_simulated_faults(bag, recorded.actuator_id),
     )
 
 
-def require_windows(path: Path, found: BagWindows) -> None:
+def _has_simulated_faults(bag: Bag, actuator_id: str) -> bool:
+    wanted = type_name(FaultVectorStamped)
+    topics = [name for name, topic in bag.topics.items() if topic.type_name == wanted]
+    truths = [stamped_faults_from_message(item.message) for item in bag.messages(topics)]
+    healthy = healthy_faults()
+    return any(
+        truth.actuator_id == actuator_id and not np.array_equal(truth.faults, healthy)
+        for truth in truths
+    )
+
+
+def require_windows(path: Path, found: BagWindows, source: Source) -> None:
     """Raise unless a window was at least begun.
 
     Parameters
@@ -107,6 +151,8 @@ def require_windows(path: Path, found: BagWindows) -> None:
         The bag, for the message.
     found
         What is in it.
+    source
+        What of it was looked at.
 
     Raises
     ------
@@ -115,13 +161,19 @@ def require_windows(path: Path, found: BagWindows) -> None:
     """
     if found.windows:
         return
-    window_s = TriggerSettings().window_s
-    moved = (
-        f"it moved for at most {found.longest_motion_s:.3f} s between two rests"
-        if found.longest_motion_s
-        else "it never left its rest"
-    )
+    settings = source.trigger_settings()
+    if not found.has_rested:
+        behaviour = (
+            f"it never rested within {settings.threshold:g} rad for {settings.rest_s:g} s: is "
+            "--threshold below its noise?"
+        )
+    elif found.longest_motion_s:
+        behaviour = (
+            f"it moved for at most {found.longest_motion_s:.3f} s at a time, or one way only"
+        )
+    else:
+        behaviour = "it never left its rest"
     raise ValueError(
-        f"{path} has no window to diagnose (no excitation): a window is {window_s:g} s of moving "
-        f"command after a rest, and {moved}"
+        f"{path} has no window to diagnose (no excitation): a window is {settings.window_s:g} s of "
+        f"command moving to and fro after a rest, and {behaviour}"
     )

@@ -14,26 +14,47 @@ from ema_core.parameters import PlantConstants
 class Fault:
     """One component of the fault vector.
 
-    ``physical`` tells what the normalised value k means, ``healthy`` is its healthy value,
-    ``highest`` the largest value that can be simulated.
+    ``healthy`` is the healthy value of the normalised k, ``highest`` the largest that can be
+    simulated. What k means is ``quantity`` = ``base`` + ``slope`` k, in ``unit``.
     """
 
     name: str
     label: str
     healthy: float
     highest: float
-    physical: str
+    quantity: str
+    base: float
+    slope: float
+    unit: str
+
+    @property
+    def meaning(self) -> str:
+        """What the normalised value k means, as a formula."""
+        return f"{self.quantity} = {self.base:.4g} {self.slope:+.4g} k {self.unit}".strip()
+
+    def physical(self, k: float) -> str:
+        """Return what a normalised value amounts to, in words."""
+        return f"{self.quantity} {self.base + self.slope * k:.3f} {self.unit}".strip()
 
 
 FAULTS: Final = (
-    Fault("friction", "friction", 0.0, 1.0, "dry friction times 1 + 2 k"),
-    Fault("backlash", "backlash", 0.0, 1.0, "backlash times 1 + 99 k"),
-    Fault("short_circuit_a", "short circuit A", 0.0, 0.99, "healthy turns of phase A = 1 - k"),
-    Fault("short_circuit_b", "short circuit B", 0.0, 0.99, "healthy turns of phase B = 1 - k"),
-    Fault("short_circuit_c", "short circuit C", 0.0, 0.99, "healthy turns of phase C = 1 - k"),
-    Fault("eccentricity", "eccentricity", 0.0, 1.0, "eccentricity zeta = k"),
-    Fault("eccentricity_phase", "eccentricity phase", 0.5, 1.0, "direction phi = (2 k - 1) pi"),
-    Fault("gain", "gain", 0.5, 1.0, "position-loop gain times 0.5 + k"),
+    Fault("friction", "friction", 0.0, 1.0, "dry friction", 1.0, 2.0, "× nominal"),
+    Fault("backlash", "backlash", 0.0, 1.0, "backlash", 1.0, 99.0, "× nominal"),
+    Fault("short_circuit_a", "short circuit A", 0.0, 0.99, "healthy turns of A", 1.0, -1.0, ""),
+    Fault("short_circuit_b", "short circuit B", 0.0, 0.99, "healthy turns of B", 1.0, -1.0, ""),
+    Fault("short_circuit_c", "short circuit C", 0.0, 0.99, "healthy turns of C", 1.0, -1.0, ""),
+    Fault("eccentricity", "eccentricity", 0.0, 1.0, "eccentricity zeta", 0.0, 1.0, ""),
+    Fault(
+        "eccentricity_phase",
+        "eccentricity phase",
+        0.5,
+        1.0,
+        "direction phi",
+        -np.pi,
+        2.0 * np.pi,
+        "rad",
+    ),
+    Fault("gain", "gain", 0.5, 1.0, "position-loop gain", 0.5, 1.0, "× nominal"),
 )
 FAULT_NAMES: Final = tuple(fault.name for fault in FAULTS)
 N_FAULTS: Final = len(FAULTS)
@@ -85,7 +106,7 @@ def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]
         fault = FAULTS[bad[0][-1]]
         raise ValueError(
             f"fault {fault.name} = {k[tuple(bad[0])]:g} is outside [0, {fault.highest:g}] "
-            f"({fault.physical})"
+            f"({fault.meaning})"
         )
     return k
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from importlib import resources
@@ -15,12 +16,13 @@ from numpy.typing import NDArray
 from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.model import MonitorModel
+from ema_monitor.model import FORMS, MonitorModel
 from ema_monitor.residual import band_limited, rms
 from ema_monitor.window import Window
 
 _FORMAT = 1
-_COMMAND_TOLERANCE = 1e-6
+_COMMAND_TOLERANCE = 5e-3
+_MOST_SHIFT = 60
 _LEAST_SCATTER = 1e-6
 _RANGES = {
     "dt": ("s", 1e-9, 1e-3),
@@ -108,15 +110,39 @@ class Calibration:
         """Return the monitor model that this calibration belongs to."""
         return MonitorModel(self.parameters, self.form, self.dt)
 
-    def apply(self, current: NDArray[np.float64]) -> NDArray[np.float64]:
+    def apply(self, current: NDArray[np.float64], shift: int = 0) -> NDArray[np.float64]:
         """Return the measured current to expect where the model says ``current`` [A].
 
         Parameters
         ----------
         current
             Current of the model, ``(..., n)`` [A].
+        shift
+            How many samples later than the calibrated window the window begins.
         """
-        return current + self.lift * lift_shape(current, self.parameters) + self.correction
+        n = len(self.correction)
+        correction = self.correction[np.clip(np.arange(n) + shift, 0, n - 1)]
+        return current + self.lift * lift_shape(current, self.parameters) + correction
+
+    def alignment(self, window: Window) -> int:
+        """Return how many samples later than the calibrated window a window begins.
+
+        Noise or coarse steps in the measured command move the sample at which it is seen to leave
+        its rest.
+
+        Parameters
+        ----------
+        window
+            A window with as many samples as the calibration.
+        """
+        shifts = sorted(range(-_MOST_SHIFT, _MOST_SHIFT + 1), key=abs)
+        return min(shifts, key=lambda shift: self._command_difference(window, shift))
+
+    def _command_difference(self, window: Window, shift: int) -> float:
+        later, earlier = window.command, self.command
+        if shift < 0:
+            later, earlier, shift = earlier, later, -shift
+        return rms(later[: len(later) - shift] - earlier[shift:])
 
     def unit_mismatch(self, description: ActuatorDescription) -> str:
         """Return why this calibration does not fit a described actuator; empty when it does.
@@ -165,11 +191,12 @@ class Calibration:
         window
             A window with as many samples as the calibration.
         """
-        difference = rms(window.command - self.command)
-        if difference > _COMMAND_TOLERANCE:
+        difference = self._command_difference(window, self.alignment(window))
+        limit = _COMMAND_TOLERANCE * rms(self.command)
+        if difference > limit:
             return (
                 f"the command differs from the calibrated one by {difference:.3g} rad rms "
-                f"(limit {_COMMAND_TOLERANCE:g} rad): calibrate with this command"
+                f"(limit {limit:.3g} rad): calibrate with this command"
             )
         return ""
 
@@ -278,7 +305,9 @@ def calibrate(
     if not windows:
         raise ValueError("calibration needs at least one healthy window, got none")
     first = windows[0]
-    model = MonitorModel(description.parameters, form)
+    # The longest step up to the form's own that divides the sample period.
+    h = first.sample_period
+    model = MonitorModel(description.parameters, form, h / math.ceil(h / FORMS[form] - 1e-6))
     modelled = []
     for number, window in enumerate(windows):
         if reason := window.excitation_defect():
@@ -289,10 +318,11 @@ def calibrate(
                 f"first {len(first)} of {first.sample_period:g} s"
             )
         difference = rms(window.command - first.command)
-        if difference > _COMMAND_TOLERANCE:
+        limit = _COMMAND_TOLERANCE * rms(first.command)
+        if difference > limit:
             raise ValueError(
                 f"window {number} has another command than the first: {difference:.3g} rad rms "
-                f"apart (limit {_COMMAND_TOLERANCE:g} rad)"
+                f"apart (limit {limit:.3g} rad)"
             )
         play = 0.0 if window.play is None else window.play
         modelled.append(model.current(window, healthy_faults(), play)[0])

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ema_core.faults import N_FAULTS
 from ema_monitor.fitness import WEIGHTS
 from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
-from ema_monitor.optimizers.driver import Termination
+from ema_monitor.optimizers.driver import StopRule, Termination
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Settings:
 
     algorithm: str = DEFAULT_ALGORITHM
     fitness: str = "total_least_squares"
-    termination: Termination = field(default_factory=Termination)
+    termination: StopRule = field(default_factory=Termination)
     seed: int = 0
 
     def __post_init__(self) -> None:

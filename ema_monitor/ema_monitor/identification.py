@@ -29,6 +29,9 @@ from ema_monitor.window import Window
 POOR_FIT: Final = 5.0
 """Goodness of fit beyond which an estimate says that something else may be wrong [-]."""
 
+UNEXPLAINED: Final = 15.0
+"""Goodness of fit beyond which an estimate is not valid: something else is wrong [-]."""
+
 _DIFFERENCE = 5e-3
 
 
@@ -76,6 +79,7 @@ class Identification:
         self._settings = settings
         self._model: MonitorModel = calibration.model()
         self._weights = WEIGHTS[settings.fitness](window.current, window.sample_period)
+        self._shift = 0
         self.estimate: Estimate | None = None
 
     def __iter__(self) -> Iterator[Generation]:
@@ -85,6 +89,7 @@ class Identification:
         if refused:
             self.estimate = self._refuse(refused)
             return
+        self._shift = self._calibration.alignment(self._window)
         optimizer_class = ALGORITHMS[self._settings.algorithm]
         coordinates = Coordinates(self._window.play, cartesian=optimizer_class.uses_residuals)
         start = coordinates.encode(healthy_faults())
@@ -125,7 +130,7 @@ class Identification:
     ) -> NDArray[np.float64]:
         """Return measured less modelled and corrected current, ``(m, n)`` [A]."""
         modelled = self._model.current(self._window, faults, play)
-        return self._window.current - self._calibration.apply(modelled)
+        return self._window.current - self._calibration.apply(modelled, self._shift)
 
     def _refuse(self, reason: str) -> Estimate:
         return refusal(
@@ -161,11 +166,13 @@ class Identification:
         covariance, unobservable = uncertainty_of_faults(faults, covariance)
         faults = np.where(unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE), 0.5, faults)
         goodness = rms(band_limited(at_point, h)) / self._calibration.healthy_rms
+        explained = not goodness > UNEXPLAINED
         if goodness > POOR_FIT:
+            verdict = "may not be all that is wrong" if explained else "do not explain it"
             caveats = [
                 *caveats,
                 f"the residual is {goodness:.1f} times that of a healthy actuator: the eight "
-                "faults may not be all that is wrong",
+                f"faults {verdict}",
             ]
         return Estimate(
             self._window.start_ns,
@@ -181,7 +188,7 @@ class Identification:
             goodness_of_fit=goodness,
             evaluations=evaluations + _conclusion_evaluations(point),
             computing_time_s=time.perf_counter() - started,
-            valid=True,
+            valid=explained,
             reason="; ".join(caveats),
         )
 

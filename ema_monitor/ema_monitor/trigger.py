@@ -72,8 +72,8 @@ class WindowTrigger:
     """Cuts windows out of telemetry blocks.
 
     A window begins at the last sample before the command leaves its rest value. If the command
-    comes to rest again before the window is full, there is no window: so a cycle's slow approach
-    is passed over.
+    comes to rest again before the window is full, or moves one way only, there is no window: so a
+    cycle's slow approach is passed over.
 
     Parameters
     ----------
@@ -82,6 +82,13 @@ class WindowTrigger:
         motor on a known flank of its play.
     settings
         When a window begins and how long it is.
+
+    Attributes
+    ----------
+    longest_motion_s
+        Longest motion so far that made no window [s].
+    has_rested
+        Whether the command was ever at rest.
     """
 
     def __init__(
@@ -89,6 +96,7 @@ class WindowTrigger:
     ) -> None:
         self.settings = settings or TriggerSettings()
         self.longest_motion_s = 0.0
+        self.has_rested = False
         self._approach_travel = approach_travel(parameters)
         self._reset()
 
@@ -160,6 +168,7 @@ class WindowTrigger:
             if abs(command - self._rest_value) <= threshold:
                 self._rest_count += 1
                 if self._rest_count == rest_samples:
+                    self.has_rested = True
                     # The value that the rest began with may be a last step of the motion before.
                     self._rest_value = command
                 if self._start is not None and self._rest_count >= rest_samples:
@@ -169,7 +178,7 @@ class WindowTrigger:
                     self._start = index - 1
                 self._rest_value, self._rest_count = command, 1
             if self._start is not None and index == self._start + window_samples:
-                events.append(self._complete(self._start, window_samples))
+                events += self._complete(self._start, window_samples)
                 self._start = None
         return events
 
@@ -178,25 +187,27 @@ class WindowTrigger:
             self.longest_motion_s = max(self.longest_motion_s, (stop - self._start) * h)
         self._start = None
 
-    def _complete(self, start: int, samples: int) -> Window | Refusal:
+    def _complete(self, start: int, samples: int) -> list[Window | Refusal]:
         history = join(self._blocks)
         offset = start - history.first_index
         telemetry = history.part(offset, offset + samples + 1)
+        if is_one_way(telemetry.command, self.settings.threshold):
+            self.longest_motion_s = max(self.longest_motion_s, samples * telemetry.sample_period)
+            return []
         stamps = np.array([block.stamp_ns for block in self._blocks])
         indices = np.array([block.first_index for block in self._blocks])
         inside = (indices >= start) & (indices <= start + samples)
         if np.count_nonzero(inside) > 1:
             period = np.ptp(stamps[inside]) * 1e-9 / np.ptp(indices[inside])
             if abs(period / telemetry.sample_period - 1.0) > _RATE_TOLERANCE:
-                return Refusal(
-                    telemetry.stamp_ns,
-                    int(telemetry.stamps_ns[-1]),
+                reason = (
                     f"the stamps say one sample every {period:.4g} s, the blocks "
-                    f"{telemetry.sample_period:.4g} s",
+                    f"{telemetry.sample_period:.4g} s"
                 )
+                return [Refusal(telemetry.stamp_ns, int(telemetry.stamps_ns[-1]), reason)]
         approach = history.command[: offset + 1]
         play = play_after(approach, self._approach_travel, self.settings.threshold)
-        return Window(telemetry, play)
+        return [Window(telemetry, play)]
 
     def _forget(self) -> None:
         """Let go of blocks too old to matter."""
@@ -240,11 +251,27 @@ def play_after(command: NDArray[np.float64], travel: float, tolerance: float) ->
     for direction in (1.0, -1.0):
         way = direction * command
         far = np.flatnonzero(way <= way[-1] - travel)
-        if far.size:
-            last = way[far[-1] :]
-            if np.max(np.maximum.accumulate(last) - last) <= tolerance:
-                return direction
+        if far.size and _way_back(way[far[-1] :]) <= tolerance:
+            return direction
     return None
+
+
+def is_one_way(command: NDArray[np.float64], tolerance: float) -> bool:
+    """Return whether a command never turns back; some faults only show when it does.
+
+    Parameters
+    ----------
+    command
+        The command, ``(n,)`` [rad].
+    tolerance
+        How far it may go back all the same [rad].
+    """
+    return min(_way_back(command), _way_back(-command)) <= tolerance
+
+
+def _way_back(command: NDArray[np.float64]) -> float:
+    """Return how far a command that should rise falls at most [rad]."""
+    return float(np.max(np.maximum.accumulate(command) - command))
 
 
 def _break_between(last: Telemetry, block: Telemetry) -> str:

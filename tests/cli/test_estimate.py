@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,18 @@ def test_table_names_the_shipped_calibration(ema):
     assert "short circuit A" in result.stdout
 
 
+def test_faults_are_named_in_one_line_the_largest_first(ema, tmp_path):
+    [line] = [
+        line for line in ema("estimate", SAMPLE).stdout.splitlines() if line.startswith("found:")
+    ]
+    assert line.index("friction 0.2") < line.index("eccentricity 0.1")
+    assert "× nominal" in line
+    assert "gain" not in line
+    healthy = tmp_path / "healthy.mcap"
+    ema("simulate", "-o", healthy)
+    assert "no fault stands out of its uncertainty" in ema("estimate", healthy).stdout
+
+
 def test_plant_that_differs_keeps_its_nominal_description(ema, tmp_path):
     bag = tmp_path / "hot.mcap"
     ema("simulate", "--set", "R_s=2.24", "--fault", "friction=0.2", "-o", bag)
@@ -110,6 +123,8 @@ def test_calibration_of_the_own_unit(ema, tmp_path):
     result = ema("calibrate", healthy, "-o", calibration)
     assert result.exit_code == 0
     assert "3 windows" in result.stdout
+    assert "3 windows average out little" in result.stderr
+    assert "simulated faults" not in result.stderr
     refused = ema("estimate", case, "--json")
     assert refused.exit_code == 3
     [estimate] = json.loads(refused.stdout)
@@ -156,3 +171,38 @@ def test_another_command_needs_its_own_calibration(ema, tmp_path):
     [estimate] = json.loads(ema("estimate", bag, "--json").stdout)
     assert not estimate["valid"]
     assert "command differs" in estimate["reason"]
+
+
+def test_calibration_on_a_faulty_bag_warns(ema, tmp_path):
+    result = ema("calibrate", SAMPLE, "-o", tmp_path / "c.yaml")
+    assert result.exit_code == 0
+    assert "records simulated faults" in result.stderr
+    assert "residual of a healthy window unknown" in result.stdout
+
+
+def test_noisy_command_needs_a_threshold_above_its_noise(ema, tmp_path, record, faulty_blocks):
+    rng = np.random.default_rng(4)
+    noisy = [
+        replace(block, command=block.command + rng.normal(0.0, 2e-6, len(block)))
+        for block in faulty_blocks
+    ]
+    bag = record(noisy)
+    blind = ema("estimate", bag)
+    assert blind.exit_code == 1
+    assert "never rested within 1e-06 rad" in blind.stderr
+    [estimate] = json.loads(ema("estimate", bag, "--threshold", "2e-5", "--json").stdout)
+    assert estimate["valid"]
+    assert estimate["faults"]["friction"] == pytest.approx(0.3, abs=0.02)
+
+
+def test_eight_kilohertz(ema, tmp_path):
+    """The model's step divides whatever period the telemetry has."""
+    unit, healthy, case, calibration = (
+        tmp_path / name for name in ("u.yaml", "healthy.mcap", "case.mcap", "c.yaml")
+    )
+    unit.write_text("sample_period: 1.25e-4\nserial_number: SN-8\n")
+    ema("simulate", "--actuator", unit, "--cycles", "3", "-o", healthy)
+    ema("simulate", "--actuator", unit, "--fault", "backlash=0.2", "-o", case)
+    assert ema("calibrate", healthy, "-o", calibration).exit_code == 0
+    [estimate] = json.loads(ema("estimate", case, "--calibration", calibration, "--json").stdout)
+    assert estimate["faults"]["backlash"] == pytest.approx(0.2, abs=0.01)

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -61,6 +62,24 @@ def test_not_a_number_inside_a_window(ema, record, spoiled, faulty_blocks, colum
     [estimate] = json.loads(result.stdout)
     assert not estimate["valid"]
     assert f"{column} is nan at index {blocks[100].first_index + 7}" in estimate["reason"]
+
+
+def test_dead_current_sensor_is_not_taken_for_faults(ema, record, faulty_blocks):
+    blocks = [replace(block, current=np.zeros(len(block))) for block in faulty_blocks]
+    result = ema("estimate", record(blocks), "--json")
+    assert result.exit_code == 3
+    [estimate] = json.loads(result.stdout)
+    assert not estimate["valid"]
+    assert "the eight faults do not explain it" in estimate["reason"]
+
+
+def test_coarse_command_is_still_the_calibrated_one(ema, tmp_path):
+    bag = tmp_path / "coarse.mcap"
+    ema("simulate", "--fault", "friction=0.3", "--quantise", "command=1e-6", "-o", bag)
+    result = ema("estimate", bag, "--json")
+    assert result.exit_code == 0
+    [estimate] = json.loads(result.stdout)
+    assert estimate["faults"]["friction"] == pytest.approx(0.3, abs=0.02)
 
 
 def test_gap_inside_a_window(ema, record, faulty_blocks):

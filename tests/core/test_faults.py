@@ -38,7 +38,21 @@ def test_names_and_healthy_values():
     assert HIGHEST.tolist() == [1.0, 1.0, 0.99, 0.99, 0.99, 1.0, 1.0, 1.0]
     for fault in FAULTS:
         assert fault.label
-        assert "k" in fault.physical
+        assert " k" in fault.meaning
+
+
+def test_physical_values():
+    words = [fault.physical(0.25) for fault in FAULTS]
+    assert words == [
+        "dry friction 1.500 × nominal",
+        "backlash 25.750 × nominal",
+        "healthy turns of A 0.750",
+        "healthy turns of B 0.750",
+        "healthy turns of C 0.750",
+        "eccentricity zeta 0.250",
+        "direction phi -1.571 rad",
+        "position-loop gain 0.750 × nominal",
+    ]
 
 
 def test_healthy_vector_is_nobody_elses():

@@ -154,14 +154,44 @@ def test_other_length_is_a_mismatch(calibration, healthy_windows):
     assert "5000" in reason
 
 
-@pytest.mark.parametrize(("offset", "fits"), [(0.9e-6, True), (1.1e-6, False)])
-def test_other_command_is_a_mismatch(calibration, healthy_windows, offset, fits):
+@pytest.mark.parametrize(("share", "fits"), [(0.0045, True), (0.0055, False)])
+def test_other_command_is_a_mismatch(calibration, healthy_windows, share, fits):
+    """Half a percent of the command's rms is the limit."""
     window = healthy_windows[0]
+    offset = share * rms(window.command)
     reason = calibration.command_mismatch(changed(window, command=window.command + offset))
     assert (reason == "") == fits
     if not fits:
-        assert "1.1e-06 rad" in reason
-        assert "1e-06 rad" in reason
+        assert f"by {offset:.3g} rad" in reason
+
+
+@pytest.mark.parametrize("shift", [-25, -1, 0, 1, 40])
+def test_window_seen_to_begin_later_or_earlier_is_aligned(calibration, shift):
+    # A tone by which the two can be laid over each other only one way.
+    command = 1e-3 * np.sin(2 * np.pi * (np.arange(-100, 5101) / 5000.0) ** 2 * 15.0)
+    n = len(calibration.correction)
+    own = replace(calibration, command=command[100 : 101 + n])
+    rows = (np.zeros(n + 1) for _ in range(3))
+    window = Window(Telemetry(0, H, 0, command[100 + shift : 101 + n + shift], *rows), 1.0)
+    assert own.alignment(window) == shift
+    assert own.command_mismatch(window) == ""
+    # Where both windows have the sample, its correction is that of the same moment.
+    corrected = own.apply(np.zeros(n), shift)
+    inside = np.arange(max(0, -shift), n - max(0, shift))
+    np.testing.assert_array_equal(corrected[inside], own.correction[inside + shift])
+
+
+@pytest.mark.parametrize("period", [1.25e-4, 2.5e-4, 1e-5, 1e-4])
+def test_step_divides_the_sample_period(description, period):
+    """8 kHz is no multiple of the form's 20 us; the longest step below it that fits is taken."""
+    n = 40
+    command = np.concatenate([np.linspace(0, 2e-3, n // 2), np.linspace(2e-3, 0, n // 2)])
+    rows = (np.zeros(n), command, np.ones(n))
+    window = Window(Telemetry(0, period, 1, command, *rows), 0.0)
+    calibration = calibrate([window], replace(description, sample_period=period))
+    steps = period / calibration.dt
+    assert steps == pytest.approx(round(steps))
+    assert calibration.dt <= FORMS["fast"] * (1 + 1e-9) < period / (round(steps) - 1 or 1e-9)
 
 
 def test_nothing_to_calibrate_on_is_refused(description):

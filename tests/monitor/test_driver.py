@@ -1,5 +1,6 @@
 """The loop around an optimizer: counting, best so far, and each reason to stop."""
 
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -173,3 +174,16 @@ def test_termination_that_is_not_a_number_is_refused_by_name(name):
     settings: dict[str, Any] = {name: NAN}
     with pytest.raises(ValueError, match=f"{name} = nan"):
         Termination(**settings)
+
+
+def test_another_rule_of_termination_needs_no_other_driver():
+    @dataclass(frozen=True)
+    class Five:
+        budget: int = 10**6
+
+        def reached(self, best_costs):
+            return len(best_costs) == 5
+
+    optimizer = cast(Optimizer, Script([[3.0], [2.0], [1.0]] * 3))
+    runs = list(minimise(lambda points: np.sqrt(np.abs(points)) * 0 + 1.0, optimizer, Five()))
+    assert len(runs) == 5

@@ -80,11 +80,16 @@ def test_approach_is_passed_over():
     assert trigger.finish() == []
 
 
-def test_shorter_window_takes_the_approach_for_a_command():
-    """Why a window must be longer than an approach."""
-    windows = found(CYCLE.samples, TriggerSettings(window_s=0.3))
-    assert len(windows) == 2
-    assert windows[0].telemetry.first_index < CYCLE.start
+def test_motion_one_way_is_passed_over_however_long():
+    """An approach longer than a window shows nothing of the faults that need a reversal."""
+    [window] = found(CYCLE.samples, TriggerSettings(window_s=0.3))
+    assert window.telemetry.first_index > CYCLE.start
+    slow = np.concatenate(
+        [REST, np.linspace(0, -2e-3, 7000), REST - 2e-3, np.linspace(-2e-3, 0, 12_000), REST, CHIRP]
+    )
+    [window] = found(slow, TriggerSettings(window_s=0.4))
+    assert window.telemetry.first_index > len(slow) - len(CHIRP)
+    assert window.play == 1.0
 
 
 @pytest.mark.parametrize("threshold", [1e-7, 1e-5, 1e-4])
@@ -115,11 +120,11 @@ def test_window_needs_rest_before(rest, windows):
 
 
 def test_step_begins_in_the_sample_before_it():
-    command = np.concatenate([REST, np.full(5000, 0.1)])
+    command = np.concatenate([REST, np.full(50, 0.1), np.zeros(5000)])
     [window] = found(command, TriggerSettings(window_s=0.01))
     assert window.telemetry.first_index - 1 == len(REST) - 1
     assert window.command[0] == 0.0
-    assert np.all(window.command[1:] == 0.1)
+    assert np.all(window.command[1:51] == 0.1)
 
 
 def test_step_to_rest_makes_no_window():

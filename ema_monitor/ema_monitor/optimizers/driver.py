@@ -1,7 +1,9 @@
 """The loop around an optimizer: evaluation, best so far, termination and progress."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +11,28 @@ from numpy.typing import NDArray
 from ema_monitor.optimizers.interface import Optimizer
 
 
+class StopRule(Protocol):
+    """When to stop."""
+
+    @property
+    def budget(self) -> int:
+        """Largest number of evaluations; a generation that would pass it is not begun."""
+        ...
+
+    def reached(self, best_costs: Sequence[float]) -> bool:
+        """Return whether to stop.
+
+        Parameters
+        ----------
+        best_costs
+            Best cost so far after each generation, at least one.
+        """
+        ...
+
+
 @dataclass(frozen=True)
 class Termination:
-    """When to stop.
+    """The stop rule by target and stall.
 
     Attributes
     ----------
@@ -45,6 +66,19 @@ class Termination:
         if not self.tolerance >= 0.0:
             raise ValueError(f"tolerance = {self.tolerance}: expected at least 0")
 
+    def reached(self, best_costs: Sequence[float]) -> bool:
+        """Return whether target or stall is reached; see :meth:`StopRule.reached`."""
+        if best_costs[-1] <= self.target:
+            return True
+        if len(best_costs) <= self.stall_generations:
+            return False
+        recent = best_costs[-self.stall_generations - 1 :]
+        return not any(self._fell(before, after) for before, after in pairwise(recent))
+
+    def _fell(self, before: float, after: float) -> bool:
+        # From no cost at all to the first finite one is a fall, too.
+        return after < before and not before - after <= self.tolerance * min(before, 1e300)
+
 
 @dataclass(frozen=True)
 class Progress:
@@ -69,7 +103,7 @@ class Progress:
 def minimise(
     residuals_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     optimizer: Optimizer,
-    termination: Termination,
+    termination: StopRule,
     *,
     reserve: int = 0,
 ) -> Iterator[Progress]:
@@ -93,7 +127,7 @@ def minimise(
         When the budget does not allow even the first generation.
     """
     best = Progress(0, 0, np.empty(0), np.inf)
-    stalled = 0
+    history: list[float] = []
     while not optimizer.converged:
         points = optimizer.ask()
         evaluations = best.evaluations + len(points)
@@ -110,19 +144,14 @@ def minimise(
         optimizer.tell(points, costs, residuals)
 
         leader = int(np.argmin(costs))
-        # Nothing is lower than a best that is not there yet: the first point counts as a gain.
-        first = best.generation == 0 or not np.isfinite(best.cost)
         improved = best.generation == 0 or costs[leader] < best.cost
-        if improved and (first or best.cost - costs[leader] > termination.tolerance * best.cost):
-            stalled = 0
-        else:
-            stalled += 1
         best = Progress(
             best.generation + 1,
             evaluations,
             points[leader].copy() if improved else best.point,
             float(costs[leader]) if improved else best.cost,
         )
+        history.append(best.cost)
         yield best
-        if best.cost <= termination.target or stalled >= termination.stall_generations:
+        if termination.reached(history):
             return
