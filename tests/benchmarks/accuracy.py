@@ -63,13 +63,13 @@ def run_case(faults: dict[str, float], algorithm: str, folder: Path) -> dict[str
 def main(output: Path | None, algorithms: tuple[str, ...]) -> None:
     """Print the table and write the JSON file."""
     results: dict[str, dict[str, Any]] = {}
-    console = Console()
+    console = Console(width=100)
     with tempfile.TemporaryDirectory() as folder:
         for number, name in enumerate(track(CASES, "cases", console=Console(stderr=True))):
             place = Path(folder) / str(number)
             place.mkdir()
             results[name] = {a: run_case(CASES[name], a, place) for a in algorithms}
-    table = Table("case")
+    table = Table("case", expand=False)
     for algorithm in algorithms:
         for what in ("error %", "evaluations", "time s"):
             table.add_column(f"{algorithm}\n{what}", justify="right")
