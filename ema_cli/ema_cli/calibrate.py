@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from ema_cli.errors import one_clear_line
+from ema_cli.progress import progress_bar
 from ema_cli.source_options import Source, source_options
 from ema_cli.windows import read_windows, require_windows
 from ema_monitor.calibration import calibrate as calibrate_windows
@@ -54,7 +55,9 @@ def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -
                 )
             if found.simulated_faults:
                 click.echo(f"warning: {bag} records simulated faults: not healthy", err=True)
-        calibration = calibrate_windows(windows, descriptions[0], form)
+        with progress_bar() as progress:
+            tracked = progress.track(windows, description="calibrating")
+            calibration = calibrate_windows(tracked, descriptions[0], form)
         calibration.save(output)
     if calibration.windows < _ENOUGH_WINDOWS:
         click.echo(

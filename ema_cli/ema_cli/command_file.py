@@ -47,8 +47,11 @@ def command_from(shape: str, figures: dict[str, float]) -> Command:
 
 
 def _column(path: Path) -> list[float]:
-    with path.open(newline="") as file:
-        rows = [row for row in csv.reader(file) if row]
+    try:
+        with path.open(newline="") as file:
+            rows = [row for row in csv.reader(file) if row]
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is not a CSV file: {error}") from error
     samples = []
     for number, row in enumerate(rows):
         try:

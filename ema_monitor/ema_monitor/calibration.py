@@ -3,9 +3,11 @@
 import hashlib
 import json
 import math
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from importlib import resources
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +18,13 @@ from numpy.typing import NDArray
 from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
 from ema_core.parameters import ActuatorParameters
+from ema_monitor.alignment import difference_at, moved, shift_between
 from ema_monitor.model import FORMS, MonitorModel
 from ema_monitor.residual import band_limited, rms
 from ema_monitor.window import Window
 
 _FORMAT = 1
 _COMMAND_TOLERANCE = 5e-3
-_MOST_SHIFT = 60
 _LEAST_SCATTER = 1e-6
 _RANGES = {
     "dt": ("s", 1e-9, 1e-3),
@@ -120,29 +122,18 @@ class Calibration:
         shift
             How many samples later than the calibrated window the window begins.
         """
-        n = len(self.correction)
-        correction = self.correction[np.clip(np.arange(n) + shift, 0, n - 1)]
-        return current + self.lift * lift_shape(current, self.parameters) + correction
+        lift = self.lift * lift_shape(current, self.parameters)
+        return current + lift + moved(self.correction, shift)
 
     def alignment(self, window: Window) -> int:
         """Return how many samples later than the calibrated window a window begins.
-
-        Noise or coarse steps in the measured command move the sample at which it is seen to leave
-        its rest.
 
         Parameters
         ----------
         window
             A window with as many samples as the calibration.
         """
-        shifts = sorted(range(-_MOST_SHIFT, _MOST_SHIFT + 1), key=abs)
-        return min(shifts, key=lambda shift: self._command_difference(window, shift))
-
-    def _command_difference(self, window: Window, shift: int) -> float:
-        later, earlier = window.command, self.command
-        if shift < 0:
-            later, earlier, shift = earlier, later, -shift
-        return rms(later[: len(later) - shift] - earlier[shift:])
+        return shift_between(window.command, self.command)
 
     def unit_mismatch(self, description: ActuatorDescription) -> str:
         """Return why this calibration does not fit a described actuator; empty when it does.
@@ -191,7 +182,7 @@ class Calibration:
         window
             A window with as many samples as the calibration.
         """
-        difference = self._command_difference(window, self.alignment(window))
+        difference = difference_at(window.command, self.command, self.alignment(window))
         limit = _COMMAND_TOLERANCE * rms(self.command)
         if difference > limit:
             return (
@@ -283,7 +274,7 @@ def lift_shape(current: NDArray[np.float64], parameters: ActuatorParameters) -> 
 
 
 def calibrate(
-    windows: list[Window], description: ActuatorDescription, form: str = "fast"
+    windows: Iterable[Window], description: ActuatorDescription, form: str = "fast"
 ) -> Calibration:
     """Calibrate the monitor model on healthy windows of one actuator.
 
@@ -302,43 +293,32 @@ def calibrate(
     ValueError
         When there is no window, or one is not like the first.
     """
-    if not windows:
+    waiting = iter(windows)
+    first = next(waiting, None)
+    if first is None:
         raise ValueError("calibration needs at least one healthy window, got none")
-    first = windows[0]
-    # The longest step up to the form's own that divides the sample period.
     h = first.sample_period
+    # The longest step up to the form's own that divides the sample period.
     model = MonitorModel(description.parameters, form, h / math.ceil(h / FORMS[form] - 1e-6))
-    modelled = []
-    for number, window in enumerate(windows):
-        if reason := window.excitation_defect():
+    modelled, missed = [], []
+    for number, window in enumerate(chain([first], waiting)):
+        if reason := window.excitation_defect() or _unlike(window, first):
             raise ValueError(f"window {number}: {reason}")
-        if len(window) != len(first) or window.sample_period != first.sample_period:
-            raise ValueError(
-                f"window {number} has {len(window)} samples of {window.sample_period:g} s, the "
-                f"first {len(first)} of {first.sample_period:g} s"
-            )
-        difference = rms(window.command - first.command)
-        limit = _COMMAND_TOLERANCE * rms(first.command)
-        if difference > limit:
-            raise ValueError(
-                f"window {number} has another command than the first: {difference:.3g} rad rms "
-                f"apart (limit {limit:.3g} rad)"
-            )
         play = 0.0 if window.play is None else window.play
-        modelled.append(model.current(window, healthy_faults(), play)[0])
-    residuals = np.array([window.current for window in windows]) - modelled
+        current = model.current(window, healthy_faults(), play)[0]
+        shift = shift_between(window.command, first.command)
+        modelled.append(moved(current, -shift))
+        missed.append(moved(window.current - current, -shift))
+    residuals, n = np.array(missed), len(missed)
     lift = 0.0
     if model.form == "fast":
         shape = lift_shape(np.array(modelled), model.parameters)
         lift = float(np.sum(shape * residuals) / np.sum(shape**2))
         residuals -= lift * shape
     correction = np.mean(residuals, axis=0)
-    n = len(windows)
     scatter = 0.0
     if n > 1:
-        spread = rms(
-            np.array([band_limited(row, first.sample_period) for row in residuals - correction])
-        )
+        spread = rms(np.array([band_limited(row, h) for row in residuals - correction]))
         # Each window is itself in the mean that it is compared with; another one will not be.
         scatter = spread * np.sqrt((n + 1.0) / (n - 1.0))
     return Calibration(
@@ -347,10 +327,28 @@ def calibrate(
         model.parameters,
         model.form,
         model.dt,
-        first.sample_period,
+        h,
         first.command,
         lift,
         correction,
         scatter if scatter > _LEAST_SCATTER else float("nan"),
         n,
     )
+
+
+def _unlike(window: Window, first: Window) -> str:
+    """Return in what a window is not like the first; empty when it is."""
+    if len(window) != len(first) or window.sample_period != first.sample_period:
+        return (
+            f"it has {len(window)} samples of {window.sample_period:g} s, the first "
+            f"{len(first)} of {first.sample_period:g} s"
+        )
+    shift = shift_between(window.command, first.command)
+    difference = difference_at(window.command, first.command, shift)
+    limit = _COMMAND_TOLERANCE * rms(first.command)
+    if difference > limit:
+        return (
+            f"it has another command than the first: {difference:.3g} rad rms apart (limit "
+            f"{limit:.3g} rad)"
+        )
+    return ""

@@ -190,6 +190,8 @@ def test_noisy_command_needs_a_threshold_above_its_noise(ema, tmp_path, record, 
     blind = ema("estimate", bag)
     assert blind.exit_code == 1
     assert "never rested within 1e-06 rad" in blind.stderr
+    calibration = tmp_path / "c.yaml"
+    assert ema("calibrate", bag, "--threshold", "2e-5", "-o", calibration).exit_code == 0
     [estimate] = json.loads(ema("estimate", bag, "--threshold", "2e-5", "--json").stdout)
     assert estimate["valid"]
     assert estimate["faults"]["friction"] == pytest.approx(0.3, abs=0.02)

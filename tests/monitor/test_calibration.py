@@ -201,13 +201,13 @@ def test_nothing_to_calibrate_on_is_refused(description):
 
 def test_windows_of_another_command_are_refused(healthy_windows, description):
     other = changed(healthy_windows[1], command=1.01 * healthy_windows[1].command)
-    with pytest.raises(ValueError, match=r"window 2 has another command .* rad rms"):
+    with pytest.raises(ValueError, match=r"window 2: it has another command .* rad rms"):
         calibrate([*healthy_windows[:2], other], description)
 
 
 def test_windows_of_another_length_are_refused(healthy_windows, description):
     other = replace(healthy_windows[1], telemetry=healthy_windows[1].telemetry.part(0, 4000))
-    with pytest.raises(ValueError, match=r"window 1 has 3999 samples .* first 5000"):
+    with pytest.raises(ValueError, match=r"window 1: it has 3999 samples .* first 5000"):
         calibrate([healthy_windows[0], other], description)
 
 

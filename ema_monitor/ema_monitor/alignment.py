@@ -1,0 +1,51 @@
+"""Laying one window over another by their commands.
+
+Noise or coarse steps in the measured command move the sample at which it is seen to leave its
+rest, so that windows of the same command begin some samples apart.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_monitor.residual import rms
+
+MOST_SHIFT: Final = 60
+"""Largest number of samples that two windows may begin apart."""
+
+
+def shift_between(command: NDArray[np.float64], reference: NDArray[np.float64]) -> int:
+    """Return how many samples later than a reference a window begins.
+
+    Parameters
+    ----------
+    command, reference
+        Commands of the two windows, both ``(n,)`` [rad].
+    """
+    most = min(MOST_SHIFT, len(command) - 1)
+    shifts = sorted(range(-most, most + 1), key=abs)
+    return min(shifts, key=lambda shift: difference_at(command, reference, shift))
+
+
+def difference_at(
+    command: NDArray[np.float64], reference: NDArray[np.float64], shift: int
+) -> float:
+    """Return the rms difference of two commands where they overlap [rad].
+
+    Parameters
+    ----------
+    command, reference
+        Commands of the two windows, both ``(n,)`` [rad].
+    shift
+        How many samples later than the reference the window begins.
+    """
+    if shift < 0:
+        command, reference, shift = reference, command, -shift
+    return rms(command[: len(command) - shift] - reference[shift:])
+
+
+def moved(row: NDArray[np.float64], shift: int) -> NDArray[np.float64]:
+    """Return a row as seen from ``shift`` samples later, ``(n,)``; its ends are held."""
+    n = len(row)
+    return row[np.clip(np.arange(n) + shift, 0, n - 1)]
