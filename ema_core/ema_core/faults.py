@@ -30,7 +30,9 @@ class Fault:
     @property
     def meaning(self) -> str:
         """What the normalised value k means, as a formula."""
-        return f"{self.quantity} = {self.base:.4g} {self.slope:+.4g} k {self.unit}".strip()
+        sign = "-" if self.slope < 0.0 else "+"
+        formula = f"{self.base:.4g} {sign} {abs(self.slope):.4g} k"
+        return f"{self.quantity} = ({formula}) {self.unit}".strip()
 
     def physical(self, k: float) -> str:
         """Return what a normalised value amounts to, in words."""
