@@ -31,7 +31,8 @@ class Fault:
     def meaning(self) -> str:
         """What the normalised value k means, as a formula."""
         sign = "-" if self.slope < 0.0 else "+"
-        formula = f"{self.base:.4g} {sign} {abs(self.slope):.4g} k"
+        factor = "" if abs(self.slope) == 1.0 else f"{abs(self.slope):.4g} "
+        formula = f"{self.base:.4g} {sign} {factor}k"
         return f"{self.quantity} = ({formula}) {self.unit}".strip()
 
     def physical(self, k: float) -> str:
