@@ -12,7 +12,7 @@ from ema_cli.command_file import command_from
 from ema_cli.errors import Assignments, merged, one_clear_line
 from ema_cli.interrupt import deferred_interrupt
 from ema_cli.progress import progress_bar
-from ema_core.commands import build_cycle
+from ema_core.commands import approach_depth, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_recording.actuator_bag import SimulatedActuatorBag
@@ -117,7 +117,9 @@ def simulate(
             description = replace(description, serial_number=serial_number)
         vector = fault_vector(merged(faults, "--fault"))
         cycle = build_cycle(
-            command_from(shape, merged(figures, "--command-set")), description.sample_period
+            command_from(shape, merged(figures, "--command-set")),
+            description.sample_period,
+            approach_depth(description.parameters),
         ).samples
         of_sensors, of_current = np.random.default_rng(seed).spawn(2)
         sensors = Sensors(current_noise, merged(resolutions, "--quantise"), of_sensors)

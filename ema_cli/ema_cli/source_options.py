@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
+from pathlib import Path
 from typing import Any
 
 import click
@@ -12,6 +13,12 @@ from ema_monitor.trigger import TriggerSettings
 _DEFAULTS = TriggerSettings()
 _OPTIONS = (
     click.option("--actuator-id", help="Which actuator, if the bag holds several."),
+    click.option(
+        "--actuator",
+        "actuator_file",
+        type=click.Path(path_type=Path, dir_okay=False),
+        help="YAML file that describes the actuator, for a bag without its description.",
+    ),
     click.option("--topic", help="Topic of the telemetry, if there are several."),
     click.option(
         "--threshold",
@@ -41,12 +48,15 @@ class Source:
         Change of the command that counts as motion [rad].
     rest_s
         How long the command rests before a window [s].
+    actuator_file
+        Description for a bag that holds none.
     """
 
     actuator_id: str | None
     topic: str | None
     threshold: float
     rest_s: float
+    actuator_file: Path | None
 
     def trigger_settings(self) -> TriggerSettings:
         """Return the settings of the window trigger.
@@ -69,9 +79,11 @@ def source_options(command: Callable[..., None]) -> Callable[..., None]:
         topic: str | None,
         threshold: float,
         rest_s: float,
+        actuator_file: Path | None,
         **others: Any,
     ) -> None:
-        command(source=Source(actuator_id, topic, threshold, rest_s), **others)
+        source = Source(actuator_id, topic, threshold, rest_s, actuator_file)
+        command(source=source, **others)
 
     for option in reversed(_OPTIONS):
         with_options = option(with_options)

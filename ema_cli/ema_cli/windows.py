@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ema_cli.actuator_file import load_description
 from ema_cli.progress import progress_bar
 from ema_cli.source_options import Source
 from ema_core.description import ActuatorDescription
@@ -81,9 +82,15 @@ def read_windows(path: Path, source: Source) -> BagWindows:
         recorded = read_telemetry(bag, source.topic, source.actuator_id)
     except ValueError as error:
         raise ValueError("; ".join(filter(None, (str(error), bag.damage)))) from error
-    if not recorded.descriptions:
-        raise ValueError(f"{path} has no description of actuator {recorded.actuator_id!r}")
-    description = recorded.descriptions[-1]
+    if recorded.descriptions:
+        description = recorded.descriptions[-1]
+    elif source.actuator_file is not None:
+        description = load_description(source.actuator_file)
+    else:
+        raise ValueError(
+            f"{path} has no description of actuator {recorded.actuator_id!r}: give one with "
+            "--actuator FILE"
+        )
     trigger = WindowTrigger(description.parameters, source.trigger_settings())
     blocks: list[Telemetry] = []
     windows: list[Window | Refusal] = []

@@ -11,10 +11,14 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ema_core.parameters import ActuatorParameters, constants
+
 COMMAND_SHAPES: Final = ("step", "ramp", "sine", "chirp", "custom")
 
-_APPROACH_DEPTH = 2e-3
-_APPROACH_S = 0.4
+APPROACH_DEPTH: Final = 2e-3
+"""From how far below a cycle approaches its start by default [rad]."""
+
+_APPROACH_SPEED = 5e-3
 _RETREAT_S = 0.1
 _HOLD_S = 0.1
 _RETURN_S = 0.3
@@ -149,11 +153,41 @@ def _glide(start: float, stop: float, duration: float, h: float) -> NDArray[np.f
     return start + (stop - start) * (1.0 - np.cos(math.pi * u)) / 2.0
 
 
-def build_cycle(command: Command, sample_period: float) -> Cycle:
+def approach_travel(parameters: ActuatorParameters) -> float:
+    """Return how far the command must go one way to leave the motor on that flank [rad].
+
+    It is the widest backlash, and the error that the worst friction holds at the lowest gain,
+    both at the user shaft.
+
+    Parameters
+    ----------
+    parameters
+        Nominal parameters of the actuator.
+    """
+    control, _, mechanics = constants(parameters)
+    stiffness = control.GAP * 0.5 * control.G_prop
+    held = 3.0 * mechanics.f_s / stiffness if stiffness > 0.0 else float("inf")
+    return 200.0 * mechanics.half_backlash * mechanics.tau + held
+
+
+def approach_depth(parameters: ActuatorParameters) -> float:
+    """Return from how far below a cycle approaches its start [rad].
+
+    It is 2 mrad, or more where the actuator's play needs more.
+
+    Parameters
+    ----------
+    parameters
+        Nominal parameters of the actuator.
+    """
+    return max(APPROACH_DEPTH, min(1.2 * approach_travel(parameters), parameters.theta_stop / 2.0))
+
+
+def build_cycle(command: Command, sample_period: float, depth: float = APPROACH_DEPTH) -> Cycle:
     """Return a test cycle: hold, approach from below, command, return, rest.
 
     The flap's position does not show where in its play the motor stands. The slow approach from
-    -2 mrad always leaves it pushing in the same direction.
+    below always leaves it pushing in the same direction.
 
     Parameters
     ----------
@@ -161,6 +195,8 @@ def build_cycle(command: Command, sample_period: float) -> Cycle:
         What is tested with.
     sample_period
         Period h [s].
+    depth
+        From how far below it approaches its start [rad].
 
     Raises
     ------
@@ -170,12 +206,12 @@ def build_cycle(command: Command, sample_period: float) -> Cycle:
     h = sample_period
     proper = command.sample(h)
     hold = round(_HOLD_S / h)
-    approach = np.linspace(-_APPROACH_DEPTH, 0.0, round(_APPROACH_S / h) + 1)[1:]
+    approach = np.linspace(-depth, 0.0, round(depth / (_APPROACH_SPEED * h)) + 1)[1:]
     before = np.concatenate(
         [
             np.zeros(hold),
-            _glide(0.0, -_APPROACH_DEPTH, _RETREAT_S, h),
-            np.full(hold, -_APPROACH_DEPTH),
+            _glide(0.0, -depth, _RETREAT_S, h),
+            np.full(hold, -depth),
             approach,
             np.zeros(hold),
         ]

@@ -9,7 +9,7 @@ COLUMNS = ("command", "current", "position", "speed")
 """Columns of telemetry, in the order of the messages."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Telemetry:
     """Consecutive samples at a fixed period.
 

@@ -40,7 +40,7 @@ def faults_from_message(message: FaultVector) -> NDArray[np.float64]:
     return fault_vector([getattr(message, name) for name in FAULT_NAMES])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StampedFaults:
     """The true faults of an actuator in one test cycle.
 

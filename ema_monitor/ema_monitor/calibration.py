@@ -35,7 +35,7 @@ _RANGES = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Calibration:
     """Static calibration of a monitor model for one unit, one command and one sample period.
 

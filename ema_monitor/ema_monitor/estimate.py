@@ -48,7 +48,7 @@ class Settings:
             raise ValueError(f"seed = {self.seed}: expected a whole number of at least 0")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """What was found in a window.
 

@@ -35,7 +35,7 @@ UNEXPLAINED: Final = 15.0
 _DIFFERENCE = 5e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Generation:
     """Where an identification stands after a generation."""
 

@@ -10,11 +10,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.parameters import ActuatorParameters, constants
+from ema_core.commands import approach_travel
+from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_monitor.window import Window
 
-_LOOKBACK_S: Final = 2.0
+_LOOKBACK_S: Final = 10.0
 _RATE_TOLERANCE: Final = 0.01
 
 
@@ -217,23 +218,6 @@ class WindowTrigger:
             oldest = self._start - round(_LOOKBACK_S / last.sample_period)
         while self._blocks[0].first_index + len(self._blocks[0]) < oldest:
             self._blocks.pop(0)
-
-
-def approach_travel(parameters: ActuatorParameters) -> float:
-    """Return how far the command must go one way to leave the motor on that flank [rad].
-
-    It is the widest backlash, and the error that the worst friction holds at the lowest gain,
-    both at the user shaft.
-
-    Parameters
-    ----------
-    parameters
-        Nominal parameters of the actuator.
-    """
-    control, _, mechanics = constants(parameters)
-    stiffness = control.GAP * 0.5 * control.G_prop
-    held = 3.0 * mechanics.f_s / stiffness if stiffness > 0.0 else float("inf")
-    return 200.0 * mechanics.half_backlash * mechanics.tau + held
 
 
 def play_after(command: NDArray[np.float64], travel: float, tolerance: float) -> float | None:

@@ -9,6 +9,8 @@ import pytest
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
+from ema_interfaces.msg import TelemetryBlock
+from ema_messages.telemetry import telemetry_to_message
 from ema_recording.writer import BagWriter
 
 
@@ -139,6 +141,22 @@ def test_command_that_hardly_moves(ema, tmp_path):
     assert result.exit_code == 3
     [estimate] = json.loads(result.stdout)
     assert "no excitation: the command travels 0.0002 rad" in estimate["reason"]
+
+
+def test_bag_without_description_takes_one_from_a_file(ema, tmp_path, faulty_blocks):
+    path, unit = tmp_path / "bare.mcap", tmp_path / "unit.yaml"
+    with BagWriter(path) as bag:
+        bag.add_topic("/t", TelemetryBlock, QoSProfile(depth=1))
+        for block in faulty_blocks:
+            bag.write("/t", telemetry_to_message(block, "flap"), block.stamp_ns)
+    refused = ema("estimate", path)
+    assert refused.exit_code == 1
+    assert "no description of actuator 'flap'" in refused.stderr
+    assert "--actuator" in refused.stderr
+    unit.write_text("actuator_id: flap\n")
+    result = ema("estimate", path, "--actuator", unit, "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)[0]["faults"]["friction"] == pytest.approx(0.3, abs=0.02)
 
 
 def test_bag_without_telemetry_names_its_topics(ema, tmp_path):

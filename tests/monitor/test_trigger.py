@@ -5,10 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ema_core.commands import THESIS_CHIRP, build_cycle
+from ema_core.commands import THESIS_CHIRP, approach_depth, approach_travel, build_cycle
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS
-from ema_monitor.trigger import TriggerSettings, WindowTrigger, approach_travel
+from ema_monitor.trigger import TriggerSettings, WindowTrigger
 
 from .streams import PERIOD_NS, START_NS, H, blocks, stream, windows_in
 
@@ -199,3 +199,12 @@ def test_window_of_recorded_telemetry_is_what_was_recorded(record):
     assert window.start_ns == (start + 1) * PERIOD_NS
     assert np.array_equal(window.current, telemetry.current[start + 1 : start + 5001])
     assert window.telemetry.position[0] == telemetry.position[start]
+
+
+@pytest.mark.parametrize("changes", [{}, {"BLK": 0.05}, {"tau": 0.004, "BLK": 0.01}, {"GAP": 0.01}])
+def test_own_cycle_always_tells_where_in_its_play_the_motor_stands(changes):
+    parameters = PARAMETERS.replace(changes)
+    cycle = build_cycle(THESIS_CHIRP, H, approach_depth(parameters)).samples
+    trigger = WindowTrigger(parameters)
+    [window] = windows_in([e for block in blocks(stream(cycle), 100) for e in trigger.feed(block)])
+    assert window.play == 1.0

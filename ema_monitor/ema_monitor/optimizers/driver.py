@@ -80,7 +80,7 @@ class Termination:
         return after < before and not before - after <= self.tolerance * min(before, 1e300)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Progress:
     """Where a run stands after a generation.
 
