@@ -64,6 +64,10 @@ class Telemetry:
         steps = np.arange(len(self)) * (self.sample_period * 1e9)
         return self.stamp_ns + np.rint(steps).astype(np.int64)
 
+    def stamp_at(self, sample: int) -> int:
+        """Return the time of the end of one sample, counted from 0 [ns]."""
+        return self.stamp_ns + round(sample * self.sample_period * 1e9)
+
     def part(self, start: int, stop: int) -> "Telemetry":
         """Return samples ``start`` to ``stop`` (exclusive) with their own stamp and index.
 
@@ -75,7 +79,7 @@ class Telemetry:
         if not 0 <= start < stop <= len(self):
             raise ValueError(f"samples {start} to {stop} are no part of {len(self)} samples")
         return Telemetry(
-            self.stamp_ns + round(start * self.sample_period * 1e9),
+            self.stamp_at(start),
             self.sample_period,
             self.first_index + start,
             *(getattr(self, name)[start:stop] for name in COLUMNS),

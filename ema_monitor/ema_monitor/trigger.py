@@ -130,9 +130,9 @@ class WindowTrigger:
         """Return the refusal of a window that the end of the telemetry cut off, if there is one."""
         if self._start is None:
             return []
-        last = self._blocks[-1]
-        end_ns = int(last.stamps_ns[-1])
-        start_ns = int(join(self._blocks).stamps_ns[self._start - self._blocks[0].first_index])
+        first, last = self._blocks_from(self._start)[0], self._blocks[-1]
+        start_ns = first.stamp_at(self._start - first.first_index)
+        end_ns = last.stamp_at(len(last) - 1)
         return [
             Refusal(
                 start_ns,
@@ -189,14 +189,16 @@ class WindowTrigger:
         self._start = None
 
     def _complete(self, start: int, samples: int) -> list[Window | Refusal]:
-        history = join(self._blocks)
-        offset = start - history.first_index
-        telemetry = history.part(offset, offset + samples + 1)
+        # Stamped by the block that the window begins in: stamps counted on from the approach would
+        # carry along how far the clock has drifted since.
+        held = self._blocks_from(start)
+        offset = start - held[0].first_index
+        telemetry = join(held).part(offset, offset + samples + 1)
         if is_one_way(telemetry.command, self.settings.threshold):
             self.longest_motion_s = max(self.longest_motion_s, samples * telemetry.sample_period)
             return []
-        stamps = np.array([block.stamp_ns for block in self._blocks])
-        indices = np.array([block.first_index for block in self._blocks])
+        stamps = np.array([block.stamp_ns for block in held])
+        indices = np.array([block.first_index for block in held])
         inside = (indices >= start) & (indices <= start + samples)
         if np.count_nonzero(inside) > 1:
             period = np.ptp(stamps[inside]) * 1e-9 / np.ptp(indices[inside])
@@ -205,10 +207,15 @@ class WindowTrigger:
                     f"the stamps say one sample every {period:.4g} s, the blocks "
                     f"{telemetry.sample_period:.4g} s"
                 )
-                return [Refusal(telemetry.stamp_ns, int(telemetry.stamps_ns[-1]), reason)]
-        approach = history.command[: offset + 1]
+                return [Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), reason)]
+        commands = np.concatenate([block.command for block in self._blocks])
+        approach = commands[: start - self._blocks[0].first_index + 1]
         play = play_after(approach, self._approach_travel, self.settings.threshold)
         return [Window(telemetry, play)]
+
+    def _blocks_from(self, index: int) -> list[Telemetry]:
+        """Return the blocks from that on which holds a sample."""
+        return [block for block in self._blocks if block.first_index + len(block) > index]
 
     def _forget(self) -> None:
         """Let go of blocks too old to matter."""

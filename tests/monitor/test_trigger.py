@@ -1,5 +1,6 @@
 """Windows are found where the command says, whatever carries it."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -208,3 +209,20 @@ def test_own_cycle_always_tells_where_in_its_play_the_motor_stands(changes):
     trigger = WindowTrigger(parameters)
     [window] = windows_in([e for block in blocks(stream(cycle), 100) for e in trigger.feed(block)])
     assert window.play == 1.0
+
+
+def test_window_is_stamped_by_its_own_blocks_when_the_clock_drifts():
+    """A clock half a percent fast is within tolerance, but not forgotten over the approach."""
+    drifting = [
+        replace(block, stamp_ns=START_NS + round(1.005 * (block.stamp_ns - START_NS)))
+        for block in blocks(stream(CYCLE.samples), 100)
+    ]
+    trigger = WindowTrigger(PARAMETERS)
+    [window] = windows_in([event for block in drifting for event in trigger.feed(block)])
+    [own] = [
+        block
+        for block in drifting
+        if block.first_index <= window.telemetry.first_index < block.first_index + len(block)
+    ]
+    offset = window.telemetry.first_index - own.first_index
+    assert window.start_ns == own.stamp_ns + offset * PERIOD_NS
