@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from ema_cli.actuator_file import load_description
+from ema_nodes.actuator_file import load_description
 from ema_cli.command_file import command_from
 from ema_cli.errors import Assignments, merged, one_clear_line
 from ema_cli.interrupt import deferred_interrupt

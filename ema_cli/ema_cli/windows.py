@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ema_cli.actuator_file import load_description
+from ema_nodes.actuator_file import load_description
 from ema_cli.progress import progress_bar
 from ema_cli.source_options import Source
 from ema_core.description import ActuatorDescription

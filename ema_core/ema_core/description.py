@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from ema_core.parameters import ActuatorParameters, is_finite_number
+from ema_core.parameters import ActuatorParameters
+from ema_core.quantity import is_finite_number
 
 SAMPLE_PERIOD = 1e-4
 """Default period of the telemetry [s]."""

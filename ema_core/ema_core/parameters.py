@@ -7,18 +7,12 @@ is not printed there and reproduces its figures.
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
-import numpy as np
+from ema_core.quantity import check_quantities, quantity
 
 RPM = 2.0 * math.pi / 60.0
-
-
-def _quantity(default: float, unit: str, lowest: float, highest: float, description: str) -> Any:
-    """Field of a parameter with what is needed to validate, document and declare it."""
-    metadata = {"unit": unit, "range": (lowest, highest), "description": description}
-    return field(default=default, metadata=metadata)
 
 
 class ControlConstants(NamedTuple):
@@ -78,51 +72,34 @@ class ActuatorParameters:
         its value, unit and range.
     """
 
-    G_prop: float = _quantity(1e5, "1/s", 0.0, 1e9, "position-error gain")
-    GAP: float = _quantity(0.05, "N.m.s/rad", 0.0, 1e3, "speed loop, proportional gain")
-    GAI: float = _quantity(0.0, "N.m/rad", 0.0, 1e6, "speed loop, integral gain")
-    GAD: float = _quantity(0.0, "N.m.s^2/rad", 0.0, 1.0, "speed loop, derivative gain")
-    omega_max: float = _quantity(8000 * RPM, "rad/s", 1e-3, 1e5, "limit of the speed reference")
-    V_max: float = _quantity(48.0, "V", 1e-3, 1e4, "supply voltage")
-    I_max: float = _quantity(22.5, "A", 1e-3, 1e4, "limit of the current reference")
-    T_max: float = _quantity(1.689, "N.m", 1e-6, 1e5, "limit of the motor torque")
-    k_t: float = _quantity(0.0752, "N.m/A", 1e-6, 1e3, "torque constant, phase to phase")
-    k_e: float = _quantity(0.0752, "V.s/rad", 1e-6, 1e3, "back-EMF constant, phase to phase")
-    G_M: float = _quantity(0.07322, "N.m/A", 1e-6, 1e3, "torque gain of the source monitor form")
-    R_s: float = _quantity(2.13, "ohm", 1e-4, 1e4, "resistance, phase to phase")
-    L_s: float = _quantity(7.2e-4, "H", 1e-6, 10.0, "inductance, phase to phase")
-    P: int = _quantity(2, "-", 1, 50, "pole pairs")
-    h_b: float = _quantity(0.5, "A", 1e-4, 1e3, "half-band of the current hysteresis")
-    J_m: float = _quantity(1.3e-5, "kg.m^2", 1e-9, 1e3, "inertia of the motor")
-    J_u: float = _quantity(1.2e-5, "kg.m^2", 0.0, 1e3, "inertia of the user")
-    C_m: float = _quantity(30e-6 / math.pi, "N.m.s/rad", 0.0, 1e2, "viscous damping, motor")
-    C_u: float = _quantity(4.5e-7, "N.m.s/rad", 0.0, 1e2, "viscous damping, user")
-    f_sm: float = _quantity(0.06 * 1.689, "N.m", 0.0, 1e4, "static friction, motor")
-    f_su: float = _quantity(0.04 * 1.689, "N.m", 0.0, 1e4, "static friction, user")
-    f_ratio: float = _quantity(0.5, "-", 0.0, 1.0, "dynamic over static friction")
-    BLK: float = _quantity(5e-3, "rad", 0.0, 10.0, "backlash, full width at the fast shaft")
-    tau: float = _quantity(1 / 500, "-", 1e-6, 1e3, "gear ratio, user over motor speed")
-    theta_stop: float = _quantity(1.2, "rad", 1e-3, 1e6, "end stop of the user shaft, either sign")
+    G_prop: float = quantity(1e5, "1/s", 0.0, 1e9, "position-error gain")
+    GAP: float = quantity(0.05, "N.m.s/rad", 0.0, 1e3, "speed loop, proportional gain")
+    GAI: float = quantity(0.0, "N.m/rad", 0.0, 1e6, "speed loop, integral gain")
+    GAD: float = quantity(0.0, "N.m.s^2/rad", 0.0, 1.0, "speed loop, derivative gain")
+    omega_max: float = quantity(8000 * RPM, "rad/s", 1e-3, 1e5, "limit of the speed reference")
+    V_max: float = quantity(48.0, "V", 1e-3, 1e4, "supply voltage")
+    I_max: float = quantity(22.5, "A", 1e-3, 1e4, "limit of the current reference")
+    T_max: float = quantity(1.689, "N.m", 1e-6, 1e5, "limit of the motor torque")
+    k_t: float = quantity(0.0752, "N.m/A", 1e-6, 1e3, "torque constant, phase to phase")
+    k_e: float = quantity(0.0752, "V.s/rad", 1e-6, 1e3, "back-EMF constant, phase to phase")
+    G_M: float = quantity(0.07322, "N.m/A", 1e-6, 1e3, "torque gain of the source monitor form")
+    R_s: float = quantity(2.13, "ohm", 1e-4, 1e4, "resistance, phase to phase")
+    L_s: float = quantity(7.2e-4, "H", 1e-6, 10.0, "inductance, phase to phase")
+    P: int = quantity(2, "-", 1, 50, "pole pairs")
+    h_b: float = quantity(0.5, "A", 1e-4, 1e3, "half-band of the current hysteresis")
+    J_m: float = quantity(1.3e-5, "kg.m^2", 1e-9, 1e3, "inertia of the motor")
+    J_u: float = quantity(1.2e-5, "kg.m^2", 0.0, 1e3, "inertia of the user")
+    C_m: float = quantity(30e-6 / math.pi, "N.m.s/rad", 0.0, 1e2, "viscous damping, motor")
+    C_u: float = quantity(4.5e-7, "N.m.s/rad", 0.0, 1e2, "viscous damping, user")
+    f_sm: float = quantity(0.06 * 1.689, "N.m", 0.0, 1e4, "static friction, motor")
+    f_su: float = quantity(0.04 * 1.689, "N.m", 0.0, 1e4, "static friction, user")
+    f_ratio: float = quantity(0.5, "-", 0.0, 1.0, "dynamic over static friction")
+    BLK: float = quantity(5e-3, "rad", 0.0, 10.0, "backlash, full width at the fast shaft")
+    tau: float = quantity(1 / 500, "-", 1e-6, 1e3, "gear ratio, user over motor speed")
+    theta_stop: float = quantity(1.2, "rad", 1e-3, 1e6, "end stop of the user shaft, either sign")
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            lowest, highest = item.metadata["range"]
-            unit = item.metadata["unit"]
-            if not is_finite_number(value):
-                raise ValueError(
-                    f"{item.name} = {value!r}: expected a finite number in "
-                    f"[{lowest:g}, {highest:g}] {unit} ({item.metadata['description']})"
-                )
-            if not lowest <= value <= highest:
-                raise ValueError(
-                    f"{item.name} = {value:g} {unit} is outside [{lowest:g}, {highest:g}] {unit} "
-                    f"({item.metadata['description']})"
-                )
-            if item.name == "P" and value != int(value):
-                raise ValueError(f"P = {value:g} is not a whole number of pole pairs")
-            # A kernel compiles anew for an int in a float field: every value gets its type here.
-            object.__setattr__(self, item.name, int(value) if item.name == "P" else float(value))
+        check_quantities(self)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "ActuatorParameters":
@@ -152,14 +129,6 @@ class ActuatorParameters:
     def as_mapping(self) -> dict[str, float]:
         """Return names and values in the order of definition."""
         return dataclasses.asdict(self)
-
-
-def is_finite_number(value: Any) -> bool:
-    """Return whether a value is a finite number; True and False are none."""
-    try:
-        return not isinstance(value, bool | np.bool_) and math.isfinite(value)
-    except (TypeError, OverflowError):
-        return False
 
 
 class PlantConstants(NamedTuple):

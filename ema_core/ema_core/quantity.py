@@ -1,0 +1,97 @@
+"""Fields of settings that carry what is needed to validate, document and declare them."""
+
+import math
+from dataclasses import field, fields
+from typing import Any
+
+import numpy as np
+
+
+def quantity(default: float, unit: str, lowest: float, highest: float, description: str) -> Any:
+    """Return a dataclass field of a number with its unit and range.
+
+    Parameters
+    ----------
+    default
+        Its default; a whole one makes it a field of whole numbers.
+    unit
+        Its unit, "-" where it has none.
+    lowest, highest
+        Its range, both included.
+    description
+        What it is.
+    """
+    metadata = {"unit": unit, "range": (lowest, highest), "description": description}
+    return field(default=default, metadata=metadata)
+
+
+def text(default: str, description: str, choices: tuple[str, ...] = ()) -> Any:
+    """Return a dataclass field of a text.
+
+    Parameters
+    ----------
+    default
+        Its default.
+    description
+        What it is.
+    choices
+        What it may be; anything when empty.
+    """
+    return field(default=default, metadata={"choices": choices, "description": description})
+
+
+def check_quantities(instance: Any) -> None:
+    """Validate the fields of a frozen dataclass and give each number the type of its default.
+
+    Parameters
+    ----------
+    instance
+        Dataclass whose fields were made by ``quantity`` and ``text``; other fields are left
+        alone.
+
+    Raises
+    ------
+    ValueError
+        When a value is not a finite number within its range, or not one of the choices; the
+        message names it, its value, unit and range.
+    """
+    for item in fields(instance):
+        value = getattr(instance, item.name)
+        if "range" in item.metadata:
+            whole = isinstance(item.default, int)
+            _check_number(item.name, value, whole, item.metadata)
+            # A kernel compiles anew for an int in a float field: every value gets its type here.
+            object.__setattr__(instance, item.name, int(value) if whole else float(value))
+        elif "choices" in item.metadata:
+            _check_text(item.name, value, item.metadata["choices"])
+
+
+def is_finite_number(value: Any) -> bool:
+    """Return whether a value is a finite number; True and False are none."""
+    try:
+        return not isinstance(value, bool | np.bool_) and math.isfinite(value)
+    except (TypeError, OverflowError):
+        return False
+
+
+def _check_number(name: str, value: Any, whole: bool, metadata: Any) -> None:
+    unit, description = metadata["unit"], metadata["description"]
+    lowest, highest = metadata["range"]
+    if not is_finite_number(value):
+        raise ValueError(
+            f"{name} = {value!r}: expected a finite number in [{lowest:g}, {highest:g}] {unit} "
+            f"({description})"
+        )
+    if not lowest <= value <= highest:
+        raise ValueError(
+            f"{name} = {value:g} {unit} is outside [{lowest:g}, {highest:g}] {unit} ({description})"
+        )
+    if whole and value != int(value):
+        raise ValueError(f"{name} = {value:g} is not a whole number ({description})")
+
+
+def _check_text(name: str, value: Any, choices: tuple[str, ...]) -> None:
+    if not isinstance(value, str):
+        raise ValueError(f"{name} = {value!r}: expected a text")
+    if choices and value not in choices:
+        raise ValueError(f"{name} = {value!r} is unknown; known: {', '.join(choices)}")

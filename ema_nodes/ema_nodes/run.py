@@ -1,0 +1,96 @@
+"""The main of a node: it brings itself up, and ends in an orderly way when it is told to."""
+
+import logging
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from typing import Final
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from ema_nodes.managed_node import ManagedNode
+
+_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
+_THREADS: Final = 8
+_PATIENCE_S: Final = 1.0
+
+
+def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> int:
+    """Run a node until it is told to stop by SIGINT or SIGTERM, or has done its work.
+
+    Parameters
+    ----------
+    make_node
+        Makes the node.
+    args
+        Command line; that of the process when None.
+
+    Returns
+    -------
+    int
+        Exit code of the process: 0, or 1 when the node did not come up.
+    """
+    stop = threading.Event()
+    for number in _SIGNALS:
+        signal.signal(number, lambda *_: stop.set())
+    # rclpy's own handlers would close the context at once: nothing could be published in parting.
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = make_node()
+    except ValueError as error:
+        sys.stderr.write(f"{error}\n")
+        rclpy.shutdown()
+        return 1
+    node.finished = stop
+    exit_code = _serve(node, stop) if node.bring_up() else 1
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)  # a launcher may send them twice
+    node.destroy_node()
+    rclpy.shutdown()
+    _end_if_stuck(exit_code)
+    return exit_code
+
+
+def _serve(node: ManagedNode, stop: threading.Event) -> int:
+    """Serve a node that is up until it is to stop; return its exit code."""
+    executor = MultiThreadedExecutor(_THREADS)
+    executor.add_node(node)
+    spinning = threading.Thread(target=_spin, args=(executor, node), name="executor", daemon=True)
+    spinning.start()
+    stop.wait()
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    node.stopping.set()
+    spinning.join(_PATIENCE_S)
+    executor.shutdown(_PATIENCE_S)
+    if node.state != "finalized":
+        node.trigger_shutdown()
+    return node.exit_code
+
+
+def _spin(executor: MultiThreadedExecutor, node: ManagedNode) -> None:
+    while not node.stopping.is_set():
+        try:
+            executor.spin_once(timeout_sec=0.2)
+        except ExternalShutdownException:
+            return
+        except Exception:
+            # A callback failed. The others go on.
+            node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
+
+
+def _end_if_stuck(exit_code: int) -> None:
+    """End without further ado if a thread is stuck; the interpreter would wait for it for ever."""
+    others = [item for item in threading.enumerate() if item is not threading.main_thread()]
+    for item in others:
+        item.join(_PATIENCE_S / len(others))
+    if any(item.is_alive() for item in others):
+        logging.shutdown()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(exit_code)

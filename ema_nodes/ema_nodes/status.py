@@ -1,0 +1,62 @@
+"""What a node says of itself on ``/diagnostics``."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+OK: Final = 0
+WARN: Final = 1
+ERROR: Final = 2
+STALE: Final = 3
+
+
+@dataclass(frozen=True)
+class Task:
+    """One thing that a node does, and how it fares.
+
+    Attributes
+    ----------
+    name
+        Name of the task, always the same.
+    level
+        ``OK``, ``WARN``, ``ERROR`` or ``STALE``.
+    message
+        How it fares, in words.
+    hardware_id
+        The unit that it is about.
+    values
+        Figures by name; the unit is part of the name, as in ``lag [s]``.
+    """
+
+    name: str
+    level: int
+    message: str
+    hardware_id: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+def status_message(node_name: str, task: Task) -> DiagnosticStatus:
+    """Return a task as a message.
+
+    Parameters
+    ----------
+    node_name
+        Name of the node; with the task's name it makes the name of the status.
+    task
+        The task.
+    """
+    values = [KeyValue(key=key, value=_plain(value)) for key, value in task.values.items()]
+    return DiagnosticStatus(
+        level=bytes([task.level]),
+        name=f"{node_name}: {task.name}",
+        message=task.message,
+        hardware_id=task.hardware_id,
+        values=values,
+    )
+
+
+def _plain(value: Any) -> str:
+    """Return a value as tools that plot it can read it: numbers as plain decimals."""
+    return f"{value:.9g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,18 @@
+from setuptools import find_packages, setup
+
+package = "ema_nodes"
+
+setup(
+    name=package,
+    version="0.1.0",
+    description="What all nodes share: lifecycle, parameters, status and their main.",
+    license="Apache-2.0",
+    maintainer="EMA health monitor maintainers",
+    maintainer_email="maintainers@example.org",
+    packages=find_packages(include=[package, f"{package}.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
+        (f"share/{package}", ["package.xml"]),
+    ],
+    zip_safe=True,
+)
