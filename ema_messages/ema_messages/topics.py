@@ -1,8 +1,9 @@
-"""Topics of an actuator and what their publishers offer.
+"""Topics of actuator and monitor, and what their publishers offer.
 
-Telemetry is reliable with a second of history: a lost block costs a whole window. The description
-is latched, so that whoever comes late knows the actuator. Nodes use the names without the
-namespace; recordings made without a node are under ``/ema``.
+Telemetry is reliable with ten seconds of history: a lost block costs a whole window, and a reader
+may be busy, or a replay fast. Descriptions, true faults and health are latched, so that whoever comes
+late knows how things stand. Nodes use the names without the namespace; recordings made without a
+node are under ``/ema``.
 """
 
 from typing import Final
@@ -10,19 +11,27 @@ from typing import Final
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, TelemetryBlock
+from ema_interfaces.msg import (
+    ActuatorDescription,
+    FaultEstimate,
+    FaultVectorStamped,
+    Health,
+    TelemetryBlock,
+)
 
 TELEMETRY: Final = "telemetry"
 DESCRIPTION: Final = "actuator_description"
 SIMULATED_FAULTS: Final = "simulated_faults"
 JOINT_STATES: Final = "joint_states"
+FAULT_ESTIMATE: Final = "fault_estimate"
+HEALTH: Final = "health"
 
 NAMESPACE: Final = "/ema"
 
 LATCHED: Final = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-STREAM: Final = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+STREAM: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 STATE: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 ACTUATOR_TOPICS: Final = {
@@ -32,3 +41,9 @@ ACTUATOR_TOPICS: Final = {
     JOINT_STATES: (JointState, STATE),
 }
 """What a simulated actuator publishes: message class and quality of service by topic."""
+
+MONITOR_TOPICS: Final = {
+    FAULT_ESTIMATE: (FaultEstimate, STATE),
+    HEALTH: (Health, LATCHED),
+}
+"""What a monitor publishes: message class and quality of service by topic."""
