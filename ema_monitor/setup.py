@@ -16,4 +16,5 @@ setup(
         (f"share/{package}", ["package.xml"]),
     ],
     zip_safe=True,
+    entry_points={"console_scripts": ["monitor_node = ema_monitor.monitor_node:main"]},
 )

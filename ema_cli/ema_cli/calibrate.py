@@ -42,11 +42,11 @@ def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -
             for remark in found.remarks:
                 click.echo(f"{bag}: {remark}", err=True)
             require_windows(bag, found, source)
-            for window in found.windows:
-                if isinstance(window, Window):
-                    windows.append(window)
+            for item in found.windows:
+                if isinstance(item.window, Window):
+                    windows.append(item.window)
                 else:
-                    click.echo(f"{bag}: a window is left out: {window.reason}", err=True)
+                    click.echo(f"{bag}: a window is left out: {item.window.reason}", err=True)
             descriptions.append(found.description)
             if found.description != descriptions[0]:
                 raise ValueError(

@@ -18,10 +18,9 @@ from ema_cli.source_options import Source, source_options
 from ema_cli.windows import BagWindows, read_windows, require_windows
 from ema_core.faults import FAULT_NAMES, FAULTS, healthy_faults
 from ema_monitor.calibration import Calibration
-from ema_monitor.estimate import Estimate, refusal
-from ema_monitor.identification import Identification
-from ema_monitor.trigger import Refusal
-from ema_monitor.window import Window
+from ema_monitor.diagnosis import Diagnosis
+from ema_monitor.estimate import Estimate
+from ema_monitor.watch import Found
 
 SIGNIFICANT: Final = 3.0
 """Standard deviations from its healthy value beyond which a fault is named [-]."""
@@ -40,7 +39,7 @@ def estimate(bag: Path, source: Source, options: IdentificationOptions, as_json:
         for remark in found.remarks:
             click.echo(f"{bag}: {remark}", err=True)
         require_windows(bag, found, source)
-        estimates = estimate_windows(found, found.windows, calibration, options)
+        estimates = estimate_windows(found.windows, calibration, options)
     if as_json:
         click.echo(json.dumps([as_object(e, found) for e in estimates], indent=2))
     else:
@@ -52,51 +51,32 @@ def estimate(bag: Path, source: Source, options: IdentificationOptions, as_json:
 
 
 def estimate_windows(
-    found: BagWindows,
-    windows: Sequence[Window | Refusal],
-    calibration: Calibration,
-    options: IdentificationOptions,
+    windows: Sequence[Found], calibration: Calibration, options: IdentificationOptions
 ) -> list[Estimate]:
     """Return the estimate of every window, with a progress bar.
 
     Parameters
     ----------
-    found
-        What is in the bag.
     windows
-        Those of its windows that are wanted.
+        What was found in a bag.
     calibration
         Calibration of the model.
     options
         How to identify.
     """
-    settings = options.settings
     estimates = []
     with progress_bar() as progress:
         task = progress.add_task("identifying", total=len(windows))
-        for number, window in enumerate(windows):
-            if isinstance(window, Window):
-                run = Identification(
-                    window, found.description, calibration, settings, force=options.force
+        for number, found in enumerate(windows):
+            run = Diagnosis(found, calibration, options.settings, force=options.force)
+            for generation in run:
+                progress.update(
+                    task,
+                    state=f"window {number + 1} of {len(windows)}, "
+                    f"{generation.evaluations} evaluations, "
+                    f"fitness {generation.fitness:.5f} A^2.s",
                 )
-                for generation in run:
-                    progress.update(
-                        task,
-                        state=f"window {number + 1} of {len(windows)}, "
-                        f"{generation.evaluations} evaluations, "
-                        f"fitness {generation.fitness:.5f} A^2.s",
-                    )
-                estimates.append(run.estimate)
-            else:
-                estimates.append(
-                    refusal(
-                        window.start_ns,
-                        window.end_ns,
-                        settings,
-                        calibration.calibration_id,
-                        window.reason,
-                    )
-                )
+            estimates += [run.estimate] if run.estimate else []
             progress.advance(task)
     return estimates
 

@@ -9,27 +9,27 @@ from typing import Any
 import click
 
 from ema_monitor.calibration import Calibration
+from ema_monitor.diagnosis import Search
 from ema_monitor.estimate import Settings
 from ema_monitor.fitness import WEIGHTS
-from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
-from ema_monitor.optimizers.driver import Termination
+from ema_monitor.optimizers import ALGORITHMS
 
 _OPTIONS = (
     click.option(
         "--algorithm",
-        default=DEFAULT_ALGORITHM,
+        default=Search.algorithm,
         show_default=True,
         type=click.Choice(list(ALGORITHMS)),
     ),
     click.option(
         "--fitness",
-        default="total_least_squares",
+        default=Search.fitness,
         show_default=True,
         type=click.Choice(list(WEIGHTS)),
     ),
     click.option(
         "--budget",
-        default=Termination.budget,
+        default=Search.budget,
         show_default=True,
         type=click.IntRange(1),
         help="Largest number of model evaluations a window.",
@@ -101,7 +101,7 @@ def identification_options(command: Callable[..., None]) -> Callable[..., None]:
         force: bool,
         **others: Any,
     ) -> None:
-        settings = Settings(algorithm, fitness, Termination(budget), seed)
+        settings = Search(algorithm, fitness, budget, seed).settings()
         options = IdentificationOptions(settings, calibration_file, force)
         command(options=options, **others)
 

@@ -37,7 +37,7 @@ def info(bag: Path, source: Source) -> None:
         f"{len(found.blocks)} blocks, {samples * found.blocks[0].sample_period:.3f} s"
     )
     click.echo(f"windows: {len(found.windows)}")
-    for window in found.windows:
+    for window in (item.window for item in found.windows):
         start, end = found.seconds(window.start_ns), found.seconds(window.end_ns)
         state = (
             f"start in the play {'unknown' if window.play is None else f'{window.play:+g}'}"

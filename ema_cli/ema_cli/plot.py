@@ -47,7 +47,7 @@ def plot(
         else:
             window = _window(found, number)
             calibration = options.calibration()
-            [one] = estimate_windows(found, [window], calibration, options)
+            [one] = estimate_windows([found.windows[number]], calibration, options)
             if not one.valid:
                 raise ValueError(f"window {number} has no estimate: {one.reason}")
             figure = draw_fit(found, window, calibration, one)
@@ -58,7 +58,7 @@ def plot(
 def _window(found: BagWindows, number: int) -> Window:
     if number >= len(found.windows):
         raise ValueError(f"--window {number}: the bag has {len(found.windows)} windows, from 0")
-    window = found.windows[number]
+    window = found.windows[number].window
     if not isinstance(window, Window):
         raise ValueError(f"window {number} cannot be used: {window.reason}")
     return window
@@ -82,7 +82,7 @@ def draw_telemetry(found: BagWindows) -> Figure:
         current.plot(t, stretch.current, "C2", lw=0.6)
         speed.plot(t, stretch.speed, "C3", lw=0.8)
     for axes in (angle, current, speed):
-        for window in found.windows:
+        for window in (item.window for item in found.windows):
             colour = "C0" if isinstance(window, Window) else "C3"
             start, end = found.seconds(window.start_ns), found.seconds(window.end_ns)
             axes.axvspan(start, end, color=colour, alpha=0.12, lw=0)

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ema_nodes.actuator_file import load_description
 from ema_cli.progress import progress_bar
 from ema_cli.source_options import Source
 from ema_core.description import ActuatorDescription
@@ -13,8 +12,9 @@ from ema_core.faults import healthy_faults
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultVectorStamped
 from ema_messages.faults import stamped_faults_from_message
-from ema_monitor.trigger import Defect, Refusal, WindowTrigger
-from ema_monitor.window import Window
+from ema_monitor.trigger import Defect
+from ema_monitor.watch import Found, Watch
+from ema_nodes.actuator_file import load_description
 from ema_recording.message_type import type_name
 from ema_recording.reader import Bag
 from ema_recording.telemetry import Malformed, read_telemetry
@@ -29,13 +29,14 @@ class BagWindows:
     Attributes
     ----------
     description
-        The actuator.
+        The actuator as it was described last.
     first_ns
         Stamp of the first sample [ns].
     blocks
         All telemetry.
     windows
-        Windows, and those that were begun and cannot be used, in order of time.
+        Windows, and those that were begun and cannot be used, in order of time, each with the
+        description of the actuator at its time.
     remarks
         What is wrong with the bag or its telemetry outside of any window.
     longest_motion_s
@@ -49,7 +50,7 @@ class BagWindows:
     description: ActuatorDescription
     first_ns: int
     blocks: list[Telemetry]
-    windows: list[Window | Refusal]
+    windows: list[Found]
     remarks: list[str]
     longest_motion_s: float
     has_rested: bool
@@ -83,7 +84,7 @@ def read_windows(path: Path, source: Source) -> BagWindows:
     except ValueError as error:
         raise ValueError("; ".join(filter(None, (str(error), bag.damage)))) from error
     if recorded.descriptions:
-        description = recorded.descriptions[-1]
+        description = recorded.descriptions[0]
     elif source.actuator_file is not None:
         description = load_description(source.actuator_file)
     else:
@@ -91,27 +92,27 @@ def read_windows(path: Path, source: Source) -> BagWindows:
             f"{path} has no description of actuator {recorded.actuator_id!r}: give one with "
             "--actuator FILE"
         )
-    trigger = WindowTrigger(description.parameters, source.trigger_settings())
+    watch = Watch(source.trigger_settings(), description)
     blocks: list[Telemetry] = []
-    windows: list[Window | Refusal] = []
+    windows: list[Found] = []
     defects: list[Defect] = []
     remarks = []
-    if len(recorded.descriptions) > 1:
-        remarks.append("the description changes on the way: the last one is used")
     with progress_bar() as progress:
         total = bag.topics[recorded.topic].count
-        for item in progress.track(recorded.blocks(), total=total, description=f"reading {path}"):
-            if isinstance(item, Malformed):
-                events = [trigger.interrupt(item.stamp_ns, item.reason)]
+        for item in progress.track(recorded.items(), total=total, description=f"reading {path}"):
+            if isinstance(item, ActuatorDescription):
+                events = watch.describe(item)
+            elif isinstance(item, Malformed):
+                events = watch.reject(item.stamp_ns, item.reason)
             else:
                 blocks.append(item)
-                events = trigger.feed(item)
+                events = watch.feed(item)
             for event in events:
                 if isinstance(event, Defect):
                     defects.append(event)
                 else:
                     windows.append(event)
-    windows += trigger.finish()
+    windows += [event for event in watch.finish() if isinstance(event, Found)]
     first_ns = blocks[0].stamp_ns if blocks else 0
     for defect in defects[:_MOST_DEFECTS]:
         remarks.append(f"at {(defect.stamp_ns - first_ns) * 1e-9:.4f} s: {defect.reason}")
@@ -121,19 +122,14 @@ def read_windows(path: Path, source: Source) -> BagWindows:
         remarks.append(bag.damage)
     if not blocks:
         raise ValueError(f"{path} has no usable telemetry: {'; '.join(remarks)}")
-    if abs(blocks[0].sample_period / description.sample_period - 1.0) > 1e-6:
-        remarks.append(
-            f"the description says one sample every {description.sample_period:g} s, the telemetry "
-            f"{blocks[0].sample_period:g} s, which is used"
-        )
     return BagWindows(
-        description,
+        watch.description or description,
         first_ns,
         blocks,
         windows,
         remarks,
-        trigger.longest_motion_s,
-        trigger.has_rested,
+        watch.longest_motion_s,
+        watch.has_rested,
         _has_simulated_faults(bag, recorded.actuator_id),
     )
 

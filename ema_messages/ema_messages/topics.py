@@ -1,9 +1,9 @@
 """Topics of actuator and monitor, and what their publishers offer.
 
 Telemetry is reliable with ten seconds of history: a lost block costs a whole window, and a reader
-may be busy, or a replay fast. Descriptions, true faults and health are latched, so that whoever comes
-late knows how things stand. Nodes use the names without the namespace; recordings made without a
-node are under ``/ema``.
+may be busy, or a replay fast. Descriptions, true faults and health are latched, so that whoever
+comes late knows how things stand. Nodes use the names without the namespace; recordings made
+without a node are under ``/ema``.
 """
 
 from typing import Final

@@ -94,6 +94,7 @@ class Estimate:
     play: float
     fitness: float
     goodness_of_fit: float
+    excitation: float
     evaluations: int
     computing_time_s: float
     valid: bool
@@ -106,7 +107,12 @@ class Estimate:
 
 
 def refusal(
-    start_ns: int, end_ns: int, settings: Settings, calibration_id: str, reason: str
+    start_ns: int,
+    end_ns: int,
+    settings: Settings,
+    calibration_id: str,
+    reason: str,
+    excitation: float = float("nan"),
 ) -> Estimate:
     """Return the estimate of a window that none can be made of.
 
@@ -120,6 +126,8 @@ def refusal(
         Identity of the calibration.
     reason
         Why there is no estimate.
+    excitation
+        Travel of the command [rad]; NaN where there is no window.
     """
     nan = float("nan")
     return Estimate(
@@ -134,6 +142,7 @@ def refusal(
         play=nan,
         fitness=nan,
         goodness_of_fit=nan,
+        excitation=excitation,
         evaluations=0,
         computing_time_s=0.0,
         valid=False,

@@ -139,6 +139,7 @@ class Identification:
             self._settings,
             self._calibration.calibration_id,
             reason,
+            self._window.excitation,
         )
 
     def _conclude(
@@ -186,6 +187,7 @@ class Identification:
             play=play,
             fitness=fitness,
             goodness_of_fit=goodness,
+            excitation=self._window.excitation,
             evaluations=evaluations + _conclusion_evaluations(point),
             computing_time_s=time.perf_counter() - started,
             valid=explained,

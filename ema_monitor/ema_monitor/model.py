@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.dynamics import lag_factor
-from ema_core.faults import degrade
+from ema_core.faults import degrade, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
+from ema_core.telemetry import COLUMNS, Telemetry
 from ema_monitor.model_kernel import Lanes, run_lanes
 from ema_monitor.window import Window
 
@@ -129,3 +130,9 @@ class MonitorModel:
                 f"step dt = {self.dt:g} s"
             )
         return steps
+
+
+def compile_kernels() -> None:
+    """Compile the kernels, or load them from the cache, before there is any hurry."""
+    at_rest = Telemetry(0, 1e-4, 1, *(np.zeros(2) for _ in COLUMNS))
+    MonitorModel(ActuatorParameters()).current(Window(at_rest), healthy_faults())

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ema_core.commands import approach_travel
 from ema_core.parameters import ActuatorParameters
+from ema_core.quantity import check_quantities, quantity
 from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_monitor.window import Window
 
@@ -55,18 +56,15 @@ class TriggerSettings:
     Raises
     ------
     ValueError
-        When a figure is not positive; the message names it.
+        When a figure is outside its range; the message names it.
     """
 
-    window_s: float = 0.5
-    rest_s: float = 0.02
-    threshold: float = 1e-6
+    window_s: float = quantity(0.5, "s", 0.01, 100.0, "length of a window")
+    rest_s: float = quantity(0.02, "s", 1e-4, 10.0, "rest of the command before a window")
+    threshold: float = quantity(1e-6, "rad", 1e-12, 1.0, "change of the command that is motion")
 
     def __post_init__(self) -> None:
-        for name, unit in (("window_s", "s"), ("rest_s", "s"), ("threshold", "rad")):
-            value = getattr(self, name)
-            if not 0.0 < value < float("inf"):
-                raise ValueError(f"{name} = {value:g} {unit}: expected a positive number")
+        check_quantities(self)
 
 
 class WindowTrigger:

@@ -55,9 +55,14 @@ class Window:
         """Stamp of the last sample [ns]."""
         return int(self.telemetry.stamps_ns[-1])
 
+    @property
+    def excitation(self) -> float:
+        """Travel of the command [rad]."""
+        return float(np.ptp(self.command))
+
     def excitation_defect(self) -> str:
         """Return why the window does not excite the faults; empty when it does."""
-        travel = float(np.ptp(self.command))
+        travel = self.excitation
         if travel < MIN_TRAVEL:
             return (
                 f"no excitation: the command travels {travel:.3g} rad, at least {MIN_TRAVEL:g} rad "

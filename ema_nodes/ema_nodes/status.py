@@ -2,14 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-OK: Final = 0
-WARN: Final = 1
-ERROR: Final = 2
-STALE: Final = 3
+from ema_core.levels import ERROR, OK, STALE, WARN
+
+__all__ = ["ERROR", "OK", "STALE", "WARN", "Task", "status_message"]
 
 
 @dataclass(frozen=True)
@@ -21,7 +20,7 @@ class Task:
     name
         Name of the task, always the same.
     level
-        ``OK``, ``WARN``, ``ERROR`` or ``STALE``.
+        ``OK``, ``WARN``, ``ERROR`` or ``STALE`` of ``ema_core.levels``.
     message
         How it fares, in words.
     hardware_id

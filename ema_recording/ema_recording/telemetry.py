@@ -8,6 +8,7 @@ from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import TelemetryBlock
 from ema_messages.description import description_from_message
+from ema_messages.stamps import stamp_from_message
 from ema_messages.telemetry import telemetry_from_message
 from ema_recording.message_type import type_name
 from ema_recording.reader import Bag, Recorded
@@ -20,7 +21,7 @@ class Malformed:
     Attributes
     ----------
     stamp_ns
-        When it was recorded [ns].
+        Its stamp [ns].
     reason
         What is wrong with it.
     """
@@ -54,25 +55,22 @@ class RecordedTelemetry:
     passes_over_others: bool
     descriptions: tuple[ActuatorDescription, ...]
 
-    def blocks(self) -> Iterator[Telemetry | Malformed]:
-        """Read the blocks in the order of their log times.
+    def items(self) -> Iterator[Telemetry | Malformed | ActuatorDescription]:
+        """Read blocks and descriptions of the actuator in the order of their log times.
 
         Raises
         ------
         ValueError
             When there is a block of another actuator and it was not said which one is wanted.
         """
-        for item in self.bag.messages([self.topic]):
-            actuator_id = item.message.actuator_id
-            if actuator_id == self.actuator_id:
-                try:
-                    yield telemetry_from_message(item.message)
-                except ValueError as error:
-                    yield Malformed(item.log_time_ns, str(error))
-            elif not self.passes_over_others:
+        for item in self.bag.messages([self.topic, *_description_topics(self.bag)]):
+            is_block = item.topic == self.topic
+            if item.message.actuator_id == self.actuator_id:
+                yield _block(item.message) if is_block else description_from_message(item.message)
+            elif is_block and not self.passes_over_others:
                 raise ValueError(
                     f"{self.bag.path}: topic {self.topic} holds telemetry of {self.actuator_id!r} "
-                    f"as well as {actuator_id!r}: choose one by actuator_id"
+                    f"as well as {item.message.actuator_id!r}: choose one by actuator_id"
                 )
 
 
@@ -136,11 +134,21 @@ def _actuator_ids(bag: Bag, topic: str) -> Iterator[str]:
     return (item.message.actuator_id for item in bag.messages([topic]))
 
 
-def _descriptions(bag: Bag, actuator_id: str) -> tuple[ActuatorDescription, ...]:
+def _description_topics(bag: Bag) -> list[str]:
     wanted = type_name(DescriptionMessage)
-    topics = [name for name, item in bag.topics.items() if item.type_name == wanted]
+    return [name for name, item in bag.topics.items() if item.type_name == wanted]
+
+
+def _block(message: TelemetryBlock) -> Telemetry | Malformed:
+    try:
+        return telemetry_from_message(message)
+    except ValueError as error:
+        return Malformed(stamp_from_message(message.header.stamp), str(error))
+
+
+def _descriptions(bag: Bag, actuator_id: str) -> tuple[ActuatorDescription, ...]:
     descriptions: list[ActuatorDescription] = []
-    for item in bag.messages(topics):
+    for item in bag.messages(_description_topics(bag)):
         if item.message.actuator_id == actuator_id:
             try:
                 description = description_from_message(item.message)

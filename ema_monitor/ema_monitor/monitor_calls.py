@@ -1,0 +1,168 @@
+"""What the monitor does on call: calibrate, and identify with an algorithm of choice."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any
+
+from rclpy.action.server import ActionServer, CancelResponse
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+
+from ema_interfaces.action import IdentifyFaults
+from ema_interfaces.srv import Calibrate
+from ema_messages.faults import faults_to_message
+from ema_monitor.calibration import calibrate
+from ema_monitor.diagnosis import Diagnosis, Search
+from ema_monitor.monitor_messages import estimate_to_message
+from ema_monitor.watch import Found
+from ema_monitor.window import Window
+
+if TYPE_CHECKING:
+    from ema_monitor.monitor_node import MonitorNode
+    from ema_monitor.monitor_unit import Unit
+
+_POLL_S = 0.1
+
+
+class MonitorCalls:
+    """The service ``~/calibrate`` and the action ``~/identify_faults`` of a monitor.
+
+    Both take their time, in threads that receive no telemetry.
+
+    Parameters
+    ----------
+    node
+        The monitor.
+    """
+
+    def __init__(self, node: MonitorNode) -> None:
+        self._node = node
+        self._service = node.create_service(
+            Calibrate,
+            "~/calibrate",
+            self._calibrate,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+        )
+        self._action = ActionServer(
+            node,
+            IdentifyFaults,
+            "~/identify_faults",
+            self._identify,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    def destroy(self) -> None:
+        """Stop serving."""
+        self._node.destroy_service(self._service)
+        self._action.destroy()
+
+    def _calibrate(
+        self, request: Calibrate.Request, response: Calibrate.Response
+    ) -> Calibrate.Response:
+        try:
+            unit = self._node.unit(request.actuator_id)
+            self._node.get_logger().info(f"{unit.actuator_id}: calibration is called for")
+            if request.load:
+                calibration, path = self._node.store.load(_description(unit), request.file)
+                response.message = f"loaded from {path}"
+            else:
+                windows = list(self._healthy_windows(unit, request.windows))
+                calibration = calibrate(windows, _description(unit))
+                path = self._node.store.keep(_description(unit), calibration, request.file)
+                response.message = f"made of {len(windows)} windows and stored in {path}"
+            response.success, response.calibration_id = True, calibration.calibration_id
+        except (ValueError, OSError) as error:
+            response.success, response.message = False, str(error)
+        self._node.get_logger().info(f"calibration: {response.message}")
+        return response
+
+    def _healthy_windows(self, unit: Unit, number: int) -> Iterator[Window]:
+        """Yield the next windows of an actuator; those that cannot be used are passed over."""
+        if number < 1:
+            raise ValueError(f"windows = {number}: expected at least 1 healthy window")
+        with self._node.arrivals() as arrivals:
+            for made in range(number):
+                window = None
+                while not isinstance(window, Window):
+                    found = self._next(arrivals, unit)
+                    if found is None:
+                        raise ValueError(
+                            f"no window came for {self._timeout_s():g} s after {made} of {number}"
+                        )
+                    window = found.window
+                yield window
+
+    def _next(self, arrivals: SimpleQueue[Found], unit: Unit, goal: Any = None) -> Found | None:
+        """Wait for the next window of an actuator; None when none comes, or on cancelling."""
+        deadline = time.monotonic() + self._timeout_s()
+        while time.monotonic() < deadline:
+            if self._node.stopping.is_set():
+                raise ValueError("the monitor is stopping")
+            if goal is not None and goal.is_cancel_requested:
+                return None
+            try:
+                found = arrivals.get(timeout=_POLL_S)
+            except Empty:
+                continue
+            if found.description.actuator_id == unit.actuator_id:
+                return found
+        return None
+
+    def _timeout_s(self) -> float:
+        return self._node.operation.value.calibration_timeout_s
+
+    def _identify(self, goal: Any) -> IdentifyFaults.Result:
+        request, result = goal.request, IdentifyFaults.Result()
+        try:
+            unit = self._node.unit(request.actuator_id)
+            search = self._search(request)
+            found = self._window(unit, goal)
+            run = Diagnosis(found, self._node.store.of(found.description), search.settings())
+            for generation in run:
+                if goal.is_cancel_requested or self._node.stopping.is_set():
+                    break
+                goal.publish_feedback(
+                    IdentifyFaults.Feedback(
+                        generation=generation.generation,
+                        evaluations=generation.evaluations,
+                        best_fitness=float(generation.fitness),
+                        best=faults_to_message(generation.faults),
+                    )
+                )
+            if run.estimate is None:
+                result.message = "cancelled"
+                _ = goal.canceled() if goal.is_cancel_requested else goal.abort()
+                return result
+            result.estimate = estimate_to_message(run.estimate, found.number, found.description)
+            result.success, result.message = run.estimate.valid, run.estimate.reason
+        except ValueError as error:
+            result.success, result.message = False, str(error)
+        _ = goal.succeed() if result.success else goal.abort()
+        return result
+
+    def _search(self, request: IdentifyFaults.Goal) -> Search:
+        wanted: dict[str, Any] = {"seed": request.seed}
+        if request.algorithm:
+            wanted["algorithm"] = request.algorithm
+        if request.budget:
+            wanted["budget"] = request.budget
+        return replace(self._node.search.value, **wanted)
+
+    def _window(self, unit: Unit, goal: Any) -> Found:
+        if not goal.request.next_window:
+            if unit.latest is None:
+                raise ValueError(f"actuator {unit.actuator_id!r} has had no complete window so far")
+            return unit.latest
+        with self._node.arrivals() as arrivals:
+            found = self._next(arrivals, unit, goal)
+        if found is None:
+            raise ValueError(f"no window came for {self._timeout_s():g} s")
+        return found
+
+
+def _description(unit: Unit) -> Any:
+    return unit.watch.description

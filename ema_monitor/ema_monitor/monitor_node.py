@@ -1,0 +1,340 @@
+"""The monitor node: telemetry in, estimates and health out."""
+
+import os
+import threading
+import traceback
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+
+from ema_core.description import ActuatorDescription
+from ema_core.levels import OK, WARN
+from ema_core.quantity import check_quantities, quantity, text
+from ema_messages import topics
+from ema_messages.description import description_from_message
+from ema_messages.stamps import stamp_from_message
+from ema_messages.telemetry import telemetry_from_message
+from ema_monitor.calibration_store import CalibrationStore
+from ema_monitor.diagnosis import Diagnosis, Search
+from ema_monitor.health import HealthLimits
+from ema_monitor.model import compile_kernels
+from ema_monitor.monitor_calls import MonitorCalls
+from ema_monitor.monitor_unit import Unit
+from ema_monitor.trigger import Defect, Refusal, TriggerSettings
+from ema_monitor.waiting_room import WaitingRoom
+from ema_monitor.watch import Found
+from ema_monitor.window import Window
+from ema_nodes.actuator_file import load_description
+from ema_nodes.managed_node import ManagedNode
+from ema_nodes.run import run
+from ema_nodes.settings import LiveSettings, declare, read
+from ema_nodes.status import Task
+
+_STALE_CHECK_S = 1.0
+_QUIET_S = 5.0
+
+
+@dataclass(frozen=True)
+class Files:
+    """Where the monitor finds what it is not told on topics."""
+
+    calibration_file: str = text(
+        "",
+        "calibrations; {actuator_id} and {serial_number} in the path stand for those of the "
+        "actuator; empty: the shipped calibration of the built-in actuator",
+    )
+    actuator_file: str = text(
+        "", "description of an actuator that does not describe itself on the topic; empty: none"
+    )
+
+
+@dataclass(frozen=True)
+class Operation:
+    """How the monitor goes about its work.
+
+    Raises
+    ------
+    ValueError
+        When a figure is outside its range; the message names it.
+    """
+
+    waiting_windows: int = quantity(
+        2, "-", 1, 10_000, "windows that may wait; one more drops the oldest, not in simulated time"
+    )
+    expected_period_s: float = quantity(
+        10.0, "s", 0.1, 1e7, "time between estimates; health is stale after three without one"
+    )
+    calibration_timeout_s: float = quantity(
+        60.0, "s", 1.0, 1e5, "how long a calibration waits for its next window"
+    )
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+class MonitorNode(ManagedNode):
+    """Watches the actuators whose telemetry it hears, and publishes their faults and health.
+
+    Telemetry is received in one thread and windows are identified in another, in the order in
+    which they end. ``docs/nodes.md`` describes topics, services and parameters.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("monitor", **kwargs)
+        self.search = LiveSettings(self, Search)
+        self.operation = LiveSettings(self, Operation, on_change=lambda _: self._limit_waiting())
+        self._trigger = LiveSettings(self, TriggerSettings, on_change=self._restart)
+        self._limits = LiveSettings(self, HealthLimits, "limits.")
+        declare(self, Files)
+        self._units: dict[str, Unit] = {}
+        self._room = WaitingRoom(None)
+        self._lock = threading.RLock()
+        self._listeners: list[SimpleQueue[Found]] = []
+        self._idle = threading.Event()
+        self._nameless = 0
+
+    def configure(self) -> None:
+        """Read the files, and create what publishes and serves."""
+        files = read(self, Files)
+        own_folder = Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser() / "ema"
+        self.store = CalibrationStore(files.calibration_file, own_folder)
+        if files.actuator_file:
+            self._describe(load_description(Path(files.actuator_file).expanduser()))
+        self._estimates, self._healths = (
+            self.create_lifecycle_publisher(message_class, name, qos)
+            for name, (message_class, qos) in topics.MONITOR_TOPICS.items()
+        )
+        self._calls = MonitorCalls(self)
+        self._stale_timer = self.create_timer(_STALE_CHECK_S, self._check_freshness)
+
+    def activate(self) -> None:
+        """Listen, and identify what is heard."""
+        self._idle.clear()
+        self._room = WaitingRoom(None)
+        self._limit_waiting()
+        self._worker = threading.Thread(target=self._work, name="identification", daemon=True)
+        self._worker.start()
+        receiving = MutuallyExclusiveCallbackGroup()
+        self._subscriptions_in_use = [
+            self.create_subscription(message_class, name, callback, qos, callback_group=receiving)
+            for name, callback in (
+                (topics.DESCRIPTION, self._receive_description),
+                (topics.TELEMETRY, self._receive_telemetry),
+            )
+            for message_class, qos in (topics.ACTUATOR_TOPICS[name],)
+        ]
+
+    def deactivate(self) -> None:
+        """Stop listening; windows that still wait are refused."""
+        for subscription in self._subscriptions_in_use:
+            self.destroy_subscription(subscription)
+        self._idle.set()
+        left = self._room.close()
+        self._worker.join()
+        for found in left:
+            self._refuse(found, "the monitor was stopped before the window was identified")
+        with self._lock:
+            for unit in self._units.values():
+                for found in unit.watch.finish():
+                    if isinstance(found, Found):
+                        self._refuse(found, "")
+
+    def clean_up(self) -> None:
+        """Forget the actuators, and stop serving."""
+        self._calls.destroy()
+        self.destroy_timer(self._stale_timer)
+        for publisher in (self._estimates, self._healths):
+            self.destroy_publisher(publisher)
+        self._units.clear()
+
+    def tasks(self) -> list[Task]:
+        """Return how each actuator fares."""
+        with self._lock:
+            tasks = [task for unit in self._units.values() for task in unit.tasks(len(self._room))]
+            if not self._units:
+                tasks = [Task("input", WARN, "no actuator heard of so far", self.hardware_id)]
+            elif self._nameless:
+                message = f"{self._nameless} messages without actuator_id were passed over"
+                tasks.append(Task("input", WARN, message, self.hardware_id))
+            else:
+                message = f"{len(self._units)} actuators watched"
+                counts = {"windows dropped": self._room.dropped}
+                tasks.append(Task("input", OK, message, self.hardware_id, counts))
+            return tasks
+
+    def unit(self, actuator_id: str) -> Unit:
+        """Return one of the actuators that are watched.
+
+        Parameters
+        ----------
+        actuator_id
+            Which; empty for the only one.
+
+        Raises
+        ------
+        ValueError
+            When it is not watched, not described, or there is a choice.
+        """
+        with self._lock:
+            watched = ", ".join(self._units) or "none"
+            if not actuator_id and len(self._units) != 1:
+                raise ValueError(f"actuator_id is empty: expected one of those watched: {watched}")
+            unit = next(iter(self._units.values())) if not actuator_id else None
+            unit = unit or self._units.get(actuator_id)
+            if unit is None:
+                raise ValueError(
+                    f"actuator_id = {actuator_id!r} is not watched; watched: {watched}"
+                )
+            if unit.watch.description is None:
+                raise ValueError(f"actuator {unit.actuator_id!r} has not been described")
+            return unit
+
+    @contextmanager
+    def arrivals(self) -> Iterator[SimpleQueue[Found]]:
+        """Give a queue into which goes every window that is found from now on."""
+        queue: SimpleQueue[Found] = SimpleQueue()
+        with self._lock:
+            self._listeners.append(queue)
+        try:
+            yield queue
+        finally:
+            with self._lock:
+                self._listeners.remove(queue)
+
+    def _receive_description(self, message: Any) -> None:
+        try:
+            self._describe(description_from_message(message))
+        except ValueError as error:
+            self._complain(message.actuator_id, f"the description is impossible: {error}")
+
+    def _describe(self, description: ActuatorDescription) -> None:
+        with self._lock:
+            unit = self._unit_heard(description.actuator_id)
+            self._sort(unit, unit.watch.describe(description))
+
+    def _receive_telemetry(self, message: Any) -> None:
+        if not message.actuator_id:
+            self._complain("", "telemetry without actuator_id")
+            return
+        with self._lock:
+            unit = self._unit_heard(message.actuator_id)
+            try:
+                block = telemetry_from_message(message)
+            except ValueError as error:
+                stamp_ns = stamp_from_message(message.header.stamp)
+                self._sort(unit, unit.watch.reject(stamp_ns, str(error)))
+            else:
+                self._sort(unit, unit.watch.feed(block))
+
+    def _unit_heard(self, actuator_id: str) -> Unit:
+        if actuator_id not in self._units:
+            now_ns = self.get_clock().now().nanoseconds
+            self._units[actuator_id] = Unit(actuator_id, self._trigger.value, now_ns)
+        return self._units[actuator_id]
+
+    def _complain(self, actuator_id: str, reason: str) -> None:
+        with self._lock:
+            if actuator_id:
+                is_news = self._unit_heard(actuator_id).complain(reason)
+            else:
+                self._nameless += 1
+                is_news = self._nameless == 1
+        self.get_logger().warning(
+            f"{actuator_id or 'input'}: {reason}", throttle_duration_sec=_QUIET_S
+        )
+        if is_news:
+            self.report()
+
+    def _sort(self, unit: Unit, events: Iterable[Found | Defect]) -> None:
+        """Let windows wait for their identification, and tell of defects."""
+        for event in events:
+            if isinstance(event, Defect):
+                self._complain(unit.actuator_id, event.reason)
+                continue
+            if isinstance(event.window, Window):
+                unit.latest = event
+            for queue in self._listeners:
+                queue.put(event)
+            if gone := self._room.put(event):
+                self.get_logger().warning(
+                    f"{gone.description.actuator_id}: window {gone.number} is dropped, "
+                    f"{len(self._room)} wait"
+                )
+
+    def _work(self) -> None:
+        compile_kernels()
+        while (found := self._room.get()) is not None:
+            try:
+                self._identify(found)
+            except Exception as error:
+                # One window that cannot be dealt with must not end the work on the others.
+                self.get_logger().error(traceback.format_exc())
+                self._refuse(found, f"the identification failed: {error!r}")
+
+    def _identify(self, found: Found) -> None:
+        run = Diagnosis(found, self.store.of(found.description), self.search.value.settings())
+        for _ in run:
+            if self._idle.is_set():
+                self._refuse(found, "the monitor was stopped during the identification")
+                return
+        self._conclude(found, run)
+
+    def _refuse(self, found: Found, reason: str) -> None:
+        window = found.window
+        refused = Refusal(window.start_ns, window.end_ns, reason) if reason else window
+        found = Found(found.number, found.description, refused)
+        run = Diagnosis(found, self.store.of(found.description), self.search.value.settings())
+        for _ in run:
+            pass
+        self._conclude(found, run)
+
+    def _conclude(self, found: Found, run: Diagnosis) -> None:
+        if run.estimate is None:
+            raise RuntimeError("the diagnosis ended without an estimate")
+        with self._lock:
+            now_ns = self.get_clock().now().nanoseconds
+            unit = self._unit_heard(found.description.actuator_id)
+            estimate, health = unit.conclude(found, run.estimate, self._limits.value, now_ns)
+        self._estimates.publish(estimate)
+        if health is not None:
+            self._healths.publish(health)
+        if not estimate.valid:
+            self.get_logger().warning(
+                f"{estimate.actuator_id}: window {estimate.window} has no valid estimate: "
+                f"{estimate.reason}"
+            )
+        self.report()
+
+    def _check_freshness(self) -> None:
+        with self._lock:
+            now_ns = self.get_clock().now().nanoseconds
+            period_s = self.operation.value.expected_period_s
+            stale = [unit.grow_stale(period_s, now_ns) for unit in self._units.values()]
+        for health in stale:
+            if health is not None:
+                self.get_logger().warning(f"{health.actuator_id}: {health.reason}")
+                self._healths.publish(health)
+                self.report()
+
+    def _restart(self, settings: TriggerSettings) -> None:
+        with self._lock:
+            for unit in self._units.values():
+                self._sort(unit, unit.watch.restart(settings, "the settings of the window changed"))
+
+    def _limit_waiting(self) -> None:
+        in_sim_time = self.get_parameter("use_sim_time").value
+        self._room.limit(None if in_sim_time else self.operation.value.waiting_windows)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the monitor."""
+    return run(MonitorNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,163 @@
+"""What the monitor knows of one actuator, and what it says of it."""
+
+from dataclasses import replace
+
+from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
+from ema_interfaces.msg import FaultEstimate
+from ema_interfaces.msg import Health as HealthMessage
+from ema_monitor.estimate import Estimate
+from ema_monitor.health import Health, HealthLimits, assess
+from ema_monitor.monitor_messages import estimate_to_message, health_to_message
+from ema_monitor.trigger import TriggerSettings
+from ema_monitor.watch import Found, Watch
+from ema_nodes.status import Task
+
+_STALE_PERIODS = 3.0
+_NOTHING_KNOWN = Health(STALE, float("nan"), 0, 0.0, "", reason="no valid estimate so far")
+
+
+class Unit:
+    """One actuator that the monitor watches.
+
+    Parameters
+    ----------
+    actuator_id
+        Which actuator.
+    settings
+        When a window begins and how long it is.
+    now_ns
+        Time of the node's clock [ns].
+
+    Attributes
+    ----------
+    watch
+        Cuts its telemetry into windows.
+    latest
+        Its latest complete window; None when there was none.
+    defect
+        What was wrong with its telemetry since the latest valid estimate; empty when nothing was.
+    """
+
+    def __init__(self, actuator_id: str, settings: TriggerSettings, now_ns: int) -> None:
+        self.actuator_id = actuator_id
+        self.watch = Watch(settings)
+        self.latest: Found | None = None
+        self.defect = ""
+        self._defects = 0
+        self._valid = 0
+        self._invalid = 0
+        self._latency_s = float("nan")
+        self._fresh_ns = now_ns
+        self._stamp_ns = 0
+        self._health = _NOTHING_KNOWN
+
+    @property
+    def hardware_id(self) -> str:
+        """Serial number, or the actuator's name as long as that is not known."""
+        return self.watch.description.serial_number if self.watch.description else self.actuator_id
+
+    def complain(self, reason: str) -> bool:
+        """Take note of something wrong with the telemetry; return whether it is news.
+
+        Parameters
+        ----------
+        reason
+            What is wrong.
+        """
+        is_news = not self.defect
+        self.defect = reason
+        self._defects += 1
+        return is_news
+
+    def conclude(
+        self, found: Found, estimate: Estimate, limits: HealthLimits, now_ns: int
+    ) -> tuple[FaultEstimate, HealthMessage | None]:
+        """Take note of an estimate and return what to publish: it, and health if it tells of any.
+
+        Parameters
+        ----------
+        found
+            The window.
+        estimate
+            What was found in it.
+        limits
+            Where life ends.
+        now_ns
+            Time of the node's clock [ns].
+        """
+        message = estimate_to_message(estimate, found.number, found.description)
+        if not estimate.valid:
+            self._invalid += 1
+            self.complain(f"window {found.number}: {estimate.reason}")
+            return message, None
+        self._valid += 1
+        self.defect = ""
+        self._fresh_ns = now_ns
+        self._stamp_ns = estimate.end_ns
+        self._latency_s = (now_ns - estimate.end_ns) * 1e-9
+        self._health = assess(estimate, limits)
+        return message, self._health_message()
+
+    def grow_stale(self, expected_period_s: float, now_ns: int) -> HealthMessage | None:
+        """Return the health to publish when it has just become stale.
+
+        Parameters
+        ----------
+        expected_period_s
+            How often a valid estimate is expected [s].
+        now_ns
+            Time of the node's clock [ns].
+        """
+        age_s = (now_ns - self._fresh_ns) * 1e-9
+        if self._health.level == STALE or age_s <= _STALE_PERIODS * expected_period_s:
+            return None
+        reason = f"no valid estimate for more than {_STALE_PERIODS * expected_period_s:g} s"
+        if self.defect:
+            reason += f"; the latest: {self.defect}"
+        self._health = replace(self._health, level=STALE, confidence=0.0, reason=reason)
+        return self._health_message()
+
+    def tasks(self, waiting: int) -> list[Task]:
+        """Return how telemetry and health of the actuator fare.
+
+        Parameters
+        ----------
+        waiting
+            Windows of all actuators that wait for identification.
+        """
+        watch, health = self.watch, self._health
+        if watch.description is None:
+            level, message = ERROR, "no description of the actuator: the telemetry has to wait"
+        elif self.defect:
+            level, message = WARN, self.defect
+        elif not watch.blocks:
+            level, message = WARN, "no telemetry so far"
+        else:
+            level, message = OK, f"{self._valid} valid estimates"
+        counts = {
+            "blocks": watch.blocks,
+            "samples lost": watch.lost_samples,
+            "defects": self._defects,
+            "windows": watch.windows,
+            "windows waiting": waiting,
+            "estimates valid": self._valid,
+            "estimates invalid": self._invalid,
+            "latency [s]": self._latency_s,
+        }
+        verdict = LEVEL_NAMES[health.level]
+        if health.dominant_fault:
+            verdict += f": {health.dominant_fault}"
+        if health.reason:
+            verdict += f" ({health.reason})"
+        figures = {"health index": health.health_index, "confidence": health.confidence}
+        figures |= {item.name: item.value for item in health.faults}
+        return [
+            Task(f"{self.actuator_id} telemetry", level, message, self.hardware_id, counts),
+            Task(f"{self.actuator_id} health", health.level, verdict, self.hardware_id, figures),
+        ]
+
+    def _health_message(self) -> HealthMessage | None:
+        description = self.watch.description
+        if description is None:
+            return None
+        return health_to_message(self._health, self._stamp_ns, self.watch.windows, description)

@@ -1,0 +1,92 @@
+"""Where windows wait for their identification."""
+
+import threading
+from collections import deque
+from dataclasses import replace
+
+from ema_monitor.trigger import Refusal
+from ema_monitor.watch import Found
+from ema_monitor.window import Window
+
+
+class WaitingRoom:
+    """A queue of windows between the thread that receives and the one that identifies.
+
+    Live, a window that comes while too many wait makes the oldest give way: what leaves the queue
+    in its place is its refusal, so that order and numbers are kept and nothing vanishes.
+
+    Parameters
+    ----------
+    most_waiting
+        How many windows may wait; None for any number.
+
+    Attributes
+    ----------
+    dropped
+        How many windows had to give way.
+    """
+
+    def __init__(self, most_waiting: int | None) -> None:
+        self.dropped = 0
+        self._most_waiting = most_waiting
+        self._queue: deque[Found] = deque()
+        self._changed = threading.Condition()
+        self._closed = False
+
+    def __len__(self) -> int:
+        return sum(isinstance(item.window, Window) for item in self._queue)
+
+    def limit(self, most_waiting: int | None) -> None:
+        """Change how many windows may wait, from the next one on.
+
+        Parameters
+        ----------
+        most_waiting
+            As at construction.
+        """
+        self._most_waiting = most_waiting
+
+    def put(self, found: Found) -> Found | None:
+        """Let a window, or a refusal, wait.
+
+        Parameters
+        ----------
+        found
+            What was found.
+
+        Returns
+        -------
+        Found or None
+            The window that had to give way, if one had to.
+        """
+        with self._changed:
+            self._queue.append(found)
+            gone = None
+            if self._most_waiting is not None and len(self) > self._most_waiting:
+                gone = self._drop_oldest()
+            self._changed.notify()
+        return gone
+
+    def get(self) -> Found | None:
+        """Wait for the next one and return it; None when the room is closed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._queue or self._closed)
+            return None if self._closed else self._queue.popleft()
+
+    def close(self) -> list[Found]:
+        """Send home whoever waits or will wait, and return who was left."""
+        with self._changed:
+            self._closed = True
+            left = list(self._queue)
+            self._queue.clear()
+            self._changed.notify_all()
+        return left
+
+    def _drop_oldest(self) -> Found:
+        self.dropped += 1
+        place = next(i for i, item in enumerate(self._queue) if isinstance(item.window, Window))
+        oldest = self._queue[place]
+        reason = f"dropped: more than {self._most_waiting} windows waited for identification"
+        refusal = Refusal(oldest.window.start_ns, oldest.window.end_ns, reason)
+        self._queue[place] = replace(oldest, window=refusal)
+        return oldest
