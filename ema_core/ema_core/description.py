@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import is_finite_number
+from ema_core.telemetry import LONGEST_PERIOD
 
 SAMPLE_PERIOD = 1e-4
 """Default period of the telemetry [s]."""
@@ -43,6 +44,10 @@ class ActuatorDescription:
             value = getattr(self, name)
             if not isinstance(value, str) or (not value and name != "model"):
                 raise ValueError(f"{name} = {value!r}: expected a name (text)")
-        if not is_finite_number(self.sample_period) or not 0.0 < self.sample_period <= 1.0:
-            raise ValueError(f"sample_period = {self.sample_period!r} s is outside (0, 1] s")
+        if not is_finite_number(self.sample_period) or not (
+            0.0 < self.sample_period <= LONGEST_PERIOD
+        ):
+            raise ValueError(
+                f"sample_period = {self.sample_period!r} s is outside (0, {LONGEST_PERIOD:g}] s"
+            )
         object.__setattr__(self, "sample_period", float(self.sample_period))

@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 COLUMNS = ("command", "current", "position", "speed")
 """Columns of telemetry, in the order of the messages."""
 
+LONGEST_PERIOD = 1.0
+"""Longest sample period that counts as telemetry [s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Telemetry:
@@ -34,7 +37,7 @@ class Telemetry:
     Raises
     ------
     ValueError
-        When the columns differ in length or are empty, or the period is not positive.
+        When the columns differ in length or are empty, or the period is outside (0, 1] s.
     """
 
     stamp_ns: int
@@ -46,9 +49,9 @@ class Telemetry:
     speed: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.sample_period < float("inf"):
+        if not 0.0 < self.sample_period <= LONGEST_PERIOD:
             raise ValueError(
-                f"sample_period = {self.sample_period!r} s: expected a positive number of seconds"
+                f"sample_period = {self.sample_period!r} s is outside (0, {LONGEST_PERIOD:g}] s"
             )
         lengths = {name: len(getattr(self, name)) for name in COLUMNS}
         if len(set(lengths.values())) != 1 or not len(self.command):

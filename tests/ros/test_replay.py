@@ -1,0 +1,97 @@
+"""A bag gives the same estimates offline, and replayed at any rate into a fresh monitor."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ema_cli.source_options import Source
+from ema_cli.windows import read_windows
+from ema_core.commands import THESIS_CHIRP, build_cycle
+from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
+from ema_interfaces.msg import FaultEstimate
+from ema_monitor.calibration import Calibration
+from ema_monitor.diagnosis import Diagnosis, Search
+from ema_monitor.monitor_messages import estimate_to_message
+from ema_monitor.trigger import TriggerSettings
+from ema_recording.actuator_bag import SimulatedActuatorBag
+from ema_recording.writer import BagWriter
+from ema_sim.actuator import SimulatedActuator
+
+from .graph import Graph
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four windows: a good one, one with a gap, a good one, one that the end cuts off."""
+    actuator = SimulatedActuator()
+    actuator.faults = fault_vector({"friction": 0.2, "backlash": 0.1, "eccentricity": 0.1})
+    cycle = build_cycle(THESIS_CHIRP, 1e-4)
+    samples = np.tile(cycle.samples, 4)[: 3 * len(cycle.samples) + cycle.start + 2000]
+    blocks = [actuator.advance(part) for part in np.split(samples, range(100, len(samples), 100))]
+    lost = (len(cycle.samples) + cycle.start + 1000) // 100
+    path = tmp_path_factory.mktemp("bags") / "four.mcap"
+    with SimulatedActuatorBag(BagWriter(path), ActuatorDescription()) as recording:
+        for number, block in enumerate(blocks):
+            if number != lost:
+                recording.write_block(block, 0.0)
+    return path
+
+
+def offline(bag: Path) -> list[FaultEstimate]:
+    """Return what `ema estimate` finds, as messages."""
+    settings = TriggerSettings()
+    found = read_windows(bag, Source(None, None, settings.threshold, settings.rest_s, None))
+    messages = []
+    for item in found.windows:
+        run = Diagnosis(item, Calibration.builtin(), Search().settings())
+        for _ in run:
+            pass
+        assert run.estimate is not None
+        messages.append(estimate_to_message(run.estimate, item.number, item.description))
+    return messages
+
+
+def plain(message: Any) -> dict[str, Any]:
+    """Return every field but the computing time, to the last bit."""
+    values = {}
+    for name in message.get_fields_and_field_types():
+        value = getattr(message, name)
+        if hasattr(value, "get_fields_and_field_types"):
+            value = plain(value)
+        elif isinstance(value, np.ndarray | float):
+            value = np.asarray(value).tobytes()
+        values[name] = value
+    values.pop("computing_time", None)
+    return values
+
+
+@pytest.fixture(scope="module")
+def expected(bag: Path) -> list[FaultEstimate]:
+    return offline(bag)
+
+
+def test_offline_command_tells_what_is_wrong_with_two_of_the_windows(expected):
+    assert [item.valid for item in expected] == [True, False, True, False]
+    assert "gap of 100 samples" in expected[1].reason
+    assert "the telemetry ends" in expected[3].reason
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [1.0, 5.0])
+def test_replay_gives_the_estimates_of_the_offline_command(bag: Path, expected, rate: float):
+    with Graph() as graph:
+        graph.start("monitor", use_sim_time=True)
+        graph.wait_for(lambda: graph.status, "the monitor")
+        graph.start("player", bag=bag, rate=rate, actuator_only=True)
+        player = graph.processes["player"]
+        graph.wait_for(lambda: player.poll() is not None, "the end of the bag", 40.0)
+        assert player.returncode == 0, graph.log("player").read_text()
+        graph.wait_for(lambda: len(graph.estimates) == 3, "three estimates", 40.0)
+        # The end of the telemetry shows only when the monitor ends.
+        assert graph.stop("monitor")[0] == 0
+        graph.wait_for(lambda: len(graph.estimates) == 4, "the refusal of the last window")
+    replayed = sorted(graph.estimates, key=lambda item: item.window)
+    assert [plain(item) for item in replayed] == [plain(item) for item in expected]
