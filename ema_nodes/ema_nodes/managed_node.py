@@ -49,7 +49,6 @@ class ManagedNode(LifecycleNode):
         self._refused = ""
         self._configured = False
         self._peers = Peers()
-        self._report_lock = threading.Lock()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._guard_change_state()
         self._report_timer = self.create_timer(
@@ -92,15 +91,14 @@ class ManagedNode(LifecycleNode):
         return self.trigger_configure() == success and self.trigger_activate() == success
 
     def report(self) -> None:
-        """Publish how the node fares."""
-        with self._report_lock:
-            name = self.get_name()
-            tasks = [self._lifecycle_task(), self._peers.task(self.hardware_id, now_s())]
-            if self._configured:
-                tasks += self.tasks()
-            message = DiagnosticArray(status=[status_message(name, task) for task in tasks])
-            message.header.stamp = self.get_clock().now().to_msg()
-            self._diagnostics.publish(message)
+        """Publish how the node fares; any thread may."""
+        tasks = [self._lifecycle_task(), self._peers.task(self.hardware_id, now_s())]
+        if self._configured:
+            tasks += self.tasks()
+        name = self.get_name()
+        message = DiagnosticArray(status=[status_message(name, task) for task in tasks])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure, and be unconfigured still when that is refused."""

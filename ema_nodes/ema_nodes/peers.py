@@ -36,9 +36,9 @@ class Peers:
             Time on a clock of one's own [s].
         """
         lost = sorted(self._present - present)
-        self._gone.update(dict.fromkeys(lost, now_s))
-        for name in present:
-            self._gone.pop(name, None)
+        known = {name: since for name, since in self._gone.items() if name not in present}
+        # Replaced as a whole: another thread may be reading.
+        self._gone = known | dict.fromkeys(lost, now_s)
         self._present = set(present)
         return lost
 
