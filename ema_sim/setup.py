@@ -15,4 +15,5 @@ setup(
         (f"share/{package}", ["package.xml"]),
     ],
     zip_safe=True,
+    entry_points={"console_scripts": ["actuator_node = ema_sim.actuator_node:main"]},
 )

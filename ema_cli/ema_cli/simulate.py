@@ -1,26 +1,20 @@
 """``ema simulate``: a faulty actuator to a bag."""
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
 import click
-import numpy as np
 
-from ema_nodes.actuator_file import load_description
 from ema_cli.command_file import command_from
 from ema_cli.errors import Assignments, merged, one_clear_line
 from ema_cli.interrupt import deferred_interrupt
 from ema_cli.progress import progress_bar
-from ema_core.commands import approach_depth, build_cycle
 from ema_core.description import ActuatorDescription
-from ema_core.faults import FAULT_NAMES, fault_vector
+from ema_core.faults import FAULT_NAMES
+from ema_nodes.actuator_file import load_description
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
-from ema_sim.actuator import SimulatedActuator
-from ema_sim.sensors import Sensors
-
-_BLOCK_S = 0.01
+from ema_sim.bench import ActuatorBench, BenchSettings
 
 
 @click.command()
@@ -115,23 +109,14 @@ def simulate(
         description = load_description(actuator_file) if actuator_file else ActuatorDescription()
         if serial_number is not None:
             description = replace(description, serial_number=serial_number)
-        vector = fault_vector(merged(faults, "--fault"))
-        cycle = build_cycle(
-            command_from(shape, merged(figures, "--command-set")),
-            description.sample_period,
-            approach_depth(description.parameters),
-        ).samples
-        of_sensors, of_current = np.random.default_rng(seed).spawn(2)
-        sensors = Sensors(current_noise, merged(resolutions, "--quantise"), of_sensors)
-        actuator = SimulatedActuator(
-            description.parameters.replace(merged(true_values, "--set")),
-            sample_period=description.sample_period,
-            noise_gain=noise_gain,
-            rng=of_current,
+        bench = ActuatorBench(
+            description,
+            BenchSettings(load=load, noise_gain=noise_gain, current_noise=current_noise, seed=seed),
+            parameters=description.parameters.replace(merged(true_values, "--set")),
+            resolutions=merged(resolutions, "--quantise"),
         )
-        actuator.faults = vector
-        if not math.isfinite(load):
-            raise ValueError(f"load = {load:g} N.m: expected a finite number")
+        bench.set_command(command_from(shape, merged(figures, "--command-set")))
+        bench.set_faults(merged(faults, "--fault"))
         try:
             bag = BagWriter(output, overwrite=force)
         except FileExistsError as error:
@@ -142,18 +127,21 @@ def simulate(
             SimulatedActuatorBag(bag, description) as recording,
             progress_bar() as progress,
         ):
-            task = progress.add_task("simulating", total=cycles * len(cycle))
-            block_samples = max(1, round(_BLOCK_S / description.sample_period))
-            for number in range(cycles):
-                progress.update(task, state=f"cycle {number + 1} of {cycles}")
-                recording.begin_cycle(number, vector)
-                for samples in np.split(cycle, range(block_samples, len(cycle), block_samples)):
+            task = progress.add_task("simulating", total=None)
+            for _ in range(cycles):
+                cycle = bench.begin_cycle()
+                progress.update(
+                    task,
+                    total=cycles * cycle.samples,
+                    state=f"cycle {cycle.number + 1} of {cycles}",
+                )
+                recording.begin_cycle(cycle.number, cycle.faults)
+                for block, torque in cycle.blocks:
                     if interrupted.is_set():
                         raise click.Abort
-                    block = actuator.advance(samples, load)
-                    recording.write_block(sensors.measure(block), actuator.state.torque)
+                    recording.write_block(block, torque)
                     progress.advance(task, len(block))
-    seconds = cycles * len(cycle) * description.sample_period
+    seconds = 1e-9 * bench.end_ns
     click.echo(
         f"{output}: {cycles} cycle{'s' * (cycles > 1)} of {description.actuator_id} "
         f"({description.serial_number}), {seconds:.1f} s of telemetry"

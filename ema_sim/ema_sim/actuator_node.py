@@ -1,0 +1,249 @@
+"""Node of the simulated actuator: runs test cycles and publishes what a real one would."""
+
+import time
+import traceback
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any, Final
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+
+from ema_core.commands import Command
+from ema_core.description import ActuatorDescription
+from ema_core.faults import FAULT_NAMES
+from ema_core.parameters import ActuatorParameters
+from ema_core.telemetry import Telemetry
+from ema_interfaces.msg import FaultGrowth
+from ema_interfaces.srv import SetCommand, SetSimulatedFaults
+from ema_messages import topics
+from ema_messages.description import description_to_message
+from ema_messages.faults import StampedFaults, faults_from_message, stamped_faults_to_message
+from ema_messages.joint_state import joint_state
+from ema_messages.stamps import stamp_to_message
+from ema_messages.telemetry import telemetry_to_message
+from ema_nodes.actuator_file import load_description
+from ema_nodes.managed_node import ManagedNode
+from ema_nodes.run import run
+from ema_nodes.settings import declare, read
+from ema_nodes.status import OK, WARN, Task
+from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
+from ema_sim.growth import Growth
+from ema_sim.pacing import Pace
+from ema_sim.runner import BenchRunner
+from ema_sim.settings import CommandSettings, FaultSettings, ResolutionSettings, RunSettings
+
+_CLOCK: Final = "/clock"
+_CLOCK_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+_PAUSE_S: Final = 0.3
+_COMMAND_FIGURES: Final = tuple(
+    item.name for item in fields(CommandSettings) if item.name != "shape"
+)
+
+
+class ActuatorNode(ManagedNode):
+    """Simulated actuator that is tested again and again.
+
+    Parameters
+    ----------
+    kwargs
+        As of ``rclpy.lifecycle.LifecycleNode``.
+
+    Raises
+    ------
+    ValueError
+        When the description of the actuator cannot be read, or a parameter is impossible.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("actuator", **kwargs)
+        declare(self, RunSettings)
+        self._description = _described(read(self, RunSettings).actuator_file)
+        declare(self, BenchSettings(pause_s=_PAUSE_S))
+        declare(self, CommandSettings, "command.")
+        declare(self, ResolutionSettings, "resolution.")
+        declare(self, FaultSettings, "faults.")
+        for name in FAULT_NAMES:
+            declare(self, Growth, f"growth.{name}.")
+        declare(self, self._description.parameters, "plant.")
+        self._told_behind = False
+
+    @property
+    def hardware_id(self) -> str:
+        """Serial number of the simulated unit."""
+        return self._description.serial_number
+
+    def configure(self) -> None:
+        """Set up the bench, the publishers and the services."""
+        self._rate = read(self, RunSettings).rate
+        self._bench = ActuatorBench(
+            self._description,
+            read(self, BenchSettings),
+            parameters=read(self, ActuatorParameters, "plant."),
+            resolutions=read(self, ResolutionSettings, "resolution.").resolutions(),
+        )
+        self._bench.set_command(read(self, CommandSettings, "command.").command())
+        growths = {name: read(self, Growth, f"growth.{name}.") for name in FAULT_NAMES}
+        self._bench.set_faults(asdict(read(self, FaultSettings, "faults.")), growths)
+        self._runner = BenchRunner(
+            self._bench,
+            self._rate,
+            on_cycle=self._publish_truth,
+            on_block=self._publish_block,
+            on_failure=self._fail,
+        )
+        offers = dict(topics.ACTUATOR_TOPICS)
+        if self._rate != 1.0:
+            offers[_CLOCK] = (Clock, _CLOCK_QOS)
+        self._publishers_by_topic = {
+            name: self.create_lifecycle_publisher(message, name, qos)
+            for name, (message, qos) in offers.items()
+        }
+        group = MutuallyExclusiveCallbackGroup()
+        self._own_services = [
+            self.create_service(
+                SetSimulatedFaults, "~/set_faults", self._set_faults, callback_group=group
+            ),
+            self.create_service(
+                SetCommand, "~/set_command", self._set_command, callback_group=group
+            ),
+        ]
+
+    def activate(self) -> None:
+        """Begin to run cycles in a thread of their own."""
+        message = description_to_message(self._description, time.time_ns())
+        self._publish(topics.DESCRIPTION, message)
+        self._told_behind = False
+        self._runner.start()
+
+    def deactivate(self) -> None:
+        """Stop at the next block."""
+        self._runner.stop()
+
+    def clean_up(self) -> None:
+        """Let go of publishers and services."""
+        for publisher in self._publishers_by_topic.values():
+            self.destroy_lifecycle_publisher(publisher)  # pyright: ignore[reportArgumentType]
+        for service in self._own_services:
+            self.destroy_service(service)
+
+    def tasks(self) -> list[Task]:
+        """Return how the simulation keeps up."""
+        runner, pace = self._runner, self._runner.pace
+        values = {
+            "cycle": runner.cycle,
+            "rate": self._rate,
+            "achieved rate": pace.achieved_rate,
+            "lag [s]": pace.lag_s,
+            "busy share": pace.busy_share,
+        }
+        if pace.behind and runner.doing == "running":
+            return [Task("simulation", WARN, self._complaint(pace), self.hardware_id, values)]
+        return [Task("simulation", OK, runner.doing, self.hardware_id, values)]
+
+    def _publish(self, topic: str, message: Any) -> None:
+        self._publishers_by_topic[topic].publish(message)
+
+    def _publish_truth(self, cycle: RunningCycle) -> None:
+        truth = StampedFaults(
+            cycle.start_ns, self._description.actuator_id, cycle.number, cycle.faults
+        )
+        self._publish(topics.SIMULATED_FAULTS, stamped_faults_to_message(truth))
+
+    def _publish_block(self, block: Telemetry, torque: float) -> None:
+        name, tau = self._description.actuator_id, self._description.parameters.tau
+        end_ns = block.stamp_at(len(block) - 1)
+        if _CLOCK in self._publishers_by_topic:
+            self._publish(_CLOCK, Clock(clock=stamp_to_message(end_ns)))
+        self._publish(topics.TELEMETRY, telemetry_to_message(block, name))
+        position, speed = float(block.position[-1]), float(block.speed[-1])
+        state = joint_state(end_ns, name, position, speed * tau, torque / tau)
+        self._publish(topics.JOINT_STATES, state)
+        self._tell_pace()
+
+    def _tell_pace(self) -> None:
+        """Say once when the simulation falls behind, and once when it keeps up again."""
+        pace = self._runner.pace
+        if pace.behind == self._told_behind:
+            return
+        self._told_behind = pace.behind
+        if pace.behind:
+            self.get_logger().warning(self._complaint(pace))
+        else:
+            self.get_logger().info(f"keeps up again with rate {self._rate:g}")
+        self.report()
+
+    def _complaint(self, pace: Pace) -> str:
+        return (
+            f"cannot keep up: lag {pace.lag_s:.3g} s, rate {pace.achieved_rate:.3g} instead of "
+            f"{self._rate:g}"
+        )
+
+    def _fail(self, error: Exception) -> None:
+        trace = "".join(traceback.format_exception(error))
+        self.get_logger().fatal(f"the simulation failed:\n{trace}")
+        self.exit_code = 1
+        self.finished.set()
+
+    def _set_faults(
+        self, request: SetSimulatedFaults.Request, response: SetSimulatedFaults.Response
+    ) -> SetSimulatedFaults.Response:
+        return _answer(
+            response,
+            lambda: self._bench.set_faults(
+                faults_from_message(request.faults),
+                _growths(request.growth),
+                request.hours_per_cycle,
+            ),
+        )
+
+    def _set_command(
+        self, request: SetCommand.Request, response: SetCommand.Response
+    ) -> SetCommand.Response:
+        return _answer(response, lambda: self._bench.set_command(_command(request)))
+
+
+def _answer(response: Any, change: Callable[[], None]) -> Any:
+    """Make a change and answer whether it was taken."""
+    try:
+        change()
+    except ValueError as error:
+        response.success, response.message = False, str(error)
+    else:
+        response.success, response.message = True, "holds from the next test cycle on"
+    return response
+
+
+def _growths(messages: Iterable[FaultGrowth]) -> dict[str, Growth]:
+    growths: dict[str, Growth] = {}
+    for item in messages:
+        if item.fault in growths:
+            raise ValueError(f"growth of {item.fault} is given more than once")
+        try:
+            growths[item.fault] = Growth(item.law, item.rate, item.shape, item.noise, item.onset)
+        except ValueError as error:
+            raise ValueError(f"growth of {item.fault}: {error}") from error
+    return growths
+
+
+def _command(request: SetCommand.Request) -> Command:
+    if request.shape == "custom":
+        return Command("custom", samples=request.custom)
+    figures = {name: getattr(request, name) for name in _COMMAND_FIGURES}
+    return Command(request.shape, **figures)
+
+
+def _described(file: str) -> ActuatorDescription:
+    if not file:
+        return ActuatorDescription()
+    try:
+        return load_description(Path(file))
+    except OSError as error:
+        raise ValueError(f"actuator_file = {file!r} cannot be read: {error}") from error
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(ActuatorNode, args)

@@ -1,0 +1,228 @@
+"""The test bench: an actuator, its sensors and its faults, run through test cycles."""
+
+import threading
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ema_core.commands import THESIS_CHIRP, Command, approach_depth, build_cycle
+from ema_core.description import ActuatorDescription
+from ema_core.faults import FAULTS, fault_vector, healthy_faults
+from ema_core.parameters import ActuatorParameters
+from ema_core.quantity import check_quantities, is_finite_number, quantity
+from ema_core.telemetry import Telemetry
+from ema_sim.actuator import SimulatedActuator
+from ema_sim.growth import Growth, check_growths, grow
+from ema_sim.sensors import Sensors
+
+
+@dataclass(frozen=True)
+class BenchSettings:
+    """Settings of a test bench.
+
+    Raises
+    ------
+    ValueError
+        When a value is impossible; the message names it, its value, unit and range.
+    """
+
+    block_s: float = quantity(0.01, "s", 1e-6, 1.0, "length of a block of telemetry")
+    pause_s: float = quantity(0.0, "s", 0.0, 3600.0, "rest between two test cycles")
+    hours_per_cycle: float = quantity(
+        10.0, "h", 0.0, 1e6, "service hours that one test cycle stands for"
+    )
+    load: float = quantity(0.0, "N.m", -1e5, 1e5, "external torque on the motor shaft")
+    noise_gain: float = quantity(
+        0.0, "-", 0.0, 1e9, "K_noise, power of the noise on the reference current"
+    )
+    current_noise: float = quantity(
+        0.0, "A", 0.0, 1e3, "standard deviation of the noise on a sample of the current"
+    )
+    seed: int = quantity(0, "-", 0, 2**62, "seed of all noise")
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+@dataclass(frozen=True, eq=False)
+class RunningCycle:
+    """A test cycle that has begun.
+
+    Attributes
+    ----------
+    number
+        Running number, from 0.
+    start_ns
+        When it starts [ns].
+    faults
+        True faults of the actuator in it, ``(8,)``.
+    samples
+        How many samples it has, the pause included.
+    blocks
+        Its blocks as they are measured, each with the torque of the motor at its end [N.m]; they
+        are computed one by one.
+    """
+
+    number: int
+    start_ns: int
+    faults: NDArray[np.float64]
+    samples: int
+    blocks: Iterator[tuple[Telemetry, float]]
+
+
+class ActuatorBench:
+    """Runs a simulated actuator through test cycles.
+
+    What is set while a cycle runs holds from the next one on; it may be set from another thread
+    than that which runs the cycles. The samples do not depend on the length of the blocks.
+
+    Parameters
+    ----------
+    description
+        The actuator as its maker describes it.
+    settings
+        Of the bench.
+    parameters
+        What the plant really is; as described when None.
+    resolutions
+        Resolution of the sensors by column: rad, A, rad/s. Others are perfect.
+
+    Raises
+    ------
+    ValueError
+        When a value is impossible, or the sample period is longer than 10 ms or no whole multiple
+        of the step of the simulation.
+    """
+
+    def __init__(
+        self,
+        description: ActuatorDescription,
+        settings: BenchSettings | None = None,
+        *,
+        parameters: ActuatorParameters | None = None,
+        resolutions: Mapping[str, float] | None = None,
+    ) -> None:
+        self.settings = settings or BenchSettings()
+        self.description = description
+        of_sensors, of_current, self._of_growth = np.random.default_rng(self.settings.seed).spawn(3)
+        self._sensors = Sensors(self.settings.current_noise, resolutions or {}, of_sensors)
+        self._actuator = SimulatedActuator(
+            parameters or description.parameters,
+            sample_period=description.sample_period,
+            noise_gain=self.settings.noise_gain,
+            rng=of_current,
+        )
+        self._block_samples = max(1, round(self.settings.block_s / description.sample_period))
+        self._next_cycle = 0
+        self._end_ns = 0
+        self._lock = threading.Lock()
+        self.set_command(THESIS_CHIRP)
+        self.set_faults(healthy_faults())
+
+    @property
+    def end_ns(self) -> int:
+        """End of the last sample so far [ns]."""
+        return self._end_ns
+
+    def set_command(self, command: Command) -> None:
+        """Set what the actuator is tested with, from the next cycle on.
+
+        Raises
+        ------
+        ValueError
+            When it cannot be sampled at the telemetry's period.
+        """
+        h = self.description.sample_period
+        cycle = build_cycle(command, h, approach_depth(self.description.parameters)).samples
+        pause = np.zeros(round(self.settings.pause_s / h))
+        samples = np.concatenate([cycle, pause])
+        with self._lock:
+            self._samples = samples
+
+    def set_faults(
+        self,
+        faults: Mapping[str, float] | ArrayLike,
+        growths: Mapping[str, Growth] | None = None,
+        hours_per_cycle: float | None = None,
+    ) -> None:
+        """Set the faults of the next cycle and how they grow from then on.
+
+        Parameters
+        ----------
+        faults
+            Fault vector, as ``ema_core.faults.fault_vector`` takes it.
+        growths
+            Growth by component; what is not named stays constant.
+        hours_per_cycle
+            Service hours that one test cycle stands for [h]; those of the settings when None.
+
+        Raises
+        ------
+        ValueError
+            When they are impossible, or lead to a motor that cannot be simulated. Then nothing
+            changes.
+        """
+        k = fault_vector(faults)
+        growths = check_growths(growths or {})
+        hours = self.settings.hours_per_cycle if hours_per_cycle is None else hours_per_cycle
+        if not is_finite_number(hours) or hours < 0.0:
+            raise ValueError(f"hours_per_cycle = {hours:g} h: expected a number of at least 0")
+        self._refuse_unless_simulable(k, growths)
+        with self._lock:
+            self._faults, self._growths, self._hours_per_cycle = k, growths, float(hours)
+            self._hours = 0.0
+
+    def compile_kernels(self) -> None:
+        """Compile what the simulation needs, or load it, so that no cycle has to wait for it."""
+        h = self.description.sample_period
+        SimulatedActuator(self._actuator.parameters, sample_period=h).advance([0.0])
+
+    def begin_cycle(self, start_ns: int | None = None) -> RunningCycle:
+        """Begin the next test cycle.
+
+        Blocks of the cycle before that were not asked for are never computed.
+
+        Parameters
+        ----------
+        start_ns
+            When it starts [ns]; where the samples so far end when None.
+        """
+        with self._lock:
+            faults, samples = self._faults, self._samples
+            self._faults = grow(
+                faults, self._growths, self._hours, self._hours_per_cycle, self._of_growth
+            )
+            self._hours += self._hours_per_cycle
+        if start_ns is not None:
+            self._end_ns = start_ns
+        self._actuator.faults = faults
+        number = self._next_cycle
+        self._next_cycle += 1
+        return RunningCycle(
+            number, self._end_ns, faults.copy(), len(samples), self._blocks(samples, self._end_ns)
+        )
+
+    def _blocks(
+        self, samples: NDArray[np.float64], start_ns: int
+    ) -> Iterator[tuple[Telemetry, float]]:
+        h, size = self.description.sample_period, self._block_samples
+        for start in range(0, len(samples), size):
+            block = self._actuator.advance(samples[start : start + size], self.settings.load)
+            block = replace(block, stamp_ns=start_ns + round((start + 1) * h * 1e9))
+            self._end_ns = block.stamp_at(len(block) - 1)
+            yield self._sensors.measure(block), self._actuator.state.torque
+
+    def _refuse_unless_simulable(
+        self, faults: NDArray[np.float64], growths: Mapping[str, Growth]
+    ) -> None:
+        trial = SimulatedActuator(
+            self._actuator.parameters, sample_period=self.description.sample_period
+        )
+        trial.faults = faults
+        worst = faults.copy()
+        for i, fault in enumerate(FAULTS):
+            if fault.name in growths and not growths[fault.name].is_constant:
+                worst[i] = fault.highest
+        trial.faults = worst

@@ -1,0 +1,204 @@
+"""How simulated faults grow with service life: one law and its figures for each component.
+
+u is service hours, x the distance of a component from its healthy value. A law takes x over any
+number of hours by its exact solution, so that the length of the steps does not show.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ema_core.faults import FAULT_NAMES, FAULTS, Fault, fault_vector
+from ema_core.quantity import check_quantities, quantity, text
+
+LAWS: Final = (
+    "constant",
+    "linear",
+    "exponential",
+    "archard",
+    "self_heating",
+    "power",
+    "drift",
+)
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How one component grows.
+
+    ``linear`` is dx/du = a, ``exponential`` dx/du = a (x + x_0), ``archard`` dx/du = a (1 + b x),
+    ``self_heating`` dx/du = a exp(b x), ``power`` x = (u / c)^p and ``drift`` dk = a du + s dW; a
+    and c are ``rate``, x_0, b and p are ``shape``, s is ``noise``.
+
+    A component whose healthy value lies inside its range can leave it either way. It goes on to
+    the side on which it is; from the healthy value itself to that which the sign of ``rate``
+    tells, whose amount is the law's figure. A drift alone is signed throughout and may pass
+    through the healthy value.
+
+    Attributes
+    ----------
+    law
+        One of ``LAWS``.
+    rate
+        Rate a of the law [1/h]; of ``power`` its time scale c [h].
+    shape
+        Second figure of the law [-]; ignored where there is none.
+    noise
+        Process noise: each increment is multiplied by a lognormal factor of median 1 and this
+        sigma [-]; of ``drift`` its diffusion s [1/sqrt(h)].
+    onset
+        Service hour, counted from when the growth was set, at which it begins [h].
+
+    Raises
+    ------
+    ValueError
+        When a figure is impossible; the message names it, its value, unit and range.
+    """
+
+    law: str = text("constant", "law by which the fault grows", LAWS)
+    rate: float = quantity(0.0, "1/h", -1e6, 1e6, "rate a; of law power its time scale c, in h")
+    shape: float = quantity(0.0, "-", 0.0, 100.0, "second figure of the law: x_0, b or p")
+    noise: float = quantity(
+        0.0, "-", 0.0, 3.0, "sigma of the lognormal factor; of law drift its s, in 1/sqrt(h)"
+    )
+    onset: float = quantity(0.0, "h", 0.0, 1e9, "service hour at which it begins to grow")
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        if self.law == "power":
+            if self.rate == 0.0:
+                raise ValueError("rate = 0 h: law power needs a time scale c that is not 0")
+            if self.shape == 0.0:
+                raise ValueError("shape = 0: law power needs an exponent p above 0")
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether nothing ever changes by it."""
+        if self.law == "drift":
+            return self.rate == 0.0 and self.noise == 0.0
+        return self.law == "constant" or self.rate == 0.0
+
+
+def check_growths(growths: Mapping[str, Growth]) -> dict[str, Growth]:
+    """Return validated growths by component.
+
+    Raises
+    ------
+    ValueError
+        When a component is unknown, or is to grow to below a healthy value of 0.
+    """
+    for name, growth in growths.items():
+        if name not in FAULT_NAMES:
+            raise ValueError(f"growth of unknown fault {name!r}; known: {', '.join(FAULT_NAMES)}")
+        if growth.rate < 0.0 and FAULTS[FAULT_NAMES.index(name)].healthy == 0.0:
+            raise ValueError(
+                f"growth of {name}: rate = {growth.rate:g}: expected at least 0, for its healthy "
+                "value is the lowest"
+            )
+    return dict(growths)
+
+
+def grow(
+    faults: Mapping[str, float] | ArrayLike,
+    growths: Mapping[str, Growth],
+    hours_before: float,
+    hours_step: float,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Return a fault vector after more hours in service.
+
+    Parameters
+    ----------
+    faults
+        Fault vector before, as ``ema_core.faults.fault_vector`` takes it.
+    growths
+        Growth by component; what is not named stays constant.
+    hours_before
+        Service hours since the growths were set [h].
+    hours_step
+        Service hours to go on by [h].
+    rng
+        Random numbers of the process noise.
+
+    Returns
+    -------
+    numpy.ndarray
+        Fault vector after, ``(8,)``, within its range.
+
+    Raises
+    ------
+    ValueError
+        When the vector or the growths are impossible, or ``hours_step`` is below 0.
+    """
+    if not 0.0 <= hours_step < math.inf:
+        raise ValueError(f"hours_step = {hours_step:g} h: expected a number of at least 0")
+    k = fault_vector(faults)
+    growths = check_growths(growths)
+    # In the order of the components, whatever that of the mapping: the same seed, the same life.
+    for i, fault in enumerate(FAULTS):
+        growth = growths.get(fault.name)
+        if growth is None or growth.is_constant:
+            continue
+        hours = min(hours_step, hours_before + hours_step - growth.onset)
+        if hours > 0.0:
+            k[i] = _grown(fault, growth, float(k[i]), hours, rng)
+    return k
+
+
+def _grown(fault: Fault, growth: Growth, k: float, hours: float, rng: np.random.Generator) -> float:
+    if growth.law == "drift":
+        step = growth.rate * hours + growth.noise * math.sqrt(hours) * rng.standard_normal()
+        return min(max(k + step, 0.0), fault.highest)
+    side = math.copysign(1.0, k - fault.healthy if k != fault.healthy else growth.rate)
+    increment = _INCREMENTS[growth.law](
+        abs(k - fault.healthy), abs(growth.rate), growth.shape, hours
+    )
+    if growth.noise > 0.0:
+        increment *= math.exp(growth.noise * rng.standard_normal())
+    return min(max(k + side * increment, 0.0), fault.highest)
+
+
+def _exp(exponent: float) -> float:
+    """Return the exponential, of exponents beyond the range of numbers a very large one."""
+    return math.exp(min(exponent, 700.0))
+
+
+def _linear(x: float, a: float, b: float, u: float) -> float:
+    return a * u
+
+
+def _exponential(x: float, a: float, x_0: float, u: float) -> float:
+    return (x + x_0) * math.expm1(min(a * u, 700.0))
+
+
+def _archard(x: float, a: float, b: float, u: float) -> float:
+    if b == 0.0:
+        return a * u
+    return (1.0 / b + x) * math.expm1(min(a * b * u, 700.0))
+
+
+def _self_heating(x: float, a: float, b: float, u: float) -> float:
+    if b == 0.0:
+        return a * u
+    # It reaches infinity within the time 1 / (a b exp(b x)).
+    spent = a * b * u * _exp(b * x)
+    return -math.log1p(-spent) / b if spent < 1.0 else math.inf
+
+
+def _power(x: float, c: float, p: float, u: float) -> float:
+    age = x ** (1.0 / p) + u / c
+    return _exp(p * math.log(age)) - x
+
+
+_INCREMENTS: Final[Mapping[str, Callable[[float, float, float, float], float]]] = {
+    "linear": _linear,
+    "exponential": _exponential,
+    "archard": _archard,
+    "self_heating": _self_heating,
+    "power": _power,
+}
+"""Increment of x over ``u`` hours, from x, the amount of ``rate``, and ``shape``."""

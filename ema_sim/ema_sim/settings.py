@@ -1,0 +1,105 @@
+"""Settings of the simulated actuator, each with its description, unit and range."""
+
+from dataclasses import asdict, dataclass, make_dataclass
+from typing import Any, Final
+
+from ema_core.commands import COMMAND_SHAPES, THESIS_CHIRP, Command
+from ema_core.faults import FAULTS
+from ema_core.quantity import check_quantities, quantity, text
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """What is simulated and how fast.
+
+    Raises
+    ------
+    ValueError
+        When a value is impossible; the message names it, its value, unit and range.
+    """
+
+    actuator_file: str = text("", "YAML file that describes the actuator; empty: the built-in one")
+    rate: float = quantity(1.0, "-", 0.01, 100.0, "simulated time over wall time")
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+@dataclass(frozen=True)
+class CommandSettings:
+    """The command of the test cycle by its shape and figures, those of ``Command``.
+
+    Raises
+    ------
+    ValueError
+        When a value is impossible; the message names it, its value, unit and range.
+    """
+
+    shape: str = text(
+        THESIS_CHIRP.shape,
+        "shape of the command",
+        tuple(s for s in COMMAND_SHAPES if s != "custom"),
+    )
+    amplitude: float = quantity(
+        THESIS_CHIRP.amplitude, "rad", -10.0, 10.0, "amplitude, height of the step, end of the ramp"
+    )
+    duration: float = quantity(THESIS_CHIRP.duration, "s", 1e-3, 3600.0, "length of the command")
+    start_time: float = quantity(
+        THESIS_CHIRP.start_time, "s", 0.0, 3600.0, "when a step or ramp starts"
+    )
+    rate: float = quantity(THESIS_CHIRP.rate, "rad/s", -100.0, 100.0, "slope of the ramp")
+    start_frequency: float = quantity(
+        THESIS_CHIRP.start_frequency, "Hz", 0.0, 1e3, "of the sine, or of the chirp at its start"
+    )
+    end_frequency: float = quantity(
+        THESIS_CHIRP.end_frequency, "Hz", 0.0, 1e3, "of the chirp at its end"
+    )
+    final_fraction: float = quantity(
+        THESIS_CHIRP.final_fraction, "-", 0.0, 1.0, "share of the chirp's amplitude at its end"
+    )
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    def command(self) -> Command:
+        """Return the command."""
+        return Command(**asdict(self))
+
+
+@dataclass(frozen=True)
+class ResolutionSettings:
+    """Resolution of the sensors; 0 where it is perfect.
+
+    Raises
+    ------
+    ValueError
+        When a value is impossible; the message names it, its value, unit and range.
+    """
+
+    command: float = quantity(0.0, "rad", 0.0, 1.0, "resolution of the command; 0: perfect")
+    current: float = quantity(0.0, "A", 0.0, 1e3, "resolution of the current; 0: perfect")
+    position: float = quantity(0.0, "rad", 0.0, 1.0, "resolution of the position; 0: perfect")
+    speed: float = quantity(0.0, "rad/s", 0.0, 1e4, "resolution of the speed; 0: perfect")
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    def resolutions(self) -> dict[str, float]:
+        """Return the resolutions of the columns that have one."""
+        return {name: value for name, value in asdict(self).items() if value > 0.0}
+
+
+FaultSettings: Final[Any] = make_dataclass(
+    "FaultSettings",
+    [
+        (
+            fault.name,
+            float,
+            quantity(fault.healthy, "-", 0.0, fault.highest, f"{fault.label}; {fault.meaning}"),
+        )
+        for fault in FAULTS
+    ],
+    frozen=True,
+    namespace={"__post_init__": check_quantities},
+)
+"""The fault vector by component, of the table of faults."""

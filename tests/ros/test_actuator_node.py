@@ -1,0 +1,499 @@
+"""The simulated actuator's node, in this process, as another node sees it."""
+
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.context import Context
+from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+
+from ema_core.commands import Command, build_cycle
+from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector, healthy_faults
+from ema_core.parameters import ActuatorParameters
+from ema_core.telemetry import COLUMNS, join
+from ema_interfaces.msg import FaultGrowth
+from ema_interfaces.srv import SetCommand, SetSimulatedFaults
+from ema_messages.description import description_from_message
+from ema_messages.faults import faults_to_message, stamped_faults_from_message
+from ema_messages.stamps import stamp_from_message
+from ema_messages.telemetry import telemetry_from_message
+from ema_messages.topics import ACTUATOR_TOPICS, LATCHED
+from ema_sim.actuator_node import ActuatorNode
+from ema_sim.bench import ActuatorBench, BenchSettings
+from ema_sim.growth import Growth, grow
+
+DISCOVERY_S = 8.0
+# A step of 20 ms between 1.1 s of approach and return; 1.17 s in all with the pause.
+SHORT = {"command.shape": "step", "command.amplitude": 1e-3, "command.duration": 0.02}
+PAUSE = {"pause_s": 0.05}
+CYCLE_SAMPLES = len(build_cycle(Command("step", 1e-3, 0.02), 1e-4).samples) + 500
+EVERY_MESSAGE = QoSProfile(
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _kernels():
+    ActuatorBench(ActuatorDescription()).compile_kernels()
+
+
+class Listener:
+    """What other nodes receive from an actuator node, each message with its time of arrival."""
+
+    def __init__(self, context: Context, node: ActuatorNode) -> None:
+        self.node = node
+        self.context = context
+        self.received: defaultdict[str, list[tuple[int, Any]]] = defaultdict(list)
+        self._changed = threading.Condition()
+        self._probe = Node("probe", context=context, namespace="/ema")
+        for name, (message_class, qos) in ACTUATOR_TOPICS.items():
+            self.subscribe(message_class, name, EVERY_MESSAGE if qos is LATCHED else qos)
+        self.subscribe(DiagnosticArray, "/diagnostics", 100)
+        self.subscribe(Clock, "/clock", BEST_EFFORT)
+        self._spinning: list[tuple[Executor, threading.Thread]] = []
+        self._spin(node, MultiThreadedExecutor(4, context=context))
+        self._spin(self._probe, SingleThreadedExecutor(context=context))
+
+    def _spin(self, node: Node, executor: Executor) -> None:
+        executor.add_node(node)
+        thread = threading.Thread(target=executor.spin, daemon=True)
+        self._spinning.append((executor, thread))
+        thread.start()
+
+    def subscribe(self, message_class: Any, topic: str, qos: Any, key: str = "") -> None:
+        def keep(message: Any) -> None:
+            with self._changed:
+                self.received[key or topic].append((time.time_ns(), message))
+                self._changed.notify_all()
+
+        self._probe.create_subscription(message_class, topic, keep, qos)
+
+    def until(self, condition: Callable[[], Any], timeout: float = DISCOVERY_S) -> Any:
+        with self._changed:
+            assert self._changed.wait_for(condition, timeout), "what was waited for did not come"
+            return condition()
+
+    def messages(self, topic: str) -> list[Any]:
+        return [message for _, message in list(self.received[topic])]
+
+    def blocks(self) -> list[Any]:
+        return [telemetry_from_message(message) for message in self.messages("telemetry")]
+
+    def truths(self) -> list[Any]:
+        return [stamped_faults_from_message(m) for m in self.messages("simulated_faults")]
+
+    def statuses(self, name: str) -> list[DiagnosticStatus]:
+        arrays = self.messages("/diagnostics")
+        return [s for array in arrays for s in array.status if s.name == f"actuator: {name}"]
+
+    def call(self, service: Any, name: str, request: Any) -> Any:
+        client = self._probe.create_client(service, name)
+        assert client.wait_for_service(DISCOVERY_S)
+        future, done = client.call_async(request), threading.Event()
+        future.add_done_callback(lambda _: done.set())
+        assert done.wait(DISCOVERY_S)
+        return future.result()
+
+    def close(self) -> None:
+        for executor, thread in self._spinning:
+            executor.shutdown()
+            thread.join(5.0)
+            assert not thread.is_alive()
+        self._probe.destroy_node()
+
+
+@contextmanager
+def listening(**parameters: Any) -> Iterator[Listener]:
+    """Listen to a node with these parameters that has still to be brought up."""
+    context = Context()
+    context.init()
+    values = {**SHORT, **PAUSE, **parameters}
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    node = ActuatorNode(context=context, parameter_overrides=overrides)
+    listener = Listener(context, node)
+    try:
+        yield listener
+    finally:
+        if node.state == "active":
+            node.trigger_deactivate()
+        listener.close()
+        node.destroy_node()
+        context.shutdown()
+
+
+@contextmanager
+def running(**parameters: Any) -> Iterator[Listener]:
+    """Listen to a node that has been brought up."""
+    with listening(**parameters) as listener:
+        assert listener.node.bring_up()
+        yield listener
+
+
+def two_cycles_in_real_time() -> Listener:
+    faults = {"faults.friction": 0.25, "faults.gain": 0.6}
+    noise = {"current_noise": 0.05, "noise_gain": 1.0, "seed": 7, "resolution.position": 1e-6}
+    with running(**faults, **noise, **{"plant.R_s": 2.2, "load": 0.01}) as listener:
+        listener.until(lambda: len(listener.received["simulated_faults"]) > 2, 20.0)
+        for name in ("actuator_description", "simulated_faults"):
+            listener.subscribe(ACTUATOR_TOPICS[name][0], name, LATCHED, key=f"late {name}")
+            listener.until(lambda name=name: listener.received[f"late {name}"])
+        count = len(listener.received["/diagnostics"])
+        listener.until(lambda: len(listener.received["/diagnostics"]) > count)
+    return listener
+
+
+@pytest.fixture(scope="module")
+def real_time() -> Listener:
+    """What came of two cycles with noise and faults; the node has gone.
+
+    A machine that is busy with other things may be too slow for a while, which the node tells.
+    """
+    for _ in range(3):
+        listener = two_cycles_in_real_time()
+        if all(status.level == DiagnosticStatus.OK for status in listener.statuses("simulation")):
+            return listener
+    raise AssertionError("the node could not keep up in any of three attempts")
+
+
+def test_telemetry_comes_in_blocks_of_ten_milliseconds_without_a_gap(real_time):
+    blocks = real_time.blocks()
+    per_cycle = -(-CYCLE_SAMPLES // 100)
+    assert {block.sample_period for block in blocks} == {1e-4}
+    numbers = np.array([(block.first_index, len(block)) for block in blocks])
+    np.testing.assert_array_equal(numbers[1:, 0], numbers[:-1].sum(axis=1))
+    assert np.count_nonzero(numbers[:, 1] == 100) >= 0.98 * len(blocks)
+    assert len(blocks) >= per_cycle
+    assert {m.actuator_id for m in real_time.messages("telemetry")} == {"flap"}
+
+
+def test_block_is_published_when_its_last_sample_is_due(real_time):
+    arrivals = np.array([arrival for arrival, _ in list(real_time.received["telemetry"])])
+    ends = np.array([int(block.stamps_ns[-1]) for block in real_time.blocks()])
+    late = 1e-9 * (arrivals[: len(ends)] - ends)
+    assert late.min() > -1e-3
+    assert np.median(late) < 0.03
+
+
+def test_cycles_are_contiguous_and_stamped_with_their_start(real_time):
+    truths = real_time.truths()
+    assert [truth.cycle for truth in truths[:3]] == [0, 1, 2]
+    np.testing.assert_array_equal(
+        np.diff([truth.stamp_ns for truth in truths[:3]]), CYCLE_SAMPLES * 100_000
+    )
+    first = next(b for b in real_time.blocks() if b.first_index > CYCLE_SAMPLES)
+    assert first.first_index == CYCLE_SAMPLES + 1
+    assert first.stamp_ns == truths[1].stamp_ns + 100_000
+
+
+def test_samples_are_those_of_the_bench_with_these_settings(real_time):
+    description = ActuatorDescription()
+    twin = ActuatorBench(
+        description,
+        BenchSettings(pause_s=0.05, load=0.01, noise_gain=1.0, current_noise=0.05, seed=7),
+        parameters=description.parameters.replace({"R_s": 2.2}),
+        resolutions={"position": 1e-6},
+    )
+    twin.set_command(Command("step", 1e-3, 0.02))
+    twin.set_faults({"friction": 0.25, "gain": 0.6})
+    expected = [(b, t) for _ in range(2) for b, t in twin.begin_cycle().blocks]
+    whole = join([block for block, _ in expected])
+    for block in real_time.blocks()[:200]:
+        start = block.first_index - 1
+        for column in COLUMNS:
+            part = getattr(whole, column)[start : start + len(block)]
+            np.testing.assert_array_equal(getattr(block, column), part)
+
+    torques = {block.first_index: torque for block, torque in expected}
+    tau = description.parameters.tau
+    joints = {stamp_from_message(j.header.stamp): j for j in real_time.messages("joint_states")}
+    compared = [b for b in real_time.blocks()[:200] if int(b.stamps_ns[-1]) in joints]
+    # A slow receiver loses joint states: only ten are kept for it.
+    assert len(compared) >= 0.5 * 200
+    for block in compared:
+        joint = joints[int(block.stamps_ns[-1])]
+        assert list(joint.name) == ["flap"]
+        assert joint.position[0] == block.position[-1]
+        assert joint.velocity[0] == pytest.approx(tau * block.speed[-1], rel=1e-12)
+        assert joint.effort[0] == pytest.approx(torques[block.first_index] / tau, rel=1e-12)
+    assert max(abs(joint.effort[0]) for joint in joints.values()) > 1.0
+
+
+def test_late_joiner_learns_who_the_actuator_is_and_its_faults(real_time):
+    [description] = real_time.messages("late actuator_description")
+    # Its parameters are the nominal ones: the resistance is for the monitor to find.
+    assert description_from_message(description) == ActuatorDescription()
+    truth = stamped_faults_from_message(real_time.messages("late simulated_faults")[0])
+    assert truth.actuator_id == "flap"
+    np.testing.assert_array_equal(truth.faults, fault_vector({"friction": 0.25, "gain": 0.6}))
+
+
+def test_status_tells_how_it_fares(real_time):
+    status = [s for s in real_time.statuses("simulation") if s.message != "idle"][-1]
+    assert (status.level, status.message) == (DiagnosticStatus.OK, "running")
+    assert status.hardware_id == "SIM-0001"
+    values = {item.key: float(item.value) for item in status.values}
+    assert set(values) == {"cycle", "rate", "achieved rate", "lag [s]", "busy share"}
+    assert values["achieved rate"] == pytest.approx(1.0, rel=0.1)
+    assert 0.0 < values["busy share"] < 1.0
+    assert real_time.messages("/clock") == []
+
+
+def growth(fault: str, law: str, rate: float, **figures: float) -> FaultGrowth:
+    return FaultGrowth(fault=fault, law=law, rate=rate, **figures)
+
+
+def test_faults_are_set_and_grow_from_the_next_cycle_on():
+    start = fault_vector({"friction": 0.1, "gain": 0.4})
+    laws = {"friction": Growth("linear", 1e-3), "gain": Growth("exponential", 2e-3, 0.05)}
+    own = {"growth.backlash.law": "archard", "growth.backlash.rate": 3e-4}
+    shape = {"growth.backlash.shape": 3.0, "hours_per_cycle": 50.0}
+    with running(rate=8.0, block_s=0.08, **own, **shape) as listener:
+        listener.until(lambda: len(listener.received["simulated_faults"]) > 1)
+        request = SetSimulatedFaults.Request(
+            faults=faults_to_message(start),
+            growth=[
+                growth("friction", "linear", 1e-3),
+                growth("gain", "exponential", 2e-3, shape=0.05),
+            ],
+            hours_per_cycle=20.0,
+        )
+        response = listener.call(SetSimulatedFaults, "actuator/set_faults", request)
+        assert response.success
+        assert "next test cycle" in response.message
+        called = len(listener.truths())
+        listener.until(lambda: len(listener.received["simulated_faults"]) >= called + 4)
+        truths = listener.truths()
+    backlash = {"backlash": Growth("archard", 3e-4, 3.0)}
+    before = healthy_faults()
+    changed = next(i for i, truth in enumerate(truths) if truth.faults[0] > 0.0)
+    for truth in truths[:changed]:
+        np.testing.assert_array_equal(truth.faults, before)
+        before = grow(before, backlash, 0.0, 50.0, np.random.default_rng())
+    assert changed in (called, called + 1)
+    after = start
+    for i, truth in enumerate(truths[changed:]):
+        np.testing.assert_array_equal(truth.faults, after)
+        after = grow(after, laws, 20.0 * i, 20.0, np.random.default_rng())
+
+
+def test_command_is_set_from_the_next_cycle_on():
+    samples = 1e-3 * np.sin(np.linspace(0.0, 3.0, 300))
+    with running(rate=8.0, block_s=0.08) as listener:
+        listener.until(lambda: listener.received["telemetry"])
+        request = SetCommand.Request(shape="custom", custom=samples.tolist())
+        response = listener.call(SetCommand, "actuator/set_command", request)
+        assert response.success
+        called = len(listener.truths())
+        listener.until(lambda: len(listener.received["simulated_faults"]) >= called + 2)
+        listener.until(lambda: listener.blocks()[-1].stamp_ns > listener.truths()[-1].stamp_ns)
+        blocks, starts = listener.blocks(), [truth.stamp_ns for truth in listener.truths()]
+    cycle = [block for block in blocks if starts[-2] < block.stamp_ns < starts[-1]]
+    expected = build_cycle(Command("custom", samples=samples), 1e-4).samples
+    np.testing.assert_array_equal(join(cycle).command[: len(expected)], expected)
+    np.testing.assert_array_equal(join(cycle).command[len(expected) :], np.zeros(500))
+
+
+@pytest.fixture(scope="class")
+def asked() -> Iterator[Listener]:
+    """A node at rate 4."""
+    with running(rate=4.0, block_s=0.04) as listener:
+        yield listener
+
+
+class TestAsked:
+    """A node at rate 4 that is asked for what is impossible."""
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            ({"faults": {"friction": 1.5}}, "fault friction = 1.5 is outside [0, 1]"),
+            ({"faults": {"gain": float("nan")}}, "fault gain = nan"),
+            ({"growth": [growth("rust", "linear", 1e-3)]}, "unknown fault 'rust'; known: friction"),
+            ({"growth": [growth("gain", "rust", 0.0)]}, "growth of gain: law = 'rust' is unknown"),
+            ({"growth": [growth("gain", "linear", 1e9)]}, "growth of gain: rate = 1e+09 1/h"),
+            ({"growth": [growth("gain", "linear", 0.1)] * 2}, "gain is given more than once"),
+            ({"growth": [growth("friction", "linear", -1.0)]}, "growth of friction: rate = -1"),
+            ({"hours_per_cycle": -2.0}, "hours_per_cycle = -2 h"),
+        ],
+    )
+    def test_impossible_faults_are_refused_by_name(self, asked, change, message):
+        faults = faults_to_message(healthy_faults())
+        for name, value in change.get("faults", {}).items():
+            setattr(faults, name, value)
+        request = SetSimulatedFaults.Request(
+            faults=faults,
+            growth=change.get("growth", []),
+            hours_per_cycle=change.get("hours_per_cycle", 1.0),
+        )
+        response = asked.call(SetSimulatedFaults, "actuator/set_faults", request)
+        assert not response.success
+        assert message in response.message
+
+    @pytest.mark.parametrize(
+        ("figures", "message"),
+        [
+            ({"shape": "square"}, "'square' is unknown; known: step"),
+            ({"shape": "sine", "duration": 0.0}, "duration = 0 s"),
+            ({"shape": "sine", "duration": 1.0, "amplitude": 99.0}, "amplitude = 99 rad"),
+            ({"shape": "custom"}, "row of samples"),
+            ({"shape": "custom", "custom": [0.0, float("inf")]}, "sample 1 is inf"),
+        ],
+    )
+    def test_impossible_command_is_refused_by_name(self, asked, figures, message):
+        response = asked.call(SetCommand, "actuator/set_command", SetCommand.Request(**figures))
+        assert not response.success
+        assert message in response.message
+
+    def test_refusals_change_nothing(self, asked):
+        faults = SetSimulatedFaults.Request(hours_per_cycle=-1.0)
+        assert not asked.call(SetSimulatedFaults, "actuator/set_faults", faults).success
+        command = SetCommand.Request(shape="sine", duration=9999.0)
+        assert not asked.call(SetCommand, "actuator/set_command", command).success
+        before = len(asked.truths())
+        asked.until(lambda: len(asked.received["simulated_faults"]) >= before + 2)
+        truths = asked.truths()
+        np.testing.assert_array_equal(truths[-1].faults, healthy_faults())
+        assert truths[-1].stamp_ns - truths[-2].stamp_ns == CYCLE_SAMPLES * 100_000
+
+    def test_at_rate_four_simulated_time_runs_four_times_as_fast(self, asked):
+        """And whoever uses it finds it on /clock."""
+        first = len(asked.received["telemetry"])
+        asked.until(lambda: len(asked.received["telemetry"]) >= first + 100)
+        arrivals, blocks = zip(*asked.received["telemetry"][first:], strict=True)
+        starts = [stamp_from_message(block.header.stamp) for block in blocks]
+        assert (starts[-1] - starts[0]) / (arrivals[-1] - arrivals[0]) == pytest.approx(
+            4.0, rel=0.15
+        )
+        ends = {int(block.stamps_ns[-1]) for block in asked.blocks()}
+        clocks = [stamp_from_message(message.clock) for message in asked.messages("/clock")]
+        assert clocks == sorted(clocks)
+        # Best effort: some may be lost.
+        assert len(ends & set(clocks)) > 0.8 * len(ends)
+
+
+def test_it_says_once_that_it_cannot_keep_up_and_by_how_much(capfd):
+    with running(rate=100.0, block_s=2e-3) as listener:
+        listener.until(lambda: len(listener.received["simulated_faults"]) >= 3, 20.0)
+        worst = listener.until(
+            lambda: [s for s in listener.statuses("simulation") if s.level != DiagnosticStatus.OK]
+        )[-1]
+        blocks = listener.blocks()
+    assert worst.level == DiagnosticStatus.WARN
+    assert worst.message.startswith("cannot keep up: lag ")
+    values = {item.key: float(item.value) for item in worst.values}
+    assert values["lag [s]"] > 0.1
+    assert 0.0 < values["achieved rate"] < 50.0
+    assert values["busy share"] > 0.7
+    assert capfd.readouterr().err.count("cannot keep up") == 1
+    stamps = np.array([block.stamp_ns for block in blocks])
+    indices = np.array([block.first_index for block in blocks])
+    np.testing.assert_array_equal(stamps - stamps[0], 100_000 * (indices - indices[0]))
+
+
+def test_deactivated_it_is_silent_and_activated_it_begins_a_new_cycle():
+    with running() as listener:
+        listener.until(lambda: len(listener.received["telemetry"]) > 5)
+        before = time.monotonic()
+        listener.node.trigger_deactivate()
+        assert time.monotonic() - before < 0.5
+        listener.node.trigger_activate()
+        listener.until(lambda: len(listener.received["simulated_faults"]) > 1)
+        listener.until(lambda: listener.blocks()[-1].stamp_ns > listener.truths()[-1].stamp_ns)
+        assert [truth.cycle for truth in listener.truths()] == [0, 1]
+        restart = listener.truths()[1].stamp_ns
+        last = [block for block in listener.blocks() if block.stamp_ns < restart][-1]
+        first = next(block for block in listener.blocks() if block.stamp_ns > restart)
+        # The block that it was waiting for when it stopped is left out.
+        assert first.first_index - last.first_index in (100, 200)
+        # Cleaned up and configured anew, it is a new actuator.
+        listener.node.trigger_deactivate()
+        listener.node.trigger_cleanup()
+        count = len(listener.truths())
+        assert listener.node.bring_up()
+        listener.until(lambda: len(listener.truths()) > count)
+        assert listener.truths()[-1].cycle == 0
+
+
+def impossible(**parameters: Any) -> str:
+    """Return with what words a node refuses parameters, when made or when configured."""
+    try:
+        with listening(**parameters) as listener:
+            assert not listener.node.bring_up()
+            assert listener.node.state == "unconfigured"
+            return listener.until(
+                lambda: [s.message for s in listener.statuses("lifecycle") if "cannot" in s.message]
+            )[0]
+    except ValueError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "parts"),
+    [
+        ("rate", 1000.0, ("rate", "1000", "100")),
+        ("block_s", 2.0, ("block_s", "2", "s")),
+        ("faults.friction", 2.0, ("faults.friction", "2", "dry friction")),
+        ("faults.short_circuit_a", 1.0, ("faults.short_circuit_a", "0.99")),
+        ("growth.friction.law", "rust", ("growth.friction.law", "'rust'", "archard")),
+        ("growth.friction.rate", -1.0, ("growth of friction", "rate = -1")),
+        ("growth.gain.law", "power", ("growth.gain.rate", "time scale")),
+        ("command.shape", "custom", ("command.shape", "'custom'", "chirp")),
+        ("command.amplitude", 99.0, ("command.amplitude", "99", "rad")),
+        ("resolution.current", -1.0, ("resolution.current", "-1", "A")),
+        ("plant.R_s", -2.0, ("plant.R_s", "-2", "ohm")),
+        ("actuator_file", "/missing.yaml", ("actuator_file", "/missing.yaml")),
+    ],
+)
+def test_impossible_parameter_is_refused_by_name(name, value, parts):
+    message = impossible(**{name: value})
+    for part in parts:
+        assert part in message
+
+
+def test_described_actuator_is_the_nominal_plant(tmp_path):
+    file = tmp_path / "slat.yaml"
+    file.write_text("actuator_id: slat\nserial_number: S-7\nparameters: {R_s: 1.9, P: 4}\n")
+    with running(actuator_file=str(file)) as listener:
+        listener.until(lambda: listener.received["telemetry"])
+        [message] = listener.messages("actuator_description")
+        node = listener.node
+        plant = {name: node.get_parameter(f"plant.{name}").value for name in ("R_s", "P", "L_s")}
+    description = description_from_message(message)
+    assert (description.actuator_id, description.serial_number) == ("slat", "S-7")
+    assert description.parameters == ActuatorParameters(R_s=1.9, P=4)
+    assert plant == {"R_s": 1.9, "P": 4, "L_s": ActuatorParameters().L_s}
+    assert listener.messages("telemetry")[0].actuator_id == "slat"
+
+
+def test_parameters_say_what_they_are():
+    with listening() as listener:
+        node = listener.node
+        descriptors = {
+            name: node.describe_parameter(name)
+            for name in (
+                "rate",
+                "faults.backlash",
+                "growth.gain.rate",
+                "plant.J_m",
+                "command.shape",
+            )
+        }
+    assert [item.to_value for item in descriptors["rate"].floating_point_range] == [100.0]
+    assert "99 k" in descriptors["faults.backlash"].description
+    assert "[1/h]" in descriptors["growth.gain.rate"].description
+    assert "[kg.m^2]" in descriptors["plant.J_m"].description
+    assert "chirp" in descriptors["command.shape"].additional_constraints

@@ -1,0 +1,224 @@
+"""The test bench: what it makes of a cycle, and when what is set takes effect."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.commands import THESIS_CHIRP, Command, build_cycle
+from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector, healthy_faults
+from ema_core.parameters import ActuatorParameters
+from ema_core.telemetry import COLUMNS, Telemetry, join
+from ema_sim.actuator import SimulatedActuator
+from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
+from ema_sim.growth import Growth, grow
+from ema_sim.sensors import Sensors
+
+FAULTS = fault_vector({"friction": 0.25, "eccentricity": 0.1})
+SHORT = Command("step", amplitude=1e-3, duration=2e-3, start_time=0.0)
+# 1.1 s of approach and return about it.
+SHORT_SAMPLES = build_cycle(SHORT, 1e-4).samples
+
+
+def short_bench(**settings) -> ActuatorBench:
+    bench = ActuatorBench(ActuatorDescription(), BenchSettings(**settings))
+    bench.set_command(SHORT)
+    return bench
+
+
+def telemetry(cycle: RunningCycle) -> Telemetry:
+    return join([block for block, _ in cycle.blocks])
+
+
+def assert_same(one: Telemetry, other: Telemetry) -> None:
+    np.testing.assert_array_equal(one.stamps_ns, other.stamps_ns)
+    assert one.first_index == other.first_index
+    for column in COLUMNS:
+        np.testing.assert_array_equal(getattr(one, column), getattr(other, column))
+
+
+def test_bench_is_actuator_and_sensors_run_through_cycles():
+    """Bit by bit, with every noise, against the parts themselves; a recording rests on it."""
+    description = ActuatorDescription()
+    plant = replace(description.parameters, R_s=2.24)
+    settings = BenchSettings(load=0.02, noise_gain=2.0, current_noise=0.05, seed=11)
+    resolutions = {"current": 0.005, "position": 1e-6}
+    bench = ActuatorBench(description, settings, parameters=plant, resolutions=resolutions)
+    bench.set_command(SHORT)
+    bench.set_faults(FAULTS)
+
+    of_sensors, of_current = np.random.default_rng(11).spawn(2)
+    sensors = Sensors(0.05, resolutions, of_sensors)
+    actuator = SimulatedActuator(plant, noise_gain=2.0, rng=of_current)
+    actuator.faults = FAULTS
+    for number in range(2):
+        cycle = bench.begin_cycle()
+        assert (cycle.number, cycle.samples) == (number, len(SHORT_SAMPLES))
+        np.testing.assert_array_equal(cycle.faults, FAULTS)
+        assert_same(telemetry(cycle), sensors.measure(actuator.advance(SHORT_SAMPLES, 0.02)))
+
+
+def test_torque_is_that_of_the_motor_at_the_end_of_a_block():
+    bench, actuator = short_bench(), SimulatedActuator()
+    for block, torque in bench.begin_cycle().blocks:
+        actuator.advance(SHORT_SAMPLES[block.first_index - 1 :][: len(block)])
+        assert torque == actuator.state.torque
+
+
+@pytest.mark.parametrize(("block_s", "n"), [(0.01, 100), (0.3, 3000), (1e-6, 1)])
+def test_blocks_have_their_length_and_do_not_show(block_s, n):
+    cycle = short_bench(block_s=block_s, current_noise=0.1).begin_cycle()
+    blocks = [block for block, _ in cycle.blocks]
+    assert {len(block) for block in blocks[:-1]} == {n}
+    assert 0 < len(blocks[-1]) <= n
+    whole = telemetry(short_bench(block_s=1.0, current_noise=0.1).begin_cycle())
+    assert_same(join(blocks), whole)
+
+
+def test_thesis_chirp_is_what_it_tests_with_by_default():
+    cycle = ActuatorBench(ActuatorDescription()).begin_cycle()
+    assert cycle.samples == len(build_cycle(THESIS_CHIRP, 1e-4).samples)
+    np.testing.assert_array_equal(cycle.faults, healthy_faults())
+
+
+def test_telemetry_goes_on_at_rest_in_the_pause():
+    cycle = short_bench(pause_s=0.05).begin_cycle()
+    assert cycle.samples == len(SHORT_SAMPLES) + 500
+    block = telemetry(cycle)
+    np.testing.assert_array_equal(block.command[-500:], 0.0)
+    np.testing.assert_array_equal(block.speed[-100:], 0.0)
+
+
+def test_cycles_follow_each_other_unless_a_start_is_given():
+    bench = short_bench()
+    n, period_ns = len(SHORT_SAMPLES), 100_000
+    first = bench.begin_cycle(7_000_000_000)
+    assert telemetry(first).stamp_ns == 7_000_000_000 + period_ns
+    assert bench.end_ns == 7_000_000_000 + n * period_ns
+    second = bench.begin_cycle()
+    assert second.start_ns == 7_000_000_000 + n * period_ns
+    assert telemetry(second).stamp_ns == second.start_ns + period_ns
+    third = bench.begin_cycle(9_999_999_999)
+    assert third.start_ns == 9_999_999_999
+    block = telemetry(third)
+    assert (block.stamp_ns, block.first_index) == (9_999_999_999 + period_ns, 2 * n + 1)
+
+
+def test_stamps_do_not_drift_within_a_cycle():
+    """A period that binary fractions cannot express."""
+    bench = ActuatorBench(replace(ActuatorDescription(), sample_period=3e-6))
+    bench.set_command(SHORT)
+    cycle = bench.begin_cycle(1_700_000_000_000_000_000)
+    end = max(int(block.stamps_ns[-1]) for block, _ in cycle.blocks)
+    assert end - cycle.start_ns == 3000 * cycle.samples
+
+
+def test_what_is_set_holds_from_the_next_cycle_on():
+    bench, undisturbed = short_bench(), short_bench()
+    cycle, expected = bench.begin_cycle(), undisturbed.begin_cycle()
+    longer = Command("step", amplitude=2e-3, duration=4e-3)
+    blocks = []
+    for i, (block, _) in enumerate(cycle.blocks):
+        blocks.append(block)
+        if i == 3:
+            bench.set_faults(FAULTS)
+            bench.set_command(longer)
+    np.testing.assert_array_equal(cycle.faults, healthy_faults())
+    assert_same(join(blocks), telemetry(expected))
+
+    following = bench.begin_cycle()
+    np.testing.assert_array_equal(following.faults, FAULTS)
+    block = telemetry(following)
+    np.testing.assert_array_equal(block.command, build_cycle(longer, 1e-4).samples)
+    # The new friction is in the samples, and not only in what is told of them.
+    healthy = undisturbed
+    healthy.set_command(longer)
+    assert np.abs(block.current - telemetry(healthy.begin_cycle()).current).max() > 0.5
+
+
+def test_faults_grow_from_cycle_to_cycle():
+    growths = {"backlash": Growth("archard", 3e-4, 3.0), "friction": Growth("linear", 1e-3, 0, 0.3)}
+    bench = short_bench(seed=5)
+    bench.set_faults(FAULTS, growths, hours_per_cycle=20.0)
+    generator = np.random.default_rng(5).spawn(3)[2]
+    expected = FAULTS
+    for number in range(4):
+        np.testing.assert_array_equal(bench.begin_cycle().faults, expected)
+        expected = grow(expected, growths, 20.0 * number, 20.0, generator)
+    assert expected[1] > 0.02
+
+
+def test_onset_counts_from_the_call():
+    bench = short_bench(hours_per_cycle=10.0)
+    for _ in range(3):
+        bench.begin_cycle()
+    bench.set_faults({}, {"friction": Growth("linear", 1e-3, onset=15.0)})
+    frictions = [bench.begin_cycle().faults[0] for _ in range(4)]
+    assert frictions == pytest.approx([0.0, 0.0, 5e-3, 15e-3])
+
+
+def test_growth_ends_when_faults_are_set_without_it():
+    bench = short_bench()
+    bench.set_faults({}, {"friction": Growth("linear", 1e-3)})
+    bench.begin_cycle()
+    bench.set_faults({"friction": 0.4})
+    assert [bench.begin_cycle().faults[0] for _ in range(3)] == [0.4] * 3
+
+
+def test_step_beyond_the_end_stop_is_taken_and_ends_there():
+    bench = ActuatorBench(ActuatorDescription(parameters=ActuatorParameters(theta_stop=2e-3)))
+    bench.set_command(Command("step", amplitude=0.1, duration=0.2))
+    assert telemetry(bench.begin_cycle()).position.max() == pytest.approx(2e-3, abs=5e-6)
+
+
+@pytest.mark.parametrize(
+    ("faults", "growths", "hours", "message"),
+    [
+        ({"friction": 1.5}, {}, 1.0, r"friction = 1.5 is outside \[0, 1\]"),
+        ({"friction": math.nan}, {}, 1.0, "friction = nan"),
+        ({}, {"rust": Growth()}, 1.0, "unknown fault 'rust'"),
+        ({}, {}, math.nan, "hours_per_cycle = nan h"),
+        ({}, {}, -1.0, "hours_per_cycle = -1 h"),
+    ],
+)
+def test_impossible_faults_are_refused_and_change_nothing(faults, growths, hours, message):
+    bench = short_bench()
+    bench.set_faults(FAULTS, {"backlash": Growth("linear", 1e-3)}, 10.0)
+    with pytest.raises(ValueError, match=message):
+        bench.set_faults(faults, growths, hours)
+    np.testing.assert_array_equal(bench.begin_cycle().faults, FAULTS)
+    assert bench.begin_cycle().faults[1] == pytest.approx(0.01)
+
+
+def test_growth_towards_a_motor_that_cannot_be_simulated_is_refused():
+    """At once, instead of hours later when the fault has grown."""
+    parameters = ActuatorParameters(L_s=7e-5)
+    bench = ActuatorBench(ActuatorDescription(parameters=parameters))
+    bench.set_faults({"short_circuit_b": 0.5})
+    with pytest.raises(ValueError, match=r"L_s = 7e-05 H .* most shorted phase"):
+        bench.set_faults({}, {"short_circuit_b": Growth("self_heating", 1e-4, 6.0)})
+    assert bench.begin_cycle().faults[3] == 0.5
+
+
+def test_command_that_cannot_be_sampled_is_refused():
+    with pytest.raises(ValueError, match=r"sample_period = 0\.02 s"):
+        ActuatorBench(replace(ActuatorDescription(), sample_period=0.02))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "unit"),
+    [
+        ("block_s", 0.0, "s"),
+        ("pause_s", -1.0, "s"),
+        ("hours_per_cycle", math.inf, "h"),
+        ("load", math.nan, "N.m"),
+        ("noise_gain", -1.0, "-"),
+        ("current_noise", -1.0, "A"),
+        ("seed", -1, "-"),
+    ],
+)
+def test_impossible_settings_are_refused(name, value, unit):
+    with pytest.raises(ValueError, match=rf"{name} = .*{unit}"):
+        BenchSettings(**{name: value})

@@ -1,0 +1,224 @@
+"""Cycles in step with the wall clock: when blocks come, what they are stamped, and lateness."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from ema_core.commands import Command
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry
+from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
+from ema_sim.pacing import TOLERANCE_S, Pacer
+from ema_sim.runner import BenchRunner
+
+
+class Clock(threading.Event):
+    """A clock that only waiting moves, or whoever is said to be slow."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def wait(self, timeout: float | None = None) -> bool:
+        assert timeout is not None
+        self.now += timeout
+        return self.is_set()
+
+
+@pytest.mark.parametrize("rate", [0.01, 1.0, 4.0])
+def test_blocks_are_due_at_the_end_of_their_last_sample(rate):
+    clock = Clock()
+    pacer = Pacer(rate, clock)
+    for i in range(1, 301):
+        clock.now += 0.3 * 0.01 / rate  # computing takes a part of the time
+        assert pacer.wait(0.01, clock)
+        assert clock.now == pytest.approx(100.0 + i * 0.01 / rate, abs=1e-9)
+    pace = pacer.pace()
+    assert not pace.behind
+    assert pace.achieved_rate == pytest.approx(rate, rel=1e-9)
+    assert pace.busy_share == pytest.approx(0.3, rel=1e-6)
+
+
+def test_short_delay_is_made_up_for():
+    clock = Clock()
+    pacer = Pacer(1.0, clock)
+    clock.now += 0.8 * TOLERANCE_S
+    for _ in range(20):
+        pacer.wait(0.01, clock)
+    assert clock.now == pytest.approx(100.2)
+    assert not pacer.pace().behind
+
+
+def test_after_a_long_delay_the_schedule_goes_on_from_there():
+    clock = Clock()
+    pacer = Pacer(1.0, clock)
+    clock.now += 5.0
+    arrivals = []
+    for _ in range(4):
+        pacer.wait(0.01, clock)
+        arrivals.append(clock.now)
+    np.testing.assert_allclose(np.diff(arrivals), 0.01, rtol=0, atol=1e-9)
+    assert pacer.pace().behind
+    assert pacer.pace().lag_s == pytest.approx(4.99)
+
+
+def test_lateness_is_told_until_a_whole_cycle_was_in_time():
+    clock = Clock()
+    pacer = Pacer(1.0, clock)
+    told = []
+    for late in (0.0, 0.5, 0.5, 0.0, 0.0):
+        pacer.begin_cycle(from_now=False)
+        clock.now += late
+        pacer.wait(0.01, clock)
+        told.append(pacer.pace().behind)
+    assert told == [False, True, True, True, False]
+
+
+def test_lags_of_a_cycle_add_up_when_it_is_late_again_and_again():
+    clock = Clock()
+    pacer = Pacer(1.0, clock)
+    for _ in range(5):
+        clock.now += 0.2
+        pacer.wait(0.01, clock)
+    assert pacer.pace().lag_s == pytest.approx(5 * 0.19)
+    assert pacer.pace().achieved_rate == pytest.approx(0.05)
+
+
+def test_wait_ends_when_it_is_stopped():
+    clock = Clock()
+    clock.set()
+    assert not Pacer(1.0, clock).wait(0.01, clock)
+
+
+class Run:
+    """A runner whose blocks are kept with the time at which they came."""
+
+    def __init__(self, rate: float = 1.0, stall_at: int = -1, stall_s: float = 0.0) -> None:
+        self.bench = ActuatorBench(ActuatorDescription(), BenchSettings())
+        self.bench.set_command(Command("step", amplitude=1e-3, duration=2e-3))
+        self.cycles: list[RunningCycle] = []
+        self.blocks: list[Telemetry] = []
+        self.arrivals_ns: list[int] = []
+        self.failures: list[Exception] = []
+        self._stall = stall_at, stall_s
+        self._changed = threading.Condition()
+        self.runner = BenchRunner(
+            self.bench,
+            rate,
+            on_cycle=self.cycles.append,
+            on_block=self._keep,
+            on_failure=self._fail,
+        )
+
+    def _keep(self, block: Telemetry, torque: float) -> None:
+        self.arrivals_ns.append(time.time_ns())
+        if len(self.blocks) == self._stall[0]:
+            threading.Event().wait(self._stall[1])
+        with self._changed:
+            self.blocks.append(block)
+            self._changed.notify_all()
+
+    def _fail(self, error: Exception) -> None:
+        with self._changed:
+            self.failures.append(error)
+            self._changed.notify_all()
+
+    def failure(self) -> str:
+        with self._changed:
+            assert self._changed.wait_for(lambda: self.failures, 60.0)
+        return str(self.failures[0])
+
+    def until(self, blocks: int) -> None:
+        with self._changed:
+            assert self._changed.wait_for(lambda: len(self.blocks) >= blocks, 60.0)
+        self.runner.stop()
+
+    def lateness_s(self) -> np.ndarray:
+        ends = np.array([block.stamps_ns[-1] for block in self.blocks])
+        return 1e-9 * (np.array(self.arrivals_ns) - ends)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _kernels():
+    ActuatorBench(ActuatorDescription()).compile_kernels()
+
+
+def blocks_per_cycle(run: Run) -> int:
+    return -(-run.cycles[0].samples // 100)
+
+
+def test_stamps_are_those_of_the_wall_clock_and_run_on():
+    run = Run()
+    run.runner.start()
+    run.until(150)
+    late = run.lateness_s()
+    # The wall clock is read in microseconds; a busy machine may be late, within the tolerance.
+    assert late.min() > -1e-3
+    assert np.median(late) < 0.02
+    assert len(run.cycles) == 2
+    assert run.cycles[1].start_ns == run.cycles[0].start_ns + 100_000 * run.cycles[0].samples
+    steps = [b.stamp_ns - a.stamps_ns[-1] for a, b in zip(run.blocks, run.blocks[1:], strict=False)]
+    assert set(steps) == {100_000}
+
+
+def test_after_a_stall_no_burst_and_the_next_cycle_on_the_wall_clock_again():
+    run = Run(stall_at=20, stall_s=0.4)
+    run.runner.start()
+    run.until(170)
+    gaps = 1e-9 * np.diff(run.arrivals_ns)
+    assert gaps[20] > 0.39
+    # Twenty blocks take their time: made up for in a burst they would come at once.
+    assert gaps[21:41].sum() > 0.2 - TOLERANCE_S
+    per_cycle = blocks_per_cycle(run)
+    late = run.lateness_s()
+    assert late[25:per_cycle].min() > 0.3
+    assert np.median(late[per_cycle:]) < 0.02
+    assert late[per_cycle:].min() > -1e-3
+    indices = [block.first_index for block in run.blocks]
+    ends = [block.first_index + len(block) for block in run.blocks]
+    assert indices[1:] == ends[:-1]
+
+
+def test_simulated_time_runs_on_without_a_gap_however_late():
+    run = Run(rate=10.0, stall_at=5, stall_s=0.3)
+    before = time.time_ns()
+    run.runner.start()
+    run.until(250)
+    run.runner.start()
+    run.until(400)
+    assert len(run.cycles) >= 4
+    stamps = np.array([block.stamp_ns for block in run.blocks])
+    indices = np.array([block.first_index for block in run.blocks])
+    np.testing.assert_array_equal(stamps - stamps[0], 100_000 * (indices - indices[0]))
+    assert before <= run.cycles[0].start_ns <= time.time_ns()
+
+
+def test_stopped_runner_starts_again_with_a_new_cycle_and_running_indices():
+    run = Run()
+    run.runner.start()
+    run.until(5)
+    kept = len(run.blocks)
+    assert run.runner.doing == "idle"
+    run.runner.start()
+    run.until(kept + 5)
+    assert [cycle.number for cycle in run.cycles] == [0, 1]
+    # The block that was being waited for when it stopped is not told: a gap, as it was one.
+    gap = run.blocks[kept].first_index - run.blocks[kept - 1].first_index
+    assert gap in (100, 200)
+    assert np.median(run.lateness_s()[kept:]) < 0.05
+
+
+def test_failure_is_told():
+    run = Run()
+
+    def fail(*_: object) -> RunningCycle:
+        raise RuntimeError("no bench")
+
+    run.bench.begin_cycle = fail  # pyright: ignore[reportAttributeAccessIssue]
+    run.runner.start()
+    assert run.failure() == "no bench"
