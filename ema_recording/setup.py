@@ -15,4 +15,10 @@ setup(
         (f"share/{package}", ["package.xml"]),
     ],
     zip_safe=True,
+    entry_points={
+        "console_scripts": [
+            "player_node = ema_recording.player_node:main",
+            "recorder_node = ema_recording.recorder_node:main",
+        ],
+    },
 )

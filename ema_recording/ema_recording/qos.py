@@ -1,11 +1,24 @@
 """Quality of service in the words of rosbag2."""
 
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
 
 import yaml
 from rclpy.duration import Duration
-from rclpy.qos import LivelinessPolicy, QoSProfile
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSPolicyEnum,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 
+RELIABLE_DEPTH: Final = 1000
+"""Messages that a recorder or a player holds for a reader or writer that is late."""
+
+_UNKNOWN_DEPTH = 10  # rosbag2's: discovery does not tell the depth of a publisher
 _INFINITE_NS = 2**63 - 1
 
 
@@ -34,6 +47,113 @@ def offered_qos(qos: QoSProfile) -> dict[str, Any]:
 def offered_qos_profiles(qos: QoSProfile) -> str:
     """Return the text of a channel's ``offered_qos_profiles``: YAML of a list of profiles."""
     return yaml.safe_dump([offered_qos(qos)], sort_keys=False)
+
+
+def recorded_qos(text: str) -> list[QoSProfile]:
+    """Return the profiles in a channel's ``offered_qos_profiles``; none when it is empty.
+
+    Parameters
+    ----------
+    text
+        YAML of a list of profiles. Policies are words, or numbers as before Jazzy.
+
+    Raises
+    ------
+    ValueError
+        When it is no such list.
+    """
+    try:
+        return [_profile(item) for item in yaml.safe_load(text) or ()]
+    except (yaml.YAMLError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise ValueError(
+            f"offered_qos_profiles {text[:60]!r}...: expected a list of profiles ({error!r})"
+        ) from error
+
+
+@dataclass(frozen=True)
+class CommonOffer:
+    """What every publisher of a topic offers."""
+
+    reliable: bool
+    transient_local: bool
+
+    @classmethod
+    def of(cls, offers: Sequence[QoSProfile]) -> "CommonOffer":
+        """Return what is common to the offers of at least one publisher."""
+        return cls(
+            all(item.reliability == ReliabilityPolicy.RELIABLE for item in offers),
+            all(item.durability == DurabilityPolicy.TRANSIENT_LOCAL for item in offers),
+        )
+
+    def meets(self, request: "CommonOffer") -> bool:
+        """Return whether a subscription that requests so much hears every publisher."""
+        return self.reliable >= request.reliable and self.transient_local >= request.transient_local
+
+    def profile(self, depth: int) -> QoSProfile:
+        """Return the profile that offers, or requests, so much."""
+        return QoSProfile(
+            depth=depth,
+            reliability=(
+                ReliabilityPolicy.RELIABLE if self.reliable else ReliabilityPolicy.BEST_EFFORT
+            ),
+            durability=(
+                DurabilityPolicy.TRANSIENT_LOCAL
+                if self.transient_local
+                else DurabilityPolicy.VOLATILE
+            ),
+        )
+
+
+def joint_offer(offers: Sequence[QoSProfile]) -> QoSProfile:
+    """Return the one profile that is noted of a topic: where its publishers agree, theirs."""
+    if all(item == offers[0] for item in offers):
+        return offers[0]
+    return CommonOffer.of(offers).profile(_UNKNOWN_DEPTH)
+
+
+def replay_qos(offers: Sequence[QoSProfile]) -> QoSProfile:
+    """Return what a player offers in place of the publishers that were recorded.
+
+    A latched topic keeps its depth, so that who comes late gets what it would have got. Any other
+    reliable topic gets a depth of at least ``RELIABLE_DEPTH``, so that playing fast loses nothing.
+
+    Parameters
+    ----------
+    offers
+        What the publishers offered; without any, a reliable stream is meant.
+    """
+    if not offers:
+        return QoSProfile(depth=RELIABLE_DEPTH)
+    common, joint = CommonOffer.of(offers), joint_offer(offers)
+    depth = joint.depth if joint.history == HistoryPolicy.KEEP_LAST else 0
+    depth = depth or _UNKNOWN_DEPTH
+    if common.reliable and not common.transient_local:
+        depth = max(depth, RELIABLE_DEPTH)
+    profile = common.profile(depth)
+    profile.deadline, profile.lifespan = joint.deadline, joint.lifespan
+    return profile
+
+
+def _profile(words: dict[str, Any]) -> QoSProfile:
+    return QoSProfile(
+        history=_policy(HistoryPolicy, words["history"]),
+        depth=int(words["depth"]),
+        reliability=_policy(ReliabilityPolicy, words["reliability"]),
+        durability=_policy(DurabilityPolicy, words["durability"]),
+        deadline=_duration(words["deadline"]),
+        lifespan=_duration(words["lifespan"]),
+        liveliness=_policy(LivelinessPolicy, words["liveliness"]),
+        liveliness_lease_duration=_duration(words["liveliness_lease_duration"]),
+        avoid_ros_namespace_conventions=bool(words["avoid_ros_namespace_conventions"]),
+    )
+
+
+def _policy(kind: type[QoSPolicyEnum], value: str | int) -> QoSPolicyEnum:
+    return kind(value if isinstance(value, int) else kind.get_from_short_key(value))
+
+
+def _duration(parts: dict[str, int]) -> Duration:
+    return Duration(nanoseconds=min(parts["sec"] * 1_000_000_000 + parts["nsec"], _INFINITE_NS))
 
 
 def _seconds(duration: Duration) -> dict[str, int]:

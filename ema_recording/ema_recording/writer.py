@@ -56,6 +56,14 @@ class BagWriter:
     overwrite
         Whether a recording that is there already is replaced.
 
+    Attributes
+    ----------
+    file_path
+        The MCAP file that is written.
+    failure
+        Why the recording cannot be written any more; None as long as it can. It is known here
+        before the next message is refused for it.
+
     Raises
     ------
     FileExistsError
@@ -83,19 +91,19 @@ class BagWriter:
         _make_room(self.path, overwrite)
         if self.path.suffix == ".mcap":
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file_path = self.path
+            self.file_path = self.path
         else:
             self.path.mkdir(parents=True)
-            self._file_path = self.path / f"{self.path.name}_0.mcap"
+            self.file_path = self.path / f"{self.path.name}_0.mcap"
         self._channels: dict[str, _Channel] = {}
         self._schemas: dict[str, int] = {}
         self._start_ns: int | None = None
         self._end_ns: int | None = None
-        self._file = self._file_path.open("xb")
+        self._file = self.file_path.open("xb")
         self._mcap = Writer(self._file, chunk_bytes, _COMPRESSION[compression])
         self._mcap.start(profile="ros2", library="ema_recording")
         self._mcap.flush()
-        self._failure: OSError | None = None
+        self.failure: OSError | None = None
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._flusher = threading.Thread(
@@ -208,10 +216,10 @@ class BagWriter:
             if self._file.closed:
                 return
             with self._file:
-                if self._failure:
-                    raise self._failure
+                if self.failure:
+                    raise self.failure
                 information = bag_information(
-                    self._file_path.name,
+                    self.file_path.name,
                     [channel.information for channel in self._channels.values()],
                     self._start_ns,
                     self._end_ns,
@@ -219,7 +227,7 @@ class BagWriter:
                 record = {"serialized_metadata": serialized_metadata(information)}
                 self._mcap.add_metadata("rosbag2", record)
                 self._mcap.finish()
-            if self._file_path != self.path:
+            if self.file_path != self.path:
                 write_metadata(self.path, information)
 
     def __enter__(self) -> Self:
@@ -243,14 +251,14 @@ class BagWriter:
     def _writing(self) -> Iterator[Writer]:
         """Give the MCAP writer to one thread at a time, until it is closed or fails."""
         with self._lock:
-            if self._failure:
-                raise self._failure
+            if self.failure:
+                raise self.failure
             if self._file.closed:
                 raise ValueError(f"the recording {self.path} is closed")
             try:
                 yield self._mcap
             except OSError as error:
-                self._failure = error
+                self.failure = error
                 raise
 
     def _keep_flushing(self, period_s: float) -> None:

@@ -1,0 +1,267 @@
+"""The player: messages of a bag to the running system."""
+
+import threading
+import traceback
+from dataclasses import dataclass
+from typing import Any, Final
+
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+
+from ema_core.quantity import check_quantities, quantity, text
+from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, TelemetryBlock
+from ema_nodes.managed_node import ManagedNode
+from ema_nodes.run import run
+from ema_nodes.settings import declare, read
+from ema_nodes.status import ERROR, OK, WARN, Task
+from ema_recording.flag_parameter import declare_flag, read_flag
+from ema_recording.message_type import message_class, type_name
+from ema_recording.playback import Playback
+from ema_recording.qos import recorded_qos, replay_qos
+from ema_recording.reader import Bag, Recorded, Topic
+from ema_recording.schema import check_schema
+
+_CLOCK: Final = "/clock"
+_TELEMETRY: Final = type_name(TelemetryBlock)
+_ACTUATOR_TYPES: Final = frozenset(
+    map(type_name, (TelemetryBlock, ActuatorDescription, FaultVectorStamped, JointState))
+)
+_MANY_SOURCES: Final = frozenset(("/diagnostics", "/rosout", "/parameter_events", "/tf"))
+_POLL_S: Final = 0.05
+_SETTLE_S: Final = 0.3  # a subscription is told of its match after the publisher
+_ACKNOWLEDGE_S: Final = 5.0
+
+
+@dataclass(frozen=True)
+class PlayerSettings:
+    """What to play, and how fast."""
+
+    bag: str = text("", "bag to play: a file or a folder")
+    rate: float = quantity(1.0, "-", 0.01, 100.0, "seconds played in a second")
+    wait_s: float = quantity(
+        5.0, "s", 0.0, 3600.0, "longest wait for a subscriber of each telemetry topic"
+    )
+    clock_rate_hz: float = quantity(100.0, "Hz", 1.0, 1000.0, "rate of /clock")
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+class PlayerNode(ManagedNode):
+    """Plays a bag, message by message in its order, and the time on ``/clock``.
+
+    Parameters of the node are the fields of ``PlayerSettings`` and ``actuator_only``: whether
+    only what an actuator itself sends is played, so that a monitor can diagnose it anew.
+
+    While it is inactive the recorded time stands still. It has done its work at the end of the
+    bag, when all subscribers have acknowledged what they are owed.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("player", **kwargs)
+        declare(self, PlayerSettings)
+        declare_flag(self, "actuator_only", "whether only what an actuator sends is played")
+        self._stop = threading.Event()
+        self._worker: threading.Thread | None = None
+
+    def configure(self) -> None:
+        """Open the bag and offer what is in it."""
+        self._settings = read(self, PlayerSettings)
+        if not self._settings.bag:
+            raise ValueError("parameter bag is empty: expected the path of a recording")
+        self._bag = Bag(self._settings.bag)
+        topics = self._playable(actuator_only=read_flag(self, "actuator_only"))
+        self._total = sum(topic.count for topic in topics.values())
+        self._outlets: dict[str, Publisher] = {}
+        try:
+            self._playback = Playback(
+                self._bag.raw_messages(topics),
+                self._settings.rate,
+                1.0 / self._settings.clock_rate_hz,
+                self._publish,
+                self._publish_clock,
+            )
+        except ValueError as error:
+            raise ValueError(f"{self._bag.path}: {error}; {self._bag.damage}") from error
+        self._tell_damage("")
+        for name, topic in topics.items():
+            self._outlets[name] = self.create_publisher(
+                message_class(topic.type_name), name, self._offer(name, topic)
+            )
+        clock_qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._clock_outlet = self.create_publisher(Clock, _CLOCK, clock_qos)
+        telemetry = [name for name, topic in topics.items() if topic.type_name == _TELEMETRY]
+        self._awaited = telemetry
+        self._is_awaited = True
+        self._failure = ""
+        self._doing = "ready"
+
+    def activate(self) -> None:
+        """Play on."""
+        self._stop = threading.Event()
+        self._worker = threading.Thread(target=self._work, args=(self._stop,), name="player")
+        self._worker.start()
+
+    def deactivate(self) -> None:
+        """Stop before the next message."""
+        self._stop.set()
+        if self._worker is not None:
+            self._worker.join()
+
+    def clean_up(self) -> None:
+        """Withdraw what was offered."""
+        for publisher in (*self._outlets.values(), self._clock_outlet):
+            self.destroy_publisher(publisher)
+
+    def tasks(self) -> list[Task]:
+        """Return how far the bag is played, and what is wrong."""
+        playback, bag = self._playback, self._bag
+        remarks = [f"the bag is damaged: {bag.damage}"] if bag.damage else []
+        remarks += [f"{name}: not played, {why}" for name, why in self._passed_over.items()]
+        for name in (*self._outlets, _CLOCK):
+            others = self._other_sources(name)
+            if others and name not in _MANY_SOURCES:
+                remarks.append(f"{name}: two sources, {', '.join(others)} publishes it too")
+        values = {
+            "bag": bag.path,
+            "rate [-]": self._settings.rate,
+            "played": playback.played,
+            "messages": self._total,
+            "position [s]": (playback.reached_ns - playback.start_ns) / 1e9,
+            "topics": ", ".join(sorted(self._outlets)),
+            "not played": ", ".join(self._passed_over),
+        }
+        level = ERROR if self._failure else WARN if remarks else OK
+        message = self._failure or "; ".join([self._doing, *remarks])
+        return [Task("playback", level, message, self.hardware_id, values)]
+
+    def _playable(self, *, actuator_only: bool) -> dict[str, Topic]:
+        """Choose the topics to play; ValueError when there is none."""
+        playable: dict[str, Topic] = {}
+        self._passed_over: dict[str, str] = {}
+        for name, topic in self._bag.topics.items():
+            foreign = actuator_only and topic.type_name not in _ACTUATOR_TYPES
+            if not topic.count or name == _CLOCK or foreign:
+                continue
+            try:
+                if topic.encoding != "cdr":
+                    raise ValueError(f"it is encoded as {topic.encoding!r}, expected 'cdr'")
+                message_class(topic.type_name)
+                check_schema(topic.type_name, topic.schema, topic.type_hash)
+            except ValueError as error:
+                self._passed_over[name] = str(error)
+                self.get_logger().warning(f"{name} is not played: {error}")
+            else:
+                playable[name] = topic
+        if not playable:
+            reasons = [f"{name}: {why}" for name, why in self._passed_over.items()]
+            if not self._bag.topics or self._bag.start_ns is None:
+                reasons = [f"no message in it {self._bag.damage}".rstrip()]
+            elif actuator_only and not reasons:
+                reasons = ["no message of an actuator in it, and actuator_only is set"]
+            raise ValueError(f"{self._bag.path}: nothing to play: {'; '.join(reasons)}")
+        return playable
+
+    def _offer(self, name: str, topic: Topic) -> QoSProfile:
+        try:
+            return replay_qos(recorded_qos(topic.qos))
+        except ValueError as error:
+            self.get_logger().warning(f"{name} is played as a reliable stream: {error}")
+            return replay_qos(())
+
+    def _publish(self, item: Recorded) -> None:
+        self._outlets[item.topic].publish(item.message)
+
+    def _publish_clock(self, stamp_ns: int) -> None:
+        self._clock_outlet.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
+
+    def _work(self, stop: threading.Event) -> None:
+        damage = self._bag.damage
+        try:
+            if self._is_awaited:
+                self._wait_for_subscribers(stop)
+            if stop.is_set():
+                return
+            self._say(f"playing at rate {self._settings.rate:g}")
+            if self._playback.run(stop):
+                self._finish(stop)
+            else:
+                self._say(f"paused after {self._playback.played} messages")
+        except Exception as error:
+            self.get_logger().error(traceback.format_exc())
+            self._failure = f"cannot play on: {error!r}"
+            self.exit_code = 1
+            self.report()
+            self.finished.set()
+        self._tell_damage(damage)
+
+    def _wait_for_subscribers(self, stop: threading.Event) -> None:
+        """Wait for somebody to play to, as long as the settings allow."""
+        waits = round(self._settings.wait_s / _POLL_S)
+        if self._unheard() and waits:
+            self._say(f"waiting for a subscriber of {self._unheard()}")
+        while waits and self._unheard() and not stop.wait(_POLL_S):
+            waits -= 1
+        if stop.is_set():
+            return
+        if unheard := self._unheard():
+            self.get_logger().warning(
+                f"no subscriber of {unheard} after {self._settings.wait_s:g} s: starting anyhow"
+            )
+        else:
+            stop.wait(_SETTLE_S)
+        self._is_awaited = False
+
+    def _unheard(self) -> str:
+        """Return whom the player still waits for; empty when for nobody."""
+        heard = {
+            name for name, publisher in self._outlets.items() if publisher.get_subscription_count()
+        }
+        if self._awaited:
+            return ", ".join(name for name in self._awaited if name not in heard)
+        return "" if heard else f"any of {', '.join(self._outlets)}"
+
+    def _finish(self, stop: threading.Event) -> None:
+        played = f"played {self._playback.played} messages of {self._bag.path}"
+        waits = round(_ACKNOWLEDGE_S / _POLL_S)
+        pending = list(self._outlets.items())
+        while pending and waits and not stop.is_set():
+            publisher = pending[-1][1]
+            if publisher.wait_for_all_acked(Duration(seconds=_POLL_S)):
+                pending.pop()
+            else:
+                waits -= 1
+        if pending:
+            names = ", ".join(name for name, _ in pending)
+            self.get_logger().warning(f"not all messages on {names} are acknowledged")
+        self._say(played)
+        self.finished.set()
+
+    def _tell_damage(self, told: str) -> None:
+        if self._bag.damage != told:
+            self.get_logger().warning(f"the bag is damaged: {self._bag.damage}")
+
+    def _say(self, doing: str) -> None:
+        self._doing = doing
+        self.get_logger().info(doing)
+        self.report()
+
+    def _other_sources(self, name: str) -> list[str]:
+        """Return the other nodes that publish a topic."""
+        sources = [item.node_name for item in self.get_publishers_info_by_topic(name)]
+        if self.get_name() in sources:
+            sources.remove(self.get_name())
+        return sorted(set(sources))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(PlayerNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

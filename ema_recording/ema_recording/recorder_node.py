@@ -1,0 +1,262 @@
+"""The recorder: messages of the running system to a bag."""
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+
+from ema_core.quantity import check_quantities, quantity, text
+from ema_nodes.managed_node import ManagedNode
+from ema_nodes.run import run
+from ema_nodes.settings import declare, read
+from ema_nodes.status import ERROR, OK, WARN, Task
+from ema_recording.flag_parameter import declare_flag, read_flag
+from ema_recording.recorded_topic import RecordedTopic
+from ema_recording.writer import BagWriter
+
+_DISCOVERY_S: Final = 0.2
+_BESIDES_NAMESPACE: Final = ("/diagnostics", "/clock")
+
+
+@dataclass(frozen=True)
+class RecorderSettings:
+    """Where and how to record; what is set takes effect with the next configuration."""
+
+    output: str = text(
+        "",
+        "bag to write: a name ending in .mcap is one file, any other a folder; "
+        "empty: ema_<UTC date and time> in the working folder",
+    )
+    flush_s: float = quantity(
+        0.5, "s", 0.01, 60.0, "longest time for which a killed recorder loses messages"
+    )
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+class RecorderNode(ManagedNode):
+    """Records what is published, as it comes.
+
+    Parameters of the node are the fields of ``RecorderSettings``, ``overwrite`` and ``topics``:
+    full names, or names relative to the namespace. By default everything in the namespace is
+    recorded, and /diagnostics and /clock. /rosout and /parameter_events, which belong to all
+    that runs in the domain, and hidden topics have to be named.
+
+    While it is inactive it records nothing; activated again, it goes on in the same bag. The bag
+    is closed when it is cleaned up.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("recorder", **kwargs)
+        declare(self, RecorderSettings, read_only=False)
+        declare_flag(self, "overwrite", "whether a bag that is there already is replaced")
+        self.declare_parameter(
+            "topics",
+            [""],
+            ParameterDescriptor(
+                description="topics to record; empty: the namespace, /diagnostics and /clock",
+                dynamic_typing=True,
+            ),
+        )
+        self._discovering = threading.Lock()  # over the topics
+        self._writing = threading.Lock()  # over the bag
+        self._recording = False
+        self._bag: BagWriter | None = None
+        self._receiving = MutuallyExclusiveCallbackGroup()  # keeps the order of a topic
+        self._discovery = self.create_timer(
+            _DISCOVERY_S,
+            self._discover,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+            autostart=False,
+        )
+
+    def configure(self) -> None:
+        """Begin the bag."""
+        settings = read(self, RecorderSettings)
+        self._wanted = self._wanted_topics()
+        self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
+        self._topics: dict[str, RecordedTopic] = {}
+        self._passed_over: dict[str, str] = {}
+        self._messages = 0
+        self._failure = ""
+        output = settings.output or f"ema_{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
+        overwrite = read_flag(self, "overwrite")
+        try:
+            self._bag = BagWriter(output, flush_s=settings.flush_s, overwrite=overwrite)
+        except FileExistsError as error:
+            raise FileExistsError(f"parameter output: {error}") from error
+        self.get_logger().info(f"recording to {self._bag.path}")
+
+    def activate(self) -> None:
+        """Look for topics and record them."""
+        self._recording = True
+        self._discovery.reset()
+
+    def deactivate(self) -> None:
+        """Stop recording."""
+        self._discovery.cancel()
+        with self._discovering:
+            self._recording = False
+            self._look_after_topics()
+            for topic in self._topics.values():
+                if topic.subscription is not None:
+                    self.destroy_subscription(topic.subscription)
+                    topic.subscription = None
+
+    def clean_up(self) -> None:
+        """Close the bag."""
+        with self._writing:
+            bag, self._bag = self._bag, None
+        if bag is None:
+            return
+        try:
+            bag.close()
+        except OSError as error:
+            self.exit_code = 1
+            if not self._failure:
+                raise OSError(f"{bag.path}: {error}") from error
+        self.get_logger().info(f"closed {bag.path} with {self._messages} messages")
+
+    def tasks(self) -> list[Task]:
+        """Return what is recorded and what is not."""
+        bag = self._bag
+        if bag is None:
+            return []
+        topics = dict(self._topics)
+        lost = sum(topic.lost for topic in topics.values())
+        gone = [name for name, topic in topics.items() if not topic.has_publisher]
+        unheard = {name: topic.unheard for name, topic in topics.items() if topic.unheard}
+        missing = sorted((self._wanted or set()) - topics.keys() - self._passed_over.keys())
+        remarks = [f"{lost} messages lost"] if lost else []
+        remarks += [f"{', '.join(gone)}: the publisher is gone"] if gone else []
+        remarks += [f"{', '.join(missing)}: no publisher yet"] if missing else []
+        remarks += [f"{name}: passed over, {why}" for name, why in self._passed_over.items()]
+        remarks += [
+            f"{name}: {', '.join(nodes)} not heard, for less is offered than by the others"
+            for name, nodes in unheard.items()
+        ]
+        doing = f"recording {len(topics)} topics" if self._recording else "paused"
+        if not topics and not missing:
+            remarks.append("nothing is published yet")
+        level = ERROR if self._failure else WARN if remarks else OK
+        values = {
+            "bag": bag.path,
+            "messages": self._messages,
+            "size [B]": bag.file_path.stat().st_size if bag.file_path.exists() else 0,
+            "lost messages": lost,
+            "topics": ", ".join(sorted(topics)),
+            "publisher gone": ", ".join(gone),
+            "passed over": ", ".join(self._passed_over),
+        }
+        message = self._failure or "; ".join([doing, *remarks])
+        return [Task("recording", level, message, self.hardware_id, values)]
+
+    def _wanted_topics(self) -> set[str] | None:
+        """Return the full names of the topics that are named; None when none is."""
+        names = self.get_parameter("topics").value
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise ValueError(f"parameter topics = {names!r}: expected a list of names")
+        try:
+            return {self.resolve_topic_name(name) for name in names if name} or None
+        except RuntimeError as error:
+            raise ValueError(f"parameter topics = {names!r}: {error}") from error
+
+    def _is_wanted(self, name: str) -> bool:
+        if self._wanted is not None:
+            return name in self._wanted
+        if name in _BESIDES_NAMESPACE:
+            return True
+        prefix = self.get_namespace().rstrip("/") + "/"
+        return name.startswith(prefix) and "/_" not in name
+
+    def _discover(self) -> None:
+        """Begin to record what has come, and see what has gone."""
+        with self._discovering:
+            bag = self._bag
+            if bag is None or not self._recording:
+                return
+            if bag.failure:
+                self._fail(bag.failure)
+                return
+            if self._uses_sim_time and not self.get_clock().now().nanoseconds:
+                return  # before simulated time begins, there is no time to record with
+            for name, types in self.get_topic_names_and_types():
+                if self._is_wanted(name) and name not in self._topics | self._passed_over:
+                    self._take_up(bag, name, types)
+            self._look_after_topics()
+            for name, topic in self._topics.items():
+                if topic.subscription is None:
+                    topic.subscription = self.create_subscription(
+                        topic.message_class,
+                        name,
+                        self._receiver(name, topic),
+                        topic.request,
+                        callback_group=self._receiving,
+                        raw=True,
+                    )
+
+    def _take_up(self, bag: BagWriter, name: str, types: list[str]) -> None:
+        publishers = self.get_publishers_info_by_topic(name)
+        if not publishers:
+            return
+        try:
+            topic = RecordedTopic(types, publishers)
+            bag.add_topic(name, topic.message_class, topic.offer)
+        except OSError as error:
+            self._fail(error)
+        except ValueError as error:
+            self._passed_over[name] = str(error)
+            self.get_logger().warning(f"{name} is passed over: {error}")
+        else:
+            self._topics[name] = topic
+
+    def _look_after_topics(self) -> None:
+        for name, topic in self._topics.items():
+            topic.see(self.get_publishers_info_by_topic(name))
+
+    def _receiver(self, name: str, topic: RecordedTopic) -> Callable[..., None]:
+        def receive(data: bytes, information: Mapping[str, Any]) -> None:
+            log_time_ns = information["received_timestamp"]
+            if self._uses_sim_time or not log_time_ns:
+                log_time_ns = self.get_clock().now().nanoseconds
+            publish_time_ns = information["source_timestamp"] or None
+            with self._writing:
+                if self._bag is None or self._failure:
+                    return
+                try:
+                    self._bag.write_serialized(name, data, log_time_ns, publish_time_ns)
+                    self._messages += 1
+                except OSError as error:
+                    failure = error
+                else:
+                    topic.take(information["publication_sequence_number"])
+                    return
+            self._fail(failure)
+
+        return receive
+
+    def _fail(self, error: OSError) -> None:
+        if self._failure or self._bag is None:
+            return
+        self._failure = f"cannot write {self._bag.path}: {error}"
+        self.get_logger().error(self._failure)
+        self.exit_code = 1
+        self.report()
+        self.finished.set()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(RecorderNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

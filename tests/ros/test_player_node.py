@@ -1,0 +1,452 @@
+"""The player gives a bag back as it was recorded: message by message, in time, and no more."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header, String
+
+from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, Health, TelemetryBlock
+from ema_nodes.managed_node import ManagedNode
+from ema_nodes.status import ERROR, OK, WARN, Task
+from ema_recording import player_node
+from ema_recording.playback import Playback
+from ema_recording.player_node import PlayerNode
+from ema_recording.reader import Bag, Recorded
+from ema_recording.recorder_node import RecorderNode
+from ema_recording.writer import BagWriter
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+STREAM = QoSProfile(depth=100)
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+START_NS = 1_700_000_000_000_000_000
+STEP_NS = 10_000_000
+
+
+def wait_for(condition: Callable[[], Any], what: str, deadline_s: float = 8.0) -> None:
+    end_s = time.monotonic() + deadline_s
+    while not condition():
+        assert time.monotonic() < end_s, f"not within {deadline_s} s: {what}"
+        time.sleep(0.01)
+
+
+class Graph:
+    """Nodes of a test, and the executor that serves them."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.executor = MultiThreadedExecutor(4, context=self.context)
+        self.nodes: list[Node] = []
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._spin)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        while not self._stop.is_set():
+            self.executor.spin_once(timeout_sec=0.1)
+
+    def node(self, name: str) -> Node:
+        return self._add(Node(name, namespace="/ema", context=self.context))
+
+    def managed(self, kind: Callable[..., ManagedNode], **parameters: Any) -> Any:
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        return self._add(kind(context=self.context, parameter_overrides=overrides))
+
+    def player(self, bag: Path, **parameters: Any) -> PlayerNode:
+        return self.managed(PlayerNode, bag=str(bag), **parameters)
+
+    def listen(self, kind: type, topic: str, qos: QoSProfile) -> list[tuple[Any, float]]:
+        """Return where messages come in, each with the time when it came [s]."""
+        heard: list[tuple[Any, float]] = []
+        node = self.node(f"listener_{len(self.nodes)}")
+        node.create_subscription(
+            kind, topic, lambda message: heard.append((message, time.monotonic())), qos
+        )
+        return heard
+
+    def _add(self, node: Any) -> Any:
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def close(self) -> None:
+        for node in self.nodes:
+            if isinstance(node, ManagedNode) and node.state in ("active", "inactive"):
+                node.trigger_shutdown()
+        self._stop.set()
+        self._thread.join()
+        self.executor.shutdown()
+        for node in self.nodes:
+            node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def graph() -> Iterator[Graph]:
+    graph = Graph()
+    yield graph
+    graph.close()
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """One second of numbered texts on two topics in turn, a latched one before them, a clock."""
+    path = tmp_path / "flight.mcap"
+    with BagWriter(path, chunk_bytes=2000) as writer:
+        writer.add_topic("/ema/latched", String, LATCHED)
+        writer.add_topic("/clock", Clock, BEST_EFFORT)
+        for name in ("/ema/t0", "/ema/t1"):
+            writer.add_topic(name, String, STREAM)
+        writer.write("/ema/latched", String(data="latched"), START_NS)
+        writer.write("/clock", Clock(), START_NS)
+        for number in range(101):
+            text = String(data=f"{number}")
+            writer.write(f"/ema/t{number % 2}", text, START_NS + number * STEP_NS)
+    return path
+
+
+def task(player: PlayerNode) -> Task:
+    (only,) = player.tasks()
+    return only
+
+
+def texts(heard: list[tuple[Any, float]]) -> list[int]:
+    return [int(message.data) for message, _ in heard]
+
+
+def recorded(count: int) -> list[Recorded]:
+    return [
+        Recorded("/t", "", str(number), START_NS + number * STEP_NS, 0) for number in range(count)
+    ]
+
+
+@pytest.mark.parametrize("rate", [1.0, 5.0])
+def test_messages_come_at_their_times(rate: float):
+    published: list[tuple[int, float]] = []
+    playback = Playback(
+        recorded(50),
+        rate,
+        0.01,
+        lambda item: published.append((item.log_time_ns, time.monotonic())),
+        lambda _: None,
+    )
+    begin_s = time.monotonic()
+    assert playback.run(threading.Event())
+    assert [log_time_ns for log_time_ns, _ in published] == [
+        START_NS + number * STEP_NS for number in range(50)
+    ]
+    late_s = [at - begin_s - number * 0.01 / rate for number, (_, at) in enumerate(published)]
+    assert min(late_s) >= 0.0
+    assert sorted(late_s)[25] < 0.01  # the scheduler's, and it does not add up
+
+
+def test_delays_do_not_add_up():
+    def publish(_: Recorded) -> None:
+        time.sleep(0.005)
+
+    begin_s = time.monotonic()
+    assert Playback(recorded(51), 1.0, 0.01, publish, lambda _: None).run(threading.Event())
+    assert 0.5 <= time.monotonic() - begin_s < 0.6  # 0.75 s if they did
+
+
+def test_clock_goes_on_between_messages_and_never_past_the_next():
+    events: list[tuple[str, int]] = []
+    playback = Playback(
+        [recorded(1)[0], *recorded(41)[20:21], *recorded(41)[40:]],
+        1.0,
+        0.01,
+        lambda item: events.append(("message", item.log_time_ns - START_NS)),
+        lambda stamp_ns: events.append(("tick", stamp_ns - START_NS)),
+    )
+    assert playback.run(threading.Event())
+    times = [at for _, at in events]
+    assert times == sorted(times)
+    assert (times[0], times[-1]) == (0, 40 * STEP_NS)
+    assert events[-1][0] == "tick"
+    ticks = [at for kind, at in events if kind == "tick"]
+    assert 30 <= len(ticks) <= 43  # 41 when the scheduler is in time
+
+
+def test_recorded_time_stands_still_while_nothing_is_played():
+    ticks: list[int] = []
+    items = [recorded(1)[0], recorded(31)[30]]
+    playback = Playback(items, 1.0, 0.01, lambda _: None, ticks.append)
+    stop = threading.Event()
+    stopper = threading.Timer(0.1, stop.set)
+    stopper.start()
+    assert not playback.run(stop)
+    reached_ns = playback.reached_ns
+    assert playback.played == 1
+    time.sleep(0.1)
+    begin_s = time.monotonic()
+    assert playback.run(threading.Event())
+    left_s = (items[1].log_time_ns - reached_ns) / 1e9
+    assert left_s <= time.monotonic() - begin_s < left_s + 0.1
+    assert ticks == sorted(ticks)
+    assert playback.played == 2
+
+
+def test_player_that_is_late_stops_before_the_next_message():
+    stop = threading.Event()
+    together = [item._replace(log_time_ns=START_NS) for item in recorded(5)]
+    playback = Playback(together, 1.0, 0.01, lambda _: stop.set(), lambda _: None)
+    assert not playback.run(stop)
+    assert playback.played == 1
+
+
+def test_nothing_to_play_is_refused():
+    with pytest.raises(ValueError, match="no message"):
+        Playback([], 1.0, 0.01, lambda _: None, lambda _: None)
+
+
+@pytest.mark.parametrize("rate", [1.0, 5.0])
+def test_bag_is_played_in_order_and_pace(graph: Graph, bag: Path, rate: float):
+    heard = [graph.listen(String, f"t{number}", STREAM) for number in range(2)]
+    clock = graph.listen(Clock, "/clock", BEST_EFFORT)
+    player = graph.player(bag, rate=rate)
+    assert player.bring_up()
+    assert player.finished.wait(8.0)
+    wait_for(lambda: len(heard[0]) + len(heard[1]) == 101, "all messages")
+    assert texts(heard[0]) == list(range(0, 101, 2))
+    assert texts(heard[1]) == list(range(1, 101, 2))
+    took_s = heard[0][-1][1] - heard[0][0][1]
+    assert -0.1 < took_s - 1.0 / rate < 0.5  # nodes of one process share one interpreter
+    end = Time(nanoseconds=START_NS + 100 * STEP_NS).to_msg()
+    wait_for(lambda: clock[-1][0].clock == end, "the clock at the end")
+    stamps_ns = [Time.from_msg(message.clock).nanoseconds for message, _ in clock]
+    assert stamps_ns == sorted(stamps_ns)
+    assert stamps_ns[0] >= START_NS  # the recorded clock says 0
+    assert len(clock) > 2  # best effort: some may be lost
+    assert task(player).message == f"played 102 messages of {bag}"
+    assert task(player).level == OK
+    assert player.exit_code == 0
+
+
+def test_subscriber_that_comes_late_is_waited_for(graph: Graph, bag: Path):
+    player = graph.player(bag, rate=20.0)
+    assert player.bring_up()
+    wait_for(lambda: "waiting for a subscriber" in task(player).message, "the waiting")
+    assert "/ema/t1" in task(player).message
+    heard = graph.listen(String, "t1", STREAM)
+    assert player.finished.wait(8.0)
+    wait_for(lambda: len(heard) == 50, "all messages")
+
+
+def test_telemetry_is_waited_for_in_particular(graph: Graph, tmp_path: Path):
+    with BagWriter(tmp_path / "b") as writer:
+        writer.add_topic("/ema/telemetry", TelemetryBlock, STREAM)
+        writer.add_topic("/ema/text", String, STREAM)
+        writer.write("/ema/telemetry", TelemetryBlock(), 0)
+        writer.write("/ema/text", String(), 1)
+    texts_heard = graph.listen(String, "text", STREAM)
+    player = graph.player(tmp_path / "b")
+    assert player.bring_up()
+    (text,) = (item for item in player._outlets.values() if item.topic == "/ema/text")
+    wait_for(text.get_subscription_count, "the other subscriber")
+    assert task(player).message == "waiting for a subscriber of /ema/telemetry"
+    assert not texts_heard
+    graph.listen(TelemetryBlock, "telemetry", STREAM)
+    assert player.finished.wait(8.0)
+
+
+def test_it_starts_without_subscribers_in_the_end(graph: Graph, bag: Path):
+    player = graph.player(bag, rate=100.0, wait_s=0.2)
+    assert player.bring_up()
+    assert player.finished.wait(3.0)
+    assert player._playback.played == 102
+
+
+def test_latched_message_reaches_a_late_subscriber(graph: Graph, bag: Path):
+    player = graph.player(bag, wait_s=0.0, rate=0.2)
+    assert player.bring_up()
+    wait_for(lambda: player._playback.played > 5, "some messages")
+    heard = graph.listen(String, "latched", LATCHED)
+    wait_for(lambda: heard, "the latched message")
+    assert [message.data for message, _ in heard] == ["latched"]
+
+
+def test_only_what_an_actuator_sends_is_played_on_demand(graph: Graph, tmp_path: Path):
+    actuator: dict[str, type] = {
+        "/ema/telemetry": TelemetryBlock,
+        "/ema/actuator_description": ActuatorDescription,
+        "/ema/simulated_faults": FaultVectorStamped,
+        "/ema/joint_states": JointState,
+    }
+    monitor: dict[str, type] = {"/ema/health": Health, "/ema/header": Header}
+    with BagWriter(tmp_path / "b") as writer:
+        for name, kind in (actuator | monitor).items():
+            writer.add_topic(name, kind, STREAM)
+            writer.write(name, kind(), START_NS)
+    player = graph.player(tmp_path / "b", actuator_only=True)
+    assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert set(player._outlets) == set(actuator)
+    everything = graph.player(tmp_path / "b")
+    assert everything.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert set(everything._outlets) == set(actuator | monitor)
+
+
+def test_deactivated_player_pauses(graph: Graph, bag: Path):
+    heard = graph.listen(String, "t0", STREAM)
+    player = graph.player(bag, rate=2.0)
+    assert player.bring_up()
+    wait_for(lambda: len(heard) > 5, "some messages")
+    player.trigger_deactivate()
+    played = player._playback.played
+    assert task(player).message == f"paused after {played} messages"
+    time.sleep(0.1)
+    assert player._playback.played == played
+    player.trigger_activate()
+    assert player.finished.wait(8.0)
+    wait_for(lambda: len(heard) == 51, "all messages")
+    assert texts(heard) == list(range(0, 101, 2))
+
+
+def test_truncated_bag_is_played_as_far_as_it_is_intact(graph: Graph, bag: Path):
+    content = bag.read_bytes()
+    bag.write_bytes(content[: len(content) // 3])
+    intact = [item for item in Bag(bag).raw_messages() if item.topic == "/ema/t0"]
+    assert 0 < len(intact) < 51
+    heard = graph.listen(String, "t0", STREAM)
+    player = graph.player(bag, rate=10.0)
+    assert player.bring_up()
+    assert player.finished.wait(8.0)
+    wait_for(lambda: len(heard) == len(intact), "what is intact")
+    assert texts(heard) == list(range(0, 2 * len(intact), 2))
+    assert task(player).level == WARN
+    assert "the bag is damaged: flight.mcap: it breaks off at byte" in task(player).message
+
+
+def test_second_source_is_told(graph: Graph, bag: Path):
+    graph.node("actuator").create_publisher(String, "t1", STREAM)
+    player = graph.player(bag)
+    assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    wait_for(lambda: task(player).level == WARN, "the warning")
+    assert "/ema/t1: two sources, actuator publishes it too" in task(player).message
+    assert "/ema/t0" not in task(player).message
+
+
+def test_type_of_another_version_is_not_played(graph: Graph, bag: Path, monkeypatch: Any):
+    def check(name: str, *_: str) -> None:
+        if name == "std_msgs/msg/Header":
+            raise ValueError(f"the recorded {name} is not the installed one: old there, new here")
+
+    monkeypatch.setattr(player_node, "check_schema", check)
+    other = bag.with_name("other.mcap")
+    with BagWriter(other) as writer:
+        writer.add_topic("/ema/text", String, STREAM)
+        writer.add_topic("/ema/header", Header, STREAM)
+        writer.write("/ema/header", Header(), 0)
+    player = graph.player(other)
+    assert player.trigger_configure() == TransitionCallbackReturn.FAILURE
+    assert "/ema/header: the recorded std_msgs/msg/Header is not" in player._refused
+    with BagWriter(other, overwrite=True) as writer:
+        writer.add_topic("/ema/text", String, STREAM)
+        writer.add_topic("/ema/header", Header, STREAM)
+        writer.write("/ema/header", Header(), 0)
+        writer.write("/ema/text", String(), 0)
+    assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert set(player._outlets) == {"/ema/text"}
+    assert "/ema/header: not played, the recorded" in task(player).message
+
+
+def test_failure_while_playing_ends_the_player(graph: Graph, bag: Path, monkeypatch: Any):
+    player = graph.player(bag, wait_s=0.0)
+    assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
+
+    def publish(_: Recorded) -> None:
+        raise RuntimeError("the middleware is gone")
+
+    monkeypatch.setattr(player._playback, "_publish", publish)
+    player.trigger_activate()
+    assert player.finished.wait(5.0)
+    assert (task(player).level, player.exit_code) == (ERROR, 1)
+    assert "the middleware is gone" in task(player).message
+
+
+def test_recording_what_is_played_gives_the_same_messages(graph: Graph, bag: Path, tmp_path: Path):
+    topics = ["/ema/latched", "/ema/t0", "/ema/t1"]
+    player = graph.player(bag, rate=5.0, wait_s=8.0)
+    assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    recorder = graph.managed(RecorderNode, output=str(tmp_path / "again"), topics=topics)
+    assert recorder.bring_up()
+    wait_for(
+        lambda: all(item.get_subscription_count() for item in player._outlets.values()),
+        "the recorder",
+    )
+    player.trigger_activate()
+    assert player.finished.wait(8.0)
+    wait_for(lambda: recorder._messages == 102, "all messages")
+    recorder.trigger_shutdown()
+    first, again = Bag(bag), Bag(tmp_path / "again")
+    for topic in topics:
+        assert [item.message for item in again.messages([topic])] == [
+            item.message for item in first.messages([topic])
+        ]
+        assert again.topics[topic].type_hash == first.topics[topic].type_hash
+
+
+def player_process(*parameters: str) -> subprocess.Popen[str]:
+    options = [word for item in parameters for word in ("-p", item)]
+    return subprocess.Popen(
+        [sys.executable, "-m", "ema_recording.player_node", "--ros-args", *options],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.parametrize(
+    ("parameters", "told"),
+    [
+        (["bag:=nowhere"], "nowhere: there is no such recording"),
+        ([], "parameter bag is empty: expected the path of a recording"),
+        (["bag:={empty}"], "{empty}: nothing to play: no message in it"),
+        (["bag:={bag}", "actuator_only:=1"], "parameter actuator_only = 1: expected true or false"),
+        (
+            ["bag:={bag}", "actuator_only:=true"],
+            "{bag}: nothing to play: no message of an actuator",
+        ),
+    ],
+)
+def test_what_cannot_be_played_is_one_clear_line(bag: Path, parameters: list[str], told: str):
+    empty = bag.with_name("empty.mcap")
+    BagWriter(empty).close()
+    names = {"bag": bag, "empty": empty}
+    with player_process(*[item.format(**names) for item in parameters]) as process:
+        try:
+            assert process.wait(timeout=8.0) == 1
+        finally:
+            process.kill()
+        assert process.stderr is not None
+        (line,) = process.stderr.read().splitlines()
+    assert told.format(**names) in line
+
+
+def test_interrupted_player_ends_at_once_at_any_rate(graph: Graph, bag: Path):
+    heard = graph.listen(String, "t0", STREAM)
+    with player_process(f"bag:={bag}", "rate:=0.01") as process:
+        try:
+            wait_for(lambda: heard, "the first message")
+            begin_s = time.monotonic()
+            process.send_signal(signal.SIGINT)
+            assert process.wait(timeout=5.0) == 0
+            took_s = time.monotonic() - begin_s
+        finally:
+            process.kill()
+    assert took_s < 1.5

@@ -1,0 +1,527 @@
+"""The recorder writes down what is published, says what it cannot, and survives its own end."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.highlevel import AnyReader
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header, String
+
+from ema_interfaces.msg import TelemetryBlock
+from ema_nodes.status import ERROR, OK, WARN, Task
+from ema_recording import recorded_topic
+from ema_recording.qos import offered_qos, offered_qos_profiles, recorded_qos, replay_qos
+from ema_recording.reader import Bag
+from ema_recording.recorder_node import RecorderNode
+from ema_recording.sequence_gaps import SequenceGaps
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+STREAM = QoSProfile(depth=500)
+BEST_EFFORT = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def wait_for(condition: Callable[[], Any], what: str, deadline_s: float = 8.0) -> None:
+    end_s = time.monotonic() + deadline_s
+    while not condition():
+        assert time.monotonic() < end_s, f"not within {deadline_s} s: {what}"
+        time.sleep(0.01)
+
+
+class Graph:
+    """Nodes of a test, and the executor that serves them."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.executor = MultiThreadedExecutor(4, context=self.context)
+        self.nodes: list[Node] = []
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._spin)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        while not self._stop.is_set():
+            self.executor.spin_once(timeout_sec=0.1)
+
+    def source(self, name: str = "source", namespace: str = "/ema") -> Node:
+        return self._add(Node(name, namespace=namespace, context=self.context))
+
+    def recorder(self, path: Path, namespace: str = "/ema", **parameters: Any) -> RecorderNode:
+        overrides = [
+            Parameter(name, value=value)
+            for name, value in {"output": str(path), **parameters}.items()
+        ]
+        return self._add(
+            RecorderNode(namespace=namespace, context=self.context, parameter_overrides=overrides)
+        )
+
+    def _add(self, node: Any) -> Any:
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def close(self) -> None:
+        for node in self.nodes:
+            if isinstance(node, RecorderNode) and node.state in ("active", "inactive"):
+                node.trigger_shutdown()
+        self._stop.set()
+        self._thread.join()
+        self.executor.shutdown()
+        for node in self.nodes:
+            node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def graph() -> Iterator[Graph]:
+    graph = Graph()
+    yield graph
+    graph.close()
+
+
+def task(recorder: RecorderNode) -> Task:
+    (only,) = recorder.tasks()
+    return only
+
+
+def heard(*publishers: Any) -> None:
+    wait_for(lambda: all(item.get_subscription_count() for item in publishers), "subscriptions")
+
+
+def recorded(recorder: RecorderNode, count: int) -> None:
+    wait_for(lambda: int(task(recorder).values["messages"]) >= count, f"{count} messages recorded")
+
+
+def block(number: int) -> TelemetryBlock:
+    message = TelemetryBlock(actuator_id="flap", first_index=100 * number, sample_period=1e-4)
+    for name in ("command", "current", "position", "speed"):
+        getattr(message, name).extend(number + 0.25 * index for index in range(100))
+    return message
+
+
+def contents(path: Path, topic: str) -> list[Any]:
+    return [item.message for item in Bag(path).messages([topic])]
+
+
+@pytest.mark.parametrize("name", ["flight", "flight.mcap"])
+def test_everything_published_is_recorded_in_order(graph: Graph, tmp_path: Path, name: str):
+    source = graph.source()
+    latched = source.create_publisher(String, "latched", LATCHED)
+    latched.publish(String(data="published before there was a recorder"))
+    published_ns = time.time_ns()
+    telemetry = source.create_publisher(TelemetryBlock, "telemetry", STREAM)
+    text = source.create_publisher(String, "text", STREAM)
+    recorder = graph.recorder(tmp_path / name, topics=["telemetry", "/ema/text", "latched"])
+    assert recorder.bring_up()
+    heard(telemetry, text, latched)
+    begin_ns = time.time_ns()
+    for number in range(200):
+        telemetry.publish(block(number))
+        text.publish(String(data=str(number)))
+    recorded(recorder, 401)
+    end_ns = time.time_ns()
+    assert task(recorder).level == OK
+    assert task(recorder).values["lost messages"] == 0
+    recorder.trigger_shutdown()
+    assert recorder.exit_code == 0
+
+    bag = Bag(tmp_path / name)
+    assert bag.damage == ""
+    assert {topic: item.count for topic, item in bag.topics.items()} == {
+        "/ema/telemetry": 200,
+        "/ema/text": 200,
+        "/ema/latched": 1,
+    }
+    assert contents(bag.path, "/ema/telemetry") == [block(number) for number in range(200)]
+    assert [item.data for item in contents(bag.path, "/ema/text")] == [str(n) for n in range(200)]
+    (first,) = bag.messages(["/ema/latched"])
+    assert first.message.data == "published before there was a recorder"
+    assert first.publish_time_ns <= published_ns < first.log_time_ns
+    for item in bag.messages(["/ema/telemetry", "/ema/text"]):
+        assert begin_ns <= item.publish_time_ns <= item.log_time_ns <= end_ns
+    for topic, qos in (("/ema/telemetry", STREAM), ("/ema/latched", LATCHED)):
+        (offered,) = recorded_qos(bag.topics[topic].qos)
+        told = {"history": "unknown", "depth": 0}  # what discovery does not tell
+        assert offered_qos(offered) == offered_qos(qos) | told
+
+
+def test_default_is_the_namespace_and_the_diagnostics(graph: Graph, tmp_path: Path):
+    source = graph.source(namespace="/flap_1")
+    wanted = source.create_publisher(String, "deep/text", STREAM)
+    others = [
+        source.create_publisher(String, name, STREAM)
+        for name in ("/elsewhere", "/flap_12/text", "_hidden", "deep/_hidden/text")
+    ]
+    recorder = graph.recorder(tmp_path / "flight", namespace="/flap_1")
+    assert recorder.bring_up()
+    heard(wanted)
+    for publisher in (*others, wanted):
+        publisher.publish(String())
+    wait_for(lambda: "/diagnostics" in str(task(recorder).values["topics"]), "diagnostics")
+    recorder.report()
+    recorded(recorder, 2)
+    recorder.trigger_shutdown()
+    assert set(Bag(tmp_path / "flight").topics) == {
+        "/diagnostics",
+        "/flap_1/deep/text",
+        "/flap_1/recorder/transition_event",
+    }
+
+
+def test_log_times_are_simulated_where_time_is(graph: Graph, tmp_path: Path):
+    source = graph.source()
+    clock = source.create_publisher(Clock, "/clock", QoSProfile(depth=1))
+    text = source.create_publisher(String, "text", LATCHED)
+    text.publish(String(data="before time begins"))
+    recorder = graph.recorder(tmp_path / "flight", topics=["text"], use_sim_time=True)
+    assert recorder.bring_up()
+    wait_for(lambda: recorder.get_publishers_info_by_topic("text"), "the publisher")
+    recorder._discover()
+    assert task(recorder).values["topics"] == ""
+    stamp = Clock()
+    stamp.clock.sec = 42
+
+    def is_heard() -> bool:
+        clock.publish(stamp)
+        return int(task(recorder).values["messages"]) == 1
+
+    wait_for(is_heard, "the message")
+    recorder.trigger_shutdown()
+    (item,) = Bag(tmp_path / "flight").messages()
+    assert item.log_time_ns == 42 * 10**9
+
+
+def test_pausing_goes_on_in_the_same_bag(graph: Graph, tmp_path: Path):
+    publisher = graph.source().create_publisher(String, "text", STREAM)
+    recorder = graph.recorder(tmp_path / "flight", topics=["text"])
+    assert recorder.bring_up()
+    heard(publisher)
+    publisher.publish(String(data="before"))
+    recorded(recorder, 1)
+    recorder.trigger_deactivate()
+    assert "paused" in task(recorder).message
+    wait_for(lambda: not publisher.get_subscription_count(), "the end of the subscription")
+    publisher.publish(String(data="meanwhile"))
+    recorder.trigger_activate()
+    heard(publisher)
+    publisher.publish(String(data="after"))
+    recorded(recorder, 2)
+    recorder.trigger_shutdown()
+    assert [item.data for item in contents(tmp_path / "flight", "/ema/text")] == ["before", "after"]
+
+
+def test_bag_that_is_there_is_not_replaced_unasked(graph: Graph, tmp_path: Path):
+    path, other = tmp_path / "flight", tmp_path / "other"
+    recorder = graph.recorder(path)
+    assert recorder.bring_up()
+    recorder.trigger_deactivate()
+    recorder.trigger_cleanup()
+    before = (path / "flight_0.mcap").read_bytes()
+    assert recorder.trigger_configure() == TransitionCallbackReturn.FAILURE
+    refusal = recorder._refused
+    assert str(path) in refusal
+    assert "parameter output" in refusal
+    assert "overwrite" in refusal
+    assert (path / "flight_0.mcap").read_bytes() == before
+    recorder.set_parameters([Parameter("output", value=str(other))])
+    assert recorder.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    recorder.trigger_cleanup()
+    assert (other / "metadata.yaml").exists()
+    recorder.set_parameters([Parameter("overwrite", value=True)])
+    assert recorder.trigger_configure() == TransitionCallbackReturn.SUCCESS
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value"),
+    [("topics", "text"), ("topics", ["no name"]), ("overwrite", 1), ("flush_s", 0.0)],
+)
+def test_impossible_parameter_is_refused_by_name(
+    graph: Graph, tmp_path: Path, parameter: str, value: Any
+):
+    try:
+        recorder = graph.recorder(tmp_path / "flight", **{parameter: value})
+    except ValueError as error:
+        refusal = str(error)
+    else:
+        assert not recorder.bring_up()
+        refusal = recorder._refused
+    assert parameter in refusal
+    assert not (tmp_path / "flight").exists()
+
+
+def test_default_output_is_named_by_the_time(graph: Graph, tmp_path: Path, monkeypatch: Any):
+    monkeypatch.chdir(tmp_path)
+    recorder = graph.recorder(Path(), output="")
+    assert recorder.bring_up()
+    recorder.trigger_shutdown()
+    (path,) = tmp_path.iterdir()
+    at = time.mktime(time.strptime(path.name, "ema_%Y%m%dT%H%M%SZ")) - time.timezone
+    assert abs(time.time() - at) < 60.0
+
+
+def test_every_publisher_is_heard_whatever_it_offers(graph: Graph, tmp_path: Path):
+    source = graph.source()
+    reliable = source.create_publisher(String, "text", LATCHED)
+    best_effort = source.create_publisher(String, "text", BEST_EFFORT)
+    recorder = graph.recorder(tmp_path / "flight", topics=["text"])
+    wait_for(lambda: len(recorder.get_publishers_info_by_topic("text")) == 2, "both publishers")
+    assert recorder.bring_up()
+    heard(reliable, best_effort)
+    reliable.publish(String(data="reliable"))
+    best_effort.publish(String(data="best effort"))
+    recorded(recorder, 2)
+    late = graph.source("late").create_publisher(String, "text", BEST_EFFORT)
+    heard(late)
+
+
+def test_publisher_that_offers_less_than_the_others_is_told(graph: Graph, tmp_path: Path):
+    source = graph.source()
+    reliable = source.create_publisher(String, "text", STREAM)
+    recorder = graph.recorder(tmp_path / "flight", topics=["text"])
+    assert recorder.bring_up()
+    heard(reliable)
+    graph.source("shy").create_publisher(String, "text", BEST_EFFORT)
+    wait_for(lambda: "shy not heard" in task(recorder).message, "the remark")
+    assert task(recorder).level == WARN
+
+
+def test_gone_publisher_is_told(graph: Graph, tmp_path: Path):
+    source = graph.source()
+    publisher = source.create_publisher(String, "text", STREAM)
+    recorder = graph.recorder(tmp_path / "flight", topics=["text", "never"])
+    assert recorder.bring_up()
+    heard(publisher)
+    assert "/ema/never: no publisher yet" in task(recorder).message
+    source.destroy_publisher(publisher)
+    wait_for(lambda: task(recorder).values["publisher gone"] == "/ema/text", "the remark")
+    assert "/ema/text: the publisher is gone" in task(recorder).message
+
+
+@pytest.fixture
+def other_graph() -> Iterator[Graph]:
+    graph = Graph()
+    yield graph
+    graph.close()
+
+
+def test_topic_of_several_types_is_passed_over(graph: Graph, other_graph: Graph, tmp_path: Path):
+    graph.source().create_publisher(Header, "text", STREAM)
+    other_graph.source().create_publisher(String, "text", STREAM)
+    recorder = graph.recorder(tmp_path / "flight", topics=["text"])
+    wait_for(lambda: len(recorder.get_publishers_info_by_topic("text")) == 2, "both publishers")
+    assert recorder.bring_up()
+    wait_for(lambda: task(recorder).values["passed over"] == "/ema/text", "the remark")
+    assert "several types: std_msgs/msg/Header, std_msgs/msg/String" in task(recorder).message
+
+
+@pytest.mark.parametrize("missing", [True, False])
+def test_type_that_is_not_the_installed_one_is_passed_over(
+    graph: Graph, tmp_path: Path, monkeypatch: Any, missing: bool
+):
+    def not_installed(name: str) -> str:
+        if missing:
+            raise ValueError(f"message type {name} is not installed here")
+        return "RIHS01_of_another_version"
+
+    monkeypatch.setattr(recorded_topic, "type_hash", not_installed)
+    graph.source().create_publisher(String, "text", STREAM)
+    recorder = graph.recorder(tmp_path / "flight", topics=["text"])
+    assert recorder.bring_up()
+    wait_for(lambda: task(recorder).values["passed over"] == "/ema/text", "the remark")
+    told = "not installed" if missing else "RIHS01_of_another_version"
+    assert told in task(recorder).message
+
+
+def test_messages_that_the_middleware_drops_are_counted(
+    graph: Graph, tmp_path: Path, monkeypatch: Any
+):
+    monkeypatch.setattr(recorded_topic, "RELIABLE_DEPTH", 5)
+    publisher = graph.source().create_publisher(String, "text", QoSProfile(depth=5))
+    recorder = graph.recorder(tmp_path / "flight", topics=["text"])
+    assert recorder.bring_up()
+    heard(publisher)
+    publisher.publish(String(data="first"))
+    recorded(recorder, 1)
+    with recorder._writing:  # a disk that does not answer
+        for number in range(50):
+            publisher.publish(String(data=str(number)))
+    wait_for(lambda: task(recorder).values["lost messages"], "the loss")
+    recorder.trigger_deactivate()
+    values = task(recorder).values
+    assert values["lost messages"] == 51 - int(values["messages"])
+    assert f"{values['lost messages']} messages lost" in task(recorder).message
+
+
+def test_gaps_count_where_one_publisher_stays():
+    gaps = SequenceGaps()
+    gaps.take_publishers(frozenset("a"))
+    for number in (7, 8, 11, None, 12):
+        gaps.take(number)
+    assert gaps.lost == 0  # until the publisher is seen to be the same
+    gaps.take_publishers(frozenset("a"))
+    assert gaps.lost == 2
+    gaps.take_publishers(frozenset("a"))
+    assert gaps.lost == 2
+
+
+def test_gaps_of_several_or_new_publishers_do_not_count():
+    gaps = SequenceGaps()
+    gaps.take_publishers(frozenset("a"))
+    gaps.take(100)
+    for number in (1, 101, 2):  # a second publisher that is not seen yet
+        gaps.take(number)
+    for publishers in ("ab", "ab", "b"):
+        gaps.take_publishers(frozenset(publishers))
+        gaps.take(200)
+        gaps.take(300)
+    gaps.take_publishers(frozenset("c"))
+    gaps.take(1)  # a publisher that starts anew
+    gaps.take_publishers(frozenset("c"))
+    assert gaps.lost == 0
+
+
+@pytest.mark.parametrize("numbers", [False, True])
+def test_recorded_qos_is_read_back(numbers: bool):
+    for qos in (STREAM, LATCHED, BEST_EFFORT):
+        text = offered_qos_profiles(qos)
+        if numbers:  # as recordings before Jazzy have it
+            text = text.replace("keep_last", "1").replace("automatic", "1")
+            text = text.replace("reliable", "1").replace("best_effort", "2")
+            text = text.replace("transient_local", "1").replace("volatile", "2")
+        (read,) = recorded_qos(text)
+        assert offered_qos(read) == offered_qos(qos)
+    assert recorded_qos("") == []
+    with pytest.raises(ValueError, match="offered_qos_profiles"):
+        recorded_qos("- history: keep_some\n")
+
+
+def test_replayed_qos_keeps_what_is_latched_and_widens_streams():
+    assert replay_qos([LATCHED]).depth == 1
+    assert replay_qos([LATCHED]).durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert replay_qos([STREAM]).depth == 1000
+    assert replay_qos([STREAM]).durability == DurabilityPolicy.VOLATILE
+    assert replay_qos([BEST_EFFORT]).reliability == ReliabilityPolicy.BEST_EFFORT
+    assert replay_qos([LATCHED, STREAM]).durability == DurabilityPolicy.VOLATILE
+    assert replay_qos([]).reliability == ReliabilityPolicy.RELIABLE
+
+
+def recorder_process(path: Path, *, script: str = "") -> subprocess.Popen[str]:
+    command = ["-c", script] if script else ["-m", "ema_recording.recorder_node"]
+    parameters = ["--ros-args", "-p", f"output:={path}", "-p", "topics:=['text']"]
+    return subprocess.Popen(
+        [sys.executable, *command, *parameters], stderr=subprocess.PIPE, text=True
+    )
+
+
+def send(publisher: Any, count: int, *, rate_hz: float = 100.0) -> None:
+    """Publish the numbers from 0 at their times."""
+    begin_s = time.monotonic()
+    for number in range(count):
+        time.sleep(max(0.0, begin_s + number / rate_hz - time.monotonic()))
+        publisher.publish(String(data=str(number)))
+
+
+def in_step(numbers: list[int]) -> list[int]:
+    """Return the numbers as they were sent, from the first that is there.
+
+    A publisher knows of a new subscription of another process before that knows of the publisher.
+    """
+    return list(range(numbers[0], numbers[-1] + 1))
+
+
+def test_killed_recorder_loses_half_a_second_at_most(graph: Graph, tmp_path: Path):
+    publisher = graph.source().create_publisher(String, "text", STREAM)
+    with recorder_process(tmp_path / "flight") as process:
+        try:
+            heard(publisher)
+            send(publisher, 150)
+        finally:
+            process.kill()
+    bag = Bag(tmp_path / "flight")
+    assert "not closed" in bag.damage
+    read = [int(item.message.data) for item in bag.messages()]
+    assert read == in_step(read)
+    assert 149 - read[-1] <= 50
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_recorder_leaves_a_whole_bag(graph: Graph, tmp_path: Path, number: int):
+    publisher = graph.source().create_publisher(String, "text", STREAM)
+    with recorder_process(tmp_path / "flight") as process:
+        try:
+            heard(publisher)
+            send(publisher, 50)
+            assert publisher.wait_for_all_acked()
+            time.sleep(0.1)
+            process.send_signal(number)
+            assert process.wait(timeout=5.0) == 0
+        finally:
+            process.kill()
+    assert Bag(tmp_path / "flight").damage == ""
+    with AnyReader([tmp_path / "flight"]) as reader:
+        read = [
+            int(getattr(reader.deserialize(data, connection.msgtype), "data", "-1"))
+            for connection, _, data in reader.messages()
+        ]
+    assert read == in_step(read)
+    assert read[-1] == 49
+
+
+FULL_DISK = """
+import resource
+from ema_nodes.run import run
+from ema_recording.recorder_node import RecorderNode
+
+class Limited(RecorderNode):
+    def activate(self):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4000, resource.RLIM_INFINITY))
+        super().activate()
+
+raise SystemExit(run(Limited))
+"""
+
+
+def test_full_disk_ends_the_recorder_and_is_told(graph: Graph, tmp_path: Path):
+    source = graph.source()
+    publisher = source.create_publisher(String, "text", STREAM)
+    with recorder_process(tmp_path / "flight", script=FULL_DISK) as process:
+        try:
+            heard(publisher)
+            send(publisher, 400, rate_hz=400.0)
+            assert process.wait(timeout=8.0) == 1
+        finally:
+            process.kill()
+        assert process.stderr is not None
+        told = process.stderr.read()
+    assert told.count(f"cannot write {tmp_path / 'flight'}: [Errno 27] File too large") == 1
+    assert "Traceback" not in told
+    assert "File too large" in told
+    read = [int(item.message.data) for item in Bag(tmp_path / "flight").messages()]
+    assert read == in_step(read)
+
+
+def test_write_error_is_an_error_in_the_status(graph: Graph, tmp_path: Path):
+    publisher = graph.source().create_publisher(String, "text", STREAM)
+    recorder = graph.recorder(tmp_path / "flight", topics=["text"])
+    assert recorder.bring_up()
+    heard(publisher)
+    assert recorder._bag is not None
+    recorder._bag.failure = OSError(28, "No space left on device")
+    assert recorder.finished.wait(5.0)
+    assert task(recorder).level == ERROR
+    assert "No space left on device" in task(recorder).message
+    assert recorder.exit_code == 1
