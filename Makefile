@@ -2,8 +2,9 @@
 
 MAKEFLAGS += --no-print-directory
 activate = . ./activate.sh
+DEMO_S ?= 60
 
-.PHONY: help setup test lint bench calibration sample lock clean distclean
+.PHONY: help setup test lint demo bench calibration sample lock clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -18,6 +19,10 @@ lint: setup ## style, types and import contracts
 	$(activate) && ruff check
 	$(activate) && basedpyright
 	$(activate) && lint-imports --no-logo
+
+# exec: a signal to make reaches the demo itself.
+demo: setup ## watch an actuator wear out: live table, bag and picture (DEMO_S=60 is its length)
+	@$(activate) && exec ema demo --duration $(DEMO_S)
 
 bench: setup ## error and time on the thesis's cases; writes tests/benchmarks/accuracy.json
 	$(activate) && python tests/benchmarks/accuracy.py --json tests/benchmarks/accuracy.json

@@ -5,7 +5,17 @@ from typing import Final
 
 import click
 
-_COMMANDS: Final = ("simulate", "calibrate", "estimate", "plot", "info")
+_COMMANDS: Final = (
+    "simulate",
+    "calibrate",
+    "estimate",
+    "plot",
+    "info",
+    "up",
+    "record",
+    "play",
+    "demo",
+)
 
 
 class _CommandsOnDemand(click.Group):

@@ -9,6 +9,8 @@ from matplotlib.figure import Figure
 
 from ema_cli.errors import one_clear_line
 from ema_cli.estimate import estimate_windows
+from ema_cli.history import read_history
+from ema_cli.history_figure import draw_history
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.source_options import Source, source_options
 from ema_cli.windows import BagWindows, read_windows
@@ -26,6 +28,12 @@ from ema_monitor.window import Window
 @identification_options
 @click.option("--window", "number", type=click.IntRange(0), help="Show the fit of this window.")
 @click.option(
+    "--history",
+    "as_history",
+    is_flag=True,
+    help="Draw the recorded estimates over test cycles, beside the truth where that is recorded.",
+)
+@click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -36,11 +44,18 @@ def plot(
     source: Source,
     options: IdentificationOptions,
     number: int | None,
+    as_history: bool,
     output: Path | None,
 ) -> None:
     """Draw the telemetry of BAG with its windows; with --window, also its fit and faults."""
     output = output or bag.with_suffix(".png")
+    if as_history and number is not None:
+        raise click.UsageError("--history and --window exclude each other")
     with one_clear_line():
+        if as_history:
+            draw_history(read_history(bag, source.actuator_id)).savefig(output, dpi=120)
+            click.echo(f"{output}")
+            return
         found = read_windows(bag, source)
         if number is None:
             figure = draw_telemetry(found)

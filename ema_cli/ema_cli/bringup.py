@@ -1,0 +1,135 @@
+"""The nodes of the health monitor and how each is started."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from ament_index_python.packages import (
+    PackageNotFoundError,
+    get_package_prefix,
+    get_package_share_directory,
+)
+
+
+@dataclass(frozen=True)
+class NodeProgram:
+    """A program that runs a node.
+
+    Attributes
+    ----------
+    package
+        ROS package that it is in.
+    executable
+        Its name, as for ``ros2 run``.
+    """
+
+    package: str
+    executable: str
+
+
+NODES: Final = {
+    "actuator": NodeProgram("ema_sim", "actuator_node"),
+    "monitor": NodeProgram("ema_monitor", "monitor_node"),
+    "recorder": NodeProgram("ema_recording", "recorder_node"),
+    "player": NodeProgram("ema_recording", "player_node"),
+}
+"""The nodes by name."""
+
+
+def parameter_file(name: str) -> Path:
+    """Return a parameter file of the package ema_bringup.
+
+    Parameters
+    ----------
+    name
+        Its name without ``.yaml``, that of a node for instance.
+
+    Raises
+    ------
+    ValueError
+        When the package is not installed or has no such file.
+    """
+    try:
+        folder = Path(get_package_share_directory("ema_bringup"))
+    except PackageNotFoundError as error:
+        raise ValueError("package ema_bringup is not installed: run `make setup`") from error
+    path = folder / "config" / f"{name}.yaml"
+    if not path.is_file():
+        raise ValueError(f"{path} is not there: run `make setup`")
+    return path
+
+
+def program(node: str) -> Path:
+    """Return the program of a node.
+
+    Parameters
+    ----------
+    node
+        One of ``NODES``.
+
+    Raises
+    ------
+    ValueError
+        When it is not installed.
+    """
+    package, executable = NODES[node].package, NODES[node].executable
+    try:
+        path = Path(get_package_prefix(package), "lib", package, executable)
+    except PackageNotFoundError as error:
+        raise ValueError(f"package {package} is not installed: run `make setup`") from error
+    if not path.is_file():
+        raise ValueError(f"{path} is not there: run `make setup`")
+    return path
+
+
+def ros_arguments(
+    node: str,
+    *,
+    parameter_files: Sequence[Path] = (),
+    assignments: Sequence[str] = (),
+    namespace: str | None = None,
+) -> list[str]:
+    """Return the arguments of a node's program: its own parameter file, then what is given here.
+
+    Parameters
+    ----------
+    node
+        One of ``NODES``.
+    parameter_files
+        Further parameter files; a later one overrides.
+    assignments
+        Parameters as ``name:=value``, the value in YAML; they override the files.
+    namespace
+        Namespace instead of ``/ema``.
+
+    Raises
+    ------
+    ValueError
+        When the node's own parameter file is not installed.
+    """
+    arguments = ["--ros-args"]
+    for file in (parameter_file(node), *parameter_files):
+        arguments += ["--params-file", str(file)]
+    for assignment in assignments:
+        arguments += ["-p", assignment]
+    if namespace is not None:
+        arguments += ["-r", f"__ns:={namespace}"]
+    return arguments
+
+
+def assignments_of(parameters: Mapping[str, Any]) -> list[str]:
+    """Return parameters as ``name:=value``.
+
+    Parameters
+    ----------
+    parameters
+        Values by name: text, numbers, booleans or lists of these; None is left out.
+    """
+    # JSON is YAML that leaves no doubt: a path that looks like a number stays text.
+    return [
+        f"{name}:={json.dumps(value, ensure_ascii=False)}"
+        for name, value in parameters.items()
+        if value is not None
+    ]

@@ -1,0 +1,201 @@
+"""Child processes that do not outlive the process that started them."""
+
+import ctypes
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Final
+
+POLL_S: Final = 0.05
+_HEAD_START_S: Final = 1.0
+_PR_SET_PDEATHSIG: Final = 1
+_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class StopRequest:
+    """Whether the process was told to end, and by which signal.
+
+    Attributes
+    ----------
+    number
+        The first signal; None as long as there was none.
+    """
+
+    def __init__(self) -> None:
+        self.number: int | None = None
+
+    def __bool__(self) -> bool:
+        return self.number is not None
+
+    def note(self, number: int, _: Any) -> None:
+        """Handle a signal; what is called here may interrupt anything, so it only takes note."""
+        if self.number is None:
+            self.number = number
+
+
+@contextmanager
+def noted_signals() -> Iterator[StopRequest]:
+    """Take note of SIGINT, SIGTERM and SIGHUP instead of ending wherever the program happens to be.
+
+    A SIGHUP that is ignored, as under nohup, stays so.
+    """
+    request = StopRequest()
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    for number, handler in before.items():
+        if (number, handler) != (signal.SIGHUP, signal.SIG_IGN):
+            signal.signal(number, request.note)
+    try:
+        yield request
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class Supervisor:
+    """Starts processes, tells when one ends by itself, and leaves none behind.
+
+    Every process has a session of its own, so that a Ctrl-C reaches the supervisor alone, which
+    stops them in order. They get SIGTERM too if the supervisor is killed. To be used from the main
+    thread, under ``with``.
+
+    Parameters
+    ----------
+    tell
+        Called with a line about a process.
+    last
+        Name of the process that is stopped after the others, as it takes in what they say in
+        parting.
+    patience_s
+        How long a process may take to end after SIGTERM, before SIGKILL [s].
+
+    Attributes
+    ----------
+    failed
+        Names of the processes that ended by themselves and not with exit code 0.
+    """
+
+    def __init__(
+        self, tell: Callable[[str], None], last: str = "", patience_s: float = 5.0
+    ) -> None:
+        self._listener = tell
+        self._last = last
+        self._patience_s = patience_s
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+        self.failed: list[str] = []
+        # Loaded here, since a child must not do much between fork and exec.
+        self._prctl = ctypes.CDLL(None).prctl
+
+    def __enter__(self) -> "Supervisor":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop_all()
+
+    @property
+    def running(self) -> list[str]:
+        """Names of the processes that run, in the order in which they were started."""
+        return list(self._children)
+
+    def start(self, name: str, command: Sequence[str], log: Path | None = None) -> None:
+        """Start a process.
+
+        Parameters
+        ----------
+        name
+            What it is called here; no process of this name may be running.
+        command
+            Program and arguments.
+        log
+            File to which its output goes; that of the supervisor when None.
+
+        Raises
+        ------
+        OSError
+            When the program or the file cannot be opened.
+        """
+        output = log.open("wb") if log else None
+        try:
+            self._children[name] = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT if output else None,
+                start_new_session=True,
+                preexec_fn=self._end_with_the_supervisor,
+            )
+        finally:
+            if output:
+                output.close()
+
+    def check(self) -> None:
+        """Take note of the processes that have ended by themselves, and tell of each."""
+        for name, child in list(self._children.items()):
+            code = child.poll()
+            if code is None:
+                continue
+            del self._children[name]
+            if code == 0:
+                self._tell(f"{name} has ended")
+                continue
+            self.failed.append(name)
+            how = f"was ended by {_signal_name(-code)}" if code < 0 else f"failed, exit code {code}"
+            self._tell(f"{name} {how}")
+
+    def stop(self, name: str) -> None:
+        """Stop a process, if it runs, and return when it is gone.
+
+        Parameters
+        ----------
+        name
+            What it is called here.
+        """
+        self._see_off(self._terminate([name]))
+
+    def stop_all(self) -> None:
+        """Stop all processes and return when they are gone.
+
+        The last one is not stopped before the others are gone or have had a second for it.
+        """
+        leaving = self._terminate([name for name in self._children if name != self._last])
+        _wait(leaving.values(), _HEAD_START_S)
+        self._see_off({**leaving, **self._terminate([self._last])})
+
+    def _terminate(self, names: Iterable[str]) -> dict[str, "subprocess.Popen[bytes]"]:
+        self.check()
+        leaving = {name: self._children.pop(name) for name in names if name in self._children}
+        for child in leaving.values():
+            child.terminate()
+        return leaving
+
+    def _see_off(self, leaving: dict[str, "subprocess.Popen[bytes]"]) -> None:
+        _wait(leaving.values(), self._patience_s)
+        for name, child in leaving.items():
+            if child.poll() is None:
+                self._tell(f"{name} did not end within {self._patience_s:g} s and is killed")
+                child.kill()
+                child.wait()
+
+    def _tell(self, line: str) -> None:
+        # Nobody may be reading any more; the processes have to be stopped all the same.
+        with suppress(OSError):
+            self._listener(line)
+
+    def _end_with_the_supervisor(self) -> None:
+        self._prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM))
+
+
+def _wait(children: Iterable["subprocess.Popen[bytes]"], longest_s: float) -> None:
+    deadline = time.monotonic() + longest_s
+    for child in children:
+        with suppress(subprocess.TimeoutExpired):
+            child.wait(max(0.0, deadline - time.monotonic()))
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"

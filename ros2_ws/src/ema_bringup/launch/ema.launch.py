@@ -1,0 +1,72 @@
+"""Simulated actuator and monitor, and a recorder if a bag is named.
+
+ros2 launch ema_bringup ema.launch.py bag:=worn_flap
+"""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the nodes, with their arguments."""
+    config = PathJoinSubstitution([FindPackageShare("ema_bringup"), "config"])
+    namespace = LaunchConfiguration("namespace")
+    bag = LaunchConfiguration("bag")
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                "namespace", default_value="/ema", description="namespace of the nodes"
+            ),
+            DeclareLaunchArgument(
+                "actuator_params",
+                default_value=PathJoinSubstitution([config, "actuator.yaml"]),
+                description="parameter file of the actuator; demo.yaml makes it wear out",
+            ),
+            DeclareLaunchArgument(
+                "monitor_params",
+                default_value=PathJoinSubstitution([config, "monitor.yaml"]),
+                description="parameter file of the monitor",
+            ),
+            DeclareLaunchArgument(
+                "recorder_params",
+                default_value=PathJoinSubstitution([config, "recorder.yaml"]),
+                description="parameter file of the recorder",
+            ),
+            DeclareLaunchArgument(
+                "bag", default_value="", description="bag to record; empty: no recorder"
+            ),
+            Node(
+                package="ema_sim",
+                executable="actuator_node",
+                name="actuator",
+                namespace=namespace,
+                parameters=[LaunchConfiguration("actuator_params")],
+                output="screen",
+            ),
+            Node(
+                package="ema_monitor",
+                executable="monitor_node",
+                name="monitor",
+                namespace=namespace,
+                parameters=[LaunchConfiguration("monitor_params")],
+                output="screen",
+            ),
+            Node(
+                package="ema_recording",
+                executable="recorder_node",
+                name="recorder",
+                namespace=namespace,
+                parameters=[
+                    LaunchConfiguration("recorder_params"),
+                    {"output": ParameterValue(bag, value_type=str)},
+                ],
+                output="screen",
+                condition=IfCondition(NotEqualsSubstitution(bag, "")),
+            ),
+        ]
+    )

@@ -1,0 +1,208 @@
+import io
+import os
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from ament_index_python.packages import get_package_share_directory
+from matplotlib.image import imread
+from rich.console import Console
+
+from ema_cli.demo_run import SHOWN
+from ema_cli.history import Diagnosed, read_history
+from ema_cli.live_table import LiveTable
+from ema_cli.observer import Observer
+from ema_core.faults import fault_vector
+from ema_core.levels import WARN
+from ema_recording.reader import Bag
+
+MARK = "EMA_TEST_OF_THE_DEMO"
+
+
+class Demo:
+    """A demo in a process, whose descendants are known by a mark in their environment."""
+
+    def __init__(self, folder: Path, duration_s: float, domain: str | None = None) -> None:
+        self.folder = folder
+        self.log = folder.with_name(f"{folder.name}.log")
+        environment = {name: os.environ[name] for name in os.environ if name != "ROS_DOMAIN_ID"}
+        environment[MARK] = str(folder)
+        if domain is not None:
+            environment["ROS_DOMAIN_ID"] = domain
+        with self.log.open("w") as log:
+            self.process = subprocess.Popen(
+                ["ema", "demo", "--duration", str(duration_s), "-o", str(folder)],
+                env=environment,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+            )
+
+    @property
+    def said(self) -> str:
+        return self.log.read_text()
+
+    def wait_until(self, is_reached: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + 60.0
+        while not is_reached():
+            if self.process.poll() is not None or time.monotonic() > deadline:
+                self.process.kill()
+                pytest.fail(f"not reached: {self.said}")
+            time.sleep(0.02)
+
+    def descendants(self) -> dict[int, bytes]:
+        """Return the command lines of the demo and its nodes by process."""
+        found = {}
+        for folder in Path("/proc").iterdir():
+            try:
+                if f"{MARK}={self.folder}".encode() in (folder / "environ").read_bytes():
+                    found[int(folder.name)] = (folder / "cmdline").read_bytes()
+            except (OSError, ValueError):  # no process, or it has just ended
+                continue
+        return found
+
+
+@pytest.fixture(scope="module")
+def demos(tmp_path_factory):
+    """Two demos at once, each in a domain of its own."""
+    folder = tmp_path_factory.mktemp("demos")
+    both = [Demo(folder / name, 7.0) for name in ("one", "other")]
+    for demo in both:
+        assert demo.process.wait(timeout=90) == 0, demo.said
+    return both
+
+
+def test_demo_leaves_bag_and_picture_and_no_process(demos):
+    for demo in demos:
+        assert demo.descendants() == {}
+        bag = Bag(demo.folder / "bag")
+        assert bag.damage == ""
+        for name in ("telemetry", "simulated_faults", "fault_estimate", "health"):
+            assert bag.topics[f"/ema/{name}"].count > 0, name
+        picture = imread(demo.folder / "history.png")
+        assert picture.shape[0] > 400
+        assert picture.shape[1] > 800
+        # An empty page, or one with empty axes only, is below 0.05.
+        assert np.std(picture[..., :3]) > 0.1
+        assert f"picture  {demo.folder / 'history.png'}" in demo.said
+
+
+def test_demo_tells_a_line_a_cycle_and_the_latency(demos):
+    for demo in demos:
+        cycles = re.findall(
+            r"^cycle +(\d+)   friction [\d.]+ → [\d.]+ ± [\d.]+ .*(?:OK|WARN) +([\d.]+) s$",
+            demo.said,
+            re.MULTILINE,
+        )
+        assert len(cycles) >= 2
+        assert all(float(latency) > 0.0 for _, latency in cycles)
+        assert re.search(r"latency median [\d.]+ s, 95 % below [\d.]+ s", demo.said)
+
+
+def test_last_complete_test_cycle_is_diagnosed(demos):
+    for demo in demos:
+        history = read_history(demo.folder / "bag")
+        assert history.diagnoses()[-1].cycle >= history.truths[-2].cycle
+
+
+def test_demos_at_once_do_not_hear_each_other(demos):
+    domains = set()
+    for demo in demos:
+        domains.update(re.findall(r"ROS_DOMAIN_ID=(\d+)", demo.said))
+        bag = Bag(demo.folder / "bag")
+        blocks = [item.message for item in bag.messages(["/ema/telemetry"])]
+        ends = [block.first_index + len(block.current) for block in blocks]
+        # One actuator counts on without a gap; a second one would come in between.
+        assert [block.first_index for block in blocks[1:]] == ends[:-1]
+        windows = [item.message.window for item in bag.messages(["/ema/fault_estimate"])]
+        assert windows == list(range(len(windows)))
+        cycles = [item.message.cycle for item in bag.messages(["/ema/simulated_faults"])]
+        assert cycles == list(range(cycles[0], cycles[0] + len(cycles)))
+        assert len(windows) <= len(cycles)
+    assert len(domains) == 2
+
+
+@pytest.mark.parametrize(
+    ("moment", "number"),
+    [("folder", signal.SIGINT), ("bag", signal.SIGTERM), ("cycle", signal.SIGINT)],
+)
+def test_interrupted_demo_leaves_no_process_and_a_readable_bag(tmp_path, moment, number):
+    demo = Demo(tmp_path / "demo", 60.0)
+    reached = {
+        "folder": lambda: (demo.folder / "actuator.log").exists(),
+        "bag": lambda: (demo.folder / "bag").exists(),
+        "cycle": lambda: "cycle " in demo.said,
+    }[moment]
+    demo.wait_until(reached)
+    demo.process.send_signal(number)
+    time.sleep(0.05)  # the second one comes while it stops, as from an impatient user
+    demo.process.send_signal(number)
+    assert demo.process.wait(timeout=20) == 128 + number
+    assert demo.descendants() == {}
+    assert "Traceback" not in demo.said
+    assert "interrupted" in demo.said
+    if moment != "folder":
+        bag = Bag(demo.folder / "bag")
+        assert bag.damage == ""
+        assert moment == "bag" or bag.topics["/ema/fault_estimate"].count > 0
+
+
+def test_node_that_dies_ends_the_demo_with_its_log_named(tmp_path):
+    demo = Demo(tmp_path / "demo", 60.0)
+    # All that is before this line is imports; the nodes may be anywhere in their start.
+    demo.wait_until(lambda: any(b"monitor_node" in line for line in demo.descendants().values()))
+    [monitor] = [n for n, line in demo.descendants().items() if b"monitor_node" in line]
+    os.kill(monitor, signal.SIGKILL)
+    assert demo.process.wait(timeout=20) == 1
+    assert demo.descendants() == {}
+    assert "monitor was ended by SIGKILL" in demo.said
+    assert f"Error: monitor failed: see {demo.folder / 'monitor.log'}" in demo.said
+
+
+def test_demo_is_refused_where_an_actuator_runs(tmp_path):
+    domain = os.environ["ROS_DOMAIN_ID"]
+    with subprocess.Popen(["ema", "up", "actuator"], stderr=subprocess.DEVNULL) as actuator:
+        try:
+            with Observer("test") as observer:
+                deadline = time.monotonic() + 20.0
+                while not observer.sees("actuator"):
+                    assert time.monotonic() < deadline, "no actuator within 20 s"
+                    time.sleep(0.05)
+            demo = Demo(tmp_path / "demo", 5.0, domain)
+            assert demo.process.wait(timeout=20) == 1
+        finally:
+            actuator.send_signal(signal.SIGTERM)
+    assert f"a node /ema/actuator runs in domain {domain} already" in demo.said
+    assert not demo.folder.exists()
+
+
+def test_folder_that_is_not_empty_is_refused(tmp_path):
+    (tmp_path / "note").touch()
+    demo = Demo(tmp_path, 5.0)
+    assert demo.process.wait(timeout=20) == 1
+    assert "is there already and not empty" in demo.said
+    assert [item.name for item in tmp_path.iterdir()] == ["note"]
+
+
+def test_faults_that_are_shown_are_those_that_grow():
+    path = Path(get_package_share_directory("ema_bringup"), "config", "demo.yaml")
+    [actuator] = yaml.safe_load(path.read_text()).values()
+    assert tuple(actuator["ros__parameters"]["growth"]) == SHOWN
+
+
+def test_table_on_a_terminal_shows_truth_estimate_level_and_latency():
+    one = Diagnosed(
+        0, 0, 1, fault_vector({"friction": 0.21}), np.full(8, 0.004), True, "", 0.84,
+        cycle=12, truth=fault_vector({"friction": 0.2}), level=WARN,
+    )  # fmt: skip
+    screen = io.StringIO()
+    console = Console(file=screen, force_terminal=True, width=110, height=30)
+    with LiveTable(["friction"], console) as table:
+        table.show([one], "test cycle 13")
+    for words in ("0.200 → 0.210 ± 0.004", "12", "WARN", "0.84 s", "test cycle 13"):
+        assert words in screen.getvalue()

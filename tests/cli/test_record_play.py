@@ -1,0 +1,146 @@
+"""Recording a bag that is played: the same node mains in the process of the command."""
+
+import json
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from ema_cli.history import read_history
+from ema_cli.history_figure import draw_history
+from ema_recording.reader import Bag
+
+SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
+PLAYED = ("/ema/telemetry", "/ema/actuator_description", "/ema/simulated_faults")
+
+
+def end(process: subprocess.Popen[str], number: int) -> str:
+    process.send_signal(number)
+    _, said = process.communicate(timeout=20)
+    assert process.returncode == 0, said
+    assert "Traceback" not in said
+    return said
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory):
+    """Return a bag in which a monitor diagnosed the sample, played by the command."""
+    # A name that YAML would take for a number.
+    bag = tmp_path_factory.mktemp("replay") / "1e3"
+    recorder = subprocess.Popen(
+        ["ema", "record", "-o", bag.name], cwd=bag.parent, stderr=subprocess.PIPE, text=True
+    )
+    monitor = subprocess.Popen(["ema", "up", "monitor"], stderr=subprocess.PIPE, text=True)
+    try:
+        said = subprocess.run(
+            ["ema", "play", str(SAMPLE)], stderr=subprocess.PIPE, text=True, timeout=60
+        )
+        assert said.returncode == 0, said.stderr
+        deadline = time.monotonic() + 40.0
+        while not _has_health(bag):
+            assert time.monotonic() < deadline, "no health was recorded within 40 s"
+            time.sleep(0.2)
+    finally:
+        errors = [end(monitor, signal.SIGINT), end(recorder, signal.SIGTERM)]
+    assert len(errors) == 2
+    return bag
+
+
+def _has_health(bag: Path) -> bool:
+    if not bag.is_dir():
+        return False
+    topic = Bag(bag).topics.get("/ema/health")
+    return topic is not None and topic.count > 0
+
+
+def test_recording_holds_what_was_played(replayed):
+    sample, bag = Bag(SAMPLE), Bag(replayed)
+    assert bag.damage == ""
+    for name in PLAYED:
+        played = [item.message for item in sample.messages([name])]
+        assert [item.message for item in bag.messages([name])] == played
+
+
+def test_history_beside_the_truth_of_the_sample(replayed):
+    history = read_history(replayed)
+    [one] = history.diagnoses()
+    assert (one.valid, one.cycle) == (True, 0)
+    assert one.truth is not None
+    assert one.truth[0] == 0.25
+    # Measured 0.001; 4 sigma of the estimate.
+    assert one.faults[0] == pytest.approx(0.25, abs=4.0 * one.sigma[0])
+    assert history.limits["friction"] == 0.5
+    # 0.25 of friction is half the way to its limit.
+    assert one.level == 1
+
+
+def test_latency_is_left_out_where_stamps_are_of_another_time(replayed):
+    # The sample's stamps begin at 0; the recording's at the time of the recording.
+    labels = [axes.get_ylabel() for axes in draw_history(read_history(replayed)).axes]
+    assert labels == ["friction", "eccentricity", "error of\nthe others"]
+
+
+def test_history_plot_is_written_beside_the_bag(ema, replayed):
+    result = ema("plot", replayed, "--history")
+    assert result.exit_code == 0
+    assert replayed.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_history_of_a_bag_without_estimates_is_refused(ema):
+    result = ema("plot", SAMPLE, "--history")
+    assert result.exit_code == 1
+    assert "has no estimates, so no history" in result.stderr
+    assert ema("plot", SAMPLE, "--history", "--window", "0").exit_code == 2
+
+
+def test_history_names_the_actuators_that_there_are(ema, replayed):
+    result = ema("plot", replayed, "--history", "--actuator-id", "rudder")
+    assert result.exit_code == 1
+    assert "no estimates of actuator 'rudder', but of flap" in result.stderr
+
+
+def test_existing_bag_is_kept_unless_forced(tmp_path):
+    bag = tmp_path / "kept.mcap"
+    bag.write_bytes(SAMPLE.read_bytes())
+    refused = subprocess.run(
+        ["ema", "record", "-o", str(bag)], capture_output=True, text=True, timeout=60
+    )
+    assert refused.returncode == 1
+    assert "kept.mcap is there already" in refused.stderr
+    assert bag.read_bytes() == SAMPLE.read_bytes()
+
+
+def test_bag_that_is_not_there_is_refused(tmp_path):
+    missing = tmp_path / "missing.mcap"
+    refused = subprocess.run(
+        ["ema", "play", str(missing)], capture_output=True, text=True, timeout=60
+    )
+    assert refused.returncode == 1
+    assert str(missing) in refused.stderr
+
+
+def test_options_become_parameters_of_the_nodes(monkeypatch, ema):
+    given = []
+
+    def main(arguments: list[str]) -> int:
+        given.append([item for item in arguments if ":=" in item])
+        return 0
+
+    monkeypatch.setattr("ema_recording.recorder_node.main", main)
+    monkeypatch.setattr("ema_recording.player_node.main", main)
+    assert (
+        ema("record", "-o", "12", "--topic", "telemetry", "--topic", "b", "--force").exit_code == 0
+    )
+    assert ema("play", "bag", "--rate", "4", "--only-actuator").exit_code == 0
+    assert ema("record").exit_code == 0
+    parameters = [
+        {name: json.loads(value) for name, _, value in (item.partition(":=") for item in one)}
+        for one in given
+    ]
+    assert parameters == [
+        {"output": "12", "topics": ["telemetry", "b"], "overwrite": True},
+        {"bag": "bag", "rate": 4.0, "actuator_only": True},
+        {},
+    ]

@@ -1,0 +1,234 @@
+"""Processes under supervision, with small programs in the place of nodes; then real nodes."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from ema_cli.processes import Supervisor, noted_signals
+from ema_recording.reader import Bag
+
+# Say "up", then end a while after SIGTERM and say so.
+ORDERLY = """
+import signal, sys, time
+from pathlib import Path
+note, seconds = Path(sys.argv[1]), float(sys.argv[2])
+def end(*_):
+    time.sleep(seconds)
+    with note.open("a") as file: file.write(f"{sys.argv[3]}\\n")
+    sys.exit(0)
+signal.signal(signal.SIGTERM, end)
+with note.open("a") as file: file.write("up\\n")
+while True: time.sleep(10)
+"""
+STUBBORN = ORDERLY.replace("signal.SIGTERM, end", "signal.SIGTERM, signal.SIG_IGN")
+SUPERVISOR = """
+import sys, time
+from ema_cli.processes import Supervisor, noted_signals
+with noted_signals() as stop, Supervisor(print) as processes:
+    for number in range(int(sys.argv[1])):
+        if not stop:
+            processes.start(f"child {number}", [sys.executable, "-c", sys.argv[2], *sys.argv[3:]])
+    print("started", flush=True)
+    while processes.running and not stop:
+        time.sleep(0.05)
+        processes.check()
+"""
+
+
+def wait_until(is_reached: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + 20.0
+    while not is_reached():
+        assert time.monotonic() < deadline, f"not reached within 20 s: {what}"
+        time.sleep(0.01)
+
+
+def lines(note: Path) -> list[str]:
+    return note.read_text().split("\n")[:-1] if note.exists() else []
+
+
+def processes_with(mark: str | Path) -> list[int]:
+    """Processes, other than this one, whose command line has a mark in it; zombies have none."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        if not folder.name.isdigit() or int(folder.name) == os.getpid():
+            continue
+        try:
+            command = (folder / "cmdline").read_bytes()
+        except OSError:  # it has just ended
+            continue
+        if os.fsencode(mark) in command:
+            found.append(int(folder.name))
+    return found
+
+
+def has_ended(processes: Supervisor) -> bool:
+    processes.check()
+    return not processes.running
+
+
+@pytest.fixture
+def note(tmp_path):
+    return tmp_path / "note"
+
+
+@pytest.fixture
+def child(note):
+    def command(name: str, seconds: float = 0.0, program: str = ORDERLY) -> list[str]:
+        return [sys.executable, "-c", program, str(note), str(seconds), name]
+
+    return command
+
+
+def test_last_process_is_stopped_when_the_others_are_gone(note, child):
+    told: list[str] = []
+    with Supervisor(told.append, "recorder") as processes:
+        for name, seconds in (("recorder", 0.0), ("actuator", 0.1), ("monitor", 0.4)):
+            processes.start(name, child(name, seconds))
+        wait_until(lambda: lines(note) == ["up"] * 3, "three children up")
+    assert lines(note)[3:] == ["actuator", "monitor", "recorder"]
+    assert (told, processes.failed, processes_with(note)) == ([], [], [])
+
+
+def test_last_process_waits_a_second_for_the_others_at_most(note, child):
+    with Supervisor(lambda _: None, "recorder", patience_s=10.0) as processes:
+        processes.start("recorder", child("recorder"))
+        processes.start("monitor", child("monitor", 2.0))
+        wait_until(lambda: lines(note) == ["up"] * 2, "two children up")
+    assert lines(note)[2:] == ["recorder", "monitor"]
+
+
+def test_single_process_is_stopped_while_the_others_go_on(note, child):
+    with Supervisor(lambda _: None) as processes:
+        processes.start("actuator", child("actuator"))
+        processes.start("monitor", child("monitor"))
+        wait_until(lambda: lines(note) == ["up"] * 2, "two children up")
+        processes.stop("actuator")
+        assert processes.running == ["monitor"]
+        processes.check()
+        assert processes.running == ["monitor"]
+    assert lines(note)[2:] == ["actuator", "monitor"]
+
+
+def test_process_that_does_not_end_is_killed_with_a_message(note, child):
+    told: list[str] = []
+    with Supervisor(told.append, patience_s=0.3) as processes:
+        processes.start("monitor", child("monitor", program=STUBBORN))
+        wait_until(lambda: lines(note) == ["up"], "the child up")
+    assert told == ["monitor did not end within 0.3 s and is killed"]
+    assert processes_with(note) == []
+
+
+def test_death_is_told_once_and_the_others_live_on(note, child):
+    told: list[str] = []
+    with Supervisor(told.append) as processes:
+        processes.start("monitor", child("monitor"))
+        processes.start("failing", [sys.executable, "-c", "raise SystemExit(7)"])
+        processes.start("done", [sys.executable, "-c", ""])
+        processes.start("killed", [sys.executable, "-c", "import os; os.kill(os.getpid(), 9)"])
+
+        def only_the_monitor_runs() -> bool:
+            processes.check()
+            return processes.running == ["monitor"]
+
+        wait_until(only_the_monitor_runs, "three children gone")
+        processes.check()
+        wait_until(lambda: lines(note) == ["up"], "the monitor up")
+    assert sorted(told) == [
+        "done has ended",
+        "failing failed, exit code 7",
+        "killed was ended by SIGKILL",
+    ]
+    assert sorted(processes.failed) == ["failing", "killed"]
+
+
+def test_nobody_survives_when_what_is_told_cannot_be_written(note, child):
+    def broken(_: str) -> None:
+        raise BrokenPipeError
+
+    with Supervisor(broken, patience_s=0.3) as processes:
+        for name in ("a", "b"):
+            processes.start(name, child(name, program=STUBBORN))
+        wait_until(lambda: lines(note) == ["up"] * 2, "two children up")
+    assert processes_with(note) == []
+
+
+def test_output_goes_to_the_log(tmp_path):
+    log = tmp_path / "log"
+    program = "import sys; print('said'); sys.stdout.flush(); sys.stderr.write('complained')"
+    with Supervisor(lambda _: None) as processes:
+        processes.start("one", [sys.executable, "-c", program], log)
+        wait_until(lambda: has_ended(processes), "its end")
+    assert log.read_text() == "said\ncomplained"
+
+
+def test_first_signal_counts_and_handlers_come_back():
+    before = signal.getsignal(signal.SIGTERM)
+    with noted_signals() as stop:
+        assert not stop
+        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGINT)
+        assert stop
+        assert stop.number == signal.SIGTERM
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("children_up", [0, 2, 6])
+def test_signal_at_any_moment_of_the_start_leaves_nobody(note, number, children_up):
+    command = [sys.executable, "-c", SUPERVISOR, "6", ORDERLY, str(note), "0", "child"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as supervisor:
+        # Its handlers are there once the first child has been started.
+        wait_until(lambda: len(processes_with(note)) > 1, "the first child")
+        wait_until(lambda: lines(note).count("up") >= children_up, f"{children_up} children up")
+        supervisor.send_signal(number)
+        supervisor.send_signal(signal.SIGINT)
+        supervisor.communicate(timeout=20)
+    assert supervisor.returncode == 0
+    assert processes_with(note) == []
+
+
+def test_killed_supervisor_takes_its_children_along(note):
+    command = [sys.executable, "-c", SUPERVISOR, "2", ORDERLY, str(note), "0", "child"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as supervisor:
+        wait_until(lambda: lines(note) == ["up"] * 2, "two children up")
+        supervisor.kill()
+    wait_until(lambda: processes_with(note) == [], "no survivors")
+    assert lines(note)[2:] == ["child"] * 2
+
+
+def test_nodes_run_under_one_command_until_ctrl_c(tmp_path):
+    bag = tmp_path / "bag"
+    command = ["ema", "up", "actuator", "recorder", "-p", f'output:="{bag}"', "-p", "seed:=3"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        wait_until(lambda: (bag / "bag_0.mcap").exists(), "a bag")
+        wait_until(lambda: (bag / "bag_0.mcap").stat().st_size > 100_000, "telemetry in the bag")
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=20)
+    assert process.returncode == 0, said
+    assert "Traceback" not in said
+    recorded = Bag(bag)
+    assert recorded.damage == ""
+    assert recorded.topics["/ema/telemetry"].count > 10
+    assert processes_with(bag) == []
+
+
+def test_failed_node_is_told_and_makes_exit_code_1(ema, tmp_path):
+    process = subprocess.run(
+        ["ema", "up", "player", "-p", "rate:=1.0"], capture_output=True, text=True, timeout=60
+    )
+    assert process.returncode == 1
+    assert "ema up: player failed, exit code 1" in process.stderr
+    assert "parameter bag is empty" in process.stderr
+
+
+def test_wrong_usage_is_refused_before_anything_starts(ema):
+    assert ema("up", "actuators").exit_code == 2
+    result = ema("up", "-p", "rate=2")
+    assert result.exit_code == 1
+    assert "-p 'rate=2': expected name:=value" in result.stderr

@@ -1,0 +1,253 @@
+"""A monitor in this process, and what other nodes send it, ask of it and hear from it."""
+
+import os
+import threading
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.srv import SetParameters
+from rclpy.context import Context
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+
+from ema_core.commands import THESIS_CHIRP, build_cycle
+from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
+from ema_core.telemetry import Telemetry
+from ema_interfaces.msg import FaultEstimate, Health
+from ema_messages import topics
+from ema_messages.description import description_to_message
+from ema_messages.telemetry import telemetry_to_message
+from ema_monitor.monitor_node import MonitorNode
+from ema_sim.actuator import SimulatedActuator
+
+DEADLINE_S = 8.0
+START_NS = 1_700_000_000_000_000_000
+FLAP = ActuatorDescription()
+CYCLE = build_cycle(THESIS_CHIRP, FLAP.sample_period)
+# As many as the process of the node has.
+THREADS = 8
+
+
+class Source:
+    """Telemetry of one simulated actuator, a test cycle at a time, each joining the one before."""
+
+    def __init__(self, *, stamp_ns: int = START_NS, **faults: float) -> None:
+        self._actuator = SimulatedActuator(stamp_ns=stamp_ns)
+        self._actuator.faults = fault_vector(faults)
+
+    def cycle(self, size: int = 500) -> list[Telemetry]:
+        """The next test cycle, in blocks of a size."""
+        whole = self._actuator.advance(CYCLE.samples)
+        stops = [*range(size, len(whole), size), len(whole)]
+        return [whole.part(start, stop) for start, stop in zip([0, *stops], stops, strict=False)]
+
+
+def in_window(blocks: list[Telemetry]) -> int:
+    """The number of a block in the midst of the window of a cycle of blocks."""
+    middle = blocks[0].first_index + (CYCLE.start + CYCLE.stop) // 2
+    return next(i for i, b in enumerate(blocks) if b.first_index + len(b) > middle)
+
+
+def spoiled(block: Telemetry, column: str, sample: int, value: float) -> Telemetry:
+    """A block with one sample of one column replaced."""
+    values = getattr(block, column).copy()
+    values[sample] = value
+    return replace(block, **{column: values})
+
+
+class MonitorSession:
+    """A monitor node and a probe beside it, both spun in the background."""
+
+    def __init__(self, context: Context, node: MonitorNode) -> None:
+        self.node = node
+        self.failures: list[BaseException] = []
+        self._received: defaultdict[str, list[Any]] = defaultdict(list)
+        self._changed = threading.Condition()
+        self._ending = False
+        self._estimates_told = 0
+        self.probe = Node("probe", context=context, namespace="/ema")
+        self._publishers = {
+            name: self.probe.create_publisher(message_class, name, qos)
+            for name, (message_class, qos) in topics.ACTUATOR_TOPICS.items()
+        }
+        for name, (message_class, qos) in topics.MONITOR_TOPICS.items():
+            self.subscribe(message_class, name, qos)
+        self.subscribe(DiagnosticArray, "/diagnostics", 100)
+        self._executor = MultiThreadedExecutor(THREADS, context=context)
+        for item in (node, self.probe):
+            self._executor.add_node(item)
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        while not self._ending:
+            try:
+                self._executor.spin_once(timeout_sec=0.2)
+            except Exception as error:  # a callback of the node failed: `until` tells
+                self.failures.append(error)
+
+    def subscribe(
+        self, message_class: Any, topic: str, qos: QoSProfile | int, key: str = ""
+    ) -> None:
+        def keep(message: Any) -> None:
+            with self._changed:
+                self._received[key or topic].append(message)
+                self._changed.notify_all()
+
+        self.probe.create_subscription(message_class, topic, keep, qos)
+
+    def received(self, key: str) -> list[Any]:
+        with self._changed:
+            return list(self._received[key])
+
+    def until(self, condition: Callable[[], Any], timeout_s: float = DEADLINE_S) -> Any:
+        """Wait for what must come, and return it; no callback may have failed meanwhile."""
+        with self._changed:
+            found = self._changed.wait_for(lambda: condition() or self.failures, timeout_s)
+        failures, self.failures = self.failures, []
+        assert not failures, failures
+        assert found, "what was waited for did not come"
+        return condition()
+
+    def bring_up(self) -> None:
+        """Bring the node up and wait until it hears what is published."""
+        assert self.node.bring_up()
+        self.until_heard()
+
+    def until_heard(self) -> None:
+        poll = threading.Event()
+        for _ in range(round(DEADLINE_S / 0.01)):
+            if all(
+                self._publishers[name].get_subscription_count()
+                for name in (topics.TELEMETRY, topics.DESCRIPTION)
+            ):
+                return
+            poll.wait(0.01)
+        raise AssertionError("the monitor does not listen")
+
+    def describe(self, description: ActuatorDescription = FLAP) -> None:
+        self.send(topics.DESCRIPTION, description_to_message(description))
+
+    def describe_from_a_node_of_its_own(self, description: ActuatorDescription) -> None:
+        """Publish a description as another actuator does, to whoever listens now or later."""
+        message_class, qos = topics.ACTUATOR_TOPICS[topics.DESCRIPTION]
+        publisher = self.probe.create_publisher(message_class, topics.DESCRIPTION, qos)
+        publisher.publish(description_to_message(description))
+
+    def feed(self, blocks: Iterable[Telemetry], actuator_id: str = FLAP.actuator_id) -> None:
+        for block in blocks:
+            self.send(topics.TELEMETRY, telemetry_to_message(block, actuator_id))
+
+    def send(self, topic: str, message: Any) -> None:
+        self._publishers[topic].publish(message)
+
+    def estimates(self, actuator_id: str = FLAP.actuator_id) -> list[FaultEstimate]:
+        received = self.received(topics.FAULT_ESTIMATE)
+        return [item for item in received if item.actuator_id == actuator_id]
+
+    def healths(self, actuator_id: str = FLAP.actuator_id) -> list[Health]:
+        return [item for item in self.received(topics.HEALTH) if item.actuator_id == actuator_id]
+
+    def next_estimate(self, timeout_s: float = DEADLINE_S) -> FaultEstimate:
+        """Wait for one more estimate than have been returned by this method so far."""
+        self._estimates_told += 1
+        number = self._estimates_told
+        return self.until(lambda: self.estimates()[number - 1 : number], timeout_s)[0]
+
+    def statuses(self, task: str) -> list[DiagnosticStatus]:
+        """What has been told of a task so far, the latest last."""
+        return [
+            status
+            for array in self.received("/diagnostics")
+            for status in array.status
+            if status.name == f"monitor: {task}"
+        ]
+
+    def until_told(
+        self, task: str, text: str, level: bytes | None = None, *, since: int = 0
+    ) -> DiagnosticStatus:
+        """Wait until a status tells something."""
+
+        def told() -> list[DiagnosticStatus]:
+            return [
+                item
+                for item in self.statuses(task)[since:]
+                if text in item.message and level in (None, item.level)
+            ]
+
+        try:
+            return self.until(told)[-1]
+        except AssertionError as error:
+            seen = sorted({item.message for item in self.statuses(task)[since:]})
+            raise AssertionError(f"{task}: {text!r} is not among {seen}; {error}") from error
+
+    def call(self, service: Any, name: str, request: Any, timeout_s: float = DEADLINE_S) -> Any:
+        return self.result(self.start(service, name, request), timeout_s)
+
+    def start(self, service: Any, name: str, request: Any) -> Any:
+        client = self.probe.create_client(service, name)
+        assert client.wait_for_service(DEADLINE_S), f"there is no service {name}"
+        return client.call_async(request)
+
+    def result(self, future: Any, timeout_s: float = DEADLINE_S) -> Any:
+        done = threading.Event()
+        future.add_done_callback(lambda _: done.set())
+        assert done.wait(timeout_s), "the answer did not come"
+        return future.result()
+
+    def change_state(self, transition: int) -> bool:
+        request = ChangeState.Request()
+        request.transition.id = transition
+        return self.call(ChangeState, "/ema/monitor/change_state", request).success
+
+    def set_parameters(self, **values: Any) -> list[Any]:
+        return self.set_parameter_values(values)
+
+    def set_parameter_values(self, values: dict[str, Any]) -> list[Any]:
+        """Set parameters as another node does, and return the answers."""
+        request = SetParameters.Request(
+            parameters=[
+                Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+            ]
+        )
+        return self.call(SetParameters, "/ema/monitor/set_parameters", request).results
+
+    def close(self) -> None:
+        self._ending = True
+        self.node.stopping.set()
+        self._thread.join(5.0)
+        self._executor.shutdown(5.0)
+        if self.node.state == "active":
+            self.node.trigger_deactivate()
+        self.probe.destroy_node()
+
+
+@contextmanager
+def monitor(
+    parameters: dict[str, Any] | None = None, *, up: bool = True, apart: bool = False
+) -> Iterator[MonitorSession]:
+    """A monitor with these parameters, brought up unless told otherwise.
+
+    One that lives while others come and go has to be apart from them.
+    """
+    context = Context()
+    context.init(domain_id=1 + (int(os.environ["ROS_DOMAIN_ID"]) + 50 * apart - 1) % 101)
+    overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
+    node = MonitorNode(context=context, parameter_overrides=overrides)
+    session = MonitorSession(context, node)
+    try:
+        if up:
+            session.bring_up()
+        yield session
+    finally:
+        session.close()
+        node.destroy_node()
+        context.shutdown()

@@ -1,0 +1,336 @@
+"""The monitor as other nodes see it: estimates, health, settings and lifecycle."""
+
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lifecycle_msgs.msg import Transition
+from rosgraph_msgs.msg import Clock
+
+from ema_core.faults import FAULT_NAMES
+from ema_interfaces.msg import FaultEstimate, Health
+from ema_messages.stamps import stamp_from_message
+from ema_messages.topics import LATCHED
+from ema_monitor import monitor_node
+from ema_monitor.calibration import Calibration
+from ema_monitor.diagnosis import Diagnosis, Search
+from ema_monitor.optimizers import ALGORITHMS
+from ema_monitor.trigger import TriggerSettings
+from ema_monitor.watch import Watch
+
+from .monitor_session import CYCLE, FLAP, START_NS, MonitorSession, Source, in_window, monitor
+
+OK, WARN, ERROR, STALE = 0, 1, 2, 3
+PERIOD_NS = 100_000
+
+
+@pytest.fixture(scope="module")
+def session() -> Iterator[MonitorSession]:
+    """A monitor that has identified one window of an actuator with friction."""
+    with monitor(apart=True) as running:
+        running.describe()
+        running.feed(Source(friction=0.3).cycle())
+        running.next_estimate()
+        running.until(running.healths)
+        yield running
+
+
+@pytest.fixture(scope="module")
+def estimate(session: MonitorSession) -> FaultEstimate:
+    return session.estimates()[0]
+
+
+@pytest.fixture(scope="module")
+def health(session: MonitorSession) -> Health:
+    return session.healths()[0]
+
+
+def vector(estimate: FaultEstimate) -> np.ndarray:
+    return np.array([getattr(estimate.faults, name) for name in FAULT_NAMES])
+
+
+def test_estimate_is_stamped_with_its_window(estimate: FaultEstimate):
+    start_ns = START_NS + PERIOD_NS * (CYCLE.start + 1)
+    assert stamp_from_message(estimate.window_start) == start_ns
+    assert stamp_from_message(estimate.window_end) == start_ns + 500_000_000
+    assert estimate.header.stamp == estimate.window_end
+    assert estimate.window == 0
+
+
+def test_estimate_is_that_of_the_library(estimate: FaultEstimate):
+    watch = Watch(TriggerSettings(), FLAP)
+    [found] = [e for block in Source(friction=0.3).cycle() for e in watch.feed(block)]
+    run = Diagnosis(found, Calibration.builtin(), Search().settings())  # type: ignore[arg-type]
+    for _ in run:
+        pass
+    expected = run.estimate
+    assert expected is not None
+    np.testing.assert_array_equal(vector(estimate), expected.faults)
+    np.testing.assert_array_equal(
+        np.reshape(estimate.covariance, (8, 8)), expected.covariance
+    )
+    assert (estimate.valid, estimate.reason) == (True, expected.reason)
+    assert estimate.evaluations == expected.evaluations > 0
+    assert estimate.fitness == expected.fitness
+    assert estimate.goodness_of_fit == expected.goodness_of_fit < estimate.goodness_limit
+    assert estimate.excitation == pytest.approx(np.ptp(CYCLE.samples[CYCLE.start : CYCLE.stop]))
+    assert estimate.calibration_id == Calibration.builtin().calibration_id
+    assert (estimate.algorithm, estimate.seed) == (Search().algorithm, 0)
+    assert (estimate.actuator_id, estimate.serial_number) == (FLAP.actuator_id, FLAP.serial_number)
+    assert 0.0 < estimate.computing_time < 8.0
+
+
+def test_covariance_is_symmetric_and_unknown_where_unobservable(estimate: FaultEstimate):
+    covariance = np.reshape(estimate.covariance, (8, 8))
+    unknown = np.array([bool(estimate.unobservable & 1 << i) for i in range(8)])
+    # Without eccentricity its direction says nothing.
+    assert unknown[FAULT_NAMES.index("eccentricity_phase")]
+    assert not unknown[FAULT_NAMES.index("friction")]
+    np.testing.assert_array_equal(covariance, covariance.T)
+    np.testing.assert_array_equal(np.isnan(covariance), unknown[:, None] | unknown[None, :])
+    assert np.linalg.eigvalsh(covariance[np.ix_(~unknown, ~unknown)]).min() >= 0.0
+
+
+def test_health_tells_of_the_fault(estimate: FaultEstimate, health: Health):
+    assert health.header.stamp == estimate.window_end
+    assert (health.actuator_id, health.serial_number) == (FLAP.actuator_id, FLAP.serial_number)
+    assert (health.level, health.dominant_fault) == (WARN, "friction")
+    share = estimate.faults.friction / 0.5
+    assert health.health_index == pytest.approx(1.0 - share)
+    assert (health.severity, health.cycles) == (2, 1)
+    assert 0.8 < health.confidence <= 1.0
+    [friction] = [item for item in health.faults if item.name == "friction"]
+    assert (friction.level, friction.limit, friction.limit_is_lower) == (WARN, 0.5, False)
+    assert friction.value == estimate.faults.friction
+    assert friction.sigma == pytest.approx(np.sqrt(estimate.covariance[0]))
+
+
+def test_remaining_life_is_unknown(health: Health):
+    lives = [health.rul, health.rul_faults, health.rul_requirements]
+    for life in (*lives, *(item.rul for item in health.faults)):
+        assert not life.known
+        assert life.reason
+        assert np.isnan([life.hours_05, life.hours_50, life.hours_95]).all()
+        assert np.isnan([life.cycles_05, life.cycles_50, life.cycles_95]).all()
+
+
+def test_late_joiner_learns_the_health(session: MonitorSession):
+    session.subscribe(Health, "health", LATCHED, key="late")
+    assert session.until(lambda: session.received("late"))[0].actuator_id == FLAP.actuator_id
+
+
+def test_status_carries_the_figures(session: MonitorSession):
+    telemetry = session.until_told("flap telemetry", "1 valid estimates", b"\x00")
+    assert telemetry.hardware_id == FLAP.serial_number
+    values = {item.key: item.value for item in telemetry.values}
+    expected = {"blocks": "34", "samples lost": "0", "windows": "1", "estimates valid": "1"}
+    assert expected.items() <= values.items()
+    health = session.until_told("flap health", "WARN: friction", b"\x01")
+    values = {item.key: float(item.value) for item in health.values}
+    assert values["health index"] == pytest.approx(session.healths()[0].health_index, rel=1e-6)
+
+
+def test_setting_that_is_impossible_is_refused_with_its_reason(session: MonitorSession):
+    wanted = {"algorithm": "tea_leaves", "window_s": 1e3, "limits.gain": -1.0, "budget": 2.5}
+    for name, value in wanted.items():
+        [answer] = session.set_parameter_values({name: value})
+        assert not answer.successful, name
+        assert name in answer.reason
+    [answer] = session.set_parameters(algorithm="tea_leaves")
+    assert all(name in answer.reason for name in ALGORITHMS)
+    [answer] = session.set_parameters(calibration_file="elsewhere")
+    assert "read-only" in answer.reason
+    assert session.node.get_parameter("algorithm").value == Search().algorithm
+
+
+def test_settings_take_effect_with_the_next_window(session: MonitorSession):
+    source = Source(friction=0.3)
+    before = len(session.estimates())
+    changes = {"algorithm": "pso", "budget": 700, "seed": 5, "limits.friction": 0.25}
+    assert all(r.successful for r in session.set_parameter_values(changes))
+    session.feed(source.cycle())
+    session.until(lambda: len(session.estimates()) > before)
+    estimate = session.estimates()[before]
+    session.until(lambda: len(session.healths()) > 1)
+    assert (estimate.algorithm, estimate.seed) == ("pso", 5)
+    assert 0 < estimate.evaluations <= 700
+    friction = session.healths()[-1].faults[0]
+    assert friction.limit == 0.25
+    expected = ERROR if estimate.faults.friction > 0.25 else WARN
+    assert friction.level == expected
+    # A window of another length than that of the calibration is refused, and says so.
+    assert session.set_parameters(window_s=0.3)[0].successful
+    session.feed(source.cycle())
+    session.until(lambda: len(session.estimates()) > before + 1)
+    estimate = session.estimates()[before + 1]
+    length = stamp_from_message(estimate.window_end) - stamp_from_message(estimate.window_start)
+    assert (length, estimate.valid) == (300_000_000, False)
+    assert "3000" in estimate.reason
+
+
+def test_estimates_do_not_depend_on_how_telemetry_is_cut_or_when_it_comes():
+    described = replace(FLAP, sample_period=1e-4)
+    results = []
+    for size, pause_s in ((100, 0.0), (1700, 0.02), (17_000, 0.0)):
+        with monitor() as session:
+            session.describe(described)
+            for block in Source(backlash=0.2).cycle(size):
+                session.feed([block])
+                threading.Event().wait(pause_s)
+            estimate = session.next_estimate()
+            estimate.computing_time = 0.0
+            results.append(estimate)
+    assert results[0].valid
+    for other in results[1:]:
+        # NaN is not equal to itself.
+        np.testing.assert_array_equal(other.covariance, results[0].covariance)
+        other.covariance = results[0].covariance
+        assert other == results[0]
+
+
+def test_actuators_are_told_apart():
+    rudder = replace(FLAP, actuator_id="rudder", serial_number="SIM-0002")
+    with monitor() as session:
+        for described in (FLAP, rudder):
+            session.describe(described)
+        cycles = zip(Source(friction=0.3).cycle(), Source(gain=0.6).cycle(), strict=True)
+        for flap, other in cycles:
+            session.feed([flap])
+            session.feed([other], "rudder")
+        assert session.next_estimate().valid
+        # The shipped calibration belongs to another unit.
+        refused = session.until(lambda: session.estimates("rudder"))[0]
+        assert (refused.window, refused.serial_number) == (0, "SIM-0002")
+        assert not refused.valid
+        assert "SIM-0002" in refused.reason
+        assert session.until_told("rudder telemetry", "SIM-0002").hardware_id == "SIM-0002"
+        assert session.until_told("input", "2 actuators watched")
+
+
+def test_latched_descriptions_of_all_actuators_are_heard():
+    others = [replace(FLAP, actuator_id=f"tab_{i}", serial_number=f"T{i}") for i in range(3)]
+    with monitor(up=False) as session:
+        for described in (FLAP, *others):
+            session.describe_from_a_node_of_its_own(described)
+        session.bring_up()
+        session.until_told("input", "4 actuators watched")
+
+
+def test_health_grows_stale_after_three_expected_periods():
+    with monitor() as session:
+        session.describe()
+        session.feed(Source().cycle())
+        assert session.next_estimate().valid
+        session.until(lambda: [h for h in session.healths() if h.level == OK])
+        assert session.set_parameters(expected_period_s=0.1)[0].successful
+        stale = session.until(lambda: [h for h in session.healths() if h.level == STALE])[0]
+        assert stale.confidence == 0.0
+        assert "no valid estimate for more than 0.3 s" in stale.reason
+        assert stale.header.stamp == session.estimates()[0].window_end
+        session.until_told("flap health", "STALE", b"\x03")
+
+
+class SlowDiagnosis(Diagnosis):
+    """One that is made when it may."""
+
+    may = threading.Event()
+
+    def __iter__(self):
+        while not self.may.wait(0.01):
+            yield None
+        yield from super().__iter__()
+
+
+@pytest.fixture
+def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
+    """Identification goes on when this is set."""
+    monkeypatch.setattr(monitor_node, "Diagnosis", SlowDiagnosis)
+    monkeypatch.setattr(SlowDiagnosis, "may", threading.Event())
+    yield SlowDiagnosis.may
+    SlowDiagnosis.may.set()
+
+
+def count(session: MonitorSession, task: str, key: str) -> int:
+    values = [i.value for s in session.statuses(task)[-1:] for i in s.values if i.key == key]
+    return int(values[0]) if values else -1
+
+
+def test_oldest_window_gives_way_when_too_many_wait(held: threading.Event):
+    source = Source()
+    with monitor({"waiting_windows": 1}) as session:
+        session.describe()
+        session.feed(source.cycle())
+        session.until(lambda: count(session, "flap telemetry", "windows") == 1)
+        for _ in range(3):
+            session.feed(source.cycle())
+        session.until(lambda: count(session, "flap telemetry", "windows") == 4)
+        held.set()
+        session.until(lambda: len(session.estimates()) == 4)
+        assert [e.window for e in session.estimates()] == [0, 1, 2, 3]
+        assert [e.valid for e in session.estimates()] == [True, False, False, True]
+        for estimate in session.estimates()[1:3]:
+            assert "dropped: more than 1 windows waited" in estimate.reason
+        session.until(lambda: count(session, "input", "windows dropped") == 2)
+
+
+def test_none_gives_way_in_simulated_time(held: threading.Event):
+    source = Source()
+    with monitor({"waiting_windows": 1, "use_sim_time": True}) as session:
+        clock = session.probe.create_publisher(Clock, "/clock", 10)
+        session.describe()
+        for _ in range(4):
+            session.feed(source.cycle())
+        session.until(lambda: count(session, "flap telemetry", "windows") == 4)
+        assert clock.get_subscription_count()
+        held.set()
+        session.until(lambda: len(session.estimates()) == 4)
+        assert [(e.window, e.valid) for e in session.estimates()] == [(i, True) for i in range(4)]
+        session.until(lambda: count(session, "input", "windows dropped") == 0)
+
+
+def test_what_waits_is_refused_on_deactivation_and_work_goes_on_after(held: threading.Event):
+    source = Source()
+    with monitor() as session:
+        session.describe()
+        for _ in range(2):
+            session.feed(source.cycle())
+        blocks = source.cycle()
+        session.feed(blocks[: in_window(blocks)])
+        total = 2 * 34 + in_window(blocks)
+        session.until(lambda: count(session, "flap telemetry", "blocks") == total)
+        assert session.change_state(Transition.TRANSITION_DEACTIVATE)
+        session.until(lambda: len(session.estimates()) == 3)
+        assert [(e.window, e.valid) for e in session.estimates()] == [(i, False) for i in range(3)]
+        for estimate, reason in zip(
+            session.estimates(), ("stopped during", "stopped before", "the telemetry ends"),
+            strict=True,
+        ):
+            assert reason in estimate.reason
+        held.set()
+        assert session.change_state(Transition.TRANSITION_ACTIVATE)
+        session.until_heard()
+        session.feed(Source().cycle())
+        estimate = session.until(lambda: session.estimates()[3:])[0]
+        assert (estimate.window, estimate.valid) == (3, True)
+
+
+def test_lifecycle_goes_round_and_refuses_what_is_impossible():
+    with monitor() as session:
+        for _ in range(2):
+            assert not session.change_state(Transition.TRANSITION_ACTIVATE)
+            assert session.change_state(Transition.TRANSITION_DEACTIVATE)
+            assert not session.change_state(Transition.TRANSITION_DEACTIVATE)
+            assert session.change_state(Transition.TRANSITION_CLEANUP)
+            assert not session.change_state(Transition.TRANSITION_ACTIVATE)
+            assert not session.change_state(99)
+            assert session.change_state(Transition.TRANSITION_CONFIGURE)
+            assert session.change_state(Transition.TRANSITION_ACTIVATE)
+        session.until_heard()
+        session.describe()
+        session.feed(Source().cycle())
+        assert session.next_estimate().valid
+        assert session.change_state(Transition.TRANSITION_ACTIVE_SHUTDOWN)
+        assert session.node.finished.is_set()
+        assert session.node.state == "finalized"

@@ -1,0 +1,262 @@
+"""What is wrong with the telemetry is named, costs the window that it falls in, and no more."""
+
+import array
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.telemetry import COLUMNS, Telemetry
+from ema_interfaces.msg import TelemetryBlock
+from ema_messages import topics
+from ema_messages.description import description_to_message
+from ema_messages.telemetry import telemetry_to_message
+
+from .monitor_session import FLAP, MonitorSession, Source, in_window, monitor, spoiled
+
+Messages = list[TelemetryBlock]
+WARN, ERROR = b"\x01", b"\x02"
+
+
+@pytest.fixture(scope="module")
+def session() -> Iterator[MonitorSession]:
+    with monitor(apart=True) as running:
+        running.describe()
+        yield running
+
+
+@pytest.fixture(scope="module")
+def source() -> Source:
+    """One actuator for all tests, whose telemetry goes on from one to the next."""
+    return Source(friction=0.3)
+
+
+def message(block: Telemetry) -> TelemetryBlock:
+    return telemetry_to_message(block, FLAP.actuator_id)
+
+
+def not_finite(column: str, value: float) -> Callable[[Telemetry], Messages]:
+    return lambda block: [message(spoiled(block, column, 3, value))]
+
+
+def stamped_s_later(block: Telemetry, s: float) -> Messages:
+    return [message(replace(block, stamp_ns=block.stamp_ns + round(s * 1e9)))]
+
+
+def with_period(block: Telemetry, sample_period: float) -> Messages:
+    spoilt = message(block)
+    spoilt.sample_period = sample_period
+    return [spoilt]
+
+
+def with_column(block: Telemetry, column: str, length: int) -> Messages:
+    spoilt = message(block)
+    setattr(spoilt, column, array.array("d", np.zeros(length).tobytes()))
+    return [spoilt]
+
+
+def empty(block: Telemetry) -> Messages:
+    spoilt = message(block)
+    for column in COLUMNS:
+        setattr(spoilt, column, array.array("d"))
+    return [spoilt]
+
+
+WRONG: dict[str, tuple[Callable[[Telemetry], Messages], list[str]]] = {
+    "NaN command": (not_finite("command", np.nan), ["command is nan at index", "finite"]),
+    "NaN current": (not_finite("current", np.nan), ["current is nan at index", "finite"]),
+    "infinite position": (not_finite("position", np.inf), ["position is inf at index", "finite"]),
+    "gap": (lambda _: [], ["gap of 500 samples"]),
+    "block twice": (lambda b: [message(b), message(b)], ["the sample index went back from"]),
+    "period": (lambda b: with_period(b, 2e-4), ["period changed from 0.0001 s to 0.0002 s"]),
+    "period of 0": (lambda b: with_period(b, 0.0), ["sample_period = 0.0 s", "outside"]),
+    "NaN period": (lambda b: with_period(b, np.nan), ["sample_period = nan s", "outside"]),
+    "short column": (lambda b: with_column(b, "current", 499), ["current 499", "command 500"]),
+    "no column": (lambda b: with_column(b, "speed", 0), ["speed 0", "one length"]),
+    "no samples": (empty, ["command 0", "one length of at least 1"]),
+    "time": (lambda b: stamped_s_later(b, -10.0), ["time ran backwards by"]),
+    # Mean of the stamps in the window over that of the blocks: 0.5 s + 0.4 s over 0.5 s.
+    "time leaps": (lambda b: stamped_s_later(b, 0.4), ["the stamps say one sample every"]),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_telemetry_costs_its_window_and_is_named(
+    session: MonitorSession, source: Source, name: str
+):
+    spoil, texts = WRONG[name]
+    blocks = source.cycle()
+    number = in_window(blocks)
+    told, estimates = len(session.statuses("flap telemetry")), len(session.estimates())
+    for block in blocks[:number]:
+        session.send(topics.TELEMETRY, message(block))
+    for spoilt in spoil(blocks[number]):
+        session.send(topics.TELEMETRY, spoilt)
+    if name == "time leaps":
+        blocks = [replace(b, stamp_ns=b.stamp_ns + 400_000_000) for b in blocks]
+    session.feed(blocks[number + 1 :])
+
+    refused = session.until(lambda: session.estimates()[estimates:])[0]
+    assert not refused.valid
+    assert refused.evaluations == 0
+    assert all(np.isnan(getattr(refused.faults, k)) for k in ("friction", "gain"))
+    for text in texts:
+        assert text in refused.reason
+        status = session.until_told("flap telemetry", text, WARN, since=told)
+        assert status.hardware_id == FLAP.serial_number
+
+    session.feed(source.cycle())
+    session.until(lambda: [e for e in session.estimates()[estimates:] if e.valid])
+    session.until_told("flap telemetry", "valid estimates", b"\x00", since=told)
+    after = session.estimates()[estimates:]
+    assert [e.valid for e in after] == [False, True]
+    assert after[1].window == refused.window + 1
+    assert after[1].faults.friction == pytest.approx(0.3, abs=0.02)
+
+
+def test_defect_outside_of_a_window_is_named_and_costs_none(
+    session: MonitorSession, source: Source
+):
+    told, estimates = len(session.statuses("flap telemetry")), len(session.estimates())
+    blocks = source.cycle()
+    blocks[2] = spoiled(blocks[2], "speed", 0, np.nan)
+    session.feed(blocks[:3])
+    session.until_told("flap telemetry", "speed is nan at index", WARN, since=told)
+    session.feed(blocks[3:])
+    session.until(lambda: session.estimates()[estimates:])
+    assert [e.valid for e in session.estimates()[estimates:]] == [True]
+
+
+def test_every_wrong_input_of_a_row_is_named(session: MonitorSession, source: Source):
+    told = len(session.statuses("flap telemetry"))
+    blocks = source.cycle()[:8]
+    blocks[2] = spoiled(blocks[2], "speed", 0, np.nan)
+    blocks[4] = spoiled(blocks[4], "current", 0, np.inf)
+    blocks[6] = spoiled(blocks[6], "position", 0, np.nan)
+    session.feed(blocks)
+    for text in ("speed is nan", "current is inf", "position is nan"):
+        session.until_told("flap telemetry", text, WARN, since=told)
+
+
+def test_defect_is_told_although_an_older_window_is_being_identified():
+    source = Source()
+    with monitor() as session:
+        session.describe()
+        blocks = source.cycle()
+        blocks[-1] = spoiled(blocks[-1], "speed", 0, np.nan)
+        session.feed(blocks)
+        assert session.next_estimate().valid
+        # The window is sound, but what came after it is not: that must not be forgotten.
+        reports = len(session.statuses("flap telemetry"))
+        session.until(lambda: len(session.statuses("flap telemetry")) > reports)
+        status = session.statuses("flap telemetry")[-1]
+        assert "speed is nan" in status.message
+
+
+@pytest.mark.timeout(20)
+def test_defect_is_told_while_the_status_is_being_published(monkeypatch: pytest.MonkeyPatch):
+    with monitor() as session:
+        session.describe()
+        session.until_told("flap telemetry", "no telemetry so far")
+        asked, telling = threading.Event(), threading.Event()
+        tasks, report = session.node.tasks, session.node.report
+
+        def slow_tasks():
+            asked.set()
+            telling.wait(4.0)
+            return tasks()
+
+        def announced_report():
+            if asked.is_set():
+                telling.set()
+            report()
+
+        monkeypatch.setattr(session.node, "tasks", slow_tasks)
+        monkeypatch.setattr(session.node, "report", announced_report)
+        assert asked.wait(4.0)
+        block = Source().cycle()[0]
+        session.feed([spoiled(block, "speed", 0, np.nan)])
+        session.until_told("flap telemetry", "speed is nan")
+
+
+@pytest.mark.parametrize(
+    "sample_period",
+    [
+        # What a whole number in a float64 field is sent as where fields are not checked.
+        5e-324,
+        1e300,
+    ],
+)
+def test_absurd_sample_period_is_named(source: Source, sample_period: float):
+    with monitor() as session:
+        session.describe()
+        blocks = source.cycle()
+        number = in_window(blocks)
+        session.feed(blocks[:number])
+        session.send(topics.TELEMETRY, with_period(blocks[number], sample_period)[0])
+        session.feed(blocks[number + 1 :])
+        assert "sample" in session.next_estimate().reason
+        session.until_told("flap telemetry", f"{sample_period:g}", WARN)
+        session.feed(source.cycle())
+        assert session.next_estimate().valid
+
+
+def test_window_that_ends_beyond_what_stamps_hold_does_not_end_the_work(source: Source):
+    beyond_ns = 2**31 * 10**9
+    with monitor() as session:
+        session.describe()
+        blocks = Source(stamp_ns=beyond_ns - 10**9).cycle(size=7000)
+        # The window begins 0.2 s before and ends 0.3 s behind.
+        session.feed(b for b in blocks if b.stamp_ns < beyond_ns)
+        session.feed(source.cycle())
+        session.until(lambda: [e for e in session.estimates() if e.valid])
+
+
+def test_telemetry_waits_for_the_description(source: Source):
+    with monitor() as session:
+        session.feed(source.cycle())
+        status = session.until_told("flap telemetry", "no description", ERROR)
+        assert status.hardware_id == FLAP.actuator_id
+        assert session.estimates() == []
+        session.describe()
+        assert session.next_estimate().valid
+
+
+def test_wrong_description_is_named(source: Source):
+    wrong = description_to_message(FLAP)
+    wrong.resistance = -1.0
+    with monitor() as session:
+        session.send(topics.DESCRIPTION, wrong)
+        session.until_told("flap telemetry", "the description is impossible", None)
+        session.until_told("flap telemetry", "-1")
+        session.feed(source.cycle())
+        session.describe()
+        assert session.next_estimate().valid
+        told = len(session.statuses("flap telemetry"))
+        session.send(topics.DESCRIPTION, wrong)
+        session.until_told("flap telemetry", "the description is impossible", WARN, since=told)
+        session.feed(source.cycle())
+        assert session.next_estimate().valid
+
+
+def test_description_with_another_sample_period_is_named(source: Source):
+    with monitor() as session:
+        session.describe(replace(FLAP, sample_period=2e-4))
+        session.feed(source.cycle())
+        session.until_told("flap telemetry", "the description says one sample every 0.0002 s", WARN)
+
+
+def test_messages_without_actuator_are_counted_and_named(source: Source):
+    nameless = description_to_message(FLAP)
+    nameless.actuator_id = ""
+    with monitor() as session:
+        session.until_told("input", "no actuator heard of so far", WARN)
+        session.feed(source.cycle()[:2], actuator_id="")
+        session.until_told("input", "2 messages without actuator_id", WARN)
+        session.send(topics.DESCRIPTION, nameless)
+        session.until_told("input", "3 messages without actuator_id", WARN)
+        session.describe()
+        session.feed(source.cycle())
+        assert session.next_estimate().valid
