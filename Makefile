@@ -24,8 +24,9 @@ lint: setup ## style, types and import contracts
 demo: setup ## watch an actuator wear out: live table, bag and picture (DEMO_S=60 is its length)
 	@$(activate) && exec ema demo --duration $(DEMO_S)
 
-bench: setup ## error and time on the thesis's cases; writes tests/benchmarks/accuracy.json
+bench: setup ## error and time on the thesis's cases, losses and latency live; writes JSON
 	$(activate) && python tests/benchmarks/accuracy.py --json tests/benchmarks/accuracy.json
+	$(activate) && python tests/benchmarks/live.py --json tests/benchmarks/live.json
 
 calibration: setup ## the shipped calibration anew, after a change of either model
 	$(activate) && ema simulate --cycles 20 --force -o ros2_ws/build/healthy.mcap

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.parameters import ActuatorParameters, constants
+from ema_core.quantity import check_quantities, quantity, text
 
 COMMAND_SHAPES: Final = ("step", "ramp", "sine", "chirp", "custom")
 
@@ -53,41 +54,29 @@ class Command:
         When a figure is impossible; the message names it with its value, unit and range.
     """
 
-    shape: str = "chirp"
-    amplitude: float = 0.005
-    duration: float = 0.5
-    start_time: float = 0.01
-    rate: float = 0.1
-    start_frequency: float = 0.0
-    end_frequency: float = 15.0
-    final_fraction: float = 1.0
+    shape: str = text("chirp", "shape of the command", COMMAND_SHAPES)
+    amplitude: float = quantity(
+        0.005, "rad", -10.0, 10.0, "amplitude, height of the step, end value of the ramp"
+    )
+    duration: float = quantity(0.5, "s", 1e-3, 3600.0, "length of the command")
+    start_time: float = quantity(0.01, "s", 0.0, 3600.0, "when a step or ramp starts")
+    rate: float = quantity(0.1, "rad/s", -100.0, 100.0, "slope of the ramp")
+    start_frequency: float = quantity(
+        0.0, "Hz", 0.0, 1e3, "frequency of the sine, or of the chirp at its start"
+    )
+    end_frequency: float = quantity(15.0, "Hz", 0.0, 1e3, "frequency of the chirp at its end")
+    final_fraction: float = quantity(
+        1.0, "-", 0.0, 1.0, "share of the chirp's amplitude that is left at its end"
+    )
     samples: ArrayLike = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
-        if self.shape not in COMMAND_SHAPES:
-            raise ValueError(
-                f"command shape {self.shape!r} is unknown; known: {', '.join(COMMAND_SHAPES)}"
-            )
-        limits = {
-            "amplitude": (-10.0, 10.0, "rad"),
-            "duration": (1e-3, 3600.0, "s"),
-            "start_time": (0.0, 3600.0, "s"),
-            "rate": (-100.0, 100.0, "rad/s"),
-            "start_frequency": (0.0, 1e3, "Hz"),
-            "end_frequency": (0.0, 1e3, "Hz"),
-            "final_fraction": (0.0, 1.0, "-"),
-        }
-        for name, (lowest, highest, unit) in limits.items():
-            value = getattr(self, name)
-            if not lowest <= value <= highest:
-                raise ValueError(
-                    f"command {name} = {value:g} {unit} is outside [{lowest:g}, {highest:g}] {unit}"
-                )
+        check_quantities(self)
         samples = np.array(self.samples, dtype=np.float64)
         if self.shape == "custom":
             if samples.ndim != 1 or samples.size == 0:
                 raise ValueError(
-                    f"a custom command needs a row of samples, not an array of {samples.shape}"
+                    f"shape = 'custom' needs a row of samples, not an array of {samples.shape}"
                 )
             bad = np.flatnonzero(~np.isfinite(samples))
             if bad.size:

@@ -33,13 +33,13 @@ from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
 from ema_sim.growth import Growth
 from ema_sim.pacing import Pace
 from ema_sim.runner import BenchRunner
-from ema_sim.settings import CommandSettings, FaultSettings, ResolutionSettings, RunSettings
+from ema_sim.settings import FaultSettings, ResolutionSettings, RunSettings
 
 _CLOCK: Final = "/clock"
 _CLOCK_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _PAUSE_S: Final = 0.3
 _COMMAND_FIGURES: Final = tuple(
-    item.name for item in fields(CommandSettings) if item.name != "shape"
+    item.name for item in fields(Command) if item.name not in ("shape", "samples")
 )
 
 
@@ -62,7 +62,7 @@ class ActuatorNode(ManagedNode):
         declare(self, RunSettings)
         self._description = _described(read(self, RunSettings).actuator_file)
         declare(self, BenchSettings(pause_s=_PAUSE_S))
-        declare(self, CommandSettings, "command.")
+        declare(self, Command, "command.")
         declare(self, ResolutionSettings, "resolution.")
         declare(self, FaultSettings, "faults.")
         for name in FAULT_NAMES:
@@ -84,7 +84,7 @@ class ActuatorNode(ManagedNode):
             parameters=read(self, ActuatorParameters, "plant."),
             resolutions=read(self, ResolutionSettings, "resolution.").resolutions(),
         )
-        self._bench.set_command(read(self, CommandSettings, "command.").command())
+        self._bench.set_command(read(self, Command, "command."))
         growths = {name: read(self, Growth, f"growth.{name}.") for name in FAULT_NAMES}
         self._bench.set_faults(asdict(read(self, FaultSettings, "faults.")), growths)
         self._runner = BenchRunner(

@@ -3,7 +3,6 @@
 from dataclasses import asdict, dataclass, make_dataclass
 from typing import Any, Final
 
-from ema_core.commands import COMMAND_SHAPES, THESIS_CHIRP, Command
 from ema_core.faults import FAULTS
 from ema_core.quantity import check_quantities, quantity, text
 
@@ -23,47 +22,6 @@ class RunSettings:
 
     def __post_init__(self) -> None:
         check_quantities(self)
-
-
-@dataclass(frozen=True)
-class CommandSettings:
-    """The command of the test cycle by its shape and figures, those of ``Command``.
-
-    Raises
-    ------
-    ValueError
-        When a value is impossible; the message names it, its value, unit and range.
-    """
-
-    shape: str = text(
-        THESIS_CHIRP.shape,
-        "shape of the command",
-        tuple(s for s in COMMAND_SHAPES if s != "custom"),
-    )
-    amplitude: float = quantity(
-        THESIS_CHIRP.amplitude, "rad", -10.0, 10.0, "amplitude, height of the step, end of the ramp"
-    )
-    duration: float = quantity(THESIS_CHIRP.duration, "s", 1e-3, 3600.0, "length of the command")
-    start_time: float = quantity(
-        THESIS_CHIRP.start_time, "s", 0.0, 3600.0, "when a step or ramp starts"
-    )
-    rate: float = quantity(THESIS_CHIRP.rate, "rad/s", -100.0, 100.0, "slope of the ramp")
-    start_frequency: float = quantity(
-        THESIS_CHIRP.start_frequency, "Hz", 0.0, 1e3, "of the sine, or of the chirp at its start"
-    )
-    end_frequency: float = quantity(
-        THESIS_CHIRP.end_frequency, "Hz", 0.0, 1e3, "of the chirp at its end"
-    )
-    final_fraction: float = quantity(
-        THESIS_CHIRP.final_fraction, "-", 0.0, 1.0, "share of the chirp's amplitude at its end"
-    )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
-    def command(self) -> Command:
-        """Return the command."""
-        return Command(**asdict(self))
 
 
 @dataclass(frozen=True)

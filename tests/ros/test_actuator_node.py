@@ -451,7 +451,7 @@ def impossible(**parameters: Any) -> str:
         ("growth.friction.law", "rust", ("growth.friction.law", "'rust'", "archard")),
         ("growth.friction.rate", -1.0, ("growth of friction", "rate = -1")),
         ("growth.gain.law", "power", ("growth.gain.rate", "time scale")),
-        ("command.shape", "custom", ("command.shape", "'custom'", "chirp")),
+        ("command.shape", "custom", ("command.shape", "'custom'", "samples")),
         ("command.amplitude", 99.0, ("command.amplitude", "99", "rad")),
         ("resolution.current", -1.0, ("resolution.current", "-1", "A")),
         ("plant.R_s", -2.0, ("plant.R_s", "-2", "ohm")),
