@@ -40,14 +40,27 @@ def text(default: str, description: str, choices: tuple[str, ...] = ()) -> Any:
     return field(default=default, metadata={"choices": choices, "description": description})
 
 
+def flag(default: bool, description: str) -> Any:
+    """Return a dataclass field that is true or false.
+
+    Parameters
+    ----------
+    default
+        Its default.
+    description
+        What it being true means.
+    """
+    return field(default=default, metadata={"flag": True, "description": description})
+
+
 def check_quantities(instance: Any) -> None:
     """Validate the fields of a frozen dataclass and give each number the type of its default.
 
     Parameters
     ----------
     instance
-        Dataclass whose fields were made by ``quantity`` and ``text``; other fields are left
-        alone.
+        Dataclass whose fields were made by ``quantity``, ``text`` and ``flag``; other fields are
+        left alone.
 
     Raises
     ------
@@ -64,6 +77,8 @@ def check_quantities(instance: Any) -> None:
             object.__setattr__(instance, item.name, int(value) if whole else float(value))
         elif "choices" in item.metadata:
             _check_text(item.name, value, item.metadata["choices"])
+        elif "flag" in item.metadata and not isinstance(value, bool):
+            raise ValueError(f"{item.name} = {value!r}: expected true or false")
 
 
 def is_finite_number(value: Any) -> bool:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Final
 
 import rclpy
+from rclpy._rclpy_pybind11 import InvalidHandle
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
@@ -79,6 +80,8 @@ def _spin(executor: MultiThreadedExecutor, node: ManagedNode) -> None:
             executor.spin_once(timeout_sec=0.2)
         except ExternalShutdownException:
             return
+        except InvalidHandle:
+            continue  # what was to be served has just been destroyed
         except Exception:
             # A callback failed. The others go on.
             node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")

@@ -25,8 +25,8 @@ def declare(node: Node, definition: Any, prefix: str = "", *, read_only: bool = 
     node
         The node.
     definition
-        A dataclass whose fields were made by ``quantity`` and ``text``, or an instance of one
-        whose values are the defaults. Other fields are passed over.
+        A dataclass whose fields were made by ``quantity``, ``text`` and ``flag``, or an
+        instance of one whose values are the defaults. Other fields are passed over.
     prefix
         Put in front of every name.
     read_only
@@ -150,6 +150,6 @@ def _descriptor(item: Field[Any], read_only: bool) -> ParameterDescriptor:
             descriptor.floating_point_range = [
                 FloatingPointRange(from_value=float(lowest), to_value=float(highest), step=0.0)
             ]
-    elif metadata["choices"]:
+    elif metadata.get("choices"):
         descriptor.additional_constraints = f"one of {', '.join(metadata['choices'])}"
     return descriptor

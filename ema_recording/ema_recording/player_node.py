@@ -12,13 +12,12 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from ema_core.quantity import check_quantities, quantity, text
+from ema_core.quantity import check_quantities, flag, quantity, text
 from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, TelemetryBlock
 from ema_nodes.managed_node import ManagedNode
 from ema_nodes.run import run
 from ema_nodes.settings import declare, read
 from ema_nodes.status import ERROR, OK, WARN, Task
-from ema_recording.flag_parameter import declare_flag, read_flag
 from ema_recording.message_type import message_class, type_name
 from ema_recording.playback import Playback
 from ema_recording.qos import recorded_qos, replay_qos
@@ -42,6 +41,9 @@ class PlayerSettings:
 
     bag: str = text("", "bag to play: a file or a folder")
     rate: float = quantity(1.0, "-", 0.01, 100.0, "seconds played in a second")
+    actuator_only: bool = flag(
+        False, "whether only what an actuator sends is played, for a monitor to diagnose it anew"
+    )
     wait_s: float = quantity(
         5.0, "s", 0.0, 3600.0, "longest wait for a subscriber of each telemetry topic"
     )
@@ -54,8 +56,7 @@ class PlayerSettings:
 class PlayerNode(ManagedNode):
     """Plays a bag, message by message in its order, and the time on ``/clock``.
 
-    Parameters of the node are the fields of ``PlayerSettings`` and ``actuator_only``: whether
-    only what an actuator itself sends is played, so that a monitor can diagnose it anew.
+    Parameters of the node are the fields of ``PlayerSettings``.
 
     While it is inactive the recorded time stands still. It has done its work at the end of the
     bag, when all subscribers have acknowledged what they are owed.
@@ -64,7 +65,6 @@ class PlayerNode(ManagedNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("player", **kwargs)
         declare(self, PlayerSettings)
-        declare_flag(self, "actuator_only", "whether only what an actuator sends is played")
         self._stop = threading.Event()
         self._worker: threading.Thread | None = None
 
@@ -74,7 +74,7 @@ class PlayerNode(ManagedNode):
         if not self._settings.bag:
             raise ValueError("parameter bag is empty: expected the path of a recording")
         self._bag = Bag(self._settings.bag)
-        topics = self._playable(actuator_only=read_flag(self, "actuator_only"))
+        topics = self._playable(actuator_only=self._settings.actuator_only)
         self._total = sum(topic.count for topic in topics.values())
         self._outlets: dict[str, Publisher] = {}
         try:

@@ -11,12 +11,11 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
-from ema_core.quantity import check_quantities, quantity, text
+from ema_core.quantity import check_quantities, flag, quantity, text
 from ema_nodes.managed_node import ManagedNode
 from ema_nodes.run import run
 from ema_nodes.settings import declare, read
 from ema_nodes.status import ERROR, OK, WARN, Task
-from ema_recording.flag_parameter import declare_flag, read_flag
 from ema_recording.recorded_topic import RecordedTopic
 from ema_recording.writer import BagWriter
 
@@ -33,6 +32,7 @@ class RecorderSettings:
         "bag to write: a name ending in .mcap is one file, any other a folder; "
         "empty: ema_<UTC date and time> in the working folder",
     )
+    overwrite: bool = flag(False, "whether a bag that is there already is replaced")
     flush_s: float = quantity(
         0.5, "s", 0.01, 60.0, "longest time for which a killed recorder loses messages"
     )
@@ -44,10 +44,10 @@ class RecorderSettings:
 class RecorderNode(ManagedNode):
     """Records what is published, as it comes.
 
-    Parameters of the node are the fields of ``RecorderSettings``, ``overwrite`` and ``topics``:
-    full names, or names relative to the namespace. By default everything in the namespace is
-    recorded, and /diagnostics and /clock. /rosout and /parameter_events, which belong to all
-    that runs in the domain, and hidden topics have to be named.
+    Parameters of the node are the fields of ``RecorderSettings`` and ``topics``: full names, or
+    names relative to the namespace. By default everything in the namespace is recorded, and
+    /diagnostics and /clock. /rosout and /parameter_events, which belong to all that runs in the
+    domain, and hidden topics have to be named.
 
     While it is inactive it records nothing; activated again, it goes on in the same bag. The bag
     is closed when it is cleaned up.
@@ -56,7 +56,6 @@ class RecorderNode(ManagedNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("recorder", **kwargs)
         declare(self, RecorderSettings, read_only=False)
-        declare_flag(self, "overwrite", "whether a bag that is there already is replaced")
         self.declare_parameter(
             "topics",
             [""],
@@ -88,9 +87,8 @@ class RecorderNode(ManagedNode):
         self._messages = 0
         self._failure = ""
         output = settings.output or f"ema_{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
-        overwrite = read_flag(self, "overwrite")
         try:
-            self._bag = BagWriter(output, flush_s=settings.flush_s, overwrite=overwrite)
+            self._bag = BagWriter(output, flush_s=settings.flush_s, overwrite=settings.overwrite)
         except FileExistsError as error:
             raise FileExistsError(f"parameter output: {error}") from error
         self.get_logger().info(f"recording to {self._bag.path}")

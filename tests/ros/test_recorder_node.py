@@ -1,5 +1,6 @@
 """The recorder writes down what is published, says what it cannot, and survives its own end."""
 
+import contextlib
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 import rclpy
 from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
@@ -55,7 +57,9 @@ class Graph:
 
     def _spin(self) -> None:
         while not self._stop.is_set():
-            self.executor.spin_once(timeout_sec=0.1)
+            # What is destroyed while the executor looks at it raises, and is of no concern.
+            with contextlib.suppress(InvalidHandle):
+                self.executor.spin_once(timeout_sec=0.1)
 
     def source(self, name: str = "source", namespace: str = "/ema") -> Node:
         return self._add(Node(name, namespace=namespace, context=self.context))
