@@ -72,8 +72,7 @@ def run_demo(duration_s: float, output: Path | None, stop: StopRequest) -> None:
             processes.stop_all()
             table.show(observer.diagnoses(), "finished", final=True)
         if processes.failed:
-            name = processes.failed[0]
-            raise ValueError(f"{name} failed: see {folder / name}.log")
+            raise ValueError(_failure(processes.failed[0], folder))
     if stop:
         click.echo(f"interrupted; bag {bag}" if bag.exists() else "interrupted")
         return
@@ -153,12 +152,13 @@ def _watch(
 
 def _finish(observer: Observer, table: LiveTable, processes: Supervisor, stop: StopRequest) -> None:
     """End between two test cycles, and not before the last window is diagnosed."""
-    cycles = observer.cycles()
     table.show(observer.diagnoses(), "ends with this test cycle")
-    _await(lambda: observer.cycles() > cycles, _LAST_CYCLE_S, processes, stop)
+    _await(lambda: observer.cycle_between_windows() is not None, _LAST_CYCLE_S, processes, stop)
+    last = observer.cycle_between_windows()
     processes.stop("actuator")
-    table.show(observer.diagnoses(), "waiting for the last window")
-    _await(observer.is_up_to_date, _LAST_WINDOW_S, processes, stop)
+    if last is not None:
+        table.show(observer.diagnoses(), "waiting for the last window")
+        _await(lambda: observer.has_diagnosed(last), _LAST_WINDOW_S, processes, stop)
     processes.stop("monitor")
 
 
@@ -169,6 +169,13 @@ def _await(
     while time.monotonic() < deadline and not (stop or processes.failed or is_reached()):
         time.sleep(POLL_S)
         processes.check()
+
+
+def _failure(node: str, folder: Path) -> str:
+    log = folder / f"{node}.log"
+    said = log.read_text(errors="replace").split("\n")
+    last = next((line for line in reversed(said) if line.strip()), "it said nothing")
+    return f"{node} failed: {last}; see {log}"
 
 
 def _conclude(bag: Path, picture: Path, folder: Path) -> None:

@@ -20,6 +20,7 @@ from ema_messages.topics import (
     SIMULATED_FAULTS,
 )
 
+_MARGIN_NS: Final = 100_000_000
 _QOS_BY_TOPIC: Final = {
     SIMULATED_FAULTS: ACTUATOR_TOPICS[SIMULATED_FAULTS],
     **{name: MONITOR_TOPICS[name] for name in (FAULT_ESTIMATE, HEALTH)},
@@ -77,13 +78,25 @@ class Observer:
         with self._lock:
             return len(self._history.truths)
 
-    def is_up_to_date(self) -> bool:
-        """Return whether all test cycles but the one that has just begun are diagnosed."""
+    def cycle_between_windows(self) -> int | None:
+        """Return the test cycle that goes on if its window is over, as in the cycles before."""
         with self._lock:
             truths, diagnoses = self._history.truths, self._history.diagnoses()
-            if len(truths) < 2:
-                return not truths
-            return bool(diagnoses) and diagnoses[-1].start_ns >= truths[-2].stamp_ns
+        starts_ns = {item.cycle: item.stamp_ns for item in truths}
+        ends_ns = [one.end_ns - starts_ns[one.cycle] for one in diagnoses if one.cycle is not None]
+        if not ends_ns or time.time_ns() - truths[-1].stamp_ns < max(ends_ns) + _MARGIN_NS:
+            return None
+        return truths[-1].cycle
+
+    def has_diagnosed(self, cycle: int) -> bool:
+        """Return whether there is a diagnosis of a test cycle.
+
+        Parameters
+        ----------
+        cycle
+            Its running number.
+        """
+        return any(one.cycle == cycle for one in self.diagnoses())
 
     def _take(self, message: Any) -> None:
         with self._lock:

@@ -37,6 +37,7 @@ from ema_nodes.status import Task
 
 _STALE_CHECK_S = 1.0
 _QUIET_S = 5.0
+_PATIENCE_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,8 @@ class MonitorNode(ManagedNode):
             self.destroy_subscription(subscription)
         self._idle.set()
         left = self._room.close()
-        self._worker.join()
+        # A compilation cannot be broken off; the thread ends by itself when it is done.
+        self._worker.join(_PATIENCE_S)
         for found in left:
             self._refuse(found, "the monitor was stopped before the window was identified")
         with self._lock:
@@ -271,6 +273,8 @@ class MonitorNode(ManagedNode):
         while (found := self._room.get()) is not None:
             try:
                 self._identify(found)
+            except ValueError as error:
+                self._refuse(found, str(error))
             except Exception as error:
                 # One window that cannot be dealt with must not end the work on the others.
                 self.get_logger().error(traceback.format_exc())

@@ -19,6 +19,7 @@ from ema_nodes.managed_node import ManagedNode
 _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 _THREADS: Final = 8
 _PATIENCE_S: Final = 1.0
+_POLL_S: Final = 0.05
 
 
 def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> int:
@@ -36,9 +37,10 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     int
         Exit code of the process: 0, or 1 when the node did not come up.
     """
-    stop = threading.Event()
+    told_to_stop: list[int] = []
     for number in _SIGNALS:
-        signal.signal(number, lambda *_: stop.set())
+        # An event could be in the middle of a wait here, and its lock taken.
+        signal.signal(number, lambda number, _: told_to_stop.append(number))
     # rclpy's own handlers would close the context at once: nothing could be published in parting.
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
@@ -47,25 +49,24 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
         sys.stderr.write(f"{error}\n")
         rclpy.shutdown()
         return 1
-    node.finished = stop
-    exit_code = _serve(node, stop) if node.bring_up() else 1
+    exit_code = _serve(node, told_to_stop) if node.bring_up() else 1
     for number in _SIGNALS:
-        signal.signal(number, signal.SIG_IGN)  # a launcher may send them twice
+        # A launcher may send them twice, and the interpreter gives up its handlers as it ends.
+        signal.signal(number, signal.SIG_IGN)
     node.destroy_node()
     rclpy.shutdown()
     _end_if_stuck(exit_code)
     return exit_code
 
 
-def _serve(node: ManagedNode, stop: threading.Event) -> int:
-    """Serve a node that is up until it is to stop; return its exit code."""
+def _serve(node: ManagedNode, told_to_stop: list[int]) -> int:
+    """Serve a node that is up until it is told to stop or has finished; return its exit code."""
     executor = MultiThreadedExecutor(_THREADS)
     executor.add_node(node)
     spinning = threading.Thread(target=_spin, args=(executor, node), name="executor", daemon=True)
     spinning.start()
-    stop.wait()
-    for number in _SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
+    while not told_to_stop and not node.finished.wait(_POLL_S):
+        pass
     node.stopping.set()
     spinning.join(_PATIENCE_S)
     executor.shutdown(_PATIENCE_S)

@@ -115,6 +115,14 @@ def test_single_process_is_stopped_while_the_others_go_on(note, child):
     assert lines(note)[2:] == ["actuator", "monitor"]
 
 
+def test_ctrl_c_of_the_terminal_reaches_the_supervisor_alone(note, child):
+    with Supervisor(lambda _: None) as processes:
+        processes.start("monitor", child("monitor"))
+        wait_until(lambda: lines(note) == ["up"], "the child up")
+        [number] = processes_with(note)
+        assert os.getpgid(number) != os.getpgid(0)
+
+
 def test_process_that_does_not_end_is_killed_with_a_message(note, child):
     told: list[str] = []
     with Supervisor(told.append, patience_s=0.3) as processes:
