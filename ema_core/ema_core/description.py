@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import is_finite_number
-from ema_core.telemetry import LONGEST_PERIOD
+from ema_core.telemetry import PERIODS
 
 SAMPLE_PERIOD = 1e-4
 """Default period of the telemetry [s]."""
@@ -30,7 +30,7 @@ class ActuatorDescription:
     Raises
     ------
     ValueError
-        When the id or serial number is empty or the period is not positive.
+        When the id or serial number is empty or the period is outside ``PERIODS``.
     """
 
     actuator_id: str = "flap"
@@ -44,10 +44,10 @@ class ActuatorDescription:
             value = getattr(self, name)
             if not isinstance(value, str) or (not value and name != "model"):
                 raise ValueError(f"{name} = {value!r}: expected a name (text)")
-        if not is_finite_number(self.sample_period) or not (
-            0.0 < self.sample_period <= LONGEST_PERIOD
-        ):
+        shortest, longest = PERIODS
+        is_number = is_finite_number(self.sample_period)
+        if not is_number or not shortest <= self.sample_period <= longest:
             raise ValueError(
-                f"sample_period = {self.sample_period!r} s is outside (0, {LONGEST_PERIOD:g}] s"
+                f"sample_period = {self.sample_period!r} s is outside [{shortest:g}, {longest:g}] s"
             )
         object.__setattr__(self, "sample_period", float(self.sample_period))

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 COLUMNS = ("command", "current", "position", "speed")
 """Columns of telemetry, in the order of the messages."""
 
-LONGEST_PERIOD = 1.0
-"""Longest sample period that counts as telemetry [s]."""
+PERIODS = (1e-9, 1.0)
+"""Shortest and longest sample period that counts as telemetry [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Telemetry:
     Raises
     ------
     ValueError
-        When the columns differ in length or are empty, or the period is outside (0, 1] s.
+        When the columns differ in length or are empty, or the period is outside ``PERIODS``.
     """
 
     stamp_ns: int
@@ -49,9 +49,10 @@ class Telemetry:
     speed: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.sample_period <= LONGEST_PERIOD:
+        shortest, longest = PERIODS
+        if not shortest <= self.sample_period <= longest:
             raise ValueError(
-                f"sample_period = {self.sample_period!r} s is outside (0, {LONGEST_PERIOD:g}] s"
+                f"sample_period = {self.sample_period!r} s is outside [{shortest:g}, {longest:g}] s"
             )
         lengths = {name: len(getattr(self, name)) for name in COLUMNS}
         if len(set(lengths.values())) != 1 or not len(self.command):

@@ -44,11 +44,14 @@ def telemetry_from_message(message: TelemetryBlock) -> Telemetry:
     Raises
     ------
     ValueError
-        When the columns differ in length or are empty, or the period is not positive.
+        When the columns differ in length or are empty, the period is no telemetry's, or the block
+        ends later than a stamp can tell.
     """
-    return Telemetry(
+    block = Telemetry(
         stamp_from_message(message.header.stamp),
         message.sample_period,
         message.first_index,
         *(np.array(getattr(message, name), dtype=np.float64) for name in COLUMNS),
     )
+    stamp_to_message(block.stamp_at(len(block) - 1))
+    return block

@@ -31,6 +31,11 @@ NAMESPACE: Final = "/ema"
 LATCHED: Final = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
+LATCHED_BY_MANY: Final = QoSProfile(
+    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+"""For who subscribes to what is latched: a publisher for each actuator may be there."""
+
 STREAM: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 STATE: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 

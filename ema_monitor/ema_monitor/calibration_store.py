@@ -102,31 +102,38 @@ class CalibrationStore:
 
         Raises
         ------
+        ValueError
+            When ``file`` holds other names in braces than ``__init__`` allows.
         OSError
-            When it cannot be stored; it is used all the same.
+            When it cannot be stored; the one in use stays.
         """
-        self._in_use[description.actuator_id, description.serial_number] = calibration
         path = self._place(description, file)
         path.parent.mkdir(parents=True, exist_ok=True)
         calibration.save(path)
+        self._in_use[description.actuator_id, description.serial_number] = calibration
         return path
 
     def _place(self, description: ActuatorDescription, file: str) -> Path:
         if file or self._file:
             return self._path(file or self._file, description)
         name = f"calibration_{description.actuator_id}_{description.serial_number}.yaml"
-        return self._own_folder / quote(name, safe=" ")
+        return self._own_folder / _as_file_name(name)
 
     @staticmethod
     def _path(file: str, description: ActuatorDescription) -> Path:
         names = {
-            "actuator_id": quote(description.actuator_id, safe=" "),
-            "serial_number": quote(description.serial_number, safe=" "),
+            "actuator_id": _as_file_name(description.actuator_id),
+            "serial_number": _as_file_name(description.serial_number),
         }
         try:
             return Path(file.format_map(names)).expanduser()
-        except (KeyError, IndexError, ValueError) as error:
+        except (AttributeError, KeyError, IndexError, ValueError) as error:
             raise ValueError(
                 f"calibration_file = {file!r}: expected a path, in which {{actuator_id}} and "
                 "{serial_number} may stand"
             ) from error
+
+
+def _as_file_name(name: str) -> str:
+    """Return a name without anything that would lead into another folder."""
+    return name.replace(".", "%2E") if name in (".", "..") else quote(name, safe=" ")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-from rclpy.action.server import ActionServer, CancelResponse
+from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 
 from ema_interfaces.action import IdentifyFaults
@@ -17,6 +18,7 @@ from ema_messages.faults import faults_to_message
 from ema_monitor.calibration import calibrate
 from ema_monitor.diagnosis import Diagnosis, Search
 from ema_monitor.monitor_messages import estimate_to_message
+from ema_monitor.trigger import Refusal
 from ema_monitor.watch import Found
 from ema_monitor.window import Window
 
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from ema_monitor.monitor_unit import Unit
 
 _POLL_S = 0.1
+_MOST_GOALS = 2
 
 
 class MonitorCalls:
@@ -40,6 +43,8 @@ class MonitorCalls:
 
     def __init__(self, node: MonitorNode) -> None:
         self._node = node
+        self._goals = 0
+        self._goal_lock = threading.Lock()
         self._service = node.create_service(
             Calibrate,
             "~/calibrate",
@@ -51,6 +56,7 @@ class MonitorCalls:
             IdentifyFaults,
             "~/identify_faults",
             self._identify,
+            goal_callback=self._judge_goal,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=ReentrantCallbackGroup(),
         )
@@ -73,7 +79,10 @@ class MonitorCalls:
                 windows = list(self._healthy_windows(unit, request.windows))
                 calibration = calibrate(windows, _description(unit))
                 path = self._node.store.keep(_description(unit), calibration, request.file)
-                response.message = f"made of {len(windows)} windows and stored in {path}"
+                response.message = (
+                    f"made of {len(windows)} windows and stored in {path}; calibration_file has to "
+                    "name it for it to be used after a restart"
+                )
             response.success, response.calibration_id = True, calibration.calibration_id
         except (ValueError, OSError) as error:
             response.success, response.message = False, str(error)
@@ -86,24 +95,27 @@ class MonitorCalls:
             raise ValueError(f"windows = {number}: expected at least 1 healthy window")
         with self._node.arrivals() as arrivals:
             for made in range(number):
-                window = None
+                deadline = time.monotonic() + self._timeout_s()
+                window, passed_over = None, ""
                 while not isinstance(window, Window):
-                    found = self._next(arrivals, unit)
+                    found = self._next(arrivals, unit, deadline)
                     if found is None:
                         raise ValueError(
-                            f"no window came for {self._timeout_s():g} s after {made} of {number}"
+                            f"no healthy window came for {self._timeout_s():g} s after {made} of "
+                            f"{number}{passed_over}"
                         )
                     window = found.window
+                    if isinstance(window, Refusal):
+                        passed_over = f"; the latest was refused: {window.reason}"
                 yield window
 
-    def _next(self, arrivals: SimpleQueue[Found], unit: Unit, goal: Any = None) -> Found | None:
-        """Wait for the next window of an actuator; None when none comes, or on cancelling."""
-        deadline = time.monotonic() + self._timeout_s()
-        while time.monotonic() < deadline:
-            if self._node.stopping.is_set():
-                raise ValueError("the monitor is stopping")
-            if goal is not None and goal.is_cancel_requested:
-                return None
+    def _next(
+        self, arrivals: SimpleQueue[Found], unit: Unit, deadline: float, goal: Any = None
+    ) -> Found | None:
+        """Wait for the next window of an actuator; None when the time is over, or on cancelling."""
+        while time.monotonic() < deadline and not (goal and goal.is_cancel_requested):
+            if self._is_over():
+                raise ValueError("the monitor is not active")
             try:
                 found = arrivals.get(timeout=_POLL_S)
             except Empty:
@@ -112,37 +124,65 @@ class MonitorCalls:
                 return found
         return None
 
+    def _is_over(self) -> bool:
+        return self._node.stopping.is_set() or self._node.idle.is_set()
+
     def _timeout_s(self) -> float:
         return self._node.operation.value.calibration_timeout_s
 
-    def _identify(self, goal: Any) -> IdentifyFaults.Result:
-        request, result = goal.request, IdentifyFaults.Result()
-        try:
-            unit = self._node.unit(request.actuator_id)
-            search = self._search(request)
-            found = self._window(unit, goal)
-            run = Diagnosis(found, self._node.store.of(found.description), search.settings())
-            for generation in run:
-                if goal.is_cancel_requested or self._node.stopping.is_set():
-                    break
-                goal.publish_feedback(
-                    IdentifyFaults.Feedback(
-                        generation=generation.generation,
-                        evaluations=generation.evaluations,
-                        best_fitness=float(generation.fitness),
-                        best=faults_to_message(generation.faults),
-                    )
+    def _judge_goal(self, _: Any) -> GoalResponse:
+        """Take no more goals than leave threads for the telemetry."""
+        with self._goal_lock:
+            if self._goals >= _MOST_GOALS:
+                self._node.get_logger().warning(
+                    f"a goal of identify_faults is rejected: {_MOST_GOALS} run already"
                 )
-            if run.estimate is None:
-                result.message = "cancelled"
-                _ = goal.canceled() if goal.is_cancel_requested else goal.abort()
-                return result
-            result.estimate = estimate_to_message(run.estimate, found.number, found.description)
-            result.success, result.message = run.estimate.valid, run.estimate.reason
+                return GoalResponse.REJECT
+            self._goals += 1
+        return GoalResponse.ACCEPT
+
+    def _identify(self, goal: Any) -> IdentifyFaults.Result:
+        result = IdentifyFaults.Result()
+        try:
+            self._pursue(goal, result)
         except ValueError as error:
             result.success, result.message = False, str(error)
-        _ = goal.succeed() if result.success else goal.abort()
+        finally:
+            with self._goal_lock:
+                self._goals -= 1
+        if goal.is_cancel_requested and not result.success:
+            result.message = "cancelled"
+            goal.canceled()
+        elif result.success:
+            goal.succeed()
+        else:
+            goal.abort()
         return result
+
+    def _pursue(self, goal: Any, result: IdentifyFaults.Result) -> None:
+        """Identify what a goal asks for, unless it is cancelled."""
+        unit = self._node.unit(goal.request.actuator_id)
+        search = self._search(goal.request)
+        found = self._window(unit, goal)
+        if found is None:
+            return
+        run = Diagnosis(found, self._node.store.of(found.description), search.settings())
+        for generation in run:
+            if goal.is_cancel_requested:
+                return
+            if self._is_over():
+                raise ValueError("the monitor is not active")
+            goal.publish_feedback(
+                IdentifyFaults.Feedback(
+                    generation=generation.generation,
+                    evaluations=generation.evaluations,
+                    best_fitness=float(generation.fitness),
+                    best=faults_to_message(generation.faults),
+                )
+            )
+        if run.estimate is not None:
+            result.estimate = estimate_to_message(run.estimate, found.number, found.description)
+            result.success, result.message = run.estimate.valid, run.estimate.reason
 
     def _search(self, request: IdentifyFaults.Goal) -> Search:
         wanted: dict[str, Any] = {"seed": request.seed}
@@ -152,14 +192,15 @@ class MonitorCalls:
             wanted["budget"] = request.budget
         return replace(self._node.search.value, **wanted)
 
-    def _window(self, unit: Unit, goal: Any) -> Found:
+    def _window(self, unit: Unit, goal: Any) -> Found | None:
+        """Return the window that a goal is about; None when it is cancelled before it comes."""
         if not goal.request.next_window:
             if unit.latest is None:
                 raise ValueError(f"actuator {unit.actuator_id!r} has had no complete window so far")
             return unit.latest
         with self._node.arrivals() as arrivals:
-            found = self._next(arrivals, unit, goal)
-        if found is None:
+            found = self._next(arrivals, unit, time.monotonic() + self._timeout_s(), goal)
+        if found is None and not goal.is_cancel_requested:
             raise ValueError(f"no window came for {self._timeout_s():g} s")
         return found
 

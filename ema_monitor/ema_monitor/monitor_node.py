@@ -11,6 +11,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.publisher import Publisher
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, WARN
@@ -42,7 +43,13 @@ _PATIENCE_S = 1.0
 
 @dataclass(frozen=True)
 class Files:
-    """Where the monitor finds what it is not told on topics."""
+    """Where the monitor finds what it is not told on topics.
+
+    Raises
+    ------
+    ValueError
+        When a value is no text; the message names it.
+    """
 
     calibration_file: str = text(
         "",
@@ -52,6 +59,9 @@ class Files:
     actuator_file: str = text(
         "", "description of an actuator that does not describe itself on the topic; empty: none"
     )
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
 
 
 @dataclass(frozen=True)
@@ -83,6 +93,15 @@ class MonitorNode(ManagedNode):
 
     Telemetry is received in one thread and windows are identified in another, in the order in
     which they end. ``docs/nodes.md`` describes topics, services and parameters.
+
+    Attributes
+    ----------
+    search, operation
+        How to identify, and how to go about the work; both may change at any time.
+    store
+        Calibrations of the actuators.
+    idle
+        Set while the node is not active.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -93,10 +112,12 @@ class MonitorNode(ManagedNode):
         self._limits = LiveSettings(self, HealthLimits, "limits.")
         declare(self, Files)
         self._units: dict[str, Unit] = {}
+        self._healths: dict[str, Publisher] = {}
         self._room = WaitingRoom(None)
         self._lock = threading.RLock()
         self._listeners: list[SimpleQueue[Found]] = []
-        self._idle = threading.Event()
+        self.idle = threading.Event()
+        self.idle.set()
         self._nameless = 0
 
     def configure(self) -> None:
@@ -104,37 +125,36 @@ class MonitorNode(ManagedNode):
         files = read(self, Files)
         own_folder = Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser() / "ema"
         self.store = CalibrationStore(files.calibration_file, own_folder)
+        message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
+        self._estimates = self.create_lifecycle_publisher(message_class, topics.FAULT_ESTIMATE, qos)
         if files.actuator_file:
             self._describe(load_description(Path(files.actuator_file).expanduser()))
-        self._estimates, self._healths = (
-            self.create_lifecycle_publisher(message_class, name, qos)
-            for name, (message_class, qos) in topics.MONITOR_TOPICS.items()
-        )
         self._calls = MonitorCalls(self)
         self._stale_timer = self.create_timer(_STALE_CHECK_S, self._check_freshness)
 
     def activate(self) -> None:
         """Listen, and identify what is heard."""
-        self._idle.clear()
+        self.idle.clear()
         self._room = WaitingRoom(None)
         self._limit_waiting()
         self._worker = threading.Thread(target=self._work, name="identification", daemon=True)
         self._worker.start()
         receiving = MutuallyExclusiveCallbackGroup()
         self._subscriptions_in_use = [
-            self.create_subscription(message_class, name, callback, qos, callback_group=receiving)
-            for name, callback in (
-                (topics.DESCRIPTION, self._receive_description),
-                (topics.TELEMETRY, self._receive_telemetry),
+            self.create_subscription(
+                topics.ACTUATOR_TOPICS[name][0], name, callback, qos, callback_group=receiving
             )
-            for message_class, qos in (topics.ACTUATOR_TOPICS[name],)
+            for name, callback, qos in (
+                (topics.DESCRIPTION, self._receive_description, topics.LATCHED_BY_MANY),
+                (topics.TELEMETRY, self._receive_telemetry, topics.STREAM),
+            )
         ]
 
     def deactivate(self) -> None:
         """Stop listening; windows that still wait are refused."""
         for subscription in self._subscriptions_in_use:
             self.destroy_subscription(subscription)
-        self._idle.set()
+        self.idle.set()
         left = self._room.close()
         # A compilation cannot be broken off; the thread ends by itself when it is done.
         self._worker.join(_PATIENCE_S)
@@ -150,24 +170,23 @@ class MonitorNode(ManagedNode):
         """Forget the actuators, and stop serving."""
         self._calls.destroy()
         self.destroy_timer(self._stale_timer)
-        for publisher in (self._estimates, self._healths):
+        for publisher in (self._estimates, *self._healths.values()):
             self.destroy_publisher(publisher)
+        self._healths.clear()
         self._units.clear()
+        self._nameless = 0
 
     def tasks(self) -> list[Task]:
         """Return how each actuator fares."""
         with self._lock:
             tasks = [task for unit in self._units.values() for task in unit.tasks(len(self._room))]
-            if not self._units:
-                tasks = [Task("input", WARN, "no actuator heard of so far", self.hardware_id)]
-            elif self._nameless:
-                message = f"{self._nameless} messages without actuator_id were passed over"
-                tasks.append(Task("input", WARN, message, self.hardware_id))
-            else:
-                message = f"{len(self._units)} actuators watched"
-                counts = {"windows dropped": self._room.dropped}
-                tasks.append(Task("input", OK, message, self.hardware_id, counts))
-            return tasks
+            remarks = [] if self._units else ["no actuator heard of so far"]
+            if self._nameless:
+                remarks.append(f"{self._nameless} messages without actuator_id were passed over")
+            message = "; ".join(remarks) or f"{len(self._units)} actuators watched"
+            counts = {"windows dropped": self._room.dropped}
+            level = WARN if remarks else OK
+            return [*tasks, Task("input", level, message, self.hardware_id, counts)]
 
     def unit(self, actuator_id: str) -> Unit:
         """Return one of the actuators that are watched.
@@ -237,6 +256,9 @@ class MonitorNode(ManagedNode):
         if actuator_id not in self._units:
             now_ns = self.get_clock().now().nanoseconds
             self._units[actuator_id] = Unit(actuator_id, self._trigger.value, now_ns)
+            # One for each actuator, so that each has its latest health latched.
+            message_class, qos = topics.MONITOR_TOPICS[topics.HEALTH]
+            self._healths[actuator_id] = self.create_publisher(message_class, topics.HEALTH, qos)
         return self._units[actuator_id]
 
     def _complain(self, actuator_id: str, reason: str) -> None:
@@ -262,7 +284,7 @@ class MonitorNode(ManagedNode):
                 unit.latest = event
             for queue in self._listeners:
                 queue.put(event)
-            if gone := self._room.put(event):
+            for gone in self._room.put(event):
                 self.get_logger().warning(
                     f"{gone.description.actuator_id}: window {gone.number} is dropped, "
                     f"{len(self._room)} wait"
@@ -273,19 +295,22 @@ class MonitorNode(ManagedNode):
         while (found := self._room.get()) is not None:
             try:
                 self._identify(found)
-            except ValueError as error:
-                self._refuse(found, str(error))
-            except Exception as error:
+            except Exception:
                 # One window that cannot be dealt with must not end the work on the others.
-                self.get_logger().error(traceback.format_exc())
-                self._refuse(found, f"the identification failed: {error!r}")
+                self.get_logger().error(
+                    f"window {found.number} cannot be dealt with:\n{traceback.format_exc()}"
+                )
 
     def _identify(self, found: Found) -> None:
         run = Diagnosis(found, self.store.of(found.description), self.search.value.settings())
-        for _ in run:
-            if self._idle.is_set():
-                self._refuse(found, "the monitor was stopped during the identification")
-                return
+        try:
+            for _ in run:
+                if self.idle.is_set():
+                    self._refuse(found, "the monitor was stopped during the identification")
+                    return
+        except ValueError as error:
+            self._refuse(found, str(error))
+            return
         self._conclude(found, run)
 
     def _refuse(self, found: Found, reason: str) -> None:
@@ -306,7 +331,7 @@ class MonitorNode(ManagedNode):
             estimate, health = unit.conclude(found, run.estimate, self._limits.value, now_ns)
         self._estimates.publish(estimate)
         if health is not None:
-            self._healths.publish(health)
+            self._healths[health.actuator_id].publish(health)
         if not estimate.valid:
             self.get_logger().warning(
                 f"{estimate.actuator_id}: window {estimate.window} has no valid estimate: "
@@ -315,6 +340,8 @@ class MonitorNode(ManagedNode):
         self.report()
 
     def _check_freshness(self) -> None:
+        if self.idle.is_set():
+            return
         with self._lock:
             now_ns = self.get_clock().now().nanoseconds
             period_s = self.operation.value.expected_period_s
@@ -322,7 +349,7 @@ class MonitorNode(ManagedNode):
         for health in stale:
             if health is not None:
                 self.get_logger().warning(f"{health.actuator_id}: {health.reason}")
-                self._healths.publish(health)
+                self._healths[health.actuator_id].publish(health)
                 self.report()
 
     def _restart(self, settings: TriggerSettings) -> None:

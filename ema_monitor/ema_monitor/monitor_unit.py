@@ -1,5 +1,6 @@
 """What the monitor knows of one actuator, and what it says of it."""
 
+from collections import deque
 from dataclasses import replace
 
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
@@ -13,6 +14,7 @@ from ema_monitor.watch import Found, Watch
 from ema_nodes.status import Task
 
 _STALE_PERIODS = 3.0
+_MOST_TOLD = 5
 _NOTHING_KNOWN = Health(STALE, float("nan"), 0, 0.0, "", reason="no valid estimate so far")
 
 
@@ -34,15 +36,14 @@ class Unit:
         Cuts its telemetry into windows.
     latest
         Its latest complete window; None when there was none.
-    defect
-        What was wrong with its telemetry since the latest valid estimate; empty when nothing was.
     """
 
     def __init__(self, actuator_id: str, settings: TriggerSettings, now_ns: int) -> None:
         self.actuator_id = actuator_id
         self.watch = Watch(settings)
         self.latest: Found | None = None
-        self.defect = ""
+        # What was wrong, and the number of the first window after it.
+        self._open_defects: deque[tuple[int, str]] = deque(maxlen=_MOST_TOLD)
         self._defects = 0
         self._valid = 0
         self._invalid = 0
@@ -50,22 +51,31 @@ class Unit:
         self._fresh_ns = now_ns
         self._stamp_ns = 0
         self._health = _NOTHING_KNOWN
+        self._stale_told = False
 
     @property
     def hardware_id(self) -> str:
         """Serial number, or the actuator's name as long as that is not known."""
         return self.watch.description.serial_number if self.watch.description else self.actuator_id
 
-    def complain(self, reason: str) -> bool:
-        """Take note of something wrong with the telemetry; return whether it is news.
+    @property
+    def defects(self) -> str:
+        """What was wrong since the window of the latest valid estimate; empty when nothing was."""
+        return "; ".join(reason for _, reason in self._open_defects)
+
+    def complain(self, reason: str, before_window: int | None = None) -> bool:
+        """Take note of something wrong; return whether nothing was before.
 
         Parameters
         ----------
         reason
             What is wrong.
+        before_window
+            Number of the first window that it does not touch; that of the next one when None.
         """
-        is_news = not self.defect
-        self.defect = reason
+        is_news = not self._open_defects
+        number = self.watch.windows if before_window is None else before_window
+        self._open_defects.append((number, reason))
         self._defects += 1
         return is_news
 
@@ -88,11 +98,13 @@ class Unit:
         message = estimate_to_message(estimate, found.number, found.description)
         if not estimate.valid:
             self._invalid += 1
-            self.complain(f"window {found.number}: {estimate.reason}")
+            self.complain(f"window {found.number}: {estimate.reason}", found.number + 1)
             return message, None
         self._valid += 1
-        self.defect = ""
+        while self._open_defects and self._open_defects[0][0] <= found.number:
+            self._open_defects.popleft()
         self._fresh_ns = now_ns
+        self._stale_told = False
         self._stamp_ns = estimate.end_ns
         self._latency_s = (now_ns - estimate.end_ns) * 1e-9
         self._health = assess(estimate, limits)
@@ -108,12 +120,15 @@ class Unit:
         now_ns
             Time of the node's clock [ns].
         """
+        if not self._fresh_ns or now_ns < self._fresh_ns:
+            self._fresh_ns = now_ns  # simulated time has begun, or gone back
         age_s = (now_ns - self._fresh_ns) * 1e-9
-        if self._health.level == STALE or age_s <= _STALE_PERIODS * expected_period_s:
+        if self._stale_told or age_s <= _STALE_PERIODS * expected_period_s:
             return None
+        self._stale_told = True
         reason = f"no valid estimate for more than {_STALE_PERIODS * expected_period_s:g} s"
-        if self.defect:
-            reason += f"; the latest: {self.defect}"
+        if self._open_defects:
+            reason += f"; {self.defects}"
         self._health = replace(self._health, level=STALE, confidence=0.0, reason=reason)
         return self._health_message()
 
@@ -128,8 +143,9 @@ class Unit:
         watch, health = self.watch, self._health
         if watch.description is None:
             level, message = ERROR, "no description of the actuator: the telemetry has to wait"
-        elif self.defect:
-            level, message = WARN, self.defect
+            message += f"; {self.defects}" if self._open_defects else ""
+        elif self._open_defects:
+            level, message = WARN, self.defects
         elif not watch.blocks:
             level, message = WARN, "no telemetry so far"
         else:

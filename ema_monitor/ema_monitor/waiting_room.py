@@ -34,7 +34,8 @@ class WaitingRoom:
         self._closed = False
 
     def __len__(self) -> int:
-        return sum(isinstance(item.window, Window) for item in self._queue)
+        with self._changed:
+            return sum(isinstance(item.window, Window) for item in self._queue)
 
     def limit(self, most_waiting: int | None) -> None:
         """Change how many windows may wait, from the next one on.
@@ -46,7 +47,7 @@ class WaitingRoom:
         """
         self._most_waiting = most_waiting
 
-    def put(self, found: Found) -> Found | None:
+    def put(self, found: Found) -> list[Found]:
         """Let a window, or a refusal, wait.
 
         Parameters
@@ -56,14 +57,14 @@ class WaitingRoom:
 
         Returns
         -------
-        Found or None
-            The window that had to give way, if one had to.
+        list of Found
+            The windows that had to give way, if any had to.
         """
         with self._changed:
             self._queue.append(found)
-            gone = None
-            if self._most_waiting is not None and len(self) > self._most_waiting:
-                gone = self._drop_oldest()
+            gone = []
+            while self._most_waiting is not None and len(self) > self._most_waiting:
+                gone.append(self._drop_oldest(self._most_waiting))
             self._changed.notify()
         return gone
 
@@ -82,11 +83,11 @@ class WaitingRoom:
             self._changed.notify_all()
         return left
 
-    def _drop_oldest(self) -> Found:
+    def _drop_oldest(self, most_waiting: int) -> Found:
         self.dropped += 1
         place = next(i for i, item in enumerate(self._queue) if isinstance(item.window, Window))
         oldest = self._queue[place]
-        reason = f"dropped: more than {self._most_waiting} windows waited for identification"
+        reason = f"dropped: more than {most_waiting} windows waited for identification"
         refusal = Refusal(oldest.window.start_ns, oldest.window.end_ns, reason)
         self._queue[place] = replace(oldest, window=refusal)
         return oldest

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
-from rclpy.executors import MultiThreadedExecutor
+from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -28,7 +28,7 @@ from ema_messages.telemetry import telemetry_to_message
 from ema_monitor.monitor_node import MonitorNode
 from ema_sim.actuator import SimulatedActuator
 
-DEADLINE_S = 8.0
+DEADLINE_S = 12.0
 START_NS = 1_700_000_000_000_000_000
 FLAP = ActuatorDescription()
 CYCLE = build_cycle(THESIS_CHIRP, FLAP.sample_period)
@@ -81,16 +81,22 @@ class MonitorSession:
         for name, (message_class, qos) in topics.MONITOR_TOPICS.items():
             self.subscribe(message_class, name, qos)
         self.subscribe(DiagnosticArray, "/diagnostics", 100)
-        self._executor = MultiThreadedExecutor(THREADS, context=context)
-        for item in (node, self.probe):
-            self._executor.add_node(item)
-        self._thread = threading.Thread(target=self._spin, daemon=True)
-        self._thread.start()
+        self._executors = [
+            MultiThreadedExecutor(THREADS, context=context),
+            SingleThreadedExecutor(context=context),
+        ]
+        self._threads = [
+            threading.Thread(target=self._spin, args=(executor, item), daemon=True)
+            for executor, item in zip(self._executors, (node, self.probe), strict=True)
+        ]
+        for thread in self._threads:
+            thread.start()
 
-    def _spin(self) -> None:
+    def _spin(self, executor: Executor, node: Node) -> None:
+        executor.add_node(node)
         while not self._ending:
             try:
-                self._executor.spin_once(timeout_sec=0.2)
+                executor.spin_once(timeout_sec=0.2)
             except Exception as error:  # a callback of the node failed: `until` tells
                 self.failures.append(error)
 
@@ -223,8 +229,9 @@ class MonitorSession:
     def close(self) -> None:
         self._ending = True
         self.node.stopping.set()
-        self._thread.join(5.0)
-        self._executor.shutdown(5.0)
+        for thread, executor in zip(self._threads, self._executors, strict=True):
+            thread.join(5.0)
+            executor.shutdown(5.0)
         if self.node.state == "active":
             self.node.trigger_deactivate()
         self.probe.destroy_node()

@@ -198,7 +198,7 @@ def test_absurd_sample_period_is_named(source: Source, sample_period: float):
         session.send(topics.TELEMETRY, with_period(blocks[number], sample_period)[0])
         session.feed(blocks[number + 1 :])
         assert "sample" in session.next_estimate().reason
-        session.until_told("flap telemetry", f"{sample_period:g}", WARN)
+        session.until_told("flap telemetry", f"{sample_period!r}", WARN)
         session.feed(source.cycle())
         assert session.next_estimate().valid
 

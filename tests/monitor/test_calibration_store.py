@@ -1,0 +1,128 @@
+"""Each unit has its own calibration, from where the setting says."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from ema_core.description import ActuatorDescription
+from ema_monitor.calibration import Calibration
+from ema_monitor.calibration_store import CalibrationStore
+
+FLAP = ActuatorDescription()
+RUDDER = replace(FLAP, actuator_id="rudder", serial_number="SIM-0002")
+SHIPPED = Calibration.builtin()
+
+
+def of_unit(description: ActuatorDescription) -> Calibration:
+    return replace(
+        SHIPPED,
+        actuator_id=description.actuator_id,
+        serial_number=description.serial_number,
+    )
+
+
+def identity(calibration: Calibration | str) -> str:
+    assert isinstance(calibration, Calibration), calibration
+    return calibration.calibration_id
+
+
+def test_shipped_calibration_is_used_where_no_file_is_named(tmp_path: Path):
+    store = CalibrationStore("", tmp_path)
+    assert identity(store.of(FLAP)) == SHIPPED.calibration_id
+    assert identity(store.of(RUDDER)) == SHIPPED.calibration_id
+
+
+def test_each_unit_has_its_own_file(tmp_path: Path):
+    for unit in (FLAP, RUDDER):
+        name = f"{unit.actuator_id}-{unit.serial_number}.yaml"
+        of_unit(unit).save(tmp_path / name)
+    store = CalibrationStore(f"{tmp_path}/{{actuator_id}}-{{serial_number}}.yaml", tmp_path)
+    for unit in (FLAP, RUDDER):
+        assert identity(store.of(unit)) == of_unit(unit).calibration_id
+
+
+def test_missing_or_damaged_file_is_told_and_found_when_it_is_there(tmp_path: Path):
+    file = tmp_path / "calibration.yaml"
+    store = CalibrationStore(str(file), tmp_path)
+    assert str(file) in str(store.of(FLAP))
+    assert "missing" in str(store.of(FLAP))
+    file.write_text("[")
+    assert "cannot be used" in str(store.of(FLAP))
+    assert str(file) in str(store.of(FLAP))
+    SHIPPED.save(file)
+    assert identity(store.of(FLAP)) == SHIPPED.calibration_id
+
+
+def test_new_calibration_is_stored_and_used_for_its_unit_only(tmp_path: Path):
+    store = CalibrationStore("", tmp_path / "own")
+    path = store.keep(RUDDER, of_unit(RUDDER), "")
+    assert path.parent == tmp_path / "own"
+    assert all(name in path.name for name in ("rudder", "SIM-0002"))
+    assert Calibration.load(path).calibration_id == of_unit(RUDDER).calibration_id
+    assert identity(store.of(RUDDER)) == of_unit(RUDDER).calibration_id
+    assert identity(store.of(FLAP)) == SHIPPED.calibration_id
+    # Another unit in its place is not that unit.
+    other = replace(RUDDER, serial_number="SIM-0003")
+    assert identity(store.of(other)) == SHIPPED.calibration_id
+
+
+def test_call_says_where_else_setting_else_own_folder(tmp_path: Path):
+    setting = f"{tmp_path}/set/{{actuator_id}}.yaml"
+    store = CalibrationStore(setting, tmp_path / "own")
+    assert store.keep(FLAP, SHIPPED, "") == tmp_path / "set" / "flap.yaml"
+    called = f"{tmp_path}/called/{{serial_number}}.yaml"
+    assert store.keep(FLAP, SHIPPED, called) == tmp_path / "called" / "SIM-0001.yaml"
+    assert CalibrationStore("", tmp_path).load(FLAP, called)[1].name == "SIM-0001.yaml"
+
+
+def test_new_calibration_outlives_the_monitor_where_the_setting_says(tmp_path: Path):
+    own, setting = of_unit(RUDDER), f"{tmp_path}/{{actuator_id}}.yaml"
+    CalibrationStore(setting, tmp_path).keep(RUDDER, own, "")
+    assert identity(CalibrationStore(setting, tmp_path).of(RUDDER)) == own.calibration_id
+    # In the monitor's own place it has to be called for.
+    CalibrationStore("", tmp_path / "own").keep(RUDDER, own, "")
+    calibration, _ = CalibrationStore("", tmp_path / "own").load(RUDDER, "")
+    assert calibration.calibration_id == own.calibration_id
+
+
+def test_names_cannot_lead_out_of_the_folder(tmp_path: Path):
+    climber = replace(FLAP, actuator_id="../../up", serial_number="a/b")
+    store = CalibrationStore("", tmp_path / "own")
+    assert store.keep(climber, of_unit(climber), "").parent == tmp_path / "own"
+    store = CalibrationStore(f"{tmp_path}/own/{{actuator_id}}.yaml", tmp_path)
+    assert store.keep(climber, of_unit(climber), "").parent == tmp_path / "own"
+    store = CalibrationStore(f"{tmp_path}/own/{{actuator_id}}/c.yaml", tmp_path)
+    parent = replace(FLAP, actuator_id="..")
+    assert (tmp_path / "own") in store.keep(parent, of_unit(parent), "").resolve().parents
+
+
+def test_calibration_that_is_loaded_must_be_of_the_unit(tmp_path: Path):
+    file = tmp_path / "rudder.yaml"
+    of_unit(RUDDER).save(file)
+    store = CalibrationStore("", tmp_path)
+    with pytest.raises(ValueError, match=r"rudder\.yaml: .*SIM-0002"):
+        store.load(FLAP, str(file))
+    assert identity(store.of(FLAP)) == SHIPPED.calibration_id
+    calibration, path = store.load(RUDDER, str(file))
+    assert path == file
+    assert identity(store.of(RUDDER)) == calibration.calibration_id
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        store.load(RUDDER, str(tmp_path / "nowhere.yaml"))
+    assert identity(store.of(RUDDER)) == calibration.calibration_id
+
+
+@pytest.mark.parametrize(
+    "file", ["{serial}.yaml", "{0}", "{", "{actuator_id!x}", "{actuator_id.name}"]
+)
+def test_other_names_in_braces_are_refused(file: str, tmp_path: Path):
+    with pytest.raises(ValueError, match=r"calibration_file = .*actuator_id"):
+        CalibrationStore(file, tmp_path)
+    with pytest.raises(ValueError, match="actuator_id"):
+        CalibrationStore("", tmp_path).load(FLAP, file)
+
+
+def test_home_is_meant_by_a_tilde(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    SHIPPED.save(tmp_path / "c.yaml")
+    assert identity(CalibrationStore("~/c.yaml", tmp_path).of(FLAP)) == SHIPPED.calibration_id

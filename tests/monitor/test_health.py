@@ -1,0 +1,161 @@
+"""Levels, index and grade of health in closed form (docs/faults.md)."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ema_core.faults import FAULT_NAMES, FAULTS, fault_vector
+from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_monitor.estimate import Estimate, Settings, refusal
+from ema_monitor.health import ONE_SIDED_95, FaultHealth, HealthLimits, assess
+from ema_monitor.identification import POOR_FIT, UNEXPLAINED
+
+LIMITS = HealthLimits()
+SIGMA = 0.01
+
+
+def estimate(
+    faults: dict[str, float] | None = None,
+    *,
+    sigma: float = SIGMA,
+    unknown: tuple[str, ...] = (),
+    goodness: float = 1.0,
+    reason: str = "",
+) -> Estimate:
+    unobservable = np.array([name in unknown for name in FAULT_NAMES])
+    covariance = sigma**2 * np.eye(8)
+    covariance[unobservable] = covariance[:, unobservable] = np.nan
+    made: dict[str, Any] = {
+        **vars(refusal(0, 1, Settings(), "c", reason)),
+        "faults": fault_vector(faults or {}),
+        "covariance": covariance,
+        "unobservable": unobservable,
+        "goodness_of_fit": goodness,
+        "valid": True,
+    }
+    return Estimate(**made)
+
+
+def fault(of: Estimate, name: str, limits: HealthLimits = LIMITS) -> FaultHealth:
+    [item] = [item for item in assess(of, limits).faults if item.name == name]
+    return item
+
+
+def test_healthy_actuator_is_healthy():
+    health = assess(estimate(), LIMITS)
+    assert (health.level, health.health_index, health.severity) == (OK, 1.0, 0)
+    assert (health.confidence, health.dominant_fault, health.reason) == (1.0, "", "")
+    assert [item.name for item in health.faults] == [
+        name for name in FAULT_NAMES if name != "eccentricity_phase"
+    ]
+    assert {(item.level, item.share) for item in health.faults} == {(OK, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ("name", "limit"),
+    [
+        ("friction", LIMITS.friction),
+        ("backlash", LIMITS.backlash),
+        ("short_circuit_a", LIMITS.short_circuit),
+        ("short_circuit_b", LIMITS.short_circuit),
+        ("short_circuit_c", LIMITS.short_circuit),
+        ("eccentricity", LIMITS.eccentricity),
+        ("gain", LIMITS.gain),
+    ],
+)
+def test_levels_change_where_the_bound_passes_the_share_and_the_value_the_limit(
+    name: str, limit: float
+):
+    healthy = FAULTS[FAULT_NAMES.index(name)].healthy
+    warned = LIMITS.warn_share * limit + ONE_SIDED_95 * SIGMA
+    for distance, level in (
+        (warned - 1e-6, OK),
+        (warned + 1e-6, WARN),
+        (limit - 1e-6, WARN),
+        (limit + 1e-6, ERROR),
+    ):
+        given = estimate({name: healthy + distance})
+        health, item = assess(given, LIMITS), fault(given, name)
+        assert (item.level, health.level) == (level, level)
+        assert item.share == pytest.approx(distance / limit)
+        assert health.health_index == pytest.approx(max(0.0, 1.0 - distance / limit))
+        assert health.dominant_fault == ("" if level == OK else name)
+        assert (item.limit, item.limit_is_lower) == (pytest.approx(healthy + limit), False)
+        assert item.sigma == pytest.approx(SIGMA)
+
+
+def test_gain_has_a_limit_on_either_side():
+    item = fault(estimate({"gain": 0.2}), "gain")
+    assert (item.level, item.limit_is_lower) == (ERROR, True)
+    assert item.limit == pytest.approx(0.25)
+    assert item.share == pytest.approx(1.2)
+
+
+def test_uncertainty_keeps_a_warning_back_but_no_error():
+    assert fault(estimate({"friction": 0.3}, sigma=0.2), "friction").level == OK
+    assert fault(estimate({"friction": 0.6}, sigma=0.4), "friction").level == ERROR
+
+
+@pytest.mark.parametrize(
+    ("share", "severity"),
+    [
+        *((share, 1) for share in (0.3, 0.49)),
+        *((share, 2) for share in (0.51, 0.79)),
+        *((share, 3) for share in (0.81, 0.99)),
+        *((share, 4) for share in (1.01, 1.9)),
+    ],
+)
+def test_severity_is_graded_by_the_share(share: float, severity: int):
+    assert assess(estimate({"friction": share * 0.5}), LIMITS).severity == severity
+
+
+def test_worst_fault_dominates():
+    health = assess(estimate({"friction": 0.3, "backlash": 0.4, "eccentricity": 0.2}), LIMITS)
+    assert (health.level, health.dominant_fault) == (WARN, "backlash")
+    # A limit that is passed comes first, whatever the shares are.
+    uncertain = HealthLimits(friction=0.9, gain=0.1)
+    health = assess(estimate({"friction": 0.8, "gain": 0.61}), uncertain)
+    assert (health.level, health.dominant_fault) == (ERROR, "gain")
+
+
+def test_direction_of_eccentricity_is_no_fault():
+    assert assess(estimate({"eccentricity_phase": 0.9}), LIMITS).level == OK
+
+
+def test_unobservable_fault_is_stale_and_told_and_costs_confidence():
+    health = assess(estimate({"friction": 0.9}, unknown=("friction", "gain")), LIMITS)
+    assert (health.level, health.health_index) == (OK, 1.0)
+    assert health.confidence == pytest.approx(5 / 7)
+    assert health.reason == "not observable in this window: friction, gain"
+    levels = {item.name: item.level for item in health.faults}
+    assert (levels["friction"], levels["gain"], levels["backlash"]) == (STALE, STALE, OK)
+
+
+def test_nothing_observable_is_stale():
+    health = assess(estimate(unknown=FAULT_NAMES), LIMITS)
+    assert (health.level, health.confidence, health.severity) == (STALE, 0.0, 0)
+    assert np.isnan(health.health_index)
+
+
+@pytest.mark.parametrize(
+    ("goodness", "confidence"),
+    [(POOR_FIT, 1.0), ((POOR_FIT + UNEXPLAINED) / 2, 0.5), (UNEXPLAINED, 0.0), (np.nan, 1.0)],
+)
+def test_confidence_falls_as_the_fit_gets_worse(goodness: float, confidence: float):
+    health = assess(estimate(goodness=goodness, reason="a poor fit"), LIMITS)
+    assert health.confidence == pytest.approx(confidence)
+    assert health.reason == "a poor fit"
+
+
+def test_no_health_without_a_valid_estimate():
+    with pytest.raises(ValueError, match="gap of 3 samples"):
+        assess(refusal(0, 1, Settings(), "", "gap of 3 samples"), LIMITS)
+
+
+@pytest.mark.parametrize("name", ["friction", "gain", "warn_share"])
+def test_impossible_limit_is_refused_by_name(name: str):
+    with pytest.raises(ValueError, match=f"{name} = 0 .* outside"):
+        HealthLimits(**{name: 0.0})
+    with pytest.raises(ValueError, match=name):
+        HealthLimits(**{name: 1.5})

@@ -1,0 +1,175 @@
+"""A watch turns description and telemetry into numbered windows, whenever either comes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry
+from ema_monitor.trigger import Defect, Refusal, TriggerSettings
+from ema_monitor.watch import Found, Watch
+from ema_monitor.window import Window
+
+from .streams import START_NS, H, blocks, stream
+
+FLAP = ActuatorDescription()
+SETTINGS = TriggerSettings(window_s=0.05, rest_s=0.01)
+REST = np.zeros(200)
+MOTION = 1e-3 * np.sin(2 * np.pi * 40.0 * H * np.arange(1.0, 501.0))
+CYCLE = np.concatenate([REST, MOTION, REST])
+
+
+def cycles(count: int, first_index: int = 1) -> Telemetry:
+    return stream(np.tile(CYCLE, count), first_index)
+
+
+def fed(watch: Watch, telemetry: Telemetry, size: int = 100) -> list[Found | Defect]:
+    return [event for block in blocks(telemetry, size) for event in watch.feed(block)]
+
+
+def found_in(events: list[Found | Defect]) -> list[Found]:
+    found = [event for event in events if isinstance(event, Found)]
+    assert len(found) == len(events), events
+    return found
+
+
+def summary(events: list[Found | Defect]) -> list[tuple[int, int, int, str]]:
+    return [
+        (
+            item.number,
+            item.window.start_ns,
+            item.window.end_ns,
+            item.window.reason if isinstance(item.window, Refusal) else "",
+        )
+        for item in found_in(events)
+    ]
+
+
+def test_windows_are_numbered_and_counted():
+    watch = Watch(SETTINGS, FLAP)
+    found = found_in(fed(watch, cycles(3)))
+    assert [item.number for item in found] == [0, 1, 2]
+    assert all(isinstance(item.window, Window) for item in found)
+    assert (watch.windows, watch.blocks, watch.lost_samples) == (3, 27, 0)
+    assert watch.has_rested
+
+
+@pytest.mark.parametrize("size", [1, 7, 100, 2700])
+def test_windows_do_not_depend_on_how_telemetry_is_cut(size: int):
+    telemetry = cycles(3)
+    expected = summary(fed(Watch(SETTINGS, FLAP), telemetry))
+    assert summary(fed(Watch(SETTINGS, FLAP), telemetry, size)) == expected
+    # From the last sample at rest, 50 ms on.
+    start_ns = START_NS + 100_000 * 200
+    assert expected[0] == (0, start_ns, start_ns + 50_000_000, "")
+
+
+def test_telemetry_that_comes_first_waits_for_the_description():
+    watch = Watch(SETTINGS)
+    assert fed(watch, cycles(3)) == []
+    assert (watch.windows, watch.has_rested) == (0, False)
+    found = watch.describe(FLAP)
+    assert summary(found) == summary(fed(Watch(SETTINGS, FLAP), cycles(3)))
+    later = found_in(fed(watch, cycles(1, 2701)))
+    assert [item.number for item in later] == [3]
+
+
+def test_only_the_latest_ten_seconds_wait():
+    watch = Watch(SETTINGS)
+    # 0.09 s a cycle, 12.6 s in all, in blocks of one cycle: 10 s back begins a block.
+    telemetry = cycles(140)
+    fed(watch, telemetry, 900)
+    found = found_in(watch.describe(FLAP))
+    first_ns = telemetry.stamp_ns + 100_000 * 900 * 139 - 10_000_000_000
+    kept = sum(block.stamp_ns >= first_ns for block in blocks(telemetry, 900))
+    assert len(found) == kept == 112
+
+
+def test_same_description_again_changes_nothing():
+    watch = Watch(SETTINGS, FLAP)
+    part = list(blocks(cycles(1), 100))
+    events = [event for block in part[:5] for event in watch.feed(block)]
+    events += watch.describe(replace(FLAP))
+    events += [event for block in part[5:] for event in watch.feed(block)]
+    assert [isinstance(item.window, Window) for item in found_in(events)] == [True]
+
+
+@pytest.mark.parametrize("change", ["description", "settings"])
+def test_change_ends_the_window_that_is_open(change: str):
+    watch = Watch(SETTINGS, FLAP)
+    part = list(blocks(cycles(1), 100))
+    for block in part[:5]:
+        assert watch.feed(block) == []
+    if change == "description":
+        [event] = watch.describe(replace(FLAP, serial_number="SIM-0002"))
+    else:
+        [event] = watch.restart(TriggerSettings(window_s=0.03, rest_s=0.01), "other settings")
+    assert isinstance(event, Found)
+    assert isinstance(event.window, Refusal)
+    reason = "description of the actuator changed" if change == "description" else "other settings"
+    assert reason in event.window.reason
+    # It belongs to the unit that it was taken from.
+    assert (event.number, event.description) == (0, FLAP)
+    [after] = found_in(fed(watch, cycles(1, 901)))
+    assert after.number == 1
+    assert after.description.serial_number == (
+        "SIM-0002" if change == "description" else "SIM-0001"
+    )
+    assert isinstance(after.window, Window)
+    assert len(after.window) == (500 if change == "description" else 300)
+
+
+def test_lost_samples_are_counted_and_cost_the_window():
+    watch = Watch(SETTINGS, FLAP)
+    part = list(blocks(cycles(2), 100))
+    events = [
+        event for i, block in enumerate(part) if i not in (3, 4) for event in watch.feed(block)
+    ]
+    first, second = found_in(events)
+    assert isinstance(first.window, Refusal)
+    assert "gap of 200 samples" in first.window.reason
+    assert isinstance(second.window, Window)
+    assert (watch.lost_samples, watch.windows) == (200, 2)
+
+
+def test_block_that_is_no_telemetry_ends_the_window():
+    watch = Watch(SETTINGS, FLAP)
+    part = list(blocks(cycles(1), 100))
+    assert [e for block in part[:5] for e in watch.feed(block)] == []
+    [event] = watch.reject(part[5].stamp_ns, "columns differ")
+    assert isinstance(event, Found)
+    assert isinstance(event.window, Refusal)
+    assert event.window.reason == "columns differ"
+    [outside] = watch.reject(part[6].stamp_ns, "columns differ")
+    assert outside == Defect(part[6].stamp_ns, "columns differ")
+    assert watch.blocks == 7
+
+
+def test_block_that_is_no_telemetry_breaks_what_waits_for_the_description():
+    watch = Watch(SETTINGS)
+    fed(watch, cycles(1))
+    assert watch.reject(5, "columns differ") == [Defect(5, "columns differ")]
+    assert watch.describe(FLAP) == []
+
+
+def test_other_sample_period_than_described_is_told_once():
+    watch = Watch(SETTINGS, replace(FLAP, sample_period=2e-4))
+    first, *rest = fed(watch, cycles(2))
+    assert isinstance(first, Defect)
+    assert "0.0002 s" in first.reason
+    assert "0.0001 s" in first.reason
+    assert [item.number for item in found_in(rest)] == [0, 1]
+
+
+def test_end_of_telemetry_cuts_the_window_and_another_beginning_is_no_gap():
+    watch = Watch(SETTINGS, FLAP)
+    for block in list(blocks(cycles(1), 100))[:5]:
+        watch.feed(block)
+    [event] = watch.finish()
+    assert isinstance(event, Found)
+    assert isinstance(event.window, Refusal)
+    assert "the telemetry ends" in event.window.reason
+    assert watch.finish() == []
+    assert [item.number for item in found_in(fed(watch, cycles(1, 5001)))] == [1]
+    assert watch.lost_samples == 0

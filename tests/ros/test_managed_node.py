@@ -1,0 +1,182 @@
+"""Nodes bring themselves up, survive what clients ask of them, and end when they are told to."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.node import Node
+
+from ema_nodes.managed_node import ManagedNode
+from ema_nodes.status import ERROR, OK, WARN, Task
+
+SUCCESS = TransitionCallbackReturn.SUCCESS
+
+
+class Recorded(ManagedNode):
+    """A node that notes what is asked of it, and refuses what it is told to."""
+
+    def __init__(self, context: Context, refuse: dict[str, Exception] | None = None) -> None:
+        super().__init__("recorded", context=context)
+        self.steps: list[str] = []
+        self.refuse = refuse or {}
+
+    def _step(self, name: str) -> None:
+        if name in self.refuse:
+            raise self.refuse[name]
+        self.steps.append(name)
+
+    def configure(self) -> None:
+        self._step("configure")
+
+    def activate(self) -> None:
+        self._step("activate")
+
+    def deactivate(self) -> None:
+        self._step("deactivate")
+
+    def clean_up(self) -> None:
+        self._step("clean_up")
+
+    def tasks(self) -> list[Task]:
+        return [Task("work", OK, "at it", "unit 7", {"lag [s]": 0.25, "count": 3})]
+
+
+@pytest.fixture
+def context() -> Iterator[Context]:
+    context = Context()
+    context.init()
+    yield context
+    context.shutdown()
+
+
+@contextmanager
+def observed(context: Context, *nodes: Node) -> Iterator[tuple[Node, Callable[..., Any]]]:
+    """Spin nodes and an observer; give the latter, and a way to wait for what it is told."""
+    observer = Node("observer", context=context)
+    told: dict[str, DiagnosticStatus] = {}
+
+    def note(message: DiagnosticArray) -> None:
+        told.update({status.name: status for status in message.status})
+
+    observer.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
+    executor = SingleThreadedExecutor(context=context)
+    for node in (*nodes, observer):
+        executor.add_node(node)
+
+    def until(found: Callable[[dict[str, DiagnosticStatus]], Any], deadline_s: float = 8.0) -> Any:
+        deadline = time.monotonic() + deadline_s
+        while not (result := found(told)):
+            assert time.monotonic() < deadline, f"what was waited for did not come: {told}"
+            executor.spin_once(timeout_sec=0.05)
+        return result
+
+    try:
+        yield observer, until
+    finally:
+        executor.shutdown()
+        for node in (*nodes, observer):
+            node.destroy_node()
+
+
+def test_node_brings_itself_up_in_its_namespace(context: Context):
+    node = Recorded(context)
+    assert node.bring_up()
+    assert (node.state, node.steps) == ("active", ["configure", "activate"])
+    assert node.get_fully_qualified_name() == "/ema/recorded"
+    node.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ("step", "state"), [("configure", "unconfigured"), ("activate", "inactive")]
+)
+@pytest.mark.parametrize(
+    ("error", "text"), [(ValueError("no such file"), "no such file"), (KeyError("x"), "KeyError")]
+)
+def test_refusal_leaves_the_state_and_is_told_until_it_works(
+    context: Context, step: str, state: str, error: Exception, text: str
+):
+    node = Recorded(context, {step: error})
+    assert not node.bring_up()
+    assert node.state == state
+    with observed(context, node) as (_, until):
+        status = until(lambda told: told.get("recorded: lifecycle"))
+        assert status.level[0] == ERROR
+        assert all(part in status.message for part in (state, f"cannot {step}", text))
+        node.refuse.clear()
+        assert node.trigger_configure() == SUCCESS if step == "configure" else True
+        assert node.trigger_activate() == SUCCESS
+        until(lambda told: told["recorded: lifecycle"].message == "active")
+
+
+def test_status_is_told_in_every_state(context: Context):
+    node = Recorded(context)
+    with observed(context, node) as (_, until):
+        for trigger, state, level in (
+            (lambda: SUCCESS, "unconfigured", WARN),
+            (node.trigger_configure, "inactive", WARN),
+            (node.trigger_activate, "active", OK),
+            (node.trigger_deactivate, "inactive", WARN),
+            (node.trigger_cleanup, "unconfigured", WARN),
+        ):
+            assert trigger() == SUCCESS
+            until(
+                lambda told, state=state: (
+                    "recorded: lifecycle" in told and told["recorded: lifecycle"].message == state
+                )
+            )
+            status = until(lambda told: told.get("recorded: lifecycle"))
+            assert (status.level[0], status.hardware_id) == (level, "recorded")
+            if state == "active":
+                work = until(lambda told: told.get("recorded: work"))
+                assert (work.level[0], work.message, work.hardware_id) == (OK, "at it", "unit 7")
+                values = {item.key: item.value for item in work.values}
+                assert values == {"lag [s]": "0.25", "count": "3"}
+
+
+def test_transition_that_is_impossible_is_refused_and_the_node_lives(context: Context):
+    node = Recorded(context)
+    assert node.bring_up()
+    with observed(context, node) as (observer, until):
+        client = observer.create_client(ChangeState, "/ema/recorded/change_state")
+        until(lambda _: client.service_is_ready())
+
+        def change(number: int) -> bool:
+            request = ChangeState.Request(transition=Transition(id=number))
+            future = client.call_async(request)
+            until(lambda _: future.done())
+            answer = future.result()
+            return answer is not None and answer.success
+
+        assert not change(Transition.TRANSITION_CONFIGURE)
+        assert not change(200)
+        assert change(Transition.TRANSITION_DEACTIVATE)
+        assert not change(Transition.TRANSITION_DEACTIVATE)
+        assert change(Transition.TRANSITION_CLEANUP)
+        assert not change(Transition.TRANSITION_ACTIVATE)
+        node.refuse["configure"] = ValueError("not now")
+        assert not change(Transition.TRANSITION_CONFIGURE)
+        node.refuse.clear()
+        assert change(Transition.TRANSITION_CONFIGURE)
+        assert change(Transition.TRANSITION_INACTIVE_SHUTDOWN)
+        assert node.finished.is_set()
+        assert not change(Transition.TRANSITION_CONFIGURE)
+    assert node.steps == [
+        *("configure", "activate", "deactivate", "clean_up", "configure", "clean_up")
+    ]
+
+
+def test_shutdown_stops_what_goes_on(context: Context):
+    node = Recorded(context)
+    assert node.bring_up()
+    assert node.trigger_shutdown() == SUCCESS
+    assert node.steps == ["configure", "activate", "deactivate", "clean_up"]
+    assert node.finished.is_set()
+    node.destroy_node()

@@ -1,0 +1,278 @@
+"""Calibration by service, and identification by action."""
+
+import gc
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from action_msgs.msg import GoalStatus
+from rclpy.action.client import ActionClient
+
+from ema_interfaces.action import IdentifyFaults
+from ema_interfaces.srv import Calibrate
+from ema_monitor.calibration import Calibration
+from ema_monitor.optimizers import ALGORITHMS
+
+from .monitor_session import FLAP, THREADS, MonitorSession, Source, in_window, monitor, spoiled
+
+NAME = "/ema/monitor/calibrate"
+
+
+@pytest.fixture(scope="module")
+def session() -> Iterator[MonitorSession]:
+    """A monitor that has identified one window of an actuator with friction."""
+    with monitor({"calibration_timeout_s": 1.0}, apart=True) as running:
+        running.describe()
+        running.feed(Source(friction=0.3).cycle())
+        assert running.next_estimate().valid
+        yield running
+
+
+def calibrate(session: MonitorSession, **request: Any) -> Any:
+    return session.call(Calibrate, NAME, Calibrate.Request(**request))
+
+
+class Goal:
+    """A goal that has been sent to a monitor."""
+
+    def __init__(self, session: MonitorSession, **goal: Any) -> None:
+        self.feedback: list[IdentifyFaults.Feedback] = []
+        self._session = session
+        self._client = ActionClient(session.probe, IdentifyFaults, "/ema/monitor/identify_faults")
+        assert self._client.wait_for_server(8.0)
+        sent = self._client.send_goal_async(IdentifyFaults.Goal(**goal), self._note)
+        self.handle = session.result(sent)
+        assert self.handle.accepted
+        self._result = self.handle.get_result_async()
+
+    def _note(self, message: Any) -> None:
+        self.feedback.append(message.feedback)
+
+    def cancel(self) -> None:
+        self._session.result(self.handle.cancel_goal_async())
+
+    def result(self, timeout_s: float = 12.0) -> tuple[int, IdentifyFaults.Result]:
+        answer = self._session.result(self._result, timeout_s)
+        return answer.status, answer.result
+
+
+def wait_for(condition: Callable[[], Any]) -> None:
+    poll = threading.Event()
+    for _ in range(600):
+        if condition():
+            return
+        poll.wait(0.02)
+    raise AssertionError("what was waited for did not come")
+
+
+def test_latest_window_is_identified_with_the_algorithm_of_choice(session: MonitorSession):
+    before = len(session.estimates())
+    goal = Goal(session, algorithm="pso", budget=1500, seed=9)
+    status, result = goal.result()
+    assert (status, result.success) == (GoalStatus.STATUS_SUCCEEDED, True), result.message
+    estimate = result.estimate
+    assert (estimate.algorithm, estimate.seed, estimate.window) == ("pso", 9, 0)
+    assert estimate.evaluations <= 1500
+    assert estimate.window_start == session.estimates()[0].window_start
+    generations = [item.generation for item in goal.feedback]
+    assert generations == list(range(1, len(generations) + 1)) != []
+    evaluations = [item.evaluations for item in goal.feedback]
+    assert evaluations == sorted(evaluations)
+    fitness = [item.best_fitness for item in goal.feedback]
+    assert fitness == sorted(fitness, reverse=True)
+    assert goal.feedback[-1].best.friction == estimate.faults.friction
+    assert estimate.fitness == fitness[-1]
+    # It answers who asked, and nobody else.
+    assert len(session.estimates()) == before
+
+
+def test_default_is_what_the_monitor_does_itself(session: MonitorSession):
+    _, result = Goal(session).result()
+    own, other = session.estimates()[0], result.estimate
+    own.computing_time = other.computing_time = 0.0
+    assert str(own) == str(other)
+
+
+@pytest.mark.parametrize(
+    ("goal", "texts"),
+    [
+        ({"algorithm": "tea_leaves"}, ["tea_leaves", *ALGORITHMS]),
+        ({"budget": 20}, ["budget", "20", "at least"]),
+        ({"seed": 2**63}, ["seed", "outside"]),
+        ({"actuator_id": "rudder"}, ["rudder", "not watched", "flap"]),
+        ({"next_window": True}, ["no window came for 1 s"]),
+    ],
+)
+def test_impossible_goal_is_answered_with_the_reason(
+    session: MonitorSession, goal: dict[str, Any], texts: list[str]
+):
+    status, result = Goal(session, **goal).result()
+    assert (status, result.success) == (GoalStatus.STATUS_ABORTED, False)
+    assert all(text in result.message for text in texts), result.message
+
+
+def test_identification_is_cancelled_within_a_generation(session: MonitorSession):
+    goal = Goal(session, algorithm="pso", budget=10_000_000)
+    wait_for(lambda: goal.feedback)
+    goal.cancel()
+    status, result = goal.result(3.0)
+    assert (status, result.success) == (GoalStatus.STATUS_CANCELED, False)
+    assert "cancel" in result.message
+
+
+def test_waiting_for_a_window_is_cancelled():
+    with monitor() as session:
+        session.describe()
+        session.until_told("flap telemetry", "no telemetry so far")
+        goal = Goal(session, next_window=True)
+        goal.cancel()
+        status, result = goal.result(3.0)
+        assert (status, result.success) == (GoalStatus.STATUS_CANCELED, False)
+        assert "cancel" in result.message
+
+
+def test_next_window_is_waited_for_and_a_cut_one_has_its_reason(session: MonitorSession):
+    assert session.set_parameters(calibration_timeout_s=8.0)[0].successful
+    source = Source(gain=0.6)
+    blocks = source.cycle()
+    blocks[in_window(blocks)] = spoiled(blocks[in_window(blocks)], "current", 0, float("nan"))
+    for cycle, success in ((blocks, False), (source.cycle(), True)):
+        goal = Goal(session, next_window=True)
+        session.feed(cycle)
+        status, result = goal.result()
+        assert result.success == success
+        if success:
+            assert result.estimate.faults.gain == pytest.approx(0.6, abs=0.02)
+        else:
+            assert status == GoalStatus.STATUS_ABORTED
+            assert "current is nan" in result.message
+    assert session.set_parameters(calibration_timeout_s=1.0)[0].successful
+
+
+# Those that were not begun when the node ended.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.filterwarnings("ignore:coroutine:RuntimeWarning")
+def test_many_goals_that_wait_do_not_keep_telemetry_out():
+    with monitor() as session:
+        session.describe()
+        session.until_told("flap telemetry", "no telemetry so far")
+        client = ActionClient(session.probe, IdentifyFaults, "/ema/monitor/identify_faults")
+        assert client.wait_for_server(8.0)
+        # More than the node has threads.
+        goal = IdentifyFaults.Goal(next_window=True, budget=617)
+        sent = [client.send_goal_async(goal) for _ in range(THREADS + 2)]
+        wait_for(lambda sent=sent: all(item.done() for item in sent))
+        answers = [item.result() for item in sent]
+        assert [item is not None and item.accepted for item in answers].count(True) == 2
+        session.feed(Source().cycle())
+        assert session.next_estimate().valid
+        del sent, answers
+    gc.collect()
+
+
+def test_goal_before_there_is_a_window_is_refused():
+    with monitor() as session:
+        _, result = Goal(session).result()
+        assert "actuator_id is empty" in result.message
+        session.feed(Source().cycle()[:1])
+        session.until_told("flap telemetry", "no description")
+        assert "has not been described" in Goal(session).result()[1].message
+        session.describe()
+        session.until_told("flap telemetry", "0 valid estimates")
+        assert "no complete window so far" in Goal(session).result()[1].message
+
+
+def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
+    file = f"{tmp_path}/{{actuator_id}}_{{serial_number}}.yaml"
+    own = tmp_path / "flap_SIM-0001.yaml"
+    source = Source()
+    with monitor({"calibration_file": file}) as session:
+        session.describe()
+        session.feed(source.cycle())
+        refused = session.next_estimate()
+        assert not refused.valid
+        assert all(text in refused.reason for text in ("no calibration", str(own)))
+        future = session.start(Calibrate, NAME, Calibrate.Request(windows=2))
+        wait_for(lambda: session.node._listeners)
+        blocks = source.cycle()
+        # A window that cannot be used is passed over, and its estimate comes meanwhile.
+        session.feed(b for i, b in enumerate(blocks) if i != in_window(blocks))
+        assert "gap" in session.next_estimate().reason
+        session.feed(source.cycle())
+        assert not session.next_estimate().valid
+        assert not future.done()
+        session.feed(source.cycle())
+        answer = session.result(future)
+        assert answer.success, answer.message
+        assert str(own) in answer.message
+        calibration = Calibration.load(own)
+        assert answer.calibration_id == calibration.calibration_id
+        assert (calibration.windows, calibration.serial_number) == (2, FLAP.serial_number)
+        session.next_estimate()
+        session.feed(source.cycle())
+        estimate = session.next_estimate()
+        assert (estimate.valid, estimate.calibration_id) == (True, calibration.calibration_id)
+
+        Calibration.builtin().save(tmp_path / "shipped.yaml")
+        answer = calibrate(session, load=True, file=f"{tmp_path}/shipped.yaml")
+        assert answer.success, answer.message
+        assert answer.calibration_id == Calibration.builtin().calibration_id
+        session.feed(source.cycle())
+        assert session.next_estimate().calibration_id == answer.calibration_id
+
+
+def test_calibration_that_does_not_come_about_says_why(session: MonitorSession, tmp_path: Path):
+    other = tmp_path / "other.yaml"
+    replace(Calibration.builtin(), serial_number="SIM-0002").save(other)
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text("windows: many")
+    for request, text in (
+        ({"windows": 0}, "windows = 0"),
+        ({"windows": 1}, "no healthy window came for 1 s after 0 of 1"),
+        ({"windows": 1, "actuator_id": "rudder"}, "'rudder' is not watched"),
+        ({"load": True, "file": str(other)}, "SIM-0002"),
+        ({"load": True, "file": str(wrong)}, str(wrong)),
+        ({"load": True, "file": f"{tmp_path}/nowhere.yaml"}, "No such file"),
+        ({"load": True, "file": "/{which}.yaml"}, "{which}"),
+    ):
+        answer = calibrate(session, **request)
+        assert (answer.success, answer.calibration_id) == (False, "")
+        assert text in answer.message
+
+
+def test_calibration_that_cannot_be_stored_is_not_half_used(tmp_path: Path):
+    (tmp_path / "folder.yaml").mkdir()
+    source = Source()
+    with monitor() as session:
+        session.describe()
+        session.until_told("flap telemetry", "no telemetry so far")
+        request = Calibrate.Request(windows=1, file=f"{tmp_path}/folder.yaml")
+        future = session.start(Calibrate, NAME, request)
+        wait_for(lambda: session.node._listeners)
+        session.feed(source.cycle())
+        answer = session.result(future)
+        session.next_estimate()
+        session.feed(source.cycle())
+        used = session.next_estimate().calibration_id != Calibration.builtin().calibration_id
+        # "whether the monitor now uses the calibration"
+        assert answer.success == used, answer.message
+
+
+@pytest.mark.parametrize("call", ["calibrate", "identify"])
+def test_call_that_waits_is_answered_when_the_monitor_is_deactivated(call: str):
+    with monitor() as session:
+        session.describe()
+        session.until_told("flap telemetry", "no telemetry so far")
+        if call == "calibrate":
+            future = session.start(Calibrate, NAME, Calibrate.Request(windows=1))
+            wait_for(lambda: session.node._listeners)
+            assert session.node.trigger_deactivate()
+            assert not session.result(future, 4.0).success
+        else:
+            goal = Goal(session, next_window=True)
+            wait_for(lambda: session.node._listeners)
+            assert session.node.trigger_deactivate()
+            assert not goal.result(4.0)[1].success

@@ -1,0 +1,173 @@
+"""The process of a monitor ends clean and in time, or tells in a line why it does not start."""
+
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ament_index_python.packages import get_package_prefix
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.action.client import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from ema_interfaces.action import IdentifyFaults
+from ema_interfaces.srv import Calibrate
+from ema_messages.description import description_to_message
+from ema_messages.telemetry import telemetry_to_message
+from ema_messages.topics import ACTUATOR_TOPICS, DESCRIPTION, TELEMETRY
+
+from .monitor_session import FLAP, Source
+
+MONITOR = Path(get_package_prefix("ema_monitor")) / "lib" / "ema_monitor" / "monitor_node"
+STOP_S = 2.0
+
+
+@pytest.fixture
+def context() -> Iterator[Context]:
+    context = Context()
+    context.init()
+    yield context
+    context.shutdown()
+
+
+@pytest.fixture
+def bystander(context: Context) -> Iterator[Node]:
+    """Another node in the graph, spun in the background."""
+    node = Node("bystander", context=context)
+    executor, ending = SingleThreadedExecutor(context=context), threading.Event()
+    executor.add_node(node)
+
+    def spin() -> None:
+        while not ending.is_set():
+            executor.spin_once(timeout_sec=0.05)
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    yield node
+    ending.set()
+    thread.join()
+    executor.shutdown()
+    node.destroy_node()
+
+
+def until(condition: Callable[[], Any], deadline_s: float = 12.0) -> None:
+    poll, deadline = threading.Event(), time.monotonic() + deadline_s
+    while not condition():
+        assert time.monotonic() < deadline, "what was waited for did not come"
+        poll.wait(0.02)
+
+
+@contextmanager
+def process(*parameters: str) -> Iterator[subprocess.Popen[str]]:
+    """The monitor in a process of its own, killed in the end if need be."""
+    arguments = [word for item in parameters for word in ("-p", item)]
+    with subprocess.Popen(
+        [MONITOR, "--ros-args", *arguments], stderr=subprocess.PIPE, text=True
+    ) as started:
+        try:
+            yield started
+        finally:
+            started.kill()
+
+
+def until_up(bystander: Node) -> None:
+    client = bystander.create_client(Calibrate, "/ema/monitor/calibrate")
+    assert client.wait_for_service(15.0)
+
+
+def ends_clean(running: subprocess.Popen[str], *numbers: signal.Signals) -> str:
+    """Send signals 50 ms apart; return what was printed of an end that is clean and in time."""
+    for number in numbers[:-1]:
+        running.send_signal(number)
+        threading.Event().wait(0.05)
+    started = time.monotonic()
+    running.send_signal(numbers[-1])
+    _, printed = running.communicate(timeout=15.0)
+    took_s = time.monotonic() - started
+    assert running.returncode == 0, printed
+    assert "Traceback" not in printed
+    assert took_s < STOP_S
+    return printed
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [(signal.SIGINT,), (signal.SIGTERM,), (signal.SIGINT,) * 2, (signal.SIGTERM, signal.SIGINT)],
+)
+def test_process_ends_clean_on_signals(bystander: Node, numbers: tuple[signal.Signals, ...]):
+    with process() as running:
+        until_up(bystander)
+        assert "Error" not in ends_clean(running, *numbers)
+
+
+def test_process_ends_clean_while_it_identifies_and_others_wait_for_it(bystander: Node):
+    told: dict[str, str] = {}
+
+    def note(message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == "monitor: flap telemetry":
+                told.update({item.key: item.value for item in status.values})
+
+    bystander.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
+    publishers = {
+        name: bystander.create_publisher(message_class, f"/ema/{name}", qos)
+        for name, (message_class, qos) in ACTUATOR_TOPICS.items()
+    }
+    publishers[DESCRIPTION].publish(description_to_message(FLAP))
+    # At ten million evaluations it would take minutes.
+    with process("algorithm:=pso", "budget:=10000000") as running:
+        until_up(bystander)
+        until(lambda: told)
+        for block in Source().cycle():
+            publishers[TELEMETRY].publish(telemetry_to_message(block, FLAP.actuator_id))
+        until(lambda: told.get("windows") == "1")
+        calibrate = bystander.create_client(Calibrate, "/ema/monitor/calibrate")
+        calibrate.call_async(Calibrate.Request(windows=5))
+        identify = ActionClient(bystander, IdentifyFaults, "/ema/monitor/identify_faults")
+        until(identify.server_is_ready)
+        goals = [
+            identify.send_goal_async(IdentifyFaults.Goal(next_window=later))
+            for later in (False, True)
+        ]
+        until(lambda: all(goal.done() for goal in goals))
+        ends_clean(running, signal.SIGINT)
+
+
+def test_shutdown_by_the_service_ends_the_process(bystander: Node):
+    with process() as running:
+        until_up(bystander)
+        client = bystander.create_client(ChangeState, "/ema/monitor/change_state")
+        assert client.wait_for_service(8.0)
+        transition = Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN)
+        client.call_async(ChangeState.Request(transition=transition))
+        _, printed = running.communicate(timeout=15.0)
+        assert (running.returncode, "Traceback" in printed) == (0, False)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "told"),
+    [
+        ("window_s:=1000.0", ["window_s", "1000", "100", " s "]),
+        ("window_s:=wide", ["window_s", "wide", "number"]),
+        ("limits.gain:=0.75", ["limits.gain", "0.75", "0.5"]),
+        ("algorithm:=tea_leaves", ["algorithm", "tea_leaves", "pso"]),
+        ("calibration_file:=3", ["calibration_file", "3", "text"]),
+        ("calibration_file:=/{serial}", ["calibration_file", "{serial}", "serial_number"]),
+        ("actuator_file:=/nowhere.yaml", ["/nowhere.yaml", "No such file"]),
+    ],
+)
+def test_impossible_parameter_is_told_in_one_line(parameter: str, told: list[str]):
+    with process(parameter) as running:
+        _, printed = running.communicate(timeout=15.0)
+    assert running.returncode == 1
+    [line] = printed.splitlines()
+    assert all(text in line for text in told), line

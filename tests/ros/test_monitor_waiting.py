@@ -1,0 +1,122 @@
+"""Windows that wait for their identification: none vanishes, whatever becomes of it."""
+
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from lifecycle_msgs.msg import Transition
+from rosgraph_msgs.msg import Clock
+
+from ema_core.faults import healthy_faults
+from ema_monitor import monitor_node
+from ema_monitor.calibration import Calibration
+from ema_monitor.diagnosis import Diagnosis
+from ema_monitor.estimate import Settings, refusal
+from ema_monitor.watch import Found
+from ema_monitor.window import Window
+
+from .monitor_session import MonitorSession, Source, in_window, monitor
+
+
+class HeldDiagnosis(Diagnosis):
+    """One that is made when it may, and finds nothing wrong."""
+
+    may = threading.Event()
+
+    def __init__(self, found: Found, calibration: Calibration, settings: Settings) -> None:
+        super().__init__(found, calibration, settings)
+        self._window = found.window
+        self._asked = settings
+
+    def __iter__(self) -> Iterator[Any]:
+        if not isinstance(self._window, Window):
+            yield from super().__iter__()
+            return
+        while not self.may.wait(0.01):
+            yield None
+        found = refusal(self._window.start_ns, self._window.end_ns, self._asked, "", "")
+        self.estimate = replace(
+            found,
+            valid=True,
+            faults=healthy_faults(),
+            covariance=1e-6 * np.eye(8),
+            unobservable=np.zeros(8, dtype=bool),
+            goodness_of_fit=1.0,
+        )
+
+
+@pytest.fixture
+def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
+    """Identification goes on when this is set."""
+    monkeypatch.setattr(monitor_node, "Diagnosis", HeldDiagnosis)
+    monkeypatch.setattr(HeldDiagnosis, "may", threading.Event())
+    yield HeldDiagnosis.may
+    HeldDiagnosis.may.set()
+
+
+def count(session: MonitorSession, task: str, key: str) -> int:
+    values = [i.value for s in session.statuses(task)[-1:] for i in s.values if i.key == key]
+    return int(values[0]) if values else -1
+
+
+def test_oldest_window_gives_way_when_too_many_wait(held: threading.Event):
+    source = Source()
+    with monitor({"waiting_windows": 1}) as session:
+        session.describe()
+        session.feed(source.cycle())
+        session.until(lambda: count(session, "flap telemetry", "windows") == 1)
+        for _ in range(3):
+            session.feed(source.cycle())
+        session.until(lambda: count(session, "flap telemetry", "windows") == 4)
+        held.set()
+        session.until(lambda: len(session.estimates()) == 4)
+        assert [e.window for e in session.estimates()] == [0, 1, 2, 3]
+        assert [e.valid for e in session.estimates()] == [True, False, False, True]
+        for estimate in session.estimates()[1:3]:
+            assert "dropped: more than 1 windows waited" in estimate.reason
+        session.until(lambda: count(session, "input", "windows dropped") == 2)
+
+
+def test_none_gives_way_in_simulated_time(held: threading.Event):
+    source = Source()
+    with monitor({"waiting_windows": 1, "use_sim_time": True}) as session:
+        clock = session.probe.create_publisher(Clock, "/clock", 10)
+        session.describe()
+        for _ in range(3):
+            session.feed(source.cycle())
+        session.until(lambda: count(session, "flap telemetry", "windows") == 3)
+        assert clock.get_subscription_count()
+        held.set()
+        session.until(lambda: len(session.estimates()) == 3)
+        assert [(e.window, e.valid) for e in session.estimates()] == [(i, True) for i in range(3)]
+        session.until(lambda: count(session, "input", "windows dropped") == 0)
+
+
+def test_what_waits_is_refused_on_deactivation_and_work_goes_on_after(held: threading.Event):
+    source = Source()
+    with monitor() as session:
+        session.describe()
+        for _ in range(2):
+            session.feed(source.cycle())
+        blocks = source.cycle()
+        session.feed(blocks[: in_window(blocks)])
+        total = 2 * 34 + in_window(blocks)
+        session.until(lambda: count(session, "flap telemetry", "blocks") == total)
+        assert session.change_state(Transition.TRANSITION_DEACTIVATE)
+        session.until(lambda: len(session.estimates()) == 3)
+        assert [(e.window, e.valid) for e in session.estimates()] == [(i, False) for i in range(3)]
+        for estimate, reason in zip(
+            session.estimates(),
+            ("stopped during", "stopped before", "the telemetry ends"),
+            strict=True,
+        ):
+            assert reason in estimate.reason
+        held.set()
+        assert session.change_state(Transition.TRANSITION_ACTIVATE)
+        session.until_heard()
+        session.feed(Source().cycle())
+        estimate = session.until(lambda: session.estimates()[3:])[0]
+        assert (estimate.window, estimate.valid) == (3, True)

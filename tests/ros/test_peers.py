@@ -1,0 +1,102 @@
+"""Who has gone from the graph is missed, and only those with whom a node has to do."""
+
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+from rclpy.context import Context
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from ema_nodes.peers import FRESH_S, Peers, nodes_in_touch, now_s
+from ema_nodes.status import OK, WARN
+
+
+def test_nobody_is_missed_before_anybody_came():
+    peers = Peers()
+    assert peers.update(set(), 0.0) == []
+    task = peers.task("unit", 0.0)
+    assert (task.name, task.level, task.message, task.hardware_id) == (
+        "peers",
+        OK,
+        "0 in touch",
+        "unit",
+    )
+
+
+def test_one_who_goes_is_told_once_and_missed_for_a_minute():
+    peers = Peers()
+    assert peers.update({"/ema/actuator", "/ema/recorder"}, 0.0) == []
+    task = peers.task("unit", 0.0)
+    assert (task.level, task.message) == (OK, "2 in touch")
+    assert task.values["present"] == "/ema/actuator, /ema/recorder"
+    assert peers.update({"/ema/recorder"}, 1.0) == ["/ema/actuator"]
+    assert peers.update({"/ema/recorder"}, 2.0) == []
+    task = peers.task("unit", 1.0 + FRESH_S - 1e-6)
+    assert (task.level, task.message) == (WARN, "gone from the graph: /ema/actuator")
+    task = peers.task("unit", 1.0 + FRESH_S)
+    assert (task.level, task.message) == (OK, "1 in touch")
+    assert task.values == {"present": "/ema/recorder", "gone": "/ema/actuator"}
+
+
+def test_one_who_comes_back_is_not_missed_and_told_anew_when_gone_again():
+    peers = Peers()
+    peers.update({"/ema/a", "/ema/b"}, 0.0)
+    assert peers.update(set(), 1.0) == ["/ema/a", "/ema/b"]
+    assert peers.update({"/ema/a"}, 2.0) == []
+    assert peers.task("unit", 2.0).message == "gone from the graph: /ema/b"
+    assert peers.update(set(), 50.0) == ["/ema/a"]
+    # The other has been gone for longer than a minute then, this one has not.
+    assert peers.task("unit", 61.5).message == "gone from the graph: /ema/a"
+
+
+def test_what_is_given_is_not_kept():
+    peers, present = Peers(), {"/ema/a"}
+    peers.update(present, 0.0)
+    present.clear()
+    assert peers.task("unit", 0.0).values["present"] == "/ema/a"
+
+
+def test_its_clock_does_not_go_back():
+    assert now_s() <= now_s()
+
+
+@pytest.fixture
+def context() -> Iterator[Context]:
+    context = Context()
+    context.init()
+    yield context
+    context.shutdown()
+
+
+def test_in_touch_are_nodes_of_the_namespace_that_share_a_topic(context: Context):
+    def node(name: str, namespace: str = "/ema") -> Node:
+        return Node(name, context=context, namespace=namespace)
+
+    own = node("own")
+    own.create_publisher(String, "out", 1)
+    own.create_subscription(String, "in", lambda _: None, 1)
+    own.create_subscription(String, "/clock", lambda _: None, 1)
+    hears, speaks, same, other, tool = (
+        *(node(name) for name in ("hears", "speaks", "same", "other")),
+        node("tool", "/"),
+    )
+    hears.create_subscription(String, "out", lambda _: None, 1)
+    speaks.create_publisher(String, "in", 1)
+    same.create_publisher(String, "out", 1)
+    other.create_publisher(String, "elsewhere", 1)
+    other.create_publisher(String, "/clock", 1)
+    tool.create_subscription(String, "/ema/out", lambda _: None, 1)
+
+    def until(expected: set[str]) -> None:
+        poll, deadline = threading.Event(), time.monotonic() + 8.0
+        while nodes_in_touch(own) != expected:
+            assert time.monotonic() < deadline, nodes_in_touch(own)
+            poll.wait(0.02)
+
+    until({"/ema/hears", "/ema/speaks", "/ema/same"})
+    speaks.destroy_node()
+    until({"/ema/hears", "/ema/same"})
+    for item in (own, hears, same, other, tool):
+        item.destroy_node()

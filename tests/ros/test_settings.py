@@ -1,0 +1,193 @@
+"""Parameters are declared from the definitions that validate them, and descriptions from files."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ema_core.description import ActuatorDescription
+from ema_core.quantity import check_quantities, quantity, text
+from ema_nodes.actuator_file import load_description
+from ema_nodes.settings import LiveSettings, declare, read
+
+
+@dataclass(frozen=True)
+class Oven:
+    temperature: float = quantity(180.0, "degC", 20.0, 300.0, "temperature inside")
+    trays: int = quantity(2, "-", 0, 4, "trays in use")
+    mode: str = text("fan", "where the heat comes from", ("fan", "grill"))
+    label: str = text("", "what is in it")
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        if self.mode == "grill" and self.temperature < 100.0:
+            raise ValueError(f"temperature = {self.temperature:g} degC is too low to grill")
+
+
+@pytest.fixture
+def make_node() -> Iterator[Callable[..., Node]]:
+    """Make a node that was given some parameters."""
+    context, nodes = Context(), []
+    context.init()
+
+    def make(**given: Any) -> Node:
+        overrides = [Parameter(key.replace("__", "."), value=v) for key, v in given.items()]
+        nodes.append(Node("oven", context=context, parameter_overrides=overrides))
+        return nodes[-1]
+
+    yield make
+    for node in nodes:
+        node.destroy_node()
+    context.shutdown()
+
+
+def test_defaults_are_read_back(make_node: Callable[..., Node]):
+    node = make_node()
+    declare(node, Oven)
+    assert read(node, Oven) == Oven()
+    assert not node.has_parameter("notes")
+
+
+def test_instance_gives_its_own_defaults(make_node: Callable[..., Node]):
+    node, own = make_node(), Oven(200.0, 3, "grill", "bread")
+    declare(node, own, "left.")
+    assert read(node, Oven, "left.") == own
+
+
+def test_given_values_are_used_and_whole_numbers_are_numbers(make_node: Callable[..., Node]):
+    node = make_node(left__temperature=200, left__mode="grill")
+    declare(node, Oven, "left.")
+    oven = read(node, Oven, "left.")
+    assert (oven.temperature, oven.mode) == (200.0, "grill")
+    assert type(oven.temperature) is float
+
+
+def test_descriptors_tell_unit_range_and_choices(make_node: Callable[..., Node]):
+    node = make_node()
+    declare(node, Oven)
+    temperature = node.describe_parameter("temperature")
+    assert temperature.description == "temperature inside [degC]"
+    [given] = temperature.floating_point_range
+    assert (given.from_value, given.to_value) == (20.0, 300.0)
+    [given] = node.describe_parameter("trays").integer_range
+    assert (given.from_value, given.to_value) == (0, 4)
+    assert node.describe_parameter("mode").additional_constraints == "one of fan, grill"
+    assert node.describe_parameter("label").read_only
+
+
+@pytest.mark.parametrize(
+    ("given", "texts"),
+    [
+        ({"temperature": 301.0}, ["temperature", "301", "300", "degC", "inside"]),
+        ({"temperature": 1000}, ["temperature", "1000", "300", "degC"]),
+        ({"temperature": float("nan")}, ["temperature", "nan", "degC"]),
+        ({"temperature": "hot"}, ["temperature", "hot", "degC"]),
+        ({"trays": 5}, ["trays", "5", "4"]),
+        ({"trays": 2.5}, ["trays", "2.5", "whole"]),
+        ({"mode": "steam"}, ["mode", "steam", "fan, grill"]),
+        ({"label": 3}, ["label", "3", "text"]),
+        ({"mode": "grill", "temperature": 50.0}, ["temperature", "50", "too low to grill"]),
+    ],
+)
+def test_impossible_value_that_is_given_is_refused_in_one_line(
+    make_node: Callable[..., Node], given: dict[str, Any], texts: list[str]
+):
+    node = make_node(**{f"left__{name}": value for name, value in given.items()})
+    with pytest.raises(ValueError, match=r"left\.") as refused:
+        LiveSettings(node, Oven, "left.")
+    assert all(item in str(refused.value) for item in texts), refused.value
+    assert "\n" not in str(refused.value)
+
+
+def set_one(node: Node, name: str, value: Any) -> Any:
+    [result] = node.set_parameters([Parameter(name, value=value)])
+    return result
+
+
+def test_fixed_settings_stay(make_node: Callable[..., Node]):
+    node = make_node()
+    declare(node, Oven)
+    assert not set_one(node, "trays", 3).successful
+    assert read(node, Oven) == Oven()
+
+
+def test_live_settings_follow_and_tell(make_node: Callable[..., Node]):
+    node, changes = make_node(), []
+    left = LiveSettings(node, Oven, "left.", changes.append)
+    right = LiveSettings(node, Oven, "right.")
+    assert set_one(node, "left.temperature", 250).successful
+    assert left.value == Oven(250.0)
+    assert type(left.value.temperature) is float
+    assert right.value == Oven()
+    assert changes == [Oven(250.0)]
+    together = [Parameter("left.mode", value="grill"), Parameter("right.trays", value=1)]
+    assert node.set_parameters_atomically(together).successful
+    assert (left.value, right.value) == (Oven(250.0, mode="grill"), Oven(trays=1))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("temperature", value) for value in (10.0, 10, float("nan"), "hot", True)),
+        *(("trays", value) for value in (5, 2.5, -1)),
+        *(("mode", value) for value in ("steam", 3)),
+        ("label", 3),
+    ],
+)
+def test_impossible_change_is_refused_by_name(
+    make_node: Callable[..., Node], name: str, value: Any
+):
+    node, changes = make_node(), []
+    left = LiveSettings(node, Oven, "left.", changes.append)
+    result = set_one(node, f"left.{name}", value)
+    assert not result.successful
+    assert f"left.{name}" in result.reason
+    assert (left.value, changes) == (Oven(), [])
+    assert node.get_parameter(f"left.{name}").value == getattr(Oven(), name)
+
+
+def test_live_setting_cannot_be_taken_away(make_node: Callable[..., Node]):
+    node = make_node()
+    left = LiveSettings(node, Oven, "left.")
+    assert not set_one(node, "left.trays", None).successful
+    assert left.value == Oven()
+
+
+def test_description_is_read_from_a_file(tmp_path: Path):
+    file = tmp_path / "rudder.yaml"
+    file.write_text("actuator_id: rudder\nsample_period: 2e-4\nparameters: {R_s: 2.5}\n")
+    description = load_description(file)
+    assert (description.actuator_id, description.sample_period) == ("rudder", 2e-4)
+    assert description.serial_number == ActuatorDescription().serial_number
+    assert description.parameters == ActuatorDescription().parameters.replace({"R_s": 2.5})
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("[", "not a YAML file"),
+        ("rudder", "expected a mapping"),
+        ("", "expected a mapping"),
+        ("colour: red", "unknown entry 'colour'"),
+        ("parameters: [1]", "parameters must be a mapping"),
+        ("parameters: {R_s: -1}", "R_s"),
+        ("parameters: {R_s: thick}", "R_s"),
+        ("parameters: {nonsense: 1}", "nonsense"),
+        ("sample_period: fast", "sample_period"),
+        ("actuator_id: 3", "actuator_id"),
+    ],
+)
+def test_file_that_describes_no_actuator_is_refused_by_its_name(
+    tmp_path: Path, content: str, text: str
+):
+    file = tmp_path / "wrong.yaml"
+    file.write_text(content)
+    with pytest.raises(ValueError, match=r"wrong\.yaml") as refused:
+        load_description(file)
+    assert text in str(refused.value)
