@@ -10,7 +10,7 @@ from typing import Final
 import click
 import numpy as np
 
-from ema_cli.bringup import parameter_file, program, ros_arguments
+from ema_cli.bringup import assignments_of, parameter_file, program, ros_arguments
 from ema_cli.history import read_history
 from ema_cli.live_table import LiveTable
 from ema_cli.observer import Observer
@@ -59,7 +59,8 @@ def run_demo(duration_s: float, output: Path | None, stop: StopRequest) -> None:
         return
     folder = _make_folder(output)
     bag, picture = folder / "bag", folder / "history.png"
-    commands["recorder"] += ["-p", f'output:="{bag}"']
+    [assignment] = assignments_of({"output": str(bag)})
+    commands["recorder"] += ["-p", assignment]
     with LiveTable(SHOWN) as table, Supervisor(table.tell, "recorder") as processes:
         _announce(table.tell, folder)
         for node, command in commands.items():

@@ -83,7 +83,32 @@ class CalibrationStore:
         self._in_use[description.actuator_id, description.serial_number] = calibration
         return calibration, path
 
-    def keep(self, description: ActuatorDescription, calibration: Calibration, file: str) -> Path:
+    def prepare(self, description: ActuatorDescription, file: str) -> Path:
+        """Return where a calibration is to be stored, and make the folder.
+
+        Parameters
+        ----------
+        description
+            The actuator.
+        file
+            Where to store it; empty for the usual place.
+
+        Raises
+        ------
+        ValueError
+            When ``file`` holds other names in braces than ``__init__`` allows, or the folder
+            cannot be made.
+        """
+        path = self._place(description, file)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ValueError(
+                f"the calibration cannot be stored in {path}: {error.strerror}"
+            ) from error
+        return path
+
+    def keep(self, description: ActuatorDescription, calibration: Calibration, path: Path) -> None:
         """Store a calibration and use it from now on.
 
         Parameters
@@ -92,26 +117,21 @@ class CalibrationStore:
             The actuator.
         calibration
             Its new calibration.
-        file
-            Where to store it; empty for the usual place.
-
-        Returns
-        -------
-        Path
-            Where it was stored.
+        path
+            Where to store it.
 
         Raises
         ------
         ValueError
-            When ``file`` holds other names in braces than ``__init__`` allows.
-        OSError
             When it cannot be stored; the one in use stays.
         """
-        path = self._place(description, file)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        calibration.save(path)
+        try:
+            calibration.save(path)
+        except OSError as error:
+            raise ValueError(
+                f"the calibration cannot be stored in {path}: {error.strerror}"
+            ) from error
         self._in_use[description.actuator_id, description.serial_number] = calibration
-        return path
 
     def _place(self, description: ActuatorDescription, file: str) -> Path:
         if file or self._file:

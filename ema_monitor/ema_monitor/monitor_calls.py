@@ -10,7 +10,6 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 
 from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate
@@ -21,6 +20,7 @@ from ema_monitor.monitor_messages import estimate_to_message
 from ema_monitor.trigger import Refusal
 from ema_monitor.watch import Found
 from ema_monitor.window import Window
+from ema_nodes.executor import WaitingCallbackGroup
 
 if TYPE_CHECKING:
     from ema_monitor.monitor_node import MonitorNode
@@ -49,7 +49,7 @@ class MonitorCalls:
             Calibrate,
             "~/calibrate",
             self._calibrate,
-            callback_group=MutuallyExclusiveCallbackGroup(),
+            callback_group=WaitingCallbackGroup(),
         )
         self._action = ActionServer(
             node,
@@ -58,7 +58,6 @@ class MonitorCalls:
             self._identify,
             goal_callback=self._judge_goal,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=ReentrantCallbackGroup(),
         )
 
     def destroy(self) -> None:
@@ -76,9 +75,10 @@ class MonitorCalls:
                 calibration, path = self._node.store.load(_description(unit), request.file)
                 response.message = f"loaded from {path}"
             else:
+                path = self._node.store.prepare(_description(unit), request.file)
                 windows = list(self._healthy_windows(unit, request.windows))
                 calibration = calibrate(windows, _description(unit))
-                path = self._node.store.keep(_description(unit), calibration, request.file)
+                self._node.store.keep(_description(unit), calibration, path)
                 response.message = (
                     f"made of {len(windows)} windows and stored in {path}; calibration_file has to "
                     "name it for it to be used after a restart"
@@ -131,7 +131,7 @@ class MonitorCalls:
         return self._node.operation.value.calibration_timeout_s
 
     def _judge_goal(self, _: Any) -> GoalResponse:
-        """Take no more goals than leave threads for the telemetry."""
+        """Take no more goals than leave the processor to the windows of the telemetry."""
         with self._goal_lock:
             if self._goals >= _MOST_GOALS:
                 self._node.get_logger().warning(

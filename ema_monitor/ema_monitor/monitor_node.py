@@ -11,7 +11,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.publisher import Publisher
+from rclpy.lifecycle.publisher import LifecyclePublisher
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, WARN
@@ -107,12 +107,12 @@ class MonitorNode(ManagedNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("monitor", **kwargs)
         self.search = LiveSettings(self, Search)
-        self.operation = LiveSettings(self, Operation, on_change=lambda _: self._limit_waiting())
+        self.operation = LiveSettings(self, Operation)
         self._trigger = LiveSettings(self, TriggerSettings, on_change=self._restart)
         self._limits = LiveSettings(self, HealthLimits, "limits.")
         declare(self, Files)
         self._units: dict[str, Unit] = {}
-        self._healths: dict[str, Publisher] = {}
+        self._healths: dict[str, LifecyclePublisher] = {}
         self._room = WaitingRoom(None)
         self._lock = threading.RLock()
         self._listeners: list[SimpleQueue[Found]] = []
@@ -126,18 +126,19 @@ class MonitorNode(ManagedNode):
         own_folder = Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser() / "ema"
         self.store = CalibrationStore(files.calibration_file, own_folder)
         message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
-        self._estimates = self.create_lifecycle_publisher(message_class, topics.FAULT_ESTIMATE, qos)
+        self._estimates = self.add_publisher(message_class, topics.FAULT_ESTIMATE, qos)
         if files.actuator_file:
-            self._describe(load_description(Path(files.actuator_file).expanduser()))
+            self._describe(load_description(Path(files.actuator_file)))
         self._calls = MonitorCalls(self)
         self._stale_timer = self.create_timer(_STALE_CHECK_S, self._check_freshness)
 
     def activate(self) -> None:
         """Listen, and identify what is heard."""
-        self.idle.clear()
-        self._room = WaitingRoom(None)
-        self._limit_waiting()
-        self._worker = threading.Thread(target=self._work, name="identification", daemon=True)
+        # New ones: a worker that was stopped in the middle of a compilation may still be there.
+        self.idle, self._room = threading.Event(), WaitingRoom(None)
+        self._worker = threading.Thread(
+            target=self._work, args=(self._room, self.idle), name="identification", daemon=True
+        )
         self._worker.start()
         receiving = MutuallyExclusiveCallbackGroup()
         self._subscriptions_in_use = [
@@ -171,7 +172,7 @@ class MonitorNode(ManagedNode):
         self._calls.destroy()
         self.destroy_timer(self._stale_timer)
         for publisher in (self._estimates, *self._healths.values()):
-            self.destroy_publisher(publisher)
+            self.destroy_lifecycle_publisher(publisher)
         self._healths.clear()
         self._units.clear()
         self._nameless = 0
@@ -258,7 +259,7 @@ class MonitorNode(ManagedNode):
             self._units[actuator_id] = Unit(actuator_id, self._trigger.value, now_ns)
             # One for each actuator, so that each has its latest health latched.
             message_class, qos = topics.MONITOR_TOPICS[topics.HEALTH]
-            self._healths[actuator_id] = self.create_publisher(message_class, topics.HEALTH, qos)
+            self._healths[actuator_id] = self.add_publisher(message_class, topics.HEALTH, qos)
         return self._units[actuator_id]
 
     def _complain(self, actuator_id: str, reason: str) -> None:
@@ -284,34 +285,44 @@ class MonitorNode(ManagedNode):
                 unit.latest = event
             for queue in self._listeners:
                 queue.put(event)
+            in_sim_time = self.get_parameter("use_sim_time").value
+            self._room.limit(None if in_sim_time else self.operation.value.waiting_windows)
             for gone in self._room.put(event):
                 self.get_logger().warning(
                     f"{gone.description.actuator_id}: window {gone.number} is dropped, "
                     f"{len(self._room)} wait"
                 )
 
-    def _work(self) -> None:
+    def _work(self, room: WaitingRoom, idle: threading.Event) -> None:
         compile_kernels()
-        while (found := self._room.get()) is not None:
+        while (found := room.get()) is not None:
             try:
-                self._identify(found)
-            except Exception:
+                self._identify(found, idle)
+            except Exception as error:
                 # One window that cannot be dealt with must not end the work on the others.
-                self.get_logger().error(
-                    f"window {found.number} cannot be dealt with:\n{traceback.format_exc()}"
-                )
+                self._give_up(found, error)
 
-    def _identify(self, found: Found) -> None:
+    def _identify(self, found: Found, idle: threading.Event) -> None:
         run = Diagnosis(found, self.store.of(found.description), self.search.value.settings())
         try:
             for _ in run:
-                if self.idle.is_set():
+                if idle.is_set():
                     self._refuse(found, "the monitor was stopped during the identification")
                     return
         except ValueError as error:
             self._refuse(found, str(error))
             return
         self._conclude(found, run)
+
+    def _give_up(self, found: Found, error: Exception) -> None:
+        reason = f"the identification failed: {error!r}"
+        self.get_logger().error(f"window {found.number}: {reason}\n{traceback.format_exc()}")
+        try:
+            self._refuse(found, reason)
+        except Exception:
+            self.get_logger().error(
+                f"window {found.number} cannot be refused either:\n{traceback.format_exc()}"
+            )
 
     def _refuse(self, found: Found, reason: str) -> None:
         window = found.window
@@ -356,10 +367,6 @@ class MonitorNode(ManagedNode):
         with self._lock:
             for unit in self._units.values():
                 self._sort(unit, unit.watch.restart(settings, "the settings of the window changed"))
-
-    def _limit_waiting(self) -> None:
-        in_sim_time = self.get_parameter("use_sim_time").value
-        self._room.limit(None if in_sim_time else self.operation.value.waiting_windows)
 
 
 def main(args: list[str] | None = None) -> int:

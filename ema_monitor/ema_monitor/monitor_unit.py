@@ -49,7 +49,7 @@ class Unit:
         self._invalid = 0
         self._latency_s = float("nan")
         self._fresh_ns = now_ns
-        self._stamp_ns = 0
+        self._judged: Found | None = None
         self._health = _NOTHING_KNOWN
         self._stale_told = False
 
@@ -105,7 +105,7 @@ class Unit:
             self._open_defects.popleft()
         self._fresh_ns = now_ns
         self._stale_told = False
-        self._stamp_ns = estimate.end_ns
+        self._judged = found
         self._latency_s = (now_ns - estimate.end_ns) * 1e-9
         self._health = assess(estimate, limits)
         return message, self._health_message()
@@ -173,7 +173,11 @@ class Unit:
         ]
 
     def _health_message(self) -> HealthMessage | None:
-        description = self.watch.description
-        if description is None:
-            return None
-        return health_to_message(self._health, self._stamp_ns, self.watch.windows, description)
+        """Return the health after the window that was judged last."""
+        if self._judged is not None:
+            found = self._judged
+            end_ns, cycles = found.window.end_ns, found.number + 1
+            return health_to_message(self._health, end_ns, cycles, found.description)
+        if self.watch.description is not None:
+            return health_to_message(self._health, 0, 0, self.watch.description)
+        return None

@@ -67,7 +67,7 @@ class Watch:
         self.lost_samples = 0
         self.windows = 0
         self._settings = settings
-        self._early: deque[Telemetry] = deque()
+        self._early: deque[Telemetry | Defect] = deque()
         self._trigger: WindowTrigger | None = None
         self._last: Telemetry | None = None
         self._period_told = False
@@ -98,8 +98,12 @@ class Watch:
         self.description = description
         self._trigger = WindowTrigger(description.parameters, self._settings)
         self._period_told = False
-        while self._early:
-            found += self._scan(self._early.popleft())
+        early, self._early = self._early, deque()
+        for item in early:
+            if isinstance(item, Defect):
+                found += self._number([self._trigger.interrupt(item.stamp_ns, item.reason)])
+            else:
+                found += self._scan(item)
         return found
 
     def restart(self, settings: TriggerSettings, reason: str) -> list[Found | Defect]:
@@ -114,8 +118,9 @@ class Watch:
         """
         self._settings = settings
         found: list[Found | Defect] = []
-        if self._trigger is not None and self._last is not None and self.description is not None:
+        if self._trigger is not None and self._last is not None:
             found = self._number([self._trigger.interrupt(self._last.stamp_ns, reason)])
+        if self.description is not None:
             self._trigger = WindowTrigger(self.description.parameters, settings)
         return found
 
@@ -152,7 +157,7 @@ class Watch:
         """
         self.blocks += 1
         if self._trigger is None:
-            self._early.clear()
+            self._early.append(Defect(stamp_ns, reason))
             return [Defect(stamp_ns, reason)]
         return self._number([self._trigger.interrupt(stamp_ns, reason)])
 

@@ -24,12 +24,12 @@ def load_description(path: Path) -> ActuatorDescription:
     Raises
     ------
     ValueError
-        When the file is no such mapping, or names or values are impossible.
-    OSError
-        When it cannot be read.
+        When the file cannot be read or is no such mapping, or names or values are impossible.
     """
     try:
-        content = yaml.safe_load(path.read_text())
+        content = yaml.safe_load(path.expanduser().read_text())
+    except OSError as error:
+        raise ValueError(f"actuator file {path} cannot be read: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is not a YAML file: {error}") from error
     if not isinstance(content, dict):

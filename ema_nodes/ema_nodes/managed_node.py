@@ -3,16 +3,19 @@
 import threading
 import traceback
 from collections.abc import Callable
-from typing import Any, Final
+from difflib import get_close_matches
+from typing import Any, Final, cast
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle.publisher import LifecyclePublisher
+from rclpy.qos import QoSProfile
 
 from ema_messages.topics import NAMESPACE
-from ema_nodes.peers import Peers, nodes_in_touch, now_s
+from ema_nodes.peers import Peers, nodes_alive, nodes_in_touch, now_s
 from ema_nodes.status import ERROR, OK, WARN, Task, status_message
 
 _REPORT_S: Final = 1.0
@@ -87,8 +90,24 @@ class ManagedNode(LifecycleNode):
 
     def bring_up(self) -> bool:
         """Configure and activate; return whether that worked."""
+        self._tell_strange_parameters()
         success = TransitionCallbackReturn.SUCCESS
         return self.trigger_configure() == success and self.trigger_activate() == success
+
+    def add_publisher(self, message_class: Any, topic: str, qos: QoSProfile) -> LifecyclePublisher:
+        """Return a new publisher that publishes while the node is active.
+
+        Parameters
+        ----------
+        message_class, topic, qos
+            As of ``rclpy.node.Node.create_publisher``.
+        """
+        publisher = cast(
+            LifecyclePublisher, self.create_lifecycle_publisher(message_class, topic, qos)
+        )
+        if self.state == "active":
+            publisher.on_activate(LifecycleState(label=self.state, state_id=0))
+        return publisher
 
     def report(self) -> None:
         """Publish how the node fares; any thread may."""
@@ -160,9 +179,22 @@ class ManagedNode(LifecycleNode):
         return Task("lifecycle", level, self.state, self.hardware_id)
 
     def _report_regularly(self) -> None:
-        for lost in self._peers.update(nodes_in_touch(self), now_s()):
+        for lost in self._peers.update(nodes_in_touch(self), nodes_alive(self), now_s()):
             self.get_logger().warning(f"{lost} has gone from the graph")
         self.report()
+
+    def _tell_strange_parameters(self) -> None:
+        """Tell of parameters that were given and are none of this node's, as rclpy does not."""
+        own = self.list_parameters([], 0).names
+        for name in self._parameter_overrides:
+            if name in own:
+                continue
+            text = f"parameter {name} is none of this node's and has no effect"
+            similar = get_close_matches(name, own, 1)
+            if similar:
+                self.get_logger().warning(f"{text}: is {similar[0]} meant?")
+            else:
+                self.get_logger().info(text)
 
     def _guard_change_state(self) -> None:
         """See to it that a transition that is not possible is refused instead of raising."""

@@ -15,31 +15,34 @@ _UNSEEN = ("/rosout", "/parameter_events", "/clock", "/diagnostics")
 
 
 class Peers:
-    """The nodes of the same namespace that share a topic with a node.
+    """The nodes of the same namespace that share, or shared, a topic with a node.
 
     A killed node cannot say that it goes, so that the others have to. Tools that come and go in
-    other namespaces are of no concern.
+    other namespaces are of no concern, nor is a node that is there and only inactive.
     """
 
     def __init__(self) -> None:
         self._present: set[str] = set()
         self._gone: dict[str, float] = {}
 
-    def update(self, present: set[str], now_s: float) -> list[str]:
+    def update(self, in_touch: set[str], alive: set[str], now_s: float) -> list[str]:
         """Take note of who is there and return who has gone since the last time.
 
         Parameters
         ----------
-        present
-            Names of the nodes that are there.
+        in_touch
+            Full names of the nodes that share a topic at the moment.
+        alive
+            Full names of all nodes.
         now_s
             Time on a clock of one's own [s].
         """
+        present = in_touch | (alive & (self._present | self._gone.keys()))
         lost = sorted(self._present - present)
         known = {name: since for name, since in self._gone.items() if name not in present}
         # Replaced as a whole: another thread may be reading.
         self._gone = known | dict.fromkeys(lost, now_s)
-        self._present = set(present)
+        self._present = present
         return lost
 
     def task(self, hardware_id: str, now_s: float) -> Task:
@@ -65,6 +68,12 @@ def nodes_in_touch(node: Node) -> set[str]:
             if endpoint.node_namespace == namespace:
                 found.add(f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}")
     return found - {own}
+
+
+def nodes_alive(node: Node) -> set[str]:
+    """Return the full names of all nodes in the graph."""
+    pairs = node.get_node_names_and_namespaces()
+    return {f"{namespace.rstrip('/')}/{name}" for name, namespace in pairs}
 
 
 def _topics_of(node: Node) -> Iterable[str]:

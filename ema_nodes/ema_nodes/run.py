@@ -7,17 +7,19 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 import rclpy
 from rclpy._rclpy_pybind11 import InvalidHandle
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 
+from ema_nodes.executor import NodeExecutor
 from ema_nodes.managed_node import ManagedNode
 
 _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
-_THREADS: Final = 8
 _PATIENCE_S: Final = 1.0
 _POLL_S: Final = 0.05
 
@@ -42,12 +44,12 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
         # An event could be in the middle of a wait here, and its lock taken.
         signal.signal(number, lambda number, _: told_to_stop.append(number))
     # rclpy's own handlers would close the context at once: nothing could be published in parting.
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:
         sys.stderr.write(f"{error}\n")
-        rclpy.shutdown()
+        try_shutdown()
         return 1
     exit_code = _serve(node, told_to_stop) if node.bring_up() else 1
     for number in _SIGNALS:
@@ -61,7 +63,7 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
 
 def _serve(node: ManagedNode, told_to_stop: list[int]) -> int:
     """Serve a node that is up until it is told to stop or has finished; return its exit code."""
-    executor = MultiThreadedExecutor(_THREADS)
+    executor = NodeExecutor(partial(_tell_failure, node))
     executor.add_node(node)
     spinning = threading.Thread(target=_spin, args=(executor, node), name="executor", daemon=True)
     spinning.start()
@@ -75,7 +77,7 @@ def _serve(node: ManagedNode, told_to_stop: list[int]) -> int:
     return node.exit_code
 
 
-def _spin(executor: MultiThreadedExecutor, node: ManagedNode) -> None:
+def _spin(executor: NodeExecutor, node: ManagedNode) -> None:
     while not node.stopping.is_set():
         try:
             executor.spin_once(timeout_sec=0.2)
@@ -83,9 +85,13 @@ def _spin(executor: MultiThreadedExecutor, node: ManagedNode) -> None:
             return
         except InvalidHandle:
             continue  # what was to be served has just been destroyed
-        except Exception:
-            # A callback failed. The others go on.
-            node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
+
+
+def _tell_failure(node: ManagedNode, error: Exception) -> None:
+    """Tell that a callback failed; the others go on."""
+    if not isinstance(error, InvalidHandle):
+        trace = "".join(traceback.format_exception(error))
+        node.get_logger().error(f"a callback failed:\n{trace}")
 
 
 def _end_if_stuck(exit_code: int) -> None:

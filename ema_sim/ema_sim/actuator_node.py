@@ -60,7 +60,8 @@ class ActuatorNode(ManagedNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("actuator", **kwargs)
         declare(self, RunSettings)
-        self._description = _described(read(self, RunSettings).actuator_file)
+        file = read(self, RunSettings).actuator_file
+        self._description = load_description(Path(file)) if file else ActuatorDescription()
         declare(self, BenchSettings(pause_s=_PAUSE_S))
         declare(self, Command, "command.")
         declare(self, ResolutionSettings, "resolution.")
@@ -98,8 +99,7 @@ class ActuatorNode(ManagedNode):
         if self._rate != 1.0:
             offers[_CLOCK] = (Clock, _CLOCK_QOS)
         self._publishers_by_topic = {
-            name: self.create_lifecycle_publisher(message, name, qos)
-            for name, (message, qos) in offers.items()
+            name: self.add_publisher(message, name, qos) for name, (message, qos) in offers.items()
         }
         group = MutuallyExclusiveCallbackGroup()
         self._own_services = [
@@ -125,7 +125,7 @@ class ActuatorNode(ManagedNode):
     def clean_up(self) -> None:
         """Let go of publishers and services."""
         for publisher in self._publishers_by_topic.values():
-            self.destroy_lifecycle_publisher(publisher)  # pyright: ignore[reportArgumentType]
+            self.destroy_lifecycle_publisher(publisher)
         for service in self._own_services:
             self.destroy_service(service)
 
@@ -195,7 +195,7 @@ class ActuatorNode(ManagedNode):
             lambda: self._bench.set_faults(
                 faults_from_message(request.faults),
                 _growths(request.growth),
-                request.hours_per_cycle,
+                request.hours_per_cycle or None,
             ),
         )
 
@@ -233,15 +233,6 @@ def _command(request: SetCommand.Request) -> Command:
         return Command("custom", samples=request.custom)
     figures = {name: getattr(request, name) for name in _COMMAND_FIGURES}
     return Command(request.shape, **figures)
-
-
-def _described(file: str) -> ActuatorDescription:
-    if not file:
-        return ActuatorDescription()
-    try:
-        return load_description(Path(file))
-    except OSError as error:
-        raise ValueError(f"actuator_file = {file!r} cannot be read: {error}") from error
 
 
 def main(args: list[str] | None = None) -> int:

@@ -48,13 +48,13 @@ def measure(path: Path) -> dict[str, Any]:
     last = statuses[-1]
     return {
         "samples": sum(count for _, count in blocks),
-        "samples lost by the recorder": sum(missing),
-        "blocks heard by the monitor": int(last["blocks"]),
-        "samples lost by the monitor": int(last["samples lost"]),
+        "samples_lost_by_recorder": sum(missing),
+        "blocks_heard_by_monitor": int(last["blocks"]),
+        "samples_lost_by_monitor": int(last["samples lost"]),
         "windows": int(last["windows"]),
         "estimates": len(latencies_s),
-        "latency median [s]": float(np.median(latencies_s)),
-        "latency 95 % [s]": float(np.quantile(latencies_s, 0.95)),
+        "latency_median_s": float(np.median(latencies_s)),
+        "latency_95_percent_s": float(np.quantile(latencies_s, 0.95)),
     }
 
 
@@ -69,7 +69,9 @@ def main(duration_s: float, output: Path | None) -> None:
         figures = measure(Path(folder, "demo", "bag"))
     table = Table("live graph", "", title=f"{duration_s:g} s at 10 kHz")
     for name, value in figures.items():
-        table.add_row(name, f"{value:.3f}" if isinstance(value, float) else str(value))
+        table.add_row(
+            name.replace("_", " "), f"{value:.3f}" if isinstance(value, float) else str(value)
+        )
     Console(width=100).print(table)
     if output:
         output.write_text(json.dumps(figures, indent=2))

@@ -27,6 +27,14 @@ def identity(calibration: Calibration | str) -> str:
     return calibration.calibration_id
 
 
+def kept(
+    store: CalibrationStore, unit: ActuatorDescription, calibration: Calibration, file: str
+) -> Path:
+    path = store.prepare(unit, file)
+    store.keep(unit, calibration, path)
+    return path
+
+
 def test_shipped_calibration_is_used_where_no_file_is_named(tmp_path: Path):
     store = CalibrationStore("", tmp_path)
     assert identity(store.of(FLAP)) == SHIPPED.calibration_id
@@ -56,7 +64,7 @@ def test_missing_or_damaged_file_is_told_and_found_when_it_is_there(tmp_path: Pa
 
 def test_new_calibration_is_stored_and_used_for_its_unit_only(tmp_path: Path):
     store = CalibrationStore("", tmp_path / "own")
-    path = store.keep(RUDDER, of_unit(RUDDER), "")
+    path = kept(store, RUDDER, of_unit(RUDDER), "")
     assert path.parent == tmp_path / "own"
     assert all(name in path.name for name in ("rudder", "SIM-0002"))
     assert Calibration.load(path).calibration_id == of_unit(RUDDER).calibration_id
@@ -70,18 +78,18 @@ def test_new_calibration_is_stored_and_used_for_its_unit_only(tmp_path: Path):
 def test_call_says_where_else_setting_else_own_folder(tmp_path: Path):
     setting = f"{tmp_path}/set/{{actuator_id}}.yaml"
     store = CalibrationStore(setting, tmp_path / "own")
-    assert store.keep(FLAP, SHIPPED, "") == tmp_path / "set" / "flap.yaml"
+    assert kept(store, FLAP, SHIPPED, "") == tmp_path / "set" / "flap.yaml"
     called = f"{tmp_path}/called/{{serial_number}}.yaml"
-    assert store.keep(FLAP, SHIPPED, called) == tmp_path / "called" / "SIM-0001.yaml"
+    assert kept(store, FLAP, SHIPPED, called) == tmp_path / "called" / "SIM-0001.yaml"
     assert CalibrationStore("", tmp_path).load(FLAP, called)[1].name == "SIM-0001.yaml"
 
 
 def test_new_calibration_outlives_the_monitor_where_the_setting_says(tmp_path: Path):
     own, setting = of_unit(RUDDER), f"{tmp_path}/{{actuator_id}}.yaml"
-    CalibrationStore(setting, tmp_path).keep(RUDDER, own, "")
+    kept(CalibrationStore(setting, tmp_path), RUDDER, own, "")
     assert identity(CalibrationStore(setting, tmp_path).of(RUDDER)) == own.calibration_id
     # In the monitor's own place it has to be called for.
-    CalibrationStore("", tmp_path / "own").keep(RUDDER, own, "")
+    kept(CalibrationStore("", tmp_path / "own"), RUDDER, own, "")
     calibration, _ = CalibrationStore("", tmp_path / "own").load(RUDDER, "")
     assert calibration.calibration_id == own.calibration_id
 
@@ -89,12 +97,12 @@ def test_new_calibration_outlives_the_monitor_where_the_setting_says(tmp_path: P
 def test_names_cannot_lead_out_of_the_folder(tmp_path: Path):
     climber = replace(FLAP, actuator_id="../../up", serial_number="a/b")
     store = CalibrationStore("", tmp_path / "own")
-    assert store.keep(climber, of_unit(climber), "").parent == tmp_path / "own"
+    assert kept(store, climber, of_unit(climber), "").parent == tmp_path / "own"
     store = CalibrationStore(f"{tmp_path}/own/{{actuator_id}}.yaml", tmp_path)
-    assert store.keep(climber, of_unit(climber), "").parent == tmp_path / "own"
+    assert kept(store, climber, of_unit(climber), "").parent == tmp_path / "own"
     store = CalibrationStore(f"{tmp_path}/own/{{actuator_id}}/c.yaml", tmp_path)
     parent = replace(FLAP, actuator_id="..")
-    assert (tmp_path / "own") in store.keep(parent, of_unit(parent), "").resolve().parents
+    assert (tmp_path / "own") in kept(store, parent, of_unit(parent), "").resolve().parents
 
 
 def test_calibration_that_is_loaded_must_be_of_the_unit(tmp_path: Path):

@@ -29,6 +29,11 @@ PACKAGES = {
 _number = itertools.count(1)
 
 
+def fail(error: Exception) -> None:
+    """Let a test fail by what a callback raised in a thread."""
+    raise error
+
+
 class Graph:
     """Starts nodes as processes, listens to what they say and ends them."""
 

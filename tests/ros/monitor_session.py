@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
-from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -26,7 +26,10 @@ from ema_messages import topics
 from ema_messages.description import description_to_message
 from ema_messages.telemetry import telemetry_to_message
 from ema_monitor.monitor_node import MonitorNode
+from ema_nodes.executor import NodeExecutor
 from ema_sim.actuator import SimulatedActuator
+
+from .graph import fail
 
 DEADLINE_S = 12.0
 START_NS = 1_700_000_000_000_000_000
@@ -82,7 +85,7 @@ class MonitorSession:
             self.subscribe(message_class, name, qos)
         self.subscribe(DiagnosticArray, "/diagnostics", 100)
         self._executors = [
-            MultiThreadedExecutor(THREADS, context=context),
+            NodeExecutor(fail, context=context),
             SingleThreadedExecutor(context=context),
         ]
         self._threads = [

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.context import Context
-from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -29,9 +29,12 @@ from ema_messages.faults import faults_to_message, stamped_faults_from_message
 from ema_messages.stamps import stamp_from_message
 from ema_messages.telemetry import telemetry_from_message
 from ema_messages.topics import ACTUATOR_TOPICS, LATCHED
+from ema_nodes.executor import NodeExecutor
 from ema_sim.actuator_node import ActuatorNode
 from ema_sim.bench import ActuatorBench, BenchSettings
 from ema_sim.growth import Growth, grow
+
+from .graph import fail
 
 DISCOVERY_S = 8.0
 # A step of 20 ms between 1.1 s of approach and return; 1.17 s in all with the pause.
@@ -65,7 +68,7 @@ class Listener:
         self.subscribe(DiagnosticArray, "/diagnostics", 100)
         self.subscribe(Clock, "/clock", BEST_EFFORT)
         self._spinning: list[tuple[Executor, threading.Thread]] = []
-        self._spin(node, MultiThreadedExecutor(4, context=context))
+        self._spin(node, NodeExecutor(fail, context=context))
         self._spin(self._probe, SingleThreadedExecutor(context=context))
 
     def _spin(self, node: Node, executor: Executor) -> None:

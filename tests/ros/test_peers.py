@@ -15,7 +15,7 @@ from ema_nodes.status import OK, WARN
 
 def test_nobody_is_missed_before_anybody_came():
     peers = Peers()
-    assert peers.update(set(), 0.0) == []
+    assert peers.update(set(), set(), 0.0) == []
     task = peers.task("unit", 0.0)
     assert (task.name, task.level, task.message, task.hardware_id) == (
         "peers",
@@ -27,12 +27,15 @@ def test_nobody_is_missed_before_anybody_came():
 
 def test_one_who_goes_is_told_once_and_missed_for_a_minute():
     peers = Peers()
-    assert peers.update({"/ema/actuator", "/ema/recorder"}, 0.0) == []
+    assert (
+        peers.update({"/ema/actuator", "/ema/recorder"}, {"/ema/actuator", "/ema/recorder"}, 0.0)
+        == []
+    )
     task = peers.task("unit", 0.0)
     assert (task.level, task.message) == (OK, "2 in touch")
     assert task.values["present"] == "/ema/actuator, /ema/recorder"
-    assert peers.update({"/ema/recorder"}, 1.0) == ["/ema/actuator"]
-    assert peers.update({"/ema/recorder"}, 2.0) == []
+    assert peers.update({"/ema/recorder"}, {"/ema/recorder"}, 1.0) == ["/ema/actuator"]
+    assert peers.update({"/ema/recorder"}, {"/ema/recorder"}, 2.0) == []
     task = peers.task("unit", 1.0 + FRESH_S - 1e-6)
     assert (task.level, task.message) == (WARN, "gone from the graph: /ema/actuator")
     task = peers.task("unit", 1.0 + FRESH_S)
@@ -42,18 +45,26 @@ def test_one_who_goes_is_told_once_and_missed_for_a_minute():
 
 def test_one_who_comes_back_is_not_missed_and_told_anew_when_gone_again():
     peers = Peers()
-    peers.update({"/ema/a", "/ema/b"}, 0.0)
-    assert peers.update(set(), 1.0) == ["/ema/a", "/ema/b"]
-    assert peers.update({"/ema/a"}, 2.0) == []
+    peers.update({"/ema/a", "/ema/b"}, {"/ema/a", "/ema/b"}, 0.0)
+    assert peers.update(set(), set(), 1.0) == ["/ema/a", "/ema/b"]
+    assert peers.update({"/ema/a"}, {"/ema/a"}, 2.0) == []
     assert peers.task("unit", 2.0).message == "gone from the graph: /ema/b"
-    assert peers.update(set(), 50.0) == ["/ema/a"]
+    assert peers.update(set(), set(), 50.0) == ["/ema/a"]
     # The other has been gone for longer than a minute then, this one has not.
     assert peers.task("unit", 61.5).message == "gone from the graph: /ema/a"
 
 
+def test_one_who_is_only_inactive_is_not_missed():
+    peers = Peers()
+    peers.update({"/ema/a"}, {"/ema/a"}, 0.0)
+    assert peers.update(set(), {"/ema/a", "/ema/stranger"}, 1.0) == []
+    assert peers.task("unit", 1.0).values["present"] == "/ema/a"
+    assert peers.update(set(), {"/ema/stranger"}, 2.0) == ["/ema/a"]
+
+
 def test_what_is_given_is_not_kept():
     peers, present = Peers(), {"/ema/a"}
-    peers.update(present, 0.0)
+    peers.update(present, present, 0.0)
     present.clear()
     assert peers.task("unit", 0.0).values["present"] == "/ema/a"
 

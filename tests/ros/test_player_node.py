@@ -14,7 +14,6 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import MultiThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -25,6 +24,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 
 from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, Health, TelemetryBlock
+from ema_nodes.executor import NodeExecutor
 from ema_nodes.managed_node import ManagedNode
 from ema_nodes.status import ERROR, OK, WARN, Task
 from ema_recording import player_node
@@ -33,6 +33,8 @@ from ema_recording.player_node import PlayerNode
 from ema_recording.reader import Bag, Recorded
 from ema_recording.recorder_node import RecorderNode
 from ema_recording.writer import BagWriter
+
+from .graph import fail
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STREAM = QoSProfile(depth=100)
@@ -54,7 +56,7 @@ class Graph:
     def __init__(self) -> None:
         self.context = Context()
         rclpy.init(context=self.context)
-        self.executor = MultiThreadedExecutor(4, context=self.context)
+        self.executor = NodeExecutor(fail, context=self.context)
         self.nodes: list[Node] = []
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._spin)

@@ -14,7 +14,6 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import MultiThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -24,12 +23,15 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header, String
 
 from ema_interfaces.msg import TelemetryBlock
+from ema_nodes.executor import NodeExecutor
 from ema_nodes.status import ERROR, OK, WARN, Task
 from ema_recording import recorded_topic
 from ema_recording.qos import offered_qos, offered_qos_profiles, recorded_qos, replay_qos
 from ema_recording.reader import Bag
 from ema_recording.recorder_node import RecorderNode
 from ema_recording.sequence_gaps import SequenceGaps
+
+from .graph import fail
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STREAM = QoSProfile(depth=500)
@@ -49,7 +51,7 @@ class Graph:
     def __init__(self) -> None:
         self.context = Context()
         rclpy.init(context=self.context)
-        self.executor = MultiThreadedExecutor(4, context=self.context)
+        self.executor = NodeExecutor(fail, context=self.context)
         self.nodes: list[Node] = []
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._spin)
@@ -489,6 +491,7 @@ FULL_DISK = """
 import resource
 from ema_nodes.run import run
 from ema_recording.recorder_node import RecorderNode
+
 
 class Limited(RecorderNode):
     def activate(self):

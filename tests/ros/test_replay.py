@@ -22,16 +22,22 @@ from ema_sim.actuator import SimulatedActuator
 
 from .graph import Graph
 
+REST = 150_000
+
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four windows: a good one, one with a gap, a good one, one that the end cuts off."""
+    """Four windows: a good one, one with a gap, a good one, one that the end cuts off.
+
+    Before them is more telemetry at rest than any history holds: who falls behind loses some.
+    """
     actuator = SimulatedActuator()
     actuator.faults = fault_vector({"friction": 0.2, "backlash": 0.1, "eccentricity": 0.1})
     cycle = build_cycle(THESIS_CHIRP, 1e-4)
-    samples = np.tile(cycle.samples, 4)[: 3 * len(cycle.samples) + cycle.start + 2000]
+    cycles = np.tile(cycle.samples, 4)[: 3 * len(cycle.samples) + cycle.start + 2000]
+    samples = np.concatenate([np.zeros(REST), cycles])
     blocks = [actuator.advance(part) for part in np.split(samples, range(100, len(samples), 100))]
-    lost = (len(cycle.samples) + cycle.start + 1000) // 100
+    lost = (REST + len(cycle.samples) + cycle.start + 1000) // 100
     path = tmp_path_factory.mktemp("bags") / "four.mcap"
     with SimulatedActuatorBag(BagWriter(path), ActuatorDescription()) as recording:
         for number, block in enumerate(blocks):
@@ -90,6 +96,7 @@ def test_replay_gives_the_estimates_of_the_offline_command(bag: Path, expected, 
         graph.wait_for(lambda: player.poll() is not None, "the end of the bag", 40.0)
         assert player.returncode == 0, graph.log("player").read_text()
         graph.wait_for(lambda: len(graph.estimates) == 3, "three estimates", 40.0)
+        assert graph.status["monitor: flap telemetry"][2]["samples lost"] == "100"
         # The end of the telemetry shows only when the monitor ends.
         assert graph.stop("monitor")[0] == 0
         graph.wait_for(lambda: len(graph.estimates) == 4, "the refusal of the last window")

@@ -1,0 +1,57 @@
+"""The executor of a node."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
+
+
+class WaitingCallbackGroup(MutuallyExclusiveCallbackGroup):
+    """Callbacks that may wait for something: they run one at a time, in a thread of their own."""
+
+
+class NodeExecutor(SingleThreadedExecutor):
+    """Runs callbacks one after the other, and apart from them those that may wait.
+
+    Apart run the callbacks of a ``WaitingCallbackGroup`` and the goals of actions. rclpy's executor
+    with a pool of threads hands out a callback again and again until its thread has begun; at
+    hundreds of messages a second that keeps the callbacks themselves from running.
+
+    Parameters
+    ----------
+    on_failure
+        Called with what a callback raised.
+    kwargs
+        As of ``rclpy.executors.Executor``.
+    """
+
+    def __init__(self, on_failure: Callable[[Exception], None], **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self._on_failure = on_failure
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Wait for a callback and run it.
+
+        Parameters
+        ----------
+        timeout_sec
+            How long to wait [s]; for ever when None.
+        """
+        try:
+            handler, entity, _ = self.wait_for_ready_callbacks(timeout_sec)
+        except (ShutdownException, TimeoutException):
+            return
+        if entity is None or isinstance(entity.callback_group, WaitingCallbackGroup):
+            threading.Thread(target=self._run, args=(handler,), daemon=True).start()
+            while not (handler.executing() or handler.done()):
+                time.sleep(1e-4)  # else it would be handed out again
+        else:
+            self._run(handler)
+
+    def _run(self, handler: Any) -> None:
+        handler()
+        if handler.done() and handler.exception() is not None:
+            self._on_failure(handler.exception())
