@@ -147,10 +147,17 @@ def test_block_that_is_no_telemetry_ends_the_window():
 
 
 def test_block_that_is_no_telemetry_breaks_what_waits_for_the_description():
-    watch = Watch(SETTINGS)
-    fed(watch, cycles(1))
+    watch, blocks = Watch(SETTINGS), cycles(2)
+    half = len(blocks) // 2
+    fed(watch, blocks[:half])
     assert watch.reject(5, "columns differ") == [Defect(5, "columns differ")]
-    assert watch.describe(FLAP) == []
+    fed(watch, blocks[half:])
+    # It is told again in its place, between the windows of the two cycles.
+    first, defect, second = watch.describe(FLAP)
+    assert isinstance(first, Found)
+    assert isinstance(second, Found)
+    assert defect == Defect(5, "columns differ")
+    assert (first.number, second.number) == (0, 1)
 
 
 def test_other_sample_period_than_described_is_told_once():

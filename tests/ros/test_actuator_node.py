@@ -458,7 +458,7 @@ def impossible(**parameters: Any) -> str:
         ("command.amplitude", 99.0, ("command.amplitude", "99", "rad")),
         ("resolution.current", -1.0, ("resolution.current", "-1", "A")),
         ("plant.R_s", -2.0, ("plant.R_s", "-2", "ohm")),
-        ("actuator_file", "/missing.yaml", ("actuator_file", "/missing.yaml")),
+        ("actuator_file", "/missing.yaml", ("actuator file", "/missing.yaml", "No such file")),
     ],
 )
 def test_impossible_parameter_is_refused_by_name(name, value, parts):
