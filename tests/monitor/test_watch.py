@@ -147,11 +147,11 @@ def test_block_that_is_no_telemetry_ends_the_window():
 
 
 def test_block_that_is_no_telemetry_breaks_what_waits_for_the_description():
-    watch, blocks = Watch(SETTINGS), cycles(2)
-    half = len(blocks) // 2
-    fed(watch, blocks[:half])
+    watch, telemetry = Watch(SETTINGS), cycles(2)
+    half = len(telemetry) // 2
+    fed(watch, telemetry.part(0, half))
     assert watch.reject(5, "columns differ") == [Defect(5, "columns differ")]
-    fed(watch, blocks[half:])
+    fed(watch, telemetry.part(half, len(telemetry)))
     # It is told again in its place, between the windows of the two cycles.
     first, defect, second = watch.describe(FLAP)
     assert isinstance(first, Found)
