@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
+from shutil import which
 from typing import Final
 
 import click
@@ -120,7 +121,8 @@ def _announce(tell: Callable[[str], None], folder: Path) -> None:
     names = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")
     environment = " ".join(f"{name}={os.environ[name]}" for name in names)
     tell(f"simulator, monitor and recorder start; what they say is in {folder}")
-    tell(f"to look on from another shell: {environment} ros2 topic echo /ema/health")
+    look_on = "ros2 topic echo /ema/health" if which("ros2") else "and any program of ROS 2"
+    tell(f"to look on from another shell: {environment} {look_on}")
 
 
 def _watch(

@@ -14,6 +14,7 @@ _COMMANDS: Final = (
     "up",
     "record",
     "play",
+    "recover",
     "demo",
 )
 
