@@ -180,3 +180,11 @@ def test_end_of_telemetry_cuts_the_window_and_another_beginning_is_no_gap():
     assert watch.finish() == []
     assert [item.number for item in found_in(fed(watch, cycles(1, 5001)))] == [1]
     assert watch.lost_samples == 0
+
+
+def test_settings_that_change_before_any_telemetry_hold():
+    watch = Watch(SETTINGS, FLAP)
+    assert watch.restart(TriggerSettings(window_s=0.03, rest_s=0.01), "other settings") == []
+    [first] = found_in(fed(watch, cycles(1)))
+    assert isinstance(first.window, Window)
+    assert len(first.window) == 300

@@ -259,6 +259,17 @@ def growth(fault: str, law: str, rate: float, **figures: float) -> FaultGrowth:
     return FaultGrowth(fault=fault, law=law, rate=rate, **figures)
 
 
+def test_growth_without_hours_goes_by_those_of_the_parameter():
+    with running(rate=8.0, block_s=0.08, hours_per_cycle=50.0) as listener:
+        request = SetSimulatedFaults.Request(
+            faults=faults_to_message(healthy_faults()), growth=[growth("friction", "linear", 1e-3)]
+        )
+        assert listener.call(SetSimulatedFaults, "actuator/set_faults", request).success
+        listener.until(lambda: any(truth.faults[0] > 0.0 for truth in listener.truths()))
+        grown = [truth.faults[0] for truth in listener.truths() if truth.faults[0] > 0.0]
+    assert grown[0] == pytest.approx(0.05, abs=1e-12)
+
+
 def test_faults_are_set_and_grow_from_the_next_cycle_on():
     start = fault_vector({"friction": 0.1, "gain": 0.4})
     laws = {"friction": Growth("linear", 1e-3), "gain": Growth("exponential", 2e-3, 0.05)}

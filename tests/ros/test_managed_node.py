@@ -13,6 +13,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from ema_nodes.managed_node import ManagedNode
 from ema_nodes.status import ERROR, OK, WARN, Task
@@ -23,8 +24,14 @@ SUCCESS = TransitionCallbackReturn.SUCCESS
 class Recorded(ManagedNode):
     """A node that notes what is asked of it, and refuses what it is told to."""
 
-    def __init__(self, context: Context, refuse: dict[str, Exception] | None = None) -> None:
-        super().__init__("recorded", context=context)
+    def __init__(
+        self,
+        context: Context,
+        refuse: dict[str, Exception] | None = None,
+        parameters: dict[str, Any] | None = None,
+    ) -> None:
+        overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
+        super().__init__("recorded", context=context, parameter_overrides=overrides)
         self.steps: list[str] = []
         self.refuse = refuse or {}
 
@@ -179,4 +186,13 @@ def test_shutdown_stops_what_goes_on(context: Context):
     assert node.trigger_shutdown() == SUCCESS
     assert node.steps == ["configure", "activate", "deactivate", "clean_up"]
     assert node.finished.is_set()
+    node.destroy_node()
+
+
+def test_parameter_of_another_name_is_told_with_the_one_that_may_be_meant(context, capfd):
+    node = Recorded(context, parameters={"use_sim_tme": True, "colour": "red"})
+    assert node.bring_up()
+    told = capfd.readouterr().err
+    assert "use_sim_tme is none of this node's and has no effect: is use_sim_time meant?" in told
+    assert "colour is none of this node's" in told
     node.destroy_node()

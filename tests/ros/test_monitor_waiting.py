@@ -95,6 +95,19 @@ def test_none_gives_way_in_simulated_time(held: threading.Event):
         session.until(lambda: count(session, "input", "windows dropped") == 0)
 
 
+def test_none_gives_way_once_the_time_is_simulated(held: threading.Event):
+    source = Source()
+    with monitor({"waiting_windows": 1}) as session:
+        session.describe()
+        assert session.set_parameters(use_sim_time=True)[0].successful
+        for _ in range(3):
+            session.feed(source.cycle())
+        session.until(lambda: count(session, "flap telemetry", "windows") == 3)
+        held.set()
+        session.until(lambda: len(session.estimates()) == 3)
+        assert all(estimate.valid for estimate in session.estimates())
+
+
 def test_what_waits_is_refused_on_deactivation_and_work_goes_on_after(held: threading.Event):
     source = Source()
     with monitor() as session:

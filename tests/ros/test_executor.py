@@ -1,0 +1,108 @@
+"""One thread runs what is quick, others what waits, and no callback is handed out twice."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from rclpy.context import Context
+from rclpy.node import Node
+from std_msgs.msg import Int64
+from std_srvs.srv import Trigger
+
+from ema_nodes.executor import NodeExecutor, WaitingCallbackGroup
+
+from .graph import fail
+
+
+def wait_for(condition: Callable[[], Any], what: str, deadline_s: float = 8.0) -> None:
+    end_s = time.monotonic() + deadline_s
+    while not condition():
+        assert time.monotonic() < end_s, f"not within {deadline_s} s: {what}"
+        time.sleep(0.005)
+
+
+@pytest.fixture
+def context() -> Iterator[Context]:
+    context = Context()
+    context.init()
+    yield context
+    context.shutdown()
+
+
+@pytest.fixture
+def spin() -> Iterator[Callable[[NodeExecutor], None]]:
+    stop = threading.Event()
+    threads = []
+
+    def begin(executor: NodeExecutor) -> None:
+        def loop() -> None:
+            while not stop.is_set():
+                executor.spin_once(timeout_sec=0.1)
+
+        threads.append(threading.Thread(target=loop))
+        threads[-1].start()
+
+    yield begin
+    stop.set()
+    for thread in threads:
+        thread.join()
+
+
+def test_messages_are_heard_in_order_while_a_service_waits(context, spin):
+    node, peer = Node("slow", context=context), Node("peer", context=context)
+    release = threading.Event()
+    begun: list[str] = []
+    heard: list[tuple[int, str]] = []
+
+    def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        begun.append(threading.current_thread().name)
+        response.success = release.wait(20.0)
+        return response
+
+    node.create_service(Trigger, "wait", serve, callback_group=WaitingCallbackGroup())
+
+    def hear(message: Int64) -> None:
+        heard.append((message.data, threading.current_thread().name))
+
+    node.create_subscription(Int64, "numbers", hear, 1000)
+    client = peer.create_client(Trigger, "wait")
+    publisher = peer.create_publisher(Int64, "numbers", 1000)
+    for item in (node, peer):
+        executor = NodeExecutor(fail, context=context)
+        executor.add_node(item)
+        spin(executor)
+    wait_for(client.service_is_ready, "the service")
+    wait_for(publisher.get_subscription_count, "the subscription")
+    answers = [client.call_async(Trigger.Request()) for _ in range(2)]
+    wait_for(lambda: begun, "the call")
+    for number in range(500):
+        publisher.publish(Int64(data=number))
+    wait_for(lambda: len(heard) == 500, "all messages")
+    assert [number for number, _ in heard] == list(range(500))
+    # One call of the group at a time, in a thread of its own and begun once.
+    assert len(begun) == 1
+    assert {name for _, name in heard}.isdisjoint(begun)
+    assert len({name for _, name in heard}) == 1
+    assert not any(answer.done() for answer in answers)
+    release.set()
+    wait_for(lambda: all(answer.done() for answer in answers), "the answers")
+    assert len(begun) == 2
+
+
+def test_what_a_callback_raises_is_told_and_the_next_is_run(context, spin):
+    node, told = Node("clumsy", context=context), []
+    calls: list[int] = []
+
+    def stumble() -> None:
+        calls.append(len(calls))
+        if len(calls) == 1:
+            raise ValueError("stumbled")
+
+    node.create_timer(0.02, stumble)
+    executor = NodeExecutor(told.append, context=context)
+    executor.add_node(node)
+    spin(executor)
+    wait_for(lambda: len(calls) > 2, "further calls")
+    assert [str(error) for error in told] == ["stumbled"]
