@@ -5,7 +5,6 @@ import threading
 import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -15,7 +14,6 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, WARN
-from ema_core.quantity import check_quantities, quantity, text
 from ema_messages import topics
 from ema_messages.description import description_from_message
 from ema_messages.stamps import stamp_from_message
@@ -25,6 +23,7 @@ from ema_monitor.diagnosis import Diagnosis, Search
 from ema_monitor.health import HealthLimits
 from ema_monitor.model import compile_kernels
 from ema_monitor.monitor_calls import MonitorCalls
+from ema_monitor.monitor_settings import Files, Operation
 from ema_monitor.monitor_unit import Unit
 from ema_monitor.trigger import Defect, Refusal, TriggerSettings
 from ema_monitor.waiting_room import WaitingRoom
@@ -39,53 +38,6 @@ from ema_nodes.status import Task
 _STALE_CHECK_S = 1.0
 _QUIET_S = 5.0
 _PATIENCE_S = 1.0
-
-
-@dataclass(frozen=True)
-class Files:
-    """Where the monitor finds what it is not told on topics.
-
-    Raises
-    ------
-    ValueError
-        When a value is no text; the message names it.
-    """
-
-    calibration_file: str = text(
-        "",
-        "calibrations; {actuator_id} and {serial_number} in the path stand for those of the "
-        "actuator; empty: the shipped calibration of the built-in actuator",
-    )
-    actuator_file: str = text(
-        "", "description of an actuator that does not describe itself on the topic; empty: none"
-    )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
-
-@dataclass(frozen=True)
-class Operation:
-    """How the monitor goes about its work.
-
-    Raises
-    ------
-    ValueError
-        When a figure is outside its range; the message names it.
-    """
-
-    waiting_windows: int = quantity(
-        2, "-", 1, 10_000, "windows that may wait; one more drops the oldest, not in simulated time"
-    )
-    expected_period_s: float = quantity(
-        10.0, "s", 0.1, 1e7, "time between estimates; health is stale after three without one"
-    )
-    calibration_timeout_s: float = quantity(
-        60.0, "s", 1.0, 1e5, "how long a calibration waits for its next window"
-    )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 class MonitorNode(ManagedNode):
@@ -125,10 +77,11 @@ class MonitorNode(ManagedNode):
         files = read(self, Files)
         own_folder = Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser() / "ema"
         self.store = CalibrationStore(files.calibration_file, own_folder)
+        described = load_description(Path(files.actuator_file)) if files.actuator_file else None
         message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
         self._estimates = self.add_publisher(message_class, topics.FAULT_ESTIMATE, qos)
-        if files.actuator_file:
-            self._describe(load_description(Path(files.actuator_file)))
+        if described is not None:
+            self._describe(described)
         self._calls = MonitorCalls(self)
         self._stale_timer = self.create_timer(_STALE_CHECK_S, self._check_freshness)
 
