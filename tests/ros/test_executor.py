@@ -1,9 +1,7 @@
 """One thread runs what is quick, others what waits, and no callback is handed out twice."""
 
 import threading
-import time
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import pytest
 from rclpy.context import Context
@@ -14,13 +12,7 @@ from std_srvs.srv import Trigger
 from ema_nodes.executor import NodeExecutor, WaitingCallbackGroup
 
 from .graph import fail
-
-
-def wait_for(condition: Callable[[], Any], what: str, deadline_s: float = 8.0) -> None:
-    end_s = time.monotonic() + deadline_s
-    while not condition():
-        assert time.monotonic() < end_s, f"not within {deadline_s} s: {what}"
-        time.sleep(0.005)
+from .spinning import wait_for
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """The player gives a bag back as it was recorded: message by message, in time, and no more."""
 
-import contextlib
 import signal
 import subprocess
 import sys
@@ -11,11 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
-from rclpy.context import Context
-from rclpy.exceptions import InvalidHandle
 from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
@@ -24,7 +19,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 
 from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, Health, TelemetryBlock
-from ema_nodes.executor import NodeExecutor
 from ema_nodes.managed_node import ManagedNode
 from ema_nodes.status import ERROR, OK, WARN, Task
 from ema_recording import player_node
@@ -34,7 +28,7 @@ from ema_recording.reader import Bag, Recorded
 from ema_recording.recorder_node import RecorderNode
 from ema_recording.writer import BagWriter
 
-from .graph import fail
+from .spinning import Spinning, wait_for
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STREAM = QoSProfile(depth=100)
@@ -43,37 +37,12 @@ START_NS = 1_700_000_000_000_000_000
 STEP_NS = 10_000_000
 
 
-def wait_for(condition: Callable[[], Any], what: str, deadline_s: float = 8.0) -> None:
-    end_s = time.monotonic() + deadline_s
-    while not condition():
-        assert time.monotonic() < end_s, f"not within {deadline_s} s: {what}"
-        time.sleep(0.01)
-
-
-class Graph:
+class Graph(Spinning):
     """Nodes of a test, and the executor that serves them."""
-
-    def __init__(self) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context)
-        self.executor = NodeExecutor(fail, context=self.context)
-        self.nodes: list[Node] = []
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._spin)
-        self._thread.start()
-
-    def _spin(self) -> None:
-        while not self._stop.is_set():
-            # What is destroyed while the executor looks at it raises, and is of no concern.
-            with contextlib.suppress(InvalidHandle):
-                self.executor.spin_once(timeout_sec=0.1)
-
-    def node(self, name: str) -> Node:
-        return self._add(Node(name, namespace="/ema", context=self.context))
 
     def managed(self, kind: Callable[..., ManagedNode], **parameters: Any) -> Any:
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        return self._add(kind(context=self.context, parameter_overrides=overrides))
+        return self.add(kind(context=self.context, parameter_overrides=overrides))
 
     def player(self, bag: Path, **parameters: Any) -> PlayerNode:
         return self.managed(PlayerNode, bag=str(bag), **parameters)
@@ -86,22 +55,6 @@ class Graph:
             kind, topic, lambda message: heard.append((message, time.monotonic())), qos
         )
         return heard
-
-    def _add(self, node: Any) -> Any:
-        self.nodes.append(node)
-        self.executor.add_node(node)
-        return node
-
-    def close(self) -> None:
-        for node in self.nodes:
-            if isinstance(node, ManagedNode) and node.state in ("active", "inactive"):
-                node.trigger_shutdown()
-        self._stop.set()
-        self._thread.join()
-        self.executor.shutdown()
-        for node in self.nodes:
-            node.destroy_node()
-        rclpy.shutdown(context=self.context)
 
 
 @pytest.fixture

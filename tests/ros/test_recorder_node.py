@@ -1,21 +1,15 @@
 """The recorder writes down what is published, says what it cannot, and survives its own end."""
 
-import contextlib
 import signal
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
-from rclpy.context import Context
-from rclpy.exceptions import InvalidHandle
 from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
@@ -23,7 +17,6 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header, String
 
 from ema_interfaces.msg import TelemetryBlock
-from ema_nodes.executor import NodeExecutor
 from ema_nodes.status import ERROR, OK, WARN, Task
 from ema_recording import recorded_topic
 from ema_recording.qos import offered_qos, offered_qos_profiles, recorded_qos, replay_qos
@@ -31,65 +24,24 @@ from ema_recording.reader import Bag
 from ema_recording.recorder_node import RecorderNode
 from ema_recording.sequence_gaps import SequenceGaps
 
-from .graph import fail
+from .spinning import Spinning, wait_for
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STREAM = QoSProfile(depth=500)
 BEST_EFFORT = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def wait_for(condition: Callable[[], Any], what: str, deadline_s: float = 8.0) -> None:
-    end_s = time.monotonic() + deadline_s
-    while not condition():
-        assert time.monotonic() < end_s, f"not within {deadline_s} s: {what}"
-        time.sleep(0.01)
-
-
-class Graph:
+class Graph(Spinning):
     """Nodes of a test, and the executor that serves them."""
-
-    def __init__(self) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context)
-        self.executor = NodeExecutor(fail, context=self.context)
-        self.nodes: list[Node] = []
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._spin)
-        self._thread.start()
-
-    def _spin(self) -> None:
-        while not self._stop.is_set():
-            # What is destroyed while the executor looks at it raises, and is of no concern.
-            with contextlib.suppress(InvalidHandle):
-                self.executor.spin_once(timeout_sec=0.1)
-
-    def source(self, name: str = "source", namespace: str = "/ema") -> Node:
-        return self._add(Node(name, namespace=namespace, context=self.context))
 
     def recorder(self, path: Path, namespace: str = "/ema", **parameters: Any) -> RecorderNode:
         overrides = [
             Parameter(name, value=value)
             for name, value in {"output": str(path), **parameters}.items()
         ]
-        return self._add(
+        return self.add(
             RecorderNode(namespace=namespace, context=self.context, parameter_overrides=overrides)
         )
-
-    def _add(self, node: Any) -> Any:
-        self.nodes.append(node)
-        self.executor.add_node(node)
-        return node
-
-    def close(self) -> None:
-        for node in self.nodes:
-            if isinstance(node, RecorderNode) and node.state in ("active", "inactive"):
-                node.trigger_shutdown()
-        self._stop.set()
-        self._thread.join()
-        self.executor.shutdown()
-        for node in self.nodes:
-            node.destroy_node()
-        rclpy.shutdown(context=self.context)
 
 
 @pytest.fixture
@@ -125,7 +77,7 @@ def contents(path: Path, topic: str) -> list[Any]:
 
 @pytest.mark.parametrize("name", ["flight", "flight.mcap"])
 def test_everything_published_is_recorded_in_order(graph: Graph, tmp_path: Path, name: str):
-    source = graph.source()
+    source = graph.node()
     latched = source.create_publisher(String, "latched", LATCHED)
     latched.publish(String(data="published before there was a recorder"))
     published_ns = time.time_ns()
@@ -166,7 +118,7 @@ def test_everything_published_is_recorded_in_order(graph: Graph, tmp_path: Path,
 
 
 def test_default_is_the_namespace_and_the_diagnostics(graph: Graph, tmp_path: Path):
-    source = graph.source(namespace="/flap_1")
+    source = graph.node(namespace="/flap_1")
     wanted = source.create_publisher(String, "deep/text", STREAM)
     others = [
         source.create_publisher(String, name, STREAM)
@@ -189,7 +141,7 @@ def test_default_is_the_namespace_and_the_diagnostics(graph: Graph, tmp_path: Pa
 
 
 def test_log_times_are_simulated_where_time_is(graph: Graph, tmp_path: Path):
-    source = graph.source()
+    source = graph.node()
     clock = source.create_publisher(Clock, "/clock", QoSProfile(depth=1))
     text = source.create_publisher(String, "text", LATCHED)
     text.publish(String(data="before time begins"))
@@ -212,7 +164,7 @@ def test_log_times_are_simulated_where_time_is(graph: Graph, tmp_path: Path):
 
 
 def test_pausing_goes_on_in_the_same_bag(graph: Graph, tmp_path: Path):
-    publisher = graph.source().create_publisher(String, "text", STREAM)
+    publisher = graph.node().create_publisher(String, "text", STREAM)
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
     heard(publisher)
@@ -280,7 +232,7 @@ def test_default_output_is_named_by_the_time(graph: Graph, tmp_path: Path, monke
 
 
 def test_every_publisher_is_heard_whatever_it_offers(graph: Graph, tmp_path: Path):
-    source = graph.source()
+    source = graph.node()
     reliable = source.create_publisher(String, "text", LATCHED)
     best_effort = source.create_publisher(String, "text", BEST_EFFORT)
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
@@ -290,23 +242,23 @@ def test_every_publisher_is_heard_whatever_it_offers(graph: Graph, tmp_path: Pat
     reliable.publish(String(data="reliable"))
     best_effort.publish(String(data="best effort"))
     recorded(recorder, 2)
-    late = graph.source("late").create_publisher(String, "text", BEST_EFFORT)
+    late = graph.node("late").create_publisher(String, "text", BEST_EFFORT)
     heard(late)
 
 
 def test_publisher_that_offers_less_than_the_others_is_told(graph: Graph, tmp_path: Path):
-    source = graph.source()
+    source = graph.node()
     reliable = source.create_publisher(String, "text", STREAM)
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
     heard(reliable)
-    graph.source("shy").create_publisher(String, "text", BEST_EFFORT)
+    graph.node("shy").create_publisher(String, "text", BEST_EFFORT)
     wait_for(lambda: "shy not heard" in task(recorder).message, "the remark")
     assert task(recorder).level == WARN
 
 
 def test_gone_publisher_is_told(graph: Graph, tmp_path: Path):
-    source = graph.source()
+    source = graph.node()
     publisher = source.create_publisher(String, "text", STREAM)
     recorder = graph.recorder(tmp_path / "flight", topics=["text", "never"])
     assert recorder.bring_up()
@@ -325,8 +277,8 @@ def other_graph() -> Iterator[Graph]:
 
 
 def test_topic_of_several_types_is_passed_over(graph: Graph, other_graph: Graph, tmp_path: Path):
-    graph.source().create_publisher(Header, "text", STREAM)
-    other_graph.source().create_publisher(String, "text", STREAM)
+    graph.node().create_publisher(Header, "text", STREAM)
+    other_graph.node().create_publisher(String, "text", STREAM)
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
     wait_for(lambda: len(recorder.get_publishers_info_by_topic("text")) == 2, "both publishers")
     assert recorder.bring_up()
@@ -344,7 +296,7 @@ def test_type_that_is_not_the_installed_one_is_passed_over(
         return "RIHS01_of_another_version"
 
     monkeypatch.setattr(recorded_topic, "type_hash", not_installed)
-    graph.source().create_publisher(String, "text", STREAM)
+    graph.node().create_publisher(String, "text", STREAM)
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
     wait_for(lambda: task(recorder).values["passed over"] == "/ema/text", "the remark")
@@ -356,7 +308,7 @@ def test_messages_that_the_middleware_drops_are_counted(
     graph: Graph, tmp_path: Path, monkeypatch: Any
 ):
     monkeypatch.setattr(recorded_topic, "RELIABLE_DEPTH", 5)
-    publisher = graph.source().create_publisher(String, "text", QoSProfile(depth=5))
+    publisher = graph.node().create_publisher(String, "text", QoSProfile(depth=5))
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
     heard(publisher)
@@ -450,7 +402,7 @@ def in_step(numbers: list[int]) -> list[int]:
 
 
 def test_killed_recorder_loses_half_a_second_at_most(graph: Graph, tmp_path: Path):
-    publisher = graph.source().create_publisher(String, "text", STREAM)
+    publisher = graph.node().create_publisher(String, "text", STREAM)
     with recorder_process(tmp_path / "flight") as process:
         try:
             heard(publisher)
@@ -466,7 +418,7 @@ def test_killed_recorder_loses_half_a_second_at_most(graph: Graph, tmp_path: Pat
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_recorder_leaves_a_whole_bag(graph: Graph, tmp_path: Path, number: int):
-    publisher = graph.source().create_publisher(String, "text", STREAM)
+    publisher = graph.node().create_publisher(String, "text", STREAM)
     with recorder_process(tmp_path / "flight") as process:
         try:
             heard(publisher)
@@ -503,7 +455,7 @@ raise SystemExit(run(Limited))
 
 
 def test_full_disk_ends_the_recorder_and_is_told(graph: Graph, tmp_path: Path):
-    source = graph.source()
+    source = graph.node()
     publisher = source.create_publisher(String, "text", STREAM)
     with recorder_process(tmp_path / "flight", script=FULL_DISK) as process:
         try:
@@ -522,7 +474,7 @@ def test_full_disk_ends_the_recorder_and_is_told(graph: Graph, tmp_path: Path):
 
 
 def test_write_error_is_an_error_in_the_status(graph: Graph, tmp_path: Path):
-    publisher = graph.source().create_publisher(String, "text", STREAM)
+    publisher = graph.node().create_publisher(String, "text", STREAM)
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
     heard(publisher)
