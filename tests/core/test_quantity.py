@@ -2,12 +2,12 @@
 
 import math
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from ema_core.quantity import check_quantities, is_finite_number, quantity, text
+from ema_core.quantity import check_quantities, flag, is_finite_number, quantity, text
 
 
 @dataclass(frozen=True)
@@ -90,3 +90,19 @@ def test_fields_that_are_neither_are_left_alone():
 )
 def test_truth_values_and_texts_are_no_numbers(value: Any, finite: bool):
     assert is_finite_number(value) is finite
+
+
+@dataclass(frozen=True)
+class Switch:
+    on: bool = flag(False, "whether it is on")
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+def test_flag_is_true_or_false_and_nothing_else():
+    assert Switch().on is False
+    assert Switch(True).on is True
+    for value in (1, "yes", None):
+        with pytest.raises(ValueError, match=r"on = .*: expected true or false"):
+            Switch(cast(bool, value))
