@@ -31,7 +31,7 @@ _ACTUATOR_TYPES: Final = frozenset(
 )
 _MANY_SOURCES: Final = frozenset(("/diagnostics", "/rosout", "/parameter_events", "/tf"))
 _POLL_S: Final = 0.05
-_SETTLE_S: Final = 0.3  # a subscription is told of its match after the publisher
+_SETTLE_S: Final = 1.0  # a subscription is told of its match after the publisher
 _ACKNOWLEDGE_S: Final = 5.0
 
 
