@@ -16,7 +16,9 @@ from ema_core.quantity import check_quantities, quantity
 from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_monitor.window import Window
 
-_LOOKBACK_S: Final = 10.0
+LOOKBACK_S: Final = 10.0
+"""How much telemetry is kept, to tell how a window was approached [s]."""
+
 _RATE_TOLERANCE: Final = 0.01
 
 
@@ -218,9 +220,9 @@ class WindowTrigger:
     def _forget(self) -> None:
         """Let go of blocks too old to matter."""
         last = self._blocks[-1]
-        oldest = last.first_index - round(_LOOKBACK_S / last.sample_period)
+        oldest = last.first_index - round(LOOKBACK_S / last.sample_period)
         if self._start is not None:
-            oldest = self._start - round(_LOOKBACK_S / last.sample_period)
+            oldest = self._start - round(LOOKBACK_S / last.sample_period)
         while self._blocks[0].first_index + len(self._blocks[0]) < oldest:
             self._blocks.pop(0)
 

@@ -6,14 +6,11 @@ Live, in a replay and over a bag, windows are found here; none of it knows the t
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_monitor.trigger import Defect, Refusal, TriggerSettings, WindowTrigger
+from ema_monitor.trigger import LOOKBACK_S, Defect, Refusal, TriggerSettings, WindowTrigger
 from ema_monitor.window import Window
-
-_KEPT_S: Final = 10.0
 
 
 @dataclass(frozen=True)
@@ -138,10 +135,7 @@ class Watch:
             self.lost_samples += max(0, missing)
         self._last = block
         if self._trigger is None:
-            self._early.append(block)
-            oldest_ns = block.stamp_ns - round(_KEPT_S * 1e9)
-            while self._early[0].stamp_ns < oldest_ns:
-                self._early.popleft()
+            self._keep(block)
             return []
         return self._scan(block)
 
@@ -157,8 +151,9 @@ class Watch:
         """
         self.blocks += 1
         if self._trigger is None:
-            self._early.append(Defect(stamp_ns, reason))
-            return [Defect(stamp_ns, reason)]
+            defect = Defect(stamp_ns, reason)
+            self._keep(defect)
+            return [defect]
         return self._number([self._trigger.interrupt(stamp_ns, reason)])
 
     def finish(self) -> list[Found | Defect]:
@@ -168,6 +163,13 @@ class Watch:
         if self.description is not None:
             self._trigger = WindowTrigger(self.description.parameters, self._settings)
         return found
+
+    def _keep(self, item: Telemetry | Defect) -> None:
+        """Let something wait for the description, and let go of what is too old."""
+        self._early.append(item)
+        oldest_ns = item.stamp_ns - round(LOOKBACK_S * 1e9)
+        while self._early[0].stamp_ns < oldest_ns:
+            self._early.popleft()
 
     def _scan(self, block: Telemetry) -> list[Found | Defect]:
         if self._trigger is None or self.description is None:

@@ -11,7 +11,7 @@ from ema_core.telemetry import Telemetry
 from ema_messages import topics
 from ema_messages.description import description_to_message
 from ema_messages.faults import StampedFaults, stamped_faults_to_message
-from ema_messages.joint_state import joint_state
+from ema_messages.joint_state import joint_state_after
 from ema_messages.telemetry import telemetry_to_message
 from ema_recording.writer import BagWriter
 
@@ -60,16 +60,10 @@ class SimulatedActuatorBag:
         motor_torque
             Torque of the motor at the block's end [N.m].
         """
-        name, tau = self._description.actuator_id, self._description.parameters.tau
-        self._end_ns = int(block.stamps_ns[-1])
-        self._write(topics.TELEMETRY, telemetry_to_message(block, name), block.stamp_ns)
-        joint = joint_state(
-            self._end_ns,
-            name,
-            float(block.position[-1]),
-            float(block.speed[-1]) * tau,
-            motor_torque / tau,
-        )
+        self._end_ns = block.stamp_at(len(block) - 1)
+        telemetry = telemetry_to_message(block, self._description.actuator_id)
+        self._write(topics.TELEMETRY, telemetry, block.stamp_ns)
+        joint = joint_state_after(block, motor_torque, self._description)
         self._write(topics.JOINT_STATES, joint, self._end_ns)
 
     def __enter__(self) -> Self:

@@ -21,7 +21,7 @@ from ema_interfaces.srv import SetCommand, SetSimulatedFaults
 from ema_messages import topics
 from ema_messages.description import description_to_message
 from ema_messages.faults import StampedFaults, faults_from_message, stamped_faults_to_message
-from ema_messages.joint_state import joint_state
+from ema_messages.joint_state import joint_state_after
 from ema_messages.stamps import stamp_to_message
 from ema_messages.telemetry import telemetry_to_message
 from ema_nodes.actuator_file import load_description
@@ -153,14 +153,12 @@ class ActuatorNode(ManagedNode):
         self._publish(topics.SIMULATED_FAULTS, stamped_faults_to_message(truth))
 
     def _publish_block(self, block: Telemetry, torque: float) -> None:
-        name, tau = self._description.actuator_id, self._description.parameters.tau
-        end_ns = block.stamp_at(len(block) - 1)
         if _CLOCK in self._publishers_by_topic:
+            end_ns = block.stamp_at(len(block) - 1)
             self._publish(_CLOCK, Clock(clock=stamp_to_message(end_ns)))
-        self._publish(topics.TELEMETRY, telemetry_to_message(block, name))
-        position, speed = float(block.position[-1]), float(block.speed[-1])
-        state = joint_state(end_ns, name, position, speed * tau, torque / tau)
-        self._publish(topics.JOINT_STATES, state)
+        telemetry = telemetry_to_message(block, self._description.actuator_id)
+        self._publish(topics.TELEMETRY, telemetry)
+        self._publish(topics.JOINT_STATES, joint_state_after(block, torque, self._description))
         self._tell_pace()
 
     def _tell_pace(self) -> None:
