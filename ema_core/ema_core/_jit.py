@@ -32,16 +32,11 @@ def _cache_folder() -> str:
     return str(Path(root) / f"kernels-{digest.hexdigest()[:16]}")
 
 
-def kernel(*, parallel: bool = False) -> Callable[[Callable[..., Any]], Any]:
+def kernel() -> Callable[[Callable[..., Any]], Any]:
     """Return the decorator that compiles a kernel.
 
     Kernels divide by zero as IEEE 754 says, release the interpreter lock, never raise and are
     cached on disk.
-
-    Parameters
-    ----------
-    parallel
-        Let ``numba.prange`` loops of the kernel run on all cores.
     """
 
     def compile_kernel(function: Callable[..., Any]) -> Any:
@@ -49,9 +44,7 @@ def kernel(*, parallel: bool = False) -> Callable[[Callable[..., Any]], Any]:
         shared_folder = config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
         config.CACHE_DIR = _cache_folder()  # pyright: ignore[reportAttributeAccessIssue]
         try:
-            return numba.njit(error_model="numpy", nogil=True, cache=True, parallel=parallel)(
-                function
-            )
+            return numba.njit(error_model="numpy", nogil=True, cache=True)(function)
         finally:
             config.CACHE_DIR = shared_folder  # pyright: ignore[reportAttributeAccessIssue]
 

@@ -1,10 +1,14 @@
-"""Kernels of the parts that reference and monitor model share: controller, mechanics, filter."""
+"""Kernels of the parts that reference and monitor model share: controller, mechanics, filter.
+
+They take single floats and lanes of `ema_core.simd` alike.
+"""
 
 import math
 from typing import Final
 
 from ema_core._jit import kernel
 from ema_core.parameters import ControlConstants, MechanicalConstants
+from ema_core.simd import select
 
 LAG_TIME_CONSTANT: Final = 1e-5
 """Time constant of each of the three lags behind the equivalent current [s]."""
@@ -59,6 +63,19 @@ def next_speed(m: MechanicalConstants, omega, torque, breakaway, dt):
         return dt / m.J * (net - math.copysign(m.f_d, net))
     stepped = omega + dt / m.J * (net - math.copysign(m.f_d, omega))
     return 0.0 if stepped * omega < 0.0 else stepped
+
+
+@kernel()
+def next_speed_of_lanes(m: MechanicalConstants, omega, torque, breakaway, dt):
+    """Do what `next_speed` does, without its branches (M7).
+
+    One float is faster with them.
+    """
+    net = torque - m.C * omega
+    rests = omega == 0.0
+    stepped = omega + dt / m.J * (net - math.copysign(m.f_d, select(rests, net, omega)))
+    stops = (rests & (abs(net) <= breakaway)) | (stepped * omega < 0.0)
+    return select(stops, 0.0, stepped)
 
 
 @kernel()

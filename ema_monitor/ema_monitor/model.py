@@ -8,12 +8,18 @@ from numpy.typing import ArrayLike, NDArray
 from ema_core.dynamics import lag_factor
 from ema_core.faults import degrade, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
+from ema_core.simd import LANES
 from ema_core.telemetry import COLUMNS, Telemetry
-from ema_monitor.model_kernel import Lanes, run_lanes
+from ema_monitor.cores import on_all_cores
+from ema_monitor.drives import fast_constants, source_constants
+from ema_monitor.model_kernel import run_lanes
 from ema_monitor.window import Window
 
 FORMS: Final = {"fast": 2e-5, "source": 1e-6}
 """Forms of the model and the integration step that each takes by default [s]."""
+
+
+_DRIVES: Final = {"fast": fast_constants, "source": source_constants}
 
 
 class MonitorModel:
@@ -75,40 +81,35 @@ class MonitorModel:
         """
         faults = np.atleast_2d(np.asarray(faults, dtype=np.float64))
         m = len(faults)
-        control, motor, mechanics = degrade(self._plant, faults)
-        lanes = Lanes(
-            *map(
-                np.asarray,
-                (
-                    control.G_prop,
-                    mechanics.f_s,
-                    mechanics.f_d,
-                    mechanics.half_backlash,
-                    motor.N_a,
-                    motor.N_b,
-                    motor.N_c,
-                    motor.zeta,
-                    motor.phi,
-                    np.full(m, play, dtype=np.float64),
-                ),
-            )
-        )
+        groups = -(-m // LANES)
+        # What is missing to full groups are copies of the last individual.
+        lane_of = np.minimum(np.arange(groups * LANES), m - 1)
+        control, motor, mechanics = degrade(self._plant, faults[lane_of])
+        drive = _DRIVES[self.form](motor, self.dt)
+        steps, lag = self.steps(window.sample_period), lag_factor(self.dt)
+        play_of_lane = np.full(m, play, dtype=np.float64)[lane_of]
         start = window.telemetry
-        current = np.empty((m, len(window)))
-        run_lanes(
-            *self._plant,
-            lanes,
-            window.command,
-            float(start.position[0]),
-            float(start.speed[0]),
-            float(start.current[0]),
-            self.form == "source",
-            self.steps(window.sample_period),
-            self.dt,
-            lag_factor(self.dt),
-            current,
-        )
-        return current
+        current = np.empty((len(lane_of), len(window)))
+
+        def run(group: int) -> None:
+            run_lanes(
+                control,
+                drive,
+                mechanics,
+                play_of_lane,
+                group * LANES,
+                window.command,
+                float(start.position[0]),
+                float(start.speed[0]),
+                float(start.current[0]),
+                steps,
+                self.dt,
+                lag,
+                current,
+            )
+
+        on_all_cores(run, groups)
+        return current[:m]
 
     def steps(self, sample_period: float) -> int:
         """Return how many integration steps make a sample.
@@ -135,4 +136,5 @@ class MonitorModel:
 def compile_kernels() -> None:
     """Compile the kernels, or load them from the cache, before there is any hurry."""
     at_rest = Telemetry(0, 1e-4, 1, *(np.zeros(2) for _ in COLUMNS))
-    MonitorModel(ActuatorParameters()).current(Window(at_rest), healthy_faults())
+    for form in FORMS:
+        MonitorModel(ActuatorParameters(), form).current(Window(at_rest), healthy_faults())

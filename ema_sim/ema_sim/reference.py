@@ -1,7 +1,9 @@
 """Kernels of the reference actuator: three-phase BLDC motor, inverter, control and mechanics.
 
 One step is an explicit Euler step of 1 us, section 3.1 of the thesis; the numbers (M1) to (M8) are
-those of ``docs/model.md``.
+those of ``docs/model.md``. What changes only now and then (the commutation, a leg's switching, the
+end stop) lies behind branches that are seldom taken: processors predict those, so that a step
+waits for little more than the chain from voltage over current and torque to speed.
 """
 
 import math
@@ -16,11 +18,18 @@ from ema_core.dynamics import (
     speed_error,
 )
 from ema_core.parameters import ControlConstants, MechanicalConstants, MotorConstants
+from ema_sim.motor import (
+    GAP_REACH,
+    Windings,
+    gap_at,
+    modulation,
+    overshoot,
+    sector_at,
+    windings,
+)
 
 DT: Final = 1e-6
 """Integration step [s]."""
-
-_THIRD = 2.0 * math.pi / 3.0
 
 
 class State(NamedTuple):
@@ -51,100 +60,94 @@ class State(NamedTuple):
 
 
 @kernel()
-def trapezoid(theta_e):
-    """Unclipped back-EMF shape of a phase at its electrical angle; beyond +-1 it is driven (M2)."""
-    turn = theta_e / (2.0 * math.pi) + 0.25
-    turn -= math.floor(turn)
-    return 12.0 * (0.25 - abs(turn - 0.5))
-
-
-@kernel()
-def commutation(shape):
-    """Sign of the current that a phase is driven with: +1, 0 or -1 (M2)."""
-    return (1.0 if shape > 1.0 else 0.0) - (1.0 if shape < -1.0 else 0.0)
-
-
-@kernel()
-def hysteresis(switch, current, target, h_b):
-    """Switching state of a leg after comparing its current with the target (M3)."""
-    if current < target - h_b:
-        return 1.0
-    if current > target + h_b:
-        return -1.0
-    return switch
-
-
-@kernel()
-def step(
+def advance_sample(
     c: ControlConstants,
     motor: MotorConstants,
     mech: MechanicalConstants,
+    phases: Windings,
     x: State,
     command,
-    disturbance,
+    command_slope,
     load,
+    load_slope,
+    disturbances,
+    first,
+    hold,
+    steps,
     dt,
     lag,
 ):
-    """Advance the state by one step.
+    """Advance the state by the ``steps`` steps of a sample.
 
-    ``command`` is the angle at the step's start [rad], ``disturbance`` the noise on the reference
-    current [A], ``load`` the external torque against positive motion [N.m], ``lag`` the share
-    that ``lag_factor`` gives for ``dt``.
+    ``command`` is the angle at the start [rad], ``load`` the external torque against positive
+    motion [N.m]; both grow by their slope in each step. ``disturbances`` is the noise on the
+    reference current [A], each held for ``hold`` steps; the sample starts at step ``first`` of
+    them. ``lag`` is the share that ``lag_factor`` gives for ``dt``. Returns the new state and the
+    sum of ``lag_3`` after each step.
     """
-    error = speed_error(c, command, x.theta_b * mech.tau, x.omega)
-    I_ref = reference_current(c, error, x.integral, x.error, disturbance, dt)
+    theta_m, omega, theta_b, i_a, i_b, i_c, q_a, q_b, q_c = x[:9]
+    lag_1, lag_2, lag_3, integral, last_error, torque = x[9:]
+    half_V, h_b = 0.5 * motor.V_max, motor.h_b
+    rise_a, rise_b, rise_c = dt / phases.L_a, dt / phases.L_b, dt / phases.L_c
+    # Found anew in each sample, so that samples do not depend on how a command is cut into blocks.
+    sector, gap = sector_at(motor, mech, theta_m), gap_at(motor, theta_m)
+    total = 0.0
+    for j in range(steps):
+        error = speed_error(c, command + j * command_slope, theta_b * mech.tau, omega)
+        disturbance = disturbances[(first + j) // hold]
+        I_ref = reference_current(c, error, integral, last_error, disturbance, dt)
+        integral += dt * error
+        last_error = error
 
-    theta_e = motor.P * x.theta_m
-    shape_a = trapezoid(theta_e)
-    shape_b = trapezoid(theta_e - _THIRD)
-    shape_c = trapezoid(theta_e - 2.0 * _THIRD)
-    q_a = hysteresis(x.q_a, x.i_a, I_ref * commutation(shape_a), motor.h_b)
-    q_b = hysteresis(x.q_b, x.i_b, I_ref * commutation(shape_b), motor.h_b)
-    q_c = hysteresis(x.q_c, x.i_c, I_ref * commutation(shape_c), motor.h_b)
+        over_a = overshoot(q_a, i_a, I_ref * sector.s_a)
+        over_b = overshoot(q_b, i_b, I_ref * sector.s_b)
+        over_c = overshoot(q_c, i_c, I_ref * sector.s_c)
+        if max(over_a, over_b, over_c) > h_b:
+            q_a = -q_a if over_a > h_b else q_a
+            q_b = -q_b if over_b > h_b else q_b
+            q_c = -q_c if over_c > h_b else q_c
 
-    # Eccentricity modulates the three back-EMF constants, a third of a turn apart (M5).
-    gap_a, gap_b, gap_c = 1.0, 1.0, 1.0
-    if motor.zeta != 0.0:
-        angle = x.theta_m + motor.phi
-        gap_a += motor.zeta * math.cos(angle)
-        gap_b += motor.zeta * math.cos(angle + _THIRD)
-        gap_c += motor.zeta * math.cos(angle + 2.0 * _THIRD)
-    k_a = 0.5 * motor.k_e * motor.N_a * clip(shape_a, 1.0) * gap_a
-    k_b = 0.5 * motor.k_e * motor.N_b * clip(shape_b, 1.0) * gap_b
-    k_c = 0.5 * motor.k_e * motor.N_c * clip(shape_c, 1.0) * gap_c
+        delta = theta_m - sector.middle
+        k_a = sector.k_a + sector.dk_a * delta
+        k_b = sector.k_b + sector.dk_b * delta
+        k_c = sector.k_c + sector.dk_c * delta
+        if motor.zeta != 0.0:
+            if abs(theta_m - gap.theta_m) > GAP_REACH:
+                gap = gap_at(motor, theta_m)
+            m_a, m_b, m_c = modulation(gap, theta_m - gap.theta_m)
+            k_a += k_a * m_a
+            k_b += k_b * m_b
+            k_c += k_c * m_c
 
-    # Star with floating centre: its voltage is that which keeps the sum of the currents (M4).
-    half_R, half_L, half_V = 0.5 * motor.R_s, 0.5 * motor.L_s, 0.5 * motor.V_max
-    inverse_a = 1.0 / (half_L * motor.N_a * motor.N_a)
-    inverse_b = 1.0 / (half_L * motor.N_b * motor.N_b)
-    inverse_c = 1.0 / (half_L * motor.N_c * motor.N_c)
-    drop_a = half_V * q_a - half_R * motor.N_a * x.i_a - k_a * x.omega
-    drop_b = half_V * q_b - half_R * motor.N_b * x.i_b - k_b * x.omega
-    drop_c = half_V * q_c - half_R * motor.N_c * x.i_c - k_c * x.omega
-    v_n = (drop_a * inverse_a + drop_b * inverse_b + drop_c * inverse_c) / (
-        inverse_a + inverse_b + inverse_c
-    )
-    i_a = x.i_a + dt * inverse_a * (drop_a - v_n)
-    i_b = x.i_b + dt * inverse_b * (drop_b - v_n)
-    i_c = x.i_c + dt * inverse_c * (drop_c - v_n)
+        # Star with floating centre: its voltage is that which keeps the sum of the currents (M4).
+        v_a = half_V * q_a - phases.R_a * i_a - k_a * omega
+        v_b = half_V * q_b - phases.R_b * i_b - k_b * omega
+        v_c = half_V * q_c - phases.R_c * i_c - k_c * omega
+        v_n = phases.w_a * v_a + phases.w_b * v_b + phases.w_c * v_c
+        i_a += rise_a * (v_a - v_n)
+        i_b += rise_b * (v_b - v_n)
+        i_c += rise_c * (v_c - v_n)
 
-    torque = clip(k_a * i_a + k_b * i_b + k_c * i_c, motor.T_max)
-    sign = (1.0 if torque > 0.0 else 0.0) - (1.0 if torque < 0.0 else 0.0)
-    equivalent = 0.5 * sign * (abs(i_a) + abs(i_b) + abs(i_c))
-    lag_1 = x.lag_1 + lag * (equivalent - x.lag_1)
-    lag_2 = x.lag_2 + lag * (lag_1 - x.lag_2)
-    lag_3 = x.lag_3 + lag * (lag_2 - x.lag_3)
+        torque = clip(k_a * i_a + k_b * i_b + k_c * i_c, motor.T_max)
+        sign = (1.0 if torque > 0.0 else 0.0) - (1.0 if torque < 0.0 else 0.0)
+        equivalent = 0.5 * sign * (abs(i_a) + abs(i_b) + abs(i_c))
+        lag_1 += lag * (equivalent - lag_1)
+        lag_2 += lag * (lag_1 - lag_2)
+        lag_3 += lag * (lag_2 - lag_3)
+        total += lag_3
 
-    omega = next_speed(mech, x.omega, torque - load, mech.f_s, dt)
-    theta_m = x.theta_m + dt * omega
-    if abs(theta_m) > mech.theta_stop:
-        theta_m = math.copysign(mech.theta_stop, theta_m)
-        omega = 0.0
-    return State(
+        omega = next_speed(mech, omega, torque - (load + j * load_slope), mech.f_s, dt)
+        theta_m += dt * omega
+        if not sector.start <= theta_m <= sector.end:
+            if abs(theta_m) > mech.theta_stop:
+                theta_m = math.copysign(mech.theta_stop, theta_m)
+                omega = 0.0
+            sector = sector_at(motor, mech, theta_m)
+        theta_b = follow_in_play(theta_b, theta_m, mech.half_backlash)
+    state = State(
         theta_m,
         omega,
-        follow_in_play(x.theta_b, theta_m, mech.half_backlash),
+        theta_b,
         i_a,
         i_b,
         i_c,
@@ -154,10 +157,11 @@ def step(
         lag_1,
         lag_2,
         lag_3,
-        x.integral + dt * error,
-        error,
+        integral,
+        last_error,
         torque,
     )
+    return state, total
 
 
 @kernel()
@@ -185,24 +189,25 @@ def advance(
     ``last_load``); a disturbance is held for ``hold`` steps. ``current``, ``position`` and
     ``speed`` are filled, all ``(n,)``. The new state is returned as a plain tuple.
     """
-    tick = 0
+    phases = windings(motor)
     for k in range(len(commands)):
-        total = 0.0
-        for j in range(steps):
-            share = j / steps
-            x = step(
-                c,
-                motor,
-                mech,
-                x,
-                last_command + share * (commands[k] - last_command),
-                disturbances[tick // hold],
-                last_load + share * (loads[k] - last_load),
-                dt,
-                lag,
-            )
-            total += x.lag_3
-            tick += 1
+        x, total = advance_sample(
+            c,
+            motor,
+            mech,
+            phases,
+            x,
+            last_command,
+            (commands[k] - last_command) / steps,
+            last_load,
+            (loads[k] - last_load) / steps,
+            disturbances,
+            k * steps,
+            hold,
+            steps,
+            dt,
+            lag,
+        )
         last_command = commands[k]
         last_load = loads[k]
         current[k] = total / steps

@@ -5,10 +5,28 @@ import math
 import pytest
 
 from ema_core.parameters import ActuatorParameters, constants
-from ema_monitor.model_kernel import active_pair, fast_drive, source_drive
+from ema_monitor import drives
 
 BC, AB, AC = 0, 1, 2
 MOTOR = constants(ActuatorParameters()).motor
+
+
+def position(theta_e):
+    return drives.pair_position(theta_e / math.pi)
+
+
+def fast_drive(motor, I, I_ref, omega, theta_m, dt):
+    drive = drives.fast_constants(motor, dt)
+    return drives.fast_drive(
+        drive, position(motor.P * theta_m), math.cos(theta_m), math.sin(theta_m), I, I_ref, omega
+    )
+
+
+def source_drive(motor, I, I_ref, omega, theta_m, dt):
+    drive, theta_e = drives.source_constants(motor, dt), motor.P * theta_m
+    return drives.source_drive(
+        drive, position(theta_e), math.cos(theta_e), math.sin(theta_e), I, I_ref, omega
+    )
 
 
 @pytest.mark.parametrize(
@@ -20,7 +38,8 @@ def test_pair_is_that_of_equation_4_12(from_degrees, to_degrees, pair):
     # 1e-9 degrees is far beyond rounding; on the very edge either pair is right.
     for degrees in (from_degrees + 1e-9, (from_degrees + to_degrees) / 2, to_degrees - 1e-9):
         for turns in (-7, 0, 500):
-            assert active_pair(math.radians(degrees) + 2 * math.pi * turns) == pair
+            theta_e = math.radians(degrees) + 2 * math.pi * turns
+            assert drives.of_pair(position(theta_e), (BC, AB, AC)) == pair
 
 
 # theta_e, phi and 1 - 0.42 (cos(theta_e + phi) + sawtooth sin(theta_e - pi)), to five digits; the

@@ -1,14 +1,21 @@
 """What the monitor model does as a whole: rest, steady motion, steps, many individuals."""
 
+import itertools
+import math
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
 from ema_core.commands import THESIS_CHIRP
-from ema_core.dynamics import lag_factor
-from ema_core.faults import degrade, fault_vector, healthy_faults, random_faults
+from ema_core.dynamics import next_speed
+from ema_core.faults import fault_vector, healthy_faults, random_faults
 from ema_core.parameters import ActuatorParameters, constants
+from ema_core.simd import LANES
 from ema_monitor.model import FORMS, MonitorModel
-from ema_monitor.model_kernel import run_lane
+from ema_monitor.model_kernel import next_speed_of_lanes, turned
 from ema_monitor.residual import rms
 
 from .windows import window_from
@@ -89,6 +96,8 @@ def test_ripple_leaves_the_dynamic_friction():
             window_from(np.full(400, I * p.k_t / (p.GAP * p.G_prop))), parameters=p, play=1.0
         )
         assert (current[-1] < (1 - 1e-6) * current[0]) == moves
+        if not moves:
+            assert current == pytest.approx(I, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -116,37 +125,84 @@ def test_fast_form_converges_with_its_step(faults):
 
 @pytest.mark.parametrize("form", FORMS)
 def test_individuals_of_one_call_do_not_know_each_other(form):
+    """Alone, in another order, in another lane or beside the padding: the same to the last bit."""
     rng = np.random.default_rng(5)
-    faults = np.stack([random_faults(rng) for _ in range(9)])
-    play = rng.uniform(-1.0, 1.0, 9)
+    n = 2 * LANES + 3
+    faults = np.stack([random_faults(rng) for _ in range(n)])
+    play = rng.uniform(-1.0, 1.0, n)
     model = MonitorModel(PARAMETERS, form)
-    window = window_from(CHIRP[1500:2500], position=CHIRP[1500], speed=30.0)
+    window = window_from(CHIRP[1500:2000], position=CHIRP[1500], speed=30.0)
     together = model.current(window, faults, play)
-    for i in range(9):
+    assert len({row.tobytes() for row in together}) == n
+    for i in range(n):
         alone = model.current(window, faults[i], play[i])
         assert np.array_equal(together[i], alone[0])
+    order = rng.permutation(n)
+    assert np.array_equal(together[order], model.current(window, faults[order], play[order]))
+    for m in (0, LANES - 1, LANES, LANES + 1):
+        assert np.array_equal(together[:m], model.current(window, faults[:m], play[:m]))
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_healthy_faults_change_nothing(form):
-    plant = constants(PARAMETERS)
-    assert degrade(plant, healthy_faults()) == plant
-    command, current = CHIRP[1500:2500], np.empty(999)
-    dt = FORMS[form]
-    state = (command[0], 30.0, 0.0)
-    run_lane(
-        *plant,
-        0.3,
-        command,
-        *state,
-        form == "source",
-        round(1e-4 / dt),
-        dt,
-        lag_factor(dt),
-        current,
+def test_undefined_individual_spoils_no_other(form):
+    rng = np.random.default_rng(6)
+    n, undefined = LANES + 3, [2, LANES + 2]
+    faults = np.stack([random_faults(rng) for _ in range(n)])
+    model, play = MonitorModel(PARAMETERS, form), np.zeros(n)
+    window = window_from(CHIRP[1500:1600], speed=30.0)
+    expected = model.current(window, faults, play)
+    play[undefined] = np.nan
+    expected[undefined] = np.nan
+    assert np.array_equal(model.current(window, faults, play), expected, equal_nan=True)
+
+
+def test_threads_may_run_the_model_at_once():
+    rng = np.random.default_rng(7)
+    batches = [np.stack([random_faults(rng) for _ in range(3 * LANES)]) for _ in range(8)]
+    window, model = window_from(CHIRP[:1000]), MonitorModel(PARAMETERS)
+    with ThreadPoolExecutor(4) as pool:
+        at_once = list(pool.map(lambda faults: model.current(window, faults), batches))
+    for faults, current in zip(batches, at_once, strict=True):
+        assert np.array_equal(current, model.current(window, faults))
+
+
+def test_another_process_finds_the_kernels_in_the_cache():
+    code = (
+        "from ema_monitor.model import compile_kernels, run_lanes; compile_kernels();"
+        "print(sum(run_lanes.stats.cache_hits.values()), len(run_lanes.stats.cache_misses))"
     )
-    window = window_from(command, position=command[0], speed=30.0)
-    assert np.array_equal(current, one(window, form=form, play=0.3))
+    _, second = (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+        )
+        for _ in range(2)
+    )
+    assert second.stdout.split() == [str(len(FORMS)), "0"]
+
+
+def test_speed_without_branches_is_that_with_them():
+    rng = np.random.default_rng(9)
+    m = constants(PARAMETERS).mechanics
+    # Moving, about to stop, at rest; driven, held, just held and just not.
+    speeds = [*rng.normal(0.0, 50.0, 20), *rng.normal(0.0, 0.05, 20), 0.0, -0.0]
+    torques = [*rng.normal(0.0, 0.3, 20), 0.0, m.f_s, -m.f_s, m.f_s * (1 + 1e-15)]
+    for omega, torque in itertools.product(speeds, torques):
+        for breakaway in (m.f_s, m.f_d):
+            arguments = (m, omega, torque, breakaway, 2e-5)
+            assert next_speed_of_lanes(*arguments) == next_speed(*arguments)
+
+
+def test_angle_turned_in_steps_is_the_whole_angle():
+    """Half a second at the highest speed, 8000 rpm, in the steps of the fast form."""
+    angle, steps = 8000 * 2 * math.pi / 60 * FORMS["fast"], round(0.5 / FORMS["fast"])
+    cos, sin = 1.0, 0.0
+    for _ in range(steps):
+        cos, sin = turned(cos, sin, angle)
+    # The first terms left out, angle^6 / 720 and angle^7 / 5040, add up over all steps.
+    bound = 1.1 * steps * angle**6 / 720
+    assert cos == pytest.approx(math.cos(steps * angle), abs=bound)
+    assert sin == pytest.approx(math.sin(steps * angle), abs=bound)
+    assert bound < 1e-9
 
 
 def test_run_starts_with_the_state_of_the_window():

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from ema_core.faults import fault_vector
+from ema_core.faults import FAULT_NAMES, fault_vector, random_faults
 from ema_core.parameters import ActuatorParameters
+from ema_core.simd import LANES
 from ema_monitor.model import MonitorModel
 
 from .monitor_twin import MonitorTwin
@@ -76,7 +77,13 @@ CASES = {
         {"position": 1e-4, "speed": 20.0, "current": -1.5, "play": -0.4},
         moves_inside_its_play,
     ),
-    "end_stop": ({"theta_stop": 1e-3, "tau": 0.1}, {}, {}, at_end_stop),
+    "pd": ({"GAD": 1e-7}, MULTIPLE, {"speed": 20.0}, moves_inside_its_play),
+    "end_stop": (
+        {"theta_stop": 1e-3, "tau": 0.1},
+        {"eccentricity": 0.5, "eccentricity_phase": 0.3},
+        {},
+        at_end_stop,
+    ),
     "limits": ({"T_max": 0.5, "I_max": 9.0, "omega_max": 60.0}, {}, {}, at_torque_limit),
     "another_motor": (
         {"P": 5, "J_m": 4e-5, "R_s": 0.8, "h_b": 0.2, "f_ratio": 0.8},
@@ -110,3 +117,21 @@ def test_kernel_equals_twin(case, form):
     assert current.shape == (1, len(t) - 1)
     assert current[0] == pytest.approx(expected, abs=TOLERANCE, rel=0)
     assert sum(seen) >= 20
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_lane_equals_its_twin(form):
+    dt, period, frequency = FORMS[form]
+    rng, n = np.random.default_rng(8), LANES + 2
+    faults = np.stack([random_faults(rng) for _ in range(n)])
+    play = rng.uniform(-1.0, 1.0, n)
+    t = period * np.arange(round(1000 * dt / period) + 1)
+    command = 0.02 * np.sin(2 * np.pi * frequency * t)
+    actuator = ActuatorParameters()
+    window = window_from(command, sample_period=period)
+    current = MonitorModel(actuator, form, dt).current(window, faults, play)
+    for i in range(n):
+        named = dict(zip(FAULT_NAMES, faults[i].tolist(), strict=True))
+        twin = MonitorTwin(actuator, named, form=form, dt=dt, play=float(play[i]))
+        expected = twin.samples(command.tolist(), round(period / dt), lambda twin: None)
+        assert current[i] == pytest.approx(expected, abs=TOLERANCE, rel=0)

@@ -7,9 +7,9 @@ from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, constants
 from ema_sim.actuator import SimulatedActuator, at_rest
-from ema_sim.reference import DT, step
+from ema_sim.reference import DT
 
-from .trajectories import run, unpowered
+from .trajectories import run, step, unpowered
 
 ACTUATOR = ActuatorParameters(f_sm=0.0, f_su=0.0, C_m=0.0, C_u=0.0)
 PLANT = constants(ActuatorParameters())

@@ -7,11 +7,11 @@ import pytest
 
 from ema_core.dynamics import lag_factor
 from ema_core.faults import degrade, fault_vector
-from ema_core.parameters import ActuatorParameters, constants
+from ema_core.parameters import ActuatorParameters, PlantConstants, constants
 from ema_sim.actuator import at_rest
-from ema_sim.reference import DT, step
+from ema_sim.reference import DT
 
-from .trajectories import locked, run
+from .trajectories import locked, run, step
 
 PLANT = constants(ActuatorParameters())
 FAULTY = degrade(PLANT, fault_vector({"short_circuit_b": 0.5, "eccentricity": 0.5}))
@@ -59,7 +59,9 @@ def test_current_is_delayed_by_thirty_microseconds():
 
 
 @pytest.mark.parametrize("plant", [PLANT, FAULTY], ids=["healthy", "faulty"])
-def test_equivalent_current_is_the_largest_phase_current_with_the_sign_of_torque(plant):
+def test_equivalent_current_is_the_largest_phase_current_with_the_sign_of_torque(
+    plant: PlantConstants,
+):
     """Currents that add up to zero: half the sum of their sizes is the largest of them."""
     state = at_rest()
     signs = set()

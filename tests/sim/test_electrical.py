@@ -8,10 +8,10 @@ import pytest
 from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, constants
 from ema_sim.actuator import SimulatedActuator, at_rest
-from ema_sim.reference import DT, State, step
+from ema_sim.reference import DT, State
 
 from .reference_twin import back_emf_shape, driven
-from .trajectories import locked, run, unpowered
+from .trajectories import locked, run, step, unpowered
 
 ACTUATOR = ActuatorParameters()
 PLANT = constants(ACTUATOR)

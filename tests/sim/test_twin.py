@@ -9,9 +9,11 @@ from ema_core.dynamics import lag_factor
 from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, constants
 from ema_sim.actuator import SimulatedActuator, at_rest
-from ema_sim.reference import DT, step
+from ema_sim.motor import GAP_REACH, sector_at, windings
+from ema_sim.reference import DT, advance_sample
 
 from .reference_twin import ReferenceTwin
+from .trajectories import step
 
 # Both round differently, by some 1e-13 A and N.m, and mostly damp what differs; but the first
 # comparison of a current with its band that falls the other way moves a phase by 0.04 A and sets
@@ -111,6 +113,35 @@ def test_kernel_step_equals_twin(case):
     assert worst < TOLERANCE
     assert [x.q_a, x.q_b, x.q_c] == twin.q
     assert seen >= 20
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_sample_equals_its_steps(case):
+    """Commutation, switching, gap and end stop are kept over the steps of a sample."""
+    values, faults, _ = CASES[case]
+    plant = degrade(constants(ActuatorParameters.from_mapping(values)), fault_vector(faults))
+    phases, lag, long = windings(plant.motor), lag_factor(DT), 2000
+    x = y = at_rest()._replace(omega=300.0)
+    noise = np.random.default_rng(7).normal(0.0, 0.5, STEPS // 10)
+    theta = []
+    for first in range(0, STEPS, long):
+        knots = 0.8e-3 * (first / STEPS), 0.8e-3 * ((first + long) / STEPS)
+        rise = (knots[1] - knots[0]) / long
+        rest = noise, first, 10, long, DT, lag
+        y, total = advance_sample(*plant, phases, y, knots[0], rise, 0.02, 1e-5, *rest)
+        summed = 0.0
+        for n in range(long):
+            at = knots[0] + n * rise, noise[(first + n) // 10], 0.02 + n * 1e-5
+            x = step(*plant, x, *at, DT, lag)
+            summed += x.lag_3
+            theta.append(x.theta_m)
+        assert total == pytest.approx(summed, rel=TOLERANCE)
+        np.testing.assert_allclose(y, x, rtol=0, atol=TOLERANCE)
+    # Within a sample, and so not found anew: the gap several times, the commutation once at least.
+    assert np.ptp(theta[:long]) > 3 * GAP_REACH
+    middles = [sector_at(plant.motor, plant.mechanics, angle).middle for angle in theta]
+    changes = np.flatnonzero(np.diff(middles)) + 1
+    assert case == "end_stop" or np.any(changes % long)
 
 
 def test_telemetry_equals_twin():

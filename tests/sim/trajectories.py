@@ -1,16 +1,39 @@
-"""Runs of the step kernel that keep every state."""
+"""Runs of the reference kernels that keep every state."""
 
 from collections.abc import Callable
 
 import numpy as np
 
 from ema_core.dynamics import lag_factor
-from ema_core.parameters import PlantConstants
-from ema_sim.reference import DT, State, step
+from ema_core.parameters import (
+    ControlConstants,
+    MechanicalConstants,
+    MotorConstants,
+    PlantConstants,
+)
+from ema_sim.motor import windings
+from ema_sim.reference import DT, State, advance_sample
 
 Signal = float | Callable[[float], float]
 
 _ROW = [(name, float) for name in State._fields]
+
+
+def step(
+    control: ControlConstants,
+    motor: MotorConstants,
+    mechanics: MechanicalConstants,
+    state: State,
+    command: float,
+    disturbance: float,
+    load: float,
+    dt: float,
+    lag: float,
+) -> State:
+    """State after a sample of one step; what is not held in it is found anew."""
+    plant = control, motor, mechanics, windings(motor)
+    held = np.array([disturbance])
+    return advance_sample(*plant, state, command, 0.0, load, 0.0, held, 0, 1, 1, dt, lag)[0]
 
 
 def run(

@@ -1,0 +1,251 @@
+"""Vectors of lanes inside kernels: the physics reads as for one float and runs for all lanes.
+
+A kernel loads a `Vector` from an array and calculates with it as with a float; what would be a
+branch is a `select`. LLVM maps the vectors onto the registers of whatever processor it finds.
+``+ - * /``, unary minus, ``abs``, ``min``, ``max``, ``math.floor``, ``math.copysign``, the
+comparisons and (slowly) ``math.cos`` and ``math.sin`` act lane by lane; a number stands for the
+same value in all lanes. Comparisons give a `Mask`, which knows ``& | ~``. No lane ever sees
+another.
+"""
+
+import math
+import operator
+from collections.abc import Callable
+from typing import Any, Final
+
+from numba.core import cgutils, types
+from numba.core.datamodel.models import PrimitiveModel
+from numba.core.errors import TypingError
+from numba.core.typeconv.castgraph import Conversion
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, lower_cast, register_model
+
+# The llvmlite that numba itself writes with.
+ir: Final = cgutils.ir  # pyright: ignore[reportPrivateImportUsage]
+# Type checkers take the typing context, which a call does not pass, for a parameter.
+_kernel_function: Final[Any] = intrinsic
+_TUPLE: Final[Any] = types.BaseTuple
+
+LANES: Final = 16
+"""Lanes of a vector: with 8 the processor waits for results, with 32 it runs out of registers."""
+
+_DOUBLES: Final = ir.VectorType(ir.DoubleType(), LANES)
+_BITS: Final = ir.VectorType(ir.IntType(1), LANES)
+_INDEX: Final = ir.IntType(32)
+# A product and a sum may be rounded once, a division may become a product with the reciprocal.
+_FLAGS: Final = ("arcp", "contract")
+_FLOAT64_BYTES: Final = 8
+
+
+class Vector(types.Type):
+    """A float64 in every lane."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f"Vector({LANES})")
+
+    def can_convert_from(self, typingctx, other):
+        """Let any number become a vector."""
+        return Conversion.safe if isinstance(other, types.Number) else None
+
+
+class Mask(types.Type):
+    """True or false in every lane."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f"Mask({LANES})")
+
+
+VECTOR: Final = Vector()
+MASK: Final = Mask()
+
+
+@register_model(Vector)
+class _VectorModel(PrimitiveModel):
+    def __init__(self, dmm, fe_type):
+        super().__init__(dmm, fe_type, _DOUBLES)
+
+
+@register_model(Mask)
+class _MaskModel(PrimitiveModel):
+    def __init__(self, dmm, fe_type):
+        super().__init__(dmm, fe_type, _BITS)
+
+
+@lower_cast(types.Number, Vector)
+def _broadcast(context, builder, fromty, toty, val):
+    number = context.cast(builder, val, fromty, types.float64)
+    nothing = ir.Constant(_DOUBLES, ir.Undefined)
+    first = builder.insert_element(nothing, number, ir.Constant(_INDEX, 0))
+    return builder.shuffle_vector(
+        first, nothing, ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES)
+    )
+
+
+def _register(
+    function: Callable[..., Any], operands: int, operand: types.Type, result: types.Type, emit: Any
+) -> None:
+    """Give an operator or function its meaning for lanes; ``emit(builder, *values)`` writes it."""
+
+    class LaneByLane(AbstractTemplate):
+        def generic(self, args, kws):
+            if len(args) == operands and operand in args:
+                return signature(result, *[operand] * operands)
+            return None
+
+    infer_global(function)(LaneByLane)  # pyright: ignore[reportOptionalCall]
+
+    @lower_builtin(function, *[type(operand)] * operands)
+    def lower(context, builder, sig, args):
+        return emit(builder, *args)
+
+
+def _call(name: str) -> Callable[..., Any]:
+    def emit(builder, *values):
+        function = cgutils.get_or_insert_function(
+            builder.module,
+            ir.FunctionType(_DOUBLES, [_DOUBLES] * len(values)),
+            f"llvm.{name}.v{LANES}f64",
+        )
+        return builder.call(function, values)
+
+    return emit
+
+
+def _arithmetic(name: str) -> Callable[..., Any]:
+    return lambda builder, *values: getattr(builder, name)(*values, flags=_FLAGS)
+
+
+def _compare(symbol: str) -> Callable[..., Any]:
+    # As for floats, only "not equal" holds of NaN.
+    unordered = symbol == "!="
+    return lambda builder, a, b: (
+        builder.fcmp_unordered(symbol, a, b) if unordered else builder.fcmp_ordered(symbol, a, b)
+    )
+
+
+def _extreme(symbol: str) -> Callable[..., Any]:
+    # The first where one is not a number, as for floats.
+    return lambda builder, a, b: builder.select(builder.fcmp_ordered(symbol, b, a), b, a)
+
+
+for _operator, _name in (
+    (operator.add, "fadd"),
+    (operator.sub, "fsub"),
+    (operator.mul, "fmul"),
+    (operator.truediv, "fdiv"),
+    (operator.iadd, "fadd"),
+    (operator.isub, "fsub"),
+    (operator.imul, "fmul"),
+    (operator.itruediv, "fdiv"),
+):
+    _register(_operator, 2, VECTOR, VECTOR, _arithmetic(_name))
+for _operator, _symbol in (
+    (operator.lt, "<"),
+    (operator.le, "<="),
+    (operator.gt, ">"),
+    (operator.ge, ">="),
+    (operator.eq, "=="),
+    (operator.ne, "!="),
+):
+    _register(_operator, 2, VECTOR, MASK, _compare(_symbol))
+_register(operator.neg, 1, VECTOR, VECTOR, lambda builder, a: builder.fneg(a))
+_register(abs, 1, VECTOR, VECTOR, _call("fabs"))
+_register(math.floor, 1, VECTOR, VECTOR, _call("floor"))
+_register(math.cos, 1, VECTOR, VECTOR, _call("cos"))
+_register(math.sin, 1, VECTOR, VECTOR, _call("sin"))
+_register(math.copysign, 2, VECTOR, VECTOR, _call("copysign"))
+_register(operator.and_, 2, MASK, MASK, lambda builder, a, b: builder.and_(a, b))
+_register(operator.or_, 2, MASK, MASK, lambda builder, a, b: builder.or_(a, b))
+_register(operator.invert, 1, MASK, MASK, lambda builder, a: builder.not_(a))
+_register(min, 2, VECTOR, VECTOR, _extreme("<"))
+_register(max, 2, VECTOR, VECTOR, _extreme(">"))
+
+
+@_kernel_function
+def select(typingctx, condition, a, b):
+    """Take ``a`` in the lanes where ``condition`` is true and ``b`` in the others.
+
+    A single condition selects between single floats.
+    """
+    kind = VECTOR if condition == MASK else types.float64
+
+    def lower(context, builder, sig, args):
+        return builder.select(*args)
+
+    return signature(kind, condition, kind, kind), lower
+
+
+@_kernel_function
+def broadcast(typingctx, number):
+    """Return the number in all lanes."""
+
+    def lower(context, builder, sig, args):
+        return args[0]
+
+    return signature(VECTOR, VECTOR), lower
+
+
+@_kernel_function
+def load(typingctx, values, start):
+    """Return vectors for arrays: their `LANES` values from ``start`` on.
+
+    Arrays are contiguous, ``(n,)``, and hold that many. In a tuple, named or nested, every array
+    gives a vector; numbers stay what they are.
+    """
+
+    def lower(context, builder, sig, args):
+        return _load(context, builder, values, *args)
+
+    return signature(_loaded(values), values, types.intp), lower
+
+
+def _loaded(kind: Any) -> Any:
+    if isinstance(kind, _TUPLE):
+        return types.BaseTuple.from_types(
+            [_loaded(member) for member in kind.types], getattr(kind, "instance_class", None)
+        )
+    if isinstance(kind, types.Number):
+        return kind
+    if isinstance(kind, types.Array) and (kind.ndim, kind.layout) == (1, "C"):
+        return VECTOR
+    raise TypingError(f"{kind} is neither a number nor a contiguous array of one dimension")
+
+
+def _load(context: Any, builder: Any, kind: Any, value: Any, start: Any) -> Any:
+    if isinstance(kind, _TUPLE):
+        members = cgutils.unpack_tuple(builder, value, len(kind.types))
+        return context.make_tuple(
+            builder,
+            _loaded(kind),
+            [
+                _load(context, builder, member_kind, member, start)
+                for member_kind, member in zip(kind.types, members, strict=True)
+            ],
+        )
+    if isinstance(kind, types.Number):
+        return value
+    address = builder.gep(context.make_array(kind)(context, builder, value).data, [start])
+    return builder.load(
+        builder.bitcast(address, _DOUBLES.as_pointer()), align=_FLOAT64_BYTES, typ=_DOUBLES
+    )
+
+
+@_kernel_function
+def store(typingctx, array, row, column, vector):
+    """Write lane after lane to ``array[row, column]``, ``array[row + 1, column]`` and so on."""
+
+    def lower(context, builder, sig, args):
+        array_value, row, column, lanes = args
+        into = context.make_array(array)(context, builder, array_value)
+        row_stride, column_stride = cgutils.unpack_tuple(builder, into.strides, 2)
+        offset = builder.add(builder.mul(row, row_stride), builder.mul(column, column_stride))
+        for lane in range(LANES):
+            builder.store(
+                builder.extract_element(lanes, ir.Constant(_INDEX, lane)),
+                cgutils.pointer_add(builder, into.data, offset),
+                align=_FLOAT64_BYTES,
+            )
+            offset = builder.add(offset, row_stride)
+        return context.get_dummy_value()
+
+    return signature(types.void, array, types.intp, types.intp, VECTOR), lower

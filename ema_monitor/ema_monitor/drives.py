@@ -1,0 +1,178 @@
+"""The two forms of the monitor's drive: how the current follows, and what torque it gives.
+
+Their kernels take lanes of `ema_core.simd` as well as single floats; the numbers (M10) to (M12)
+are those of ``docs/model.md``.
+"""
+
+import math
+import operator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from ema_core._jit import kernel
+from ema_core.dynamics import clip
+from ema_core.parameters import MotorConstants
+from ema_core.simd import select
+
+_PHASE_ANGLES = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
+
+PerLane = NDArray[np.float64] | float
+"""A constant of each individual, ``(n,)``, or of a single one."""
+
+Pairs = tuple[PerLane, PerLane, PerLane]
+"""A constant of the driven pairs BC, AB and AC."""
+
+
+class FastDrive(NamedTuple):
+    """Constants of the fast form; tuples hold those of the driven pairs BC, AB and AC.
+
+    The torque constant is ``K + K_cos cos(theta_m) + K_sin sin(theta_m)``, ``slew`` is dt / L;
+    the eccentricity has ``waves`` in a turn of the shaft.
+    """
+
+    V_max: float
+    T_max: float
+    h_b: float
+    half_turns: float
+    waves: float
+    R: Pairs
+    slew: Pairs
+    K: Pairs
+    K_cos: Pairs
+    K_sin: Pairs
+
+
+class SourceDrive(NamedTuple):
+    """Constants of the source form; ``f`` holds those of the driven pairs BC, AB and AC.
+
+    The eccentricity is ``1 + e_cos cos(theta_e) + (e_sin + e_saw sawtooth) sin(theta_e)``, it has
+    ``waves`` in a turn of the shaft; ``slew`` is dt / L.
+    """
+
+    V_max: float
+    T_max: float
+    k_e: float
+    G_M: float
+    R_s: float
+    half_turns: float
+    waves: float
+    slew: PerLane
+    f: Pairs
+    e_cos: PerLane
+    e_sin: PerLane
+    e_saw: PerLane
+
+
+def fast_constants(motor: MotorConstants, dt: float) -> FastDrive:
+    """Return the constants of the fast form for a step ``dt`` [s]."""
+    phases = []
+    for N, delta in zip((motor.N_a, motor.N_b, motor.N_c), _PHASE_ANGLES, strict=True):
+        k, angle = 0.5 * motor.k_e * N, motor.phi + delta
+        wave = k * motor.zeta
+        phases.append(
+            (
+                0.5 * motor.R_s * N,
+                0.5 * motor.L_s * N * N,
+                k,
+                wave * np.cos(angle),
+                -wave * np.sin(angle),
+            )
+        )
+    a, b, c = phases
+    pairs = [map(operator.add, first, second) for first, second in ((b, c), (a, b), (a, c))]
+    R, L, K, K_cos, K_sin = zip(*pairs, strict=True)
+    return FastDrive(
+        V_max=motor.V_max,
+        T_max=motor.T_max,
+        h_b=motor.h_b,
+        half_turns=motor.P / math.pi,
+        waves=1.0,
+        R=R,
+        slew=tuple(dt / L_of_pair for L_of_pair in L),
+        K=K,
+        K_cos=K_cos,
+        K_sin=K_sin,
+    )
+
+
+def source_constants(motor: MotorConstants, dt: float) -> SourceDrive:
+    """Return the constants of the source form for a step ``dt`` [s]."""
+    N_a, N_b, N_c, wave = motor.N_a, motor.N_b, motor.N_c, 0.42 * motor.zeta
+    return SourceDrive(
+        V_max=motor.V_max,
+        T_max=motor.T_max,
+        k_e=motor.k_e,
+        G_M=motor.G_M,
+        R_s=motor.R_s,
+        half_turns=motor.P / math.pi,
+        waves=motor.P,
+        slew=3.0 * dt / (motor.L_s * (N_a**2 + N_b**2 + N_c**2)),
+        f=(0.5 * (N_b + N_c), 0.5 * (N_a + N_b), 0.5 * (N_a + N_c)),
+        e_cos=-wave * np.cos(motor.phi),
+        e_sin=wave * np.sin(motor.phi),
+        e_saw=wave,
+    )
+
+
+@kernel()
+def pair_position(half_turns):
+    """Return where in the half turn of the three driven pairs an electrical angle stands, 0 to 1.
+
+    Below 1/3 the pair is BC, below 2/3 AB, then AC (eq. 4.13).
+    """
+    from_bc = half_turns + 1.0 / 6.0
+    return from_bc - math.floor(from_bc)
+
+
+@kernel()
+def of_pair(position, constants):
+    """Return that of the constants for BC, AB and AC which belongs to the driven pair."""
+    bc, ab, ac = constants
+    return select(position < 1.0 / 3.0, bc, select(position < 2.0 / 3.0, ab, ac))
+
+
+@kernel()
+def fast_drive(drive: FastDrive, position, cos, sin, I, I_ref, omega):
+    """Return current, torque and ripple of the torque one step on.
+
+    The current follows its reference as fast as V_max lets it. Resistance, inductance and torque
+    constant are those of the driven pair (M10); ``cos`` and ``sin`` are those of theta_m.
+    """
+    K = of_pair(position, drive.K)
+    K += of_pair(position, drive.K_cos) * cos + of_pair(position, drive.K_sin) * sin
+    slew = of_pair(position, drive.slew)
+    fallen = I - slew * (of_pair(position, drive.R) * I + K * omega)
+    I = min(max(I_ref, fallen - slew * drive.V_max), fallen + slew * drive.V_max)
+    return I, clip(K * I, drive.T_max), K * drive.h_b
+
+
+@kernel()
+def source_drive(drive: SourceDrive, position, cos, sin, I, I_ref, omega):
+    """Return current, torque and its ripple by the thesis: full voltage by the error's sign.
+
+    The form of the eccentricity is that printed in the thesis, eq. 4.24 and 4.25, which does not
+    describe the reference actuator (M11); ``cos`` and ``sin`` are those of theta_e.
+    """
+    f = of_pair(position, drive.f)
+    sawtooth = 2.0 * (3.0 * position - math.floor(3.0 * position))
+    K = f * (1.0 + drive.e_cos * cos + (drive.e_sin + drive.e_saw * sawtooth) * sin)
+    error = I_ref - I
+    voltage = select(error > 0.0, drive.V_max, select(error < 0.0, -drive.V_max, 0.0))
+    I = I + drive.slew * (voltage - drive.k_e * K * omega - drive.R_s * f * I)
+    return I, clip(drive.G_M * K * I, drive.T_max), 0.0
+
+
+def drive_current(drive, position, cos, sin, I, I_ref, omega) -> Any:
+    """Do what `fast_drive` or `source_drive` does, whichever the constants belong to."""
+    raise NotImplementedError
+
+
+@overload(drive_current)
+def _drive_current(drive, position, cos, sin, I, I_ref, omega):
+    form = fast_drive if drive.instance_class is FastDrive else source_drive
+    return lambda drive, position, cos, sin, I, I_ref, omega: form(
+        drive, position, cos, sin, I, I_ref, omega
+    )

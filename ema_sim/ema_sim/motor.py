@@ -1,0 +1,143 @@
+"""Kernels of motor and drive of the reference actuator: commutation, windings, eccentric gap.
+
+The numbers (M2) to (M5) are those of equations in ``docs/model.md``.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+from ema_core._jit import kernel
+from ema_core.dynamics import clip
+from ema_core.parameters import MechanicalConstants, MotorConstants
+
+_THIRD = 2.0 * math.pi / 3.0
+_SIN_THIRD = math.sin(_THIRD)
+
+GAP_REACH: Final = 5e-3
+"""How far the series of the eccentric gap are used [rad], to 3e-14 of it."""
+
+
+class Sector(NamedTuple):
+    """Stretch of the motor's turn between two commutations, in which (M2) is linear.
+
+    It reaches from ``start`` to ``end``, at most to the end stops, around ``middle`` [rad]. A
+    phase is driven with the sign ``s`` (+1, 0 or -1) of the reference current; its back-EMF
+    constant without eccentricity is ``k`` [V.s/rad] in the middle and grows by ``dk`` [V.s/rad^2].
+    """
+
+    start: float
+    end: float
+    middle: float
+    s_a: float
+    s_b: float
+    s_c: float
+    k_a: float
+    k_b: float
+    k_c: float
+    dk_a: float
+    dk_b: float
+    dk_c: float
+
+
+class Windings(NamedTuple):
+    """Resistance [ohm] and inductance [H] of each phase, and its weight in the star voltage [-]."""
+
+    R_a: float
+    R_b: float
+    R_c: float
+    L_a: float
+    L_b: float
+    L_c: float
+    w_a: float
+    w_b: float
+    w_c: float
+
+
+class Gap(NamedTuple):
+    """Modulation of the air gap at an angle of the motor [rad]: zeta times cosine and sine (M5)."""
+
+    theta_m: float
+    cosine: float
+    sine: float
+
+
+@kernel()
+def trapezoid(theta_e):
+    """Unclipped back-EMF shape of a phase at its electrical angle; beyond +-1 it is driven (M2)."""
+    turn = theta_e / (2.0 * math.pi) + 0.25
+    turn -= math.floor(turn)
+    return 12.0 * (0.25 - abs(turn - 0.5))
+
+
+@kernel()
+def commutation(shape):
+    """Sign of the current that a phase is driven with: +1, 0 or -1 (M2)."""
+    return (1.0 if shape > 1.0 else 0.0) - (1.0 if shape < -1.0 else 0.0)
+
+
+@kernel()
+def phase_in_sector(motor: MotorConstants, N, middle, half, shift):
+    """Sign, back-EMF constant and its growth, for a phase of ``N`` turns ``shift`` rad behind A."""
+    sign = commutation(trapezoid(motor.P * middle - shift))
+    before = clip(trapezoid(motor.P * (middle - half) - shift), 1.0)
+    after = clip(trapezoid(motor.P * (middle + half) - shift), 1.0)
+    k = 0.5 * motor.k_e * N
+    return sign, k * (before + after) / 2.0, k * (after - before) / (2.0 * half)
+
+
+@kernel()
+def sector_at(motor: MotorConstants, mech: MechanicalConstants, theta_m):
+    """Sector that the motor stands in."""
+    half = math.pi / 6.0 / motor.P
+    middle = 2.0 * half * round(theta_m / (2.0 * half))
+    s_a, k_a, dk_a = phase_in_sector(motor, motor.N_a, middle, half, 0.0)
+    s_b, k_b, dk_b = phase_in_sector(motor, motor.N_b, middle, half, _THIRD)
+    s_c, k_c, dk_c = phase_in_sector(motor, motor.N_c, middle, half, 2.0 * _THIRD)
+    start, end = max(middle - half, -mech.theta_stop), min(middle + half, mech.theta_stop)
+    return Sector(start, end, middle, s_a, s_b, s_c, k_a, k_b, k_c, dk_a, dk_b, dk_c)
+
+
+@kernel()
+def windings(motor: MotorConstants):
+    """Phases of a motor, half of what is measured between two of them."""
+    R, L = 0.5 * motor.R_s, 0.5 * motor.L_s
+    L_a, L_b, L_c = L * motor.N_a**2, L * motor.N_b**2, L * motor.N_c**2
+    parallel = 1.0 / (1.0 / L_a + 1.0 / L_b + 1.0 / L_c)
+    return Windings(
+        R * motor.N_a,
+        R * motor.N_b,
+        R * motor.N_c,
+        L_a,
+        L_b,
+        L_c,
+        parallel / L_a,
+        parallel / L_b,
+        parallel / L_c,
+    )
+
+
+@kernel()
+def gap_at(motor: MotorConstants, theta_m):
+    """Air gap as it is at an angle of the motor."""
+    angle = theta_m + motor.phi
+    return Gap(theta_m, motor.zeta * math.cos(angle), motor.zeta * math.sin(angle))
+
+
+@kernel()
+def modulation(gap: Gap, delta):
+    """Relative change of the three back-EMF constants ``delta`` rad beyond the angle of a gap (M5).
+
+    They lie a third of a turn apart. The Taylor series leave out delta^5 / 120.
+    """
+    square = delta * delta
+    cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0))
+    sine = delta * (1.0 - square * (1.0 / 6.0))
+    along = gap.cosine * cosine - gap.sine * sine
+    across = _SIN_THIRD * (gap.sine * cosine + gap.cosine * sine)
+    return along, -0.5 * along - across, -0.5 * along + across
+
+
+@kernel()
+def overshoot(switch, current, target):
+    """How far a current is beyond its target on the side that its leg drives it to [A] (M3)."""
+    return switch * (current - target)
