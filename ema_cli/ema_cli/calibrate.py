@@ -9,7 +9,7 @@ from ema_cli.errors import one_clear_line
 from ema_cli.progress import progress_bar
 from ema_cli.source_options import Source, source_options
 from ema_cli.windows import read_windows, require_windows
-from ema_monitor.calibration import calibrate as calibrate_windows
+from ema_monitor.healthy_fit import calibrate as calibrate_windows
 from ema_monitor.model import FORMS
 from ema_monitor.window import Window
 

@@ -11,7 +11,7 @@ import click
 from ema_monitor.calibration import Calibration
 from ema_monitor.diagnosis import Search
 from ema_monitor.estimate import Settings
-from ema_monitor.fitness import WEIGHTS
+from ema_monitor.fitness import FITNESS
 from ema_monitor.optimizers import ALGORITHMS
 
 _OPTIONS = (
@@ -25,7 +25,7 @@ _OPTIONS = (
         "--fitness",
         default=Search.fitness,
         show_default=True,
-        type=click.Choice(list(WEIGHTS)),
+        type=click.Choice(list(FITNESS)),
     ),
     click.option(
         "--budget",

@@ -18,7 +18,7 @@ from ema_core.faults import FAULTS, healthy_faults
 from ema_core.telemetry import Telemetry, join
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate
-from ema_monitor.residual import band_limited
+from ema_monitor.residual import band_limited, band_samples
 from ema_monitor.window import Window
 
 
@@ -125,9 +125,8 @@ def draw_fit(found: BagWindows, window: Window, calibration: Calibration, one: E
         The estimate in the window.
     """
     faults = np.array([one.faults, healthy_faults()])
-    modelled = calibration.apply(
-        calibration.model().current(window, faults, one.play), calibration.alignment(window)
-    )
+    response = calibration.model().respond(window, faults, one.play)
+    modelled = calibration.expect(response, calibration.alignment(window)).current
     residual = window.current - modelled[0]
     t = found.seconds(window.start_ns) + window.sample_period * np.arange(1, len(window) + 1)
 
@@ -139,7 +138,8 @@ def draw_fit(found: BagWindows, window: Window, calibration: Calibration, one: E
     _label(fit, "current [A]", legend=True)
     rest.plot(t, residual, "0.75", lw=0.5, label="residual")
     smooth = band_limited(residual, window.sample_period)
-    rest.plot(t, smooth, "C3", lw=1, label="band-limited")
+    half = band_samples(len(window), window.sample_period)
+    rest.plot(t[half::half][: len(smooth)], smooth, "C3", lw=1, label="band-limited")
     _label(rest, "residual [A]", legend=True)
     rest.set_xlabel("time since the first sample [s]")
 

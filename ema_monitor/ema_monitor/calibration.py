@@ -1,43 +1,54 @@
-"""Static calibration: what the model misses on a healthy actuator, added to it ever after."""
+"""Calibration: what healthy windows of one unit tell about it, kept in a file."""
 
 import hashlib
 import json
-import math
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from importlib import resources
-from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
-from ema_core.faults import healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.alignment import difference_at, moved, shift_between
-from ema_monitor.model import FORMS, MonitorModel
-from ema_monitor.residual import band_limited, rms
+from ema_monitor.model import MonitorModel, Response
+from ema_monitor.residual import rms
 from ema_monitor.window import Window
 
-_FORMAT = 1
-_COMMAND_TOLERANCE = 5e-3
-_LEAST_SCATTER = 1e-6
+LEAST_SCATTER: Final = 1e-6
+"""Scatter below which healthy windows count as equal, so that it tells nothing [A, rad/s]."""
+
+MOST_SCALE: Final = 2.0
+"""How much larger or smaller than nominal friction and inertia may be [-]."""
+
+_FORMAT = 2
+COMMAND_TOLERANCE: Final = 5e-3
+"""Difference of two commands that count as the same, of their rms [-]."""
+
+_ROWS = ("command", "correction", "speed_correction")
+_SCATTERS = ("healthy_rms", "healthy_speed_rms")
 _RANGES = {
     "dt": ("s", 1e-9, 1e-3),
     "sample_period": ("s", 1e-9, 1.0),
     "lift": ("A", -1e3, 1e3),
-    "healthy_rms": ("A", _LEAST_SCATTER, 1e4),
+    "friction_scale": ("", 1.0 / MOST_SCALE, MOST_SCALE),
+    "inertia_scale": ("", 1.0 / MOST_SCALE, MOST_SCALE),
+    "healthy_rms": ("A", LEAST_SCATTER, 1e4),
+    "healthy_speed_rms": ("rad/s", LEAST_SCATTER, 1e6),
     "windows": ("", 1, 1e9),
 }
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Static calibration of a monitor model for one unit, one command and one sample period.
+    """Calibration of a monitor model for one unit, one command and one sample period.
+
+    The structural figures change the model itself, and so hold away from the healthy state; the
+    corrections are what the model still misses on healthy windows, added ever after.
 
     Attributes
     ----------
@@ -52,12 +63,14 @@ class Calibration:
     command
         Command of the window including that at the start, ``(n + 1,)`` [rad].
     lift
-        Height of the step in current that the idle phase adds to the equivalent current [A].
-    correction
-        What the model with its lift still misses on the healthy actuator, ``(n,)`` [A].
-    healthy_rms
-        Rms of the band-limited residual that another healthy window has after correction [A];
-        NaN when that is unknown: there was a single window, or all were equal.
+        How much the idle phase lifts the equivalent current [A] (M12).
+    friction_scale, inertia_scale
+        Friction and inertia of the unit over their nominal values [-].
+    correction, speed_correction
+        What the model still misses of current and speed, both ``(n,)`` [A, rad/s].
+    healthy_rms, healthy_speed_rms
+        Rms of the band-limited residual of current and speed that another healthy window has
+        [A, rad/s]; NaN when that is unknown: there was a single window, or all were equal.
     windows
         Number of windows averaged.
 
@@ -75,8 +88,12 @@ class Calibration:
     sample_period: float
     command: NDArray[np.float64] = field(repr=False)
     lift: float
+    friction_scale: float
+    inertia_scale: float
     correction: NDArray[np.float64] = field(repr=False)
+    speed_correction: NDArray[np.float64] = field(repr=False)
     healthy_rms: float
+    healthy_speed_rms: float
     windows: int
 
     def __post_init__(self) -> None:
@@ -86,20 +103,21 @@ class Calibration:
                 raise ValueError(f"{name} = {value!r}: expected a name")
         for name, (unit, lowest, highest) in _RANGES.items():
             value = getattr(self, name)
-            unknown = name == "healthy_rms" and isinstance(value, float) and np.isnan(value)
+            unknown = name in _SCATTERS and isinstance(value, float) and np.isnan(value)
             if not isinstance(value, int | float) or not (lowest <= value <= highest or unknown):
                 raise ValueError(
                     f"{name} = {value!r}: expected a number in [{lowest:g}, {highest:g}] {unit}"
                 )
-        for name in ("command", "correction"):
+        for name in _ROWS:
             row = getattr(self, name)
             if row.ndim != 1 or not np.all(np.isfinite(row)):
                 raise ValueError(f"{name} is not a row of finite numbers")
-        if len(self.command) != len(self.correction) + 1:
-            raise ValueError(
-                f"command has {len(self.command)} values, expected one more than the "
-                f"{len(self.correction)} of correction"
-            )
+        for name in _ROWS[1:]:
+            if len(self.command) != len(getattr(self, name)) + 1:
+                raise ValueError(
+                    f"command has {len(self.command)} values, expected one more than the "
+                    f"{len(getattr(self, name))} of {name}"
+                )
         self.model().steps(self.sample_period)
 
     @cached_property
@@ -109,21 +127,30 @@ class Calibration:
         return f"{self.serial_number}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
 
     def model(self) -> MonitorModel:
-        """Return the monitor model that this calibration belongs to."""
-        return MonitorModel(self.parameters, self.form, self.dt)
+        """Return the monitor model of this unit."""
+        return unit_model(
+            self.parameters,
+            self.form,
+            self.dt,
+            self.lift,
+            self.friction_scale,
+            self.inertia_scale,
+        )
 
-    def apply(self, current: NDArray[np.float64], shift: int = 0) -> NDArray[np.float64]:
-        """Return the measured current to expect where the model says ``current`` [A].
+    def expect(self, response: Response, shift: int = 0) -> Response:
+        """Return what to expect to be measured where the model answers with a response.
 
         Parameters
         ----------
-        current
-            Current of the model, ``(..., n)`` [A].
+        response
+            Of the model.
         shift
             How many samples later than the calibrated window the window begins.
         """
-        lift = self.lift * lift_shape(current, self.parameters)
-        return current + lift + moved(self.correction, shift)
+        return Response(
+            response.current + moved(self.correction, shift),
+            response.speed + moved(self.speed_correction, shift),
+        )
 
     def alignment(self, window: Window) -> int:
         """Return how many samples later than the calibrated window a window begins.
@@ -183,7 +210,7 @@ class Calibration:
             A window with as many samples as the calibration.
         """
         difference = difference_at(window.command, self.command, self.alignment(window))
-        limit = _COMMAND_TOLERANCE * rms(self.command)
+        limit = COMMAND_TOLERANCE * rms(self.command)
         if difference > limit:
             return (
                 f"the command differs from the calibrated one by {difference:.3g} rad rms "
@@ -242,7 +269,7 @@ class Calibration:
             for name in content["parameters"].as_mapping():
                 if name not in given:
                     raise ValueError(f"parameter {name} is missing")
-            for name in ("command", "correction"):
+            for name in _ROWS:
                 content[name] = np.array(content[name], dtype=np.float64)
             return cls(**content)
         except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -250,105 +277,39 @@ class Calibration:
 
     def _as_mapping(self) -> dict[str, Any]:
         content = {"format": _FORMAT, **asdict(self)}
-        content["command"] = [round(float(value), 9) for value in self.command]
-        content["correction"] = [round(float(value), 5) for value in self.correction]
-        content["healthy_rms"] = float(self.healthy_rms)
+        for name, digits in zip(_ROWS, (9, 5, 5), strict=True):
+            content[name] = [round(float(value), digits) for value in getattr(self, name)]
+        for name in _SCATTERS:
+            content[name] = float(getattr(self, name))
         return content
 
 
-def lift_shape(current: NDArray[np.float64], parameters: ActuatorParameters) -> NDArray[np.float64]:
-    """Return how the idle phase lifts the equivalent current, for a lift of 1 A.
-
-    The idle phase is regulated about zero and still carries ripple, which the equivalent current
-    counts with the sign of the torque; within the hysteresis band that sign itself changes with
-    the ripple (M12).
+def unit_model(
+    parameters: ActuatorParameters,
+    form: str,
+    dt: float,
+    lift: float,
+    friction_scale: float,
+    inertia_scale: float,
+) -> MonitorModel:
+    """Return the monitor model of one unit.
 
     Parameters
     ----------
-    current
-        Current of the model, ``(..., n)`` [A].
     parameters
-        Nominal parameters of the actuator.
+        Nominal ones of its kind.
+    form, dt
+        Form of the model, and its step [s].
+    lift
+        How much the idle phase lifts the equivalent current [A].
+    friction_scale, inertia_scale
+        Friction and inertia of the unit over the nominal ones [-].
     """
-    return np.clip(current / parameters.h_b, -1.0, 1.0)
-
-
-def calibrate(
-    windows: Iterable[Window], description: ActuatorDescription, form: str = "fast"
-) -> Calibration:
-    """Calibrate the monitor model on healthy windows of one actuator.
-
-    Parameters
-    ----------
-    windows
-        Windows of the same command, at least one; more average out the PWM's ripple.
-    description
-        The unit that the windows were taken from.
-    form
-        Form of the monitor model. The lift is fitted for the "fast" form only: the thesis's
-        calibration, which goes with the "source" form, is the correction alone.
-
-    Raises
-    ------
-    ValueError
-        When there is no window, or one is not like the first.
-    """
-    waiting = iter(windows)
-    first = next(waiting, None)
-    if first is None:
-        raise ValueError("calibration needs at least one healthy window, got none")
-    h = first.sample_period
-    # The longest step up to the form's own that divides the sample period.
-    model = MonitorModel(description.parameters, form, h / math.ceil(h / FORMS[form] - 1e-6))
-    modelled, missed = [], []
-    for number, window in enumerate(chain([first], waiting)):
-        if reason := window.excitation_defect() or _unlike(window, first):
-            raise ValueError(f"window {number}: {reason}")
-        play = 0.0 if window.play is None else window.play
-        current = model.current(window, healthy_faults(), play)[0]
-        shift = shift_between(window.command, first.command)
-        modelled.append(moved(current, -shift))
-        missed.append(moved(window.current - current, -shift))
-    residuals, n = np.array(missed), len(missed)
-    lift = 0.0
-    if model.form == "fast":
-        shape = lift_shape(np.array(modelled), model.parameters)
-        lift = float(np.sum(shape * residuals) / np.sum(shape**2))
-        residuals -= lift * shape
-    correction = np.mean(residuals, axis=0)
-    scatter = 0.0
-    if n > 1:
-        spread = rms(np.array([band_limited(row, h) for row in residuals - correction]))
-        # Each window is itself in the mean that it is compared with; another one will not be.
-        scatter = spread * np.sqrt((n + 1.0) / (n - 1.0))
-    return Calibration(
-        description.actuator_id,
-        description.serial_number,
-        model.parameters,
-        model.form,
-        model.dt,
-        h,
-        first.command,
-        lift,
-        correction,
-        scatter if scatter > _LEAST_SCATTER else float("nan"),
-        n,
-    )
-
-
-def _unlike(window: Window, first: Window) -> str:
-    """Return in what a window is not like the first; empty when it is."""
-    if len(window) != len(first) or window.sample_period != first.sample_period:
-        return (
-            f"it has {len(window)} samples of {window.sample_period:g} s, the first "
-            f"{len(first)} of {first.sample_period:g} s"
-        )
-    shift = shift_between(window.command, first.command)
-    difference = difference_at(window.command, first.command, shift)
-    limit = _COMMAND_TOLERANCE * rms(first.command)
-    if difference > limit:
-        return (
-            f"it has another command than the first: {difference:.3g} rad rms apart (limit "
-            f"{limit:.3g} rad)"
-        )
-    return ""
+    scales = {
+        "f_sm": friction_scale,
+        "f_su": friction_scale,
+        "J_m": inertia_scale,
+        "J_u": inertia_scale,
+    }
+    changed = {name: scale * getattr(parameters, name) for name, scale in scales.items()}
+    return MonitorModel(parameters.replace(changed), form, dt, lift)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from ema_core.quantity import check_quantities, quantity, text
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate, Settings, refusal
-from ema_monitor.fitness import WEIGHTS
+from ema_monitor.fitness import DEFAULT_FITNESS, FITNESS
 from ema_monitor.identification import Generation, Identification
 from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
 from ema_monitor.optimizers.driver import Termination
@@ -25,7 +25,7 @@ class Search:
     """
 
     algorithm: str = text(DEFAULT_ALGORITHM, "optimizer", tuple(ALGORITHMS))
-    fitness: str = text("total_least_squares", "cost that is minimised", tuple(WEIGHTS))
+    fitness: str = text(DEFAULT_FITNESS, "distance that is minimised", tuple(FITNESS))
     budget: int = quantity(
         Termination.budget, "-", 1, 2**53, "largest number of model evaluations a window"
     )

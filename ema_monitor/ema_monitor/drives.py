@@ -6,7 +6,7 @@ are those of ``docs/model.md``.
 
 import math
 import operator
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba.extending import overload
@@ -16,6 +16,10 @@ from ema_core._jit import kernel
 from ema_core.dynamics import clip
 from ema_core.parameters import MotorConstants
 from ema_core.simd import select
+
+IDLE_CONTRAST: Final = 0.5
+"""How much more an idle phase lifts the equivalent current when it has fewer turns than the driven
+pair: share of the lift for a difference of one in the healthy fractions of the turns [-]."""
 
 _PHASE_ANGLES = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
 
@@ -30,7 +34,7 @@ class FastDrive(NamedTuple):
     """Constants of the fast form; tuples hold those of the driven pairs BC, AB and AC.
 
     The torque constant is ``K + K_cos cos(theta_m) + K_sin sin(theta_m)``, ``slew`` is dt / L;
-    the eccentricity has ``waves`` in a turn of the shaft.
+    the eccentricity has ``waves`` in a turn of the shaft, ``lift`` is that of the idle phase (M12).
     """
 
     V_max: float
@@ -43,6 +47,7 @@ class FastDrive(NamedTuple):
     K: Pairs
     K_cos: Pairs
     K_sin: Pairs
+    lift: Pairs
 
 
 class SourceDrive(NamedTuple):
@@ -66,8 +71,8 @@ class SourceDrive(NamedTuple):
     e_saw: PerLane
 
 
-def fast_constants(motor: MotorConstants, dt: float) -> FastDrive:
-    """Return the constants of the fast form for a step ``dt`` [s]."""
+def fast_constants(motor: MotorConstants, dt: float, lift: float) -> FastDrive:
+    """Return the constants of the fast form for a step ``dt`` [s] and a healthy ``lift`` [A]."""
     phases = []
     for N, delta in zip((motor.N_a, motor.N_b, motor.N_c), _PHASE_ANGLES, strict=True):
         k, angle = 0.5 * motor.k_e * N, motor.phi + delta
@@ -84,6 +89,9 @@ def fast_constants(motor: MotorConstants, dt: float) -> FastDrive:
     a, b, c = phases
     pairs = [map(operator.add, first, second) for first, second in ((b, c), (a, b), (a, c))]
     R, L, K, K_cos, K_sin = zip(*pairs, strict=True)
+    N_a, N_b, N_c = motor.N_a, motor.N_b, motor.N_c
+    contrasts = ((N_b + N_c) / 2.0 - N_a, (N_a + N_b) / 2.0 - N_c, (N_a + N_c) / 2.0 - N_b)
+    lift_bc, lift_ab, lift_ac = (lift * (1.0 + IDLE_CONTRAST * contrast) for contrast in contrasts)
     return FastDrive(
         V_max=motor.V_max,
         T_max=motor.T_max,
@@ -95,6 +103,7 @@ def fast_constants(motor: MotorConstants, dt: float) -> FastDrive:
         K=K,
         K_cos=K_cos,
         K_sin=K_sin,
+        lift=(lift_bc, lift_ab, lift_ac),
     )
 
 
@@ -163,6 +172,29 @@ def source_drive(drive: SourceDrive, position, cos, sin, I, I_ref, omega):
     voltage = select(error > 0.0, drive.V_max, select(error < 0.0, -drive.V_max, 0.0))
     I = I + drive.slew * (voltage - drive.k_e * K * omega - drive.R_s * f * I)
     return I, clip(drive.G_M * K * I, drive.T_max), 0.0
+
+
+@kernel()
+def lifted_current(drive: FastDrive, position, I):
+    """Return the equivalent current: that of the pair, lifted by the idle phase's ripple (M12)."""
+    return I + of_pair(position, drive.lift) * clip(I / drive.h_b, 1.0)
+
+
+@kernel()
+def single_current(drive: SourceDrive, position, I):
+    """Return the equivalent current of the one phase that there is."""
+    return I
+
+
+def equivalent_current(drive, position, I) -> Any:
+    """Do what `lifted_current` or `single_current` does, whichever the constants belong to."""
+    raise NotImplementedError
+
+
+@overload(equivalent_current)
+def _equivalent_current(drive, position, I):
+    form = lifted_current if drive.instance_class is FastDrive else single_current
+    return lambda drive, position, I: form(drive, position, I)
 
 
 def drive_current(drive, position, cos, sin, I, I_ref, omega) -> Any:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import N_FAULTS
-from ema_monitor.fitness import WEIGHTS
+from ema_monitor.fitness import DEFAULT_FITNESS, FITNESS
 from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
 from ema_monitor.optimizers.driver import StopRule, Termination
 
@@ -20,11 +20,14 @@ class Settings:
     algorithm
         Registered name.
     fitness
-        "total_least_squares" or "least_squares".
+        Name of the distance that is minimised.
     termination
         When to stop.
     seed
         Seed of the algorithm's random numbers.
+    parsimonious
+        Whether components that do not differ significantly from healthy are put back to healthy
+        and the rest is fitted anew.
 
     Raises
     ------
@@ -33,17 +36,18 @@ class Settings:
     """
 
     algorithm: str = DEFAULT_ALGORITHM
-    fitness: str = "total_least_squares"
+    fitness: str = DEFAULT_FITNESS
     termination: StopRule = field(default_factory=Termination)
     seed: int = 0
+    parsimonious: bool = True
 
     def __post_init__(self) -> None:
         if self.algorithm not in ALGORITHMS:
             raise ValueError(
                 f"algorithm {self.algorithm!r} is unknown; known: {', '.join(ALGORITHMS)}"
             )
-        if self.fitness not in WEIGHTS:
-            raise ValueError(f"fitness {self.fitness!r} is unknown; known: {', '.join(WEIGHTS)}")
+        if self.fitness not in FITNESS:
+            raise ValueError(f"fitness {self.fitness!r} is unknown; known: {', '.join(FITNESS)}")
         if self.seed < 0:
             raise ValueError(f"seed = {self.seed}: expected a whole number of at least 0")
 

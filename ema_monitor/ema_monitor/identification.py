@@ -6,23 +6,23 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ema_core.description import ActuatorDescription
 from ema_core.faults import (
     ECCENTRICITY,
     ECCENTRICITY_PHASE,
     N_FAULTS,
+    fault_vector,
     healthy_faults,
 )
 from ema_monitor.calibration import Calibration
-from ema_monitor.coordinates import Coordinates
 from ema_monitor.estimate import Estimate, Settings, refusal
-from ema_monitor.fitness import WEIGHTS
-from ema_monitor.model import MonitorModel
+from ema_monitor.objective import Linearisation, Objective
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import minimise
 from ema_monitor.residual import band_limited, rms
+from ema_monitor.significance import refitted, significant_components
 from ema_monitor.uncertainty import CORRELATION_S, sandwich_covariance, uncertainty_of_faults
 from ema_monitor.window import Window
 
@@ -31,8 +31,6 @@ POOR_FIT: Final = 5.0
 
 UNEXPLAINED: Final = 15.0
 """Goodness of fit beyond which an estimate is not valid: something else is wrong [-]."""
-
-_DIFFERENCE = 5e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +59,8 @@ class Identification:
         How to identify.
     force
         Make an estimate all the same; it says so in its reason.
+    previous
+        Faults found in an earlier window, ``(8,)``: the search begins there.
     """
 
     def __init__(
@@ -71,15 +71,14 @@ class Identification:
         settings: Settings,
         *,
         force: bool = False,
+        previous: ArrayLike | None = None,
     ) -> None:
         self._window = window
         self._description = description
         self._force = force
         self._calibration = calibration
         self._settings = settings
-        self._model: MonitorModel = calibration.model()
-        self._weights = WEIGHTS[settings.fitness](window.current, window.sample_period)
-        self._shift = 0
+        self._previous = None if previous is None else fault_vector(previous)
         self.estimate: Estimate | None = None
 
     def __iter__(self) -> Iterator[Generation]:
@@ -89,26 +88,39 @@ class Identification:
         if refused:
             self.estimate = self._refuse(refused)
             return
-        self._shift = self._calibration.alignment(self._window)
-        optimizer_class = ALGORITHMS[self._settings.algorithm]
-        coordinates = Coordinates(self._window.play, cartesian=optimizer_class.uses_residuals)
-        start = coordinates.encode(healthy_faults())
-        optimizer = optimizer_class(start, np.random.default_rng(self._settings.seed))
+        settings = self._settings
+        optimizer_class = ALGORITHMS[settings.algorithm]
+        objective = Objective(
+            self._window,
+            self._calibration,
+            settings.fitness,
+            cartesian=optimizer_class.uses_residuals,
+        )
+        start, near = objective.healthy, self._previous is not None
+        if self._previous is not None:
+            start = objective.encode(self._previous)
+        hints = {"near": near, "good_cost": objective.good_cost}
+        optimizer = optimizer_class(
+            start,
+            np.random.default_rng(settings.seed),
+            **(hints if optimizer_class.uses_residuals else {}),
+        )
+        conclusion = _Conclusion(self._window, self._calibration, settings)
         progress = None
         for progress in minimise(
-            lambda points: self._residuals(*coordinates.decode(points)) * self._weights,
+            objective.residuals,
             optimizer,
-            self._settings.termination,
-            reserve=_conclusion_evaluations(start),
+            settings.termination,
+            reserve=conclusion.most_evaluations,
         ):
-            faults, play = coordinates.decode(progress.point[None])
+            faults, _ = objective.decode(progress.point[None])
             yield Generation(progress.generation, progress.evaluations, progress.cost, faults[0])
         if progress is None or not np.isfinite(progress.cost):
             self.estimate = self._refuse("no fault vector gave a finite cost")
             return
-        faults, play = coordinates.decode(progress.point[None])
-        self.estimate = self._conclude(
-            faults[0], float(play[0]), progress.cost, progress.evaluations, caveats, started
+        faults, play = objective.decode(progress.point[None])
+        self.estimate = conclusion.draw(
+            faults[0], float(play[0]), progress.evaluations, caveats, started
         )
 
     def _objections(self) -> tuple[str, list[str]]:
@@ -125,13 +137,6 @@ class Identification:
             return "the calibration does not fit: " + "; ".join(doubts), []
         return "", [f"forced although {doubt}" for doubt in doubts]
 
-    def _residuals(
-        self, faults: NDArray[np.float64], play: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return measured less modelled and corrected current, ``(m, n)`` [A]."""
-        modelled = self._model.current(self._window, faults, play)
-        return self._window.current - self._calibration.apply(modelled, self._shift)
-
     def _refuse(self, reason: str) -> Estimate:
         return refusal(
             self._window.start_ns,
@@ -142,31 +147,43 @@ class Identification:
             self._window.excitation,
         )
 
-    def _conclude(
+
+class _Conclusion:
+    """From where a search ended to the estimate: what is significant, how sure, how good a fit."""
+
+    def __init__(self, window: Window, calibration: Calibration, settings: Settings) -> None:
+        self._window = window
+        self._calibration = calibration
+        self._settings = settings
+        self._objective = Objective(window, calibration, settings.fitness, cartesian=True)
+        self._lags = max(1, round(CORRELATION_S / self._objective.spacing))
+
+    @property
+    def most_evaluations(self) -> int:
+        """Largest number of evaluations that it takes."""
+        return 3 * self._objective.linearisation_evaluations
+
+    def draw(
         self,
         faults: NDArray[np.float64],
         play: float,
-        fitness: float,
         evaluations: int,
         caveats: list[str],
         started: float,
     ) -> Estimate:
-        coordinates = Coordinates(self._window.play, cartesian=True)
-        point = coordinates.encode(faults, play)
-        jacobian, at_point = self._jacobian(coordinates, point)
+        """Return the estimate."""
+        objective, window = self._objective, self._window
+        at, rounds = self._settle(objective.encode(faults, play))
+        found, plays = objective.decode(at.point[None])
         # Two units of a point are one of zeta cos(phi), zeta sin(phi) and of the play.
-        span = np.ones(len(point))
+        span = np.ones(len(at.point))
         span[[ECCENTRICITY, ECCENTRICITY_PHASE]] = 2.0
         span[N_FAULTS:] = 2.0
-        h = self._window.sample_period
-        covariance = sandwich_covariance(
-            jacobian / span * self._weights[:, None],
-            at_point * self._weights,
-            round(CORRELATION_S / h),
-        )
-        covariance, unobservable = uncertainty_of_faults(faults, covariance)
-        faults = np.where(unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE), 0.5, faults)
-        goodness = rms(band_limited(at_point, h)) / self._calibration.healthy_rms
+        covariance = sandwich_covariance(at.jacobian / span, at.residuals, self._lags)
+        covariance, unobservable = uncertainty_of_faults(found[0], covariance)
+        phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
+        missed = window.current - objective.expect(found, plays).current[0]
+        goodness = rms(band_limited(missed, window.sample_period)) / self._calibration.healthy_rms
         explained = not goodness > UNEXPLAINED
         if goodness > POOR_FIT:
             verdict = "may not be all that is wrong" if explained else "do not explain it"
@@ -176,41 +193,42 @@ class Identification:
                 f"faults {verdict}",
             ]
         return Estimate(
-            self._window.start_ns,
-            self._window.end_ns,
+            window.start_ns,
+            window.end_ns,
             self._settings.algorithm,
             self._settings.seed,
             self._calibration.calibration_id,
-            faults=faults,
+            faults=np.where(phase_unknown, healthy_faults(), found[0]),
             covariance=covariance,
             unobservable=unobservable,
-            play=play,
-            fitness=fitness,
+            play=float(plays[0]),
+            fitness=at.cost,
             goodness_of_fit=goodness,
-            excitation=self._window.excitation,
-            evaluations=evaluations + _conclusion_evaluations(point),
+            excitation=window.excitation,
+            evaluations=evaluations + rounds * objective.linearisation_evaluations + 1,
             computing_time_s=time.perf_counter() - started,
             valid=explained,
             reason="; ".join(caveats),
         )
 
-    def _jacobian(
-        self, coordinates: Coordinates, point: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return derivatives, ``(n, d)``, and values, ``(n,)``, of the residuals at a point."""
-        below = np.maximum(point - _DIFFERENCE * np.eye(len(point)), 0.0)
-        above = np.minimum(point + _DIFFERENCE * np.eye(len(point)), 1.0)
-        residuals = self._residuals(
-            *coordinates.decode(np.concatenate([point[None], below, above]))
+    def _settle(self, point: NDArray[np.float64]) -> tuple[Linearisation, int]:
+        """Put insignificant components back to healthy.
+
+        Return where that leads, and how many linearisations it took.
+        """
+        objective = self._objective
+        at = objective.linearise(point)
+        if not self._settings.parsimonious:
+            return at, 1
+        shown, point = significant_components(
+            at.point, objective.healthy, at.residuals, at.jacobian, self._lags
         )
-        at_point, at_below, at_above = np.split(residuals, [1, 1 + len(point)])
-        steps = np.sum(above - below, axis=1)
-        return (at_above - at_below).T / steps, at_point[0]
-
-
-def _conclusion_evaluations(point: NDArray[np.float64]) -> int:
-    """Return how many evaluations the central differences about a point and itself take."""
-    return 2 * len(point) + 1
+        if np.all(shown):
+            return at, 1
+        at = objective.linearise(point)
+        point = refitted(at.point, objective.healthy, at.residuals, at.jacobian, shown)
+        again = objective.linearise(point)
+        return (again if again.cost < at.cost else at), 3
 
 
 def identify(
@@ -220,16 +238,22 @@ def identify(
     settings: Settings | None = None,
     *,
     force: bool = False,
+    previous: ArrayLike | None = None,
 ) -> Estimate:
     """Identify the faults in a window, without progress.
 
     Parameters
     ----------
-    window, description, calibration, settings, force
+    window, description, calibration, settings, force, previous
         As of ``Identification``.
     """
     identification = Identification(
-        window, description, calibration, settings or Settings(), force=force
+        window,
+        description,
+        calibration,
+        settings or Settings(),
+        force=force,
+        previous=previous,
     )
     for _ in identification:
         pass

@@ -1,6 +1,6 @@
-"""The monitor model: the current that an actuator with given faults would draw in a window."""
+"""The monitor model: what an actuator with given faults would do in a window."""
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +19,11 @@ FORMS: Final = {"fast": 2e-5, "source": 1e-6}
 """Forms of the model and the integration step that each takes by default [s]."""
 
 
-_DRIVES: Final = {"fast": fast_constants, "source": source_constants}
+class Response(NamedTuple):
+    """Mean current over each sample and speed at its end, ``(m, n)`` each [A, rad/s]."""
+
+    current: NDArray[np.float64]
+    speed: NDArray[np.float64]
 
 
 class MonitorModel:
@@ -34,6 +38,9 @@ class MonitorModel:
         sign-switched current with its eq. 4.24 (M11).
     dt
         Integration step [s], by default that of the form.
+    lift
+        How much the idle phase of a healthy motor lifts the equivalent current [A] (M12); the
+        source form knows none.
 
     Raises
     ------
@@ -42,7 +49,11 @@ class MonitorModel:
     """
 
     def __init__(
-        self, parameters: ActuatorParameters, form: str = "fast", dt: float | None = None
+        self,
+        parameters: ActuatorParameters,
+        form: str = "fast",
+        dt: float | None = None,
+        lift: float = 0.0,
     ) -> None:
         if form not in FORMS:
             raise ValueError(f"monitor form {form!r} is unknown; known: {', '.join(FORMS)}")
@@ -51,12 +62,11 @@ class MonitorModel:
         self.dt = FORMS[form] if dt is None else float(dt)
         if not 0.0 < self.dt <= 1e-3:
             raise ValueError(f"monitor step dt = {self.dt:g} s is outside (0, 0.001] s")
+        self.lift = lift
         self._plant = constants(parameters)
 
-    def current(
-        self, window: Window, faults: ArrayLike, play: ArrayLike | float = 0.0
-    ) -> NDArray[np.float64]:
-        """Return the equivalent current of each individual in a window.
+    def respond(self, window: Window, faults: ArrayLike, play: ArrayLike | float = 0.0) -> Response:
+        """Return equivalent current and motor speed of each individual in a window.
 
         Parameters
         ----------
@@ -70,8 +80,8 @@ class MonitorModel:
 
         Returns
         -------
-        numpy.ndarray
-            Current, mean over each sample, ``(m, n)`` [A].
+        Response
+            Of the ``m`` individuals.
 
         Raises
         ------
@@ -85,11 +95,14 @@ class MonitorModel:
         # What is missing to full groups are copies of the last individual.
         lane_of = np.minimum(np.arange(groups * LANES), m - 1)
         control, motor, mechanics = degrade(self._plant, faults[lane_of])
-        drive = _DRIVES[self.form](motor, self.dt)
+        if self.form == "fast":
+            drive = fast_constants(motor, self.dt, self.lift)
+        else:
+            drive = source_constants(motor, self.dt)
         steps, lag = self.steps(window.sample_period), lag_factor(self.dt)
         play_of_lane = np.full(m, play, dtype=np.float64)[lane_of]
         start = window.telemetry
-        current = np.empty((len(lane_of), len(window)))
+        current, speed = np.empty((2, len(lane_of), len(window)))
 
         def run(group: int) -> None:
             run_lanes(
@@ -106,10 +119,11 @@ class MonitorModel:
                 self.dt,
                 lag,
                 current,
+                speed,
             )
 
         on_all_cores(run, groups)
-        return current[:m]
+        return Response(current[:m], speed[:m])
 
     def steps(self, sample_period: float) -> int:
         """Return how many integration steps make a sample.
@@ -137,4 +151,4 @@ def compile_kernels() -> None:
     """Compile the kernels, or load them from the cache, before there is any hurry."""
     at_rest = Telemetry(0, 1e-4, 1, *(np.zeros(2) for _ in COLUMNS))
     for form in FORMS:
-        MonitorModel(ActuatorParameters(), form).current(Window(at_rest), healthy_faults())
+        MonitorModel(ActuatorParameters(), form).respond(Window(at_rest), healthy_faults())

@@ -16,7 +16,13 @@ from ema_core.dynamics import (
 )
 from ema_core.parameters import ControlConstants, MechanicalConstants
 from ema_core.simd import broadcast, load, select, store
-from ema_monitor.drives import FastDrive, SourceDrive, drive_current, pair_position
+from ema_monitor.drives import (
+    FastDrive,
+    SourceDrive,
+    drive_current,
+    equivalent_current,
+    pair_position,
+)
 
 
 @kernel()
@@ -43,14 +49,15 @@ def run_lanes(
     dt,
     lag,
     current,
+    speed,
 ):
-    """Run the individuals from ``first`` on, one a lane, and fill their rows of ``current``.
+    """Run the individuals from ``first`` on, one a lane, and fill their rows of the response.
 
-    It is ``(n_lanes, n)`` [A]. Constants that differ between individuals are arrays
-    ``(n_lanes,)``, as is ``play``: where in its play the motor stands at the start, in half-widths
-    of the backlash. ``command`` is ``(n + 1,)``: its first value belongs to the start, at which
-    the user shaft stands at ``position_0`` [rad], the motor turns with ``speed_0`` [rad/s] and
-    draws ``current_0`` [A].
+    ``current`` [A] and ``speed`` [rad/s] are ``(n_lanes, n)``. Constants that differ between
+    individuals are arrays ``(n_lanes,)``, as is ``play``: where in its play the motor stands at
+    the start, in half-widths of the backlash. ``command`` is ``(n + 1,)``: its first value belongs
+    to the start, at which the user shaft stands at ``position_0`` [rad], the motor turns with
+    ``speed_0`` [rad/s] and draws ``current_0`` [A].
     """
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     theta_b = broadcast(position_0 / mech.tau)
@@ -63,7 +70,8 @@ def run_lanes(
     if c.GAI > 0.0:
         integral = (current_0 * c.k_t - c.GAP * error) / c.GAI
     I = reference_current(c, error, integral, error, 0.0, dt)
-    lag_1, lag_2, lag_3 = I, I, I
+    equivalent = equivalent_current(drive, pair_position(drive.half_turns * theta_m), I)
+    lag_1, lag_2, lag_3 = equivalent, equivalent, equivalent
     proportional = c.GAI == 0.0 and c.GAD == 0.0
     for k in range(current.shape[1]):
         total = broadcast(0.0)
@@ -80,7 +88,7 @@ def run_lanes(
                 integral += dt * error
             position = pair_position(drive.half_turns * theta_m)
             I, torque, ripple = drive_current(drive, position, cos, sin, I, I_ref, omega)
-            lag_1 += lag * (I - lag_1)
+            lag_1 += lag * (equivalent_current(drive, position, I) - lag_1)
             lag_2 += lag * (lag_1 - lag_2)
             lag_3 += lag * (lag_2 - lag_3)
             total += lag_3
@@ -94,3 +102,4 @@ def run_lanes(
             cos, sin = turned(cos, sin, drive.waves * (theta_m - start))
             theta_b = follow_in_play(theta_b, theta_m, mech.half_backlash)
         store(current, first, k, total / steps)
+        store(speed, first, k, omega)

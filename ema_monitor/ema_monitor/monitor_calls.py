@@ -14,8 +14,8 @@ from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate
 from ema_messages.faults import faults_to_message
-from ema_monitor.calibration import calibrate
 from ema_monitor.diagnosis import Diagnosis, Search
+from ema_monitor.healthy_fit import calibrate
 from ema_monitor.monitor_messages import estimate_to_message
 from ema_monitor.trigger import Refusal
 from ema_monitor.watch import Found

@@ -1,32 +1,41 @@
-"""The band of a residual current that carries information."""
+"""The band of a residual that carries information."""
+
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-BAND_S = 2e-3
+BAND_S: Final = 2e-3
 """Length of the smoothing window [s]; above some 1 kHz there is only the ripple of the PWM."""
 
 
-def band_limited(residual: NDArray[np.float64], sample_period: float) -> NDArray[np.float64]:
-    """Return a residual without the ripple that no model can match sample by sample.
+def band_samples(n: int, sample_period: float) -> int:
+    """Return how many samples lie between two values of a band-limited row of ``n`` samples."""
+    return max(1, min(round(BAND_S / sample_period / 2.0), n // 2))
+
+
+def band_limited(rows: NDArray[np.float64], sample_period: float) -> NDArray[np.float64]:
+    """Return rows without the ripple that no model can match sample by sample.
 
     Parameters
     ----------
-    residual
-        Measured less modelled current, ``(n,)`` [A].
+    rows
+        Samples, ``(..., n)``.
     sample_period
-        Period of the samples [s].
+        Their period [s].
 
     Returns
     -------
     numpy.ndarray
-        The residual under a Hann window of ``BAND_S``, ``(n,)`` [A]; at the ends the window is
-        cut.
+        Means under Hann windows of ``BAND_S``, each begun where the one before is half over,
+        ``(..., n_band)``; samples at the end that fill no window are left out.
     """
-    length = max(1, round(BAND_S / sample_period))
-    hann = np.hanning(length + 2)[1:-1]
-    cover = np.convolve(np.ones(len(residual)), hann, "same")
-    return np.convolve(residual, hann, "same") / cover
+    half = band_samples(rows.shape[-1], sample_period)
+    hann = 1.0 - np.cos(np.pi * (np.arange(2 * half) + 0.5) / half)
+    hann /= np.sum(hann)
+    n_band = rows.shape[-1] // half
+    blocks = rows[..., : n_band * half].reshape(*rows.shape[:-1], n_band, half)
+    return blocks[..., :-1, :] @ hann[:half] + blocks[..., 1:, :] @ hann[half:]
 
 
 def rms(values: NDArray[np.float64]) -> float:

@@ -13,15 +13,19 @@ CORRELATION_S: Final = 5e-3
 UNOBSERVABLE_SIGMA: Final = 0.25
 """From this standard deviation on, a component is no better known than by its range [-]."""
 
-DETECTION_CHI2: Final = 13.8
+DETECTION_CHI2: Final = 5.99
 """Squared distance of the eccentricity from zero for it to be detected: chi-squared with two
-degrees of freedom at 99.9 % [-]."""
+degrees of freedom at 95 % [-]."""
 
-SMALLEST_ECCENTRICITY: Final = 0.01
+SMALLEST_ECCENTRICITY: Final = 0.005
 """Below this the mismatch of the model outweighs the eccentricity, and its phase is noise [-]."""
 
-MISMATCH_SIGMA: Final = 0.003
-"""Standard deviation that the mismatch of the model adds to every component [-]."""
+MISMATCH_FACTOR: Final = 1.75
+"""By how much the mismatch of the model widens the standard deviations that the residuals tell:
+it follows the faults, and so hides in the estimate [-]."""
+
+MISMATCH_SIGMA: Final = 0.0007
+"""Standard deviation that the mismatch of the model adds to every component at least [-]."""
 
 _PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
 
@@ -85,7 +89,8 @@ def uncertainty_of_faults(
     zeta = faults[ECCENTRICITY]
     phi = (2.0 * faults[ECCENTRICITY_PHASE] - 1.0) * np.pi
     cosine, sine = np.cos(phi), np.sin(phi)
-    covariance = covariance[:N_FAULTS, :N_FAULTS] + MISMATCH_SIGMA**2 * np.eye(N_FAULTS)
+    covariance = MISMATCH_FACTOR**2 * covariance[:N_FAULTS, :N_FAULTS]
+    covariance += MISMATCH_SIGMA**2 * np.eye(N_FAULTS)
     plane = covariance[np.ix_(_PLANE, _PLANE)]
     offset = zeta * np.array([cosine, sine])
     distance = float(offset @ np.linalg.solve(plane, offset))

@@ -56,10 +56,10 @@ def monitor_seconds(cores: int) -> dict[str, float]:
     times = {}
     for dt in STEPS_S:
         model = MonitorModel(ActuatorParameters(), dt=dt)
-        model.current(window, population[: min(BATCHES)])
+        model.respond(window, population[: min(BATCHES)])
         for batch in BATCHES:
             start = time.perf_counter()
-            model.current(window, population[:batch])
+            model.respond(window, population[:batch])
             times[f"{dt:g} {batch}"] = (time.perf_counter() - start) / batch
     return times
 

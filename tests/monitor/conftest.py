@@ -11,7 +11,8 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.calibration import Calibration, calibrate
+from ema_monitor.calibration import Calibration
+from ema_monitor.healthy_fit import calibrate
 from ema_monitor.trigger import WindowTrigger
 from ema_monitor.window import Window
 from ema_sim.actuator import SimulatedActuator

@@ -4,7 +4,7 @@ import pytest
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.alignment import difference_at, moved, shift_between
-from ema_monitor.calibration import calibrate
+from ema_monitor.healthy_fit import calibrate
 from ema_monitor.trigger import TriggerSettings, WindowTrigger
 from ema_monitor.window import Window
 

@@ -9,7 +9,8 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.calibration import Calibration, calibrate, lift_shape
+from ema_monitor.calibration import Calibration
+from ema_monitor.healthy_fit import calibrate
 from ema_monitor.model import FORMS, MonitorModel
 from ema_monitor.residual import band_limited, rms
 from ema_monitor.window import Window
@@ -23,7 +24,7 @@ def changed(window: Window, **columns) -> Window:
 
 
 def expected_current(calibration: Calibration, window: Window):
-    modelled = calibration.model().current(window, healthy_faults(), window.play or 0.0)
+    modelled = calibration.model().respond(window, healthy_faults(), window.play or 0.0)
     return calibration.apply(modelled)[0]
 
 
@@ -31,7 +32,7 @@ def expected_current(calibration: Calibration, window: Window):
 def synthetic(healthy_windows):
     """Window whose current is the healthy model's with a lift of 0.2 A and noise."""
     window = healthy_windows[0]
-    current = MonitorModel(PARAMETERS).current(window, healthy_faults(), window.play)[0]
+    current = MonitorModel(PARAMETERS).respond(window, healthy_faults(), window.play)[0]
 
     def make(sigma=0.0, seed=0) -> Window:
         noise = np.random.default_rng(seed).normal(0.0, sigma, len(current))

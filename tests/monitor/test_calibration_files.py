@@ -7,7 +7,8 @@ import pytest
 import yaml
 
 from ema_core.faults import healthy_faults
-from ema_monitor.calibration import Calibration, calibrate
+from ema_monitor.calibration import Calibration
+from ema_monitor.healthy_fit import calibrate
 from ema_monitor.residual import band_limited, rms
 
 EXACT = [field.name for field in fields(Calibration) if field.name not in ("command", "correction")]
@@ -88,7 +89,7 @@ def test_builtin_calibration_is_that_of_the_built_in_actuator(healthy_windows, d
     assert builtin.unit_mismatch(description) == ""
     assert builtin.shape_mismatch(window) == ""
     assert builtin.command_mismatch(window) == ""
-    modelled = builtin.model().current(window, healthy_faults(), window.play)[0]
+    modelled = builtin.model().respond(window, healthy_faults(), window.play)[0]
     residual = band_limited(window.current - builtin.apply(modelled), window.sample_period)
     # A healthy window it has not seen leaves what healthy windows leave, with some scatter.
     assert rms(residual) == pytest.approx(builtin.healthy_rms, rel=0.25)

@@ -15,7 +15,7 @@ from ema_core.faults import (
     fault_vector,
 )
 from ema_core.parameters import constants
-from ema_monitor.calibration import calibrate
+from ema_monitor.healthy_fit import calibrate
 from ema_monitor.estimate import Estimate, Settings
 from ema_monitor.fitness import WEIGHTS
 from ema_monitor.identification import Identification, identify
@@ -126,7 +126,7 @@ def test_fitness_is_the_weighted_sum_of_squares_at_the_estimate(
     truth = CASES["eccentricity low"]
     [window] = windows_of(truth)
     estimate = identify(window, description, calibration, Settings(fitness=fitness))
-    modelled = calibration.model().current(window, estimate.faults, estimate.play)[0]
+    modelled = calibration.model().respond(window, estimate.faults, estimate.play)[0]
     difference = window.current - calibration.apply(modelled)
     h = window.sample_period
     denominator = np.ones(len(window))
@@ -163,7 +163,7 @@ def test_model_recognises_itself(healthy_windows, calibration, description):
         }
     )
     window = healthy_windows[0]
-    current = calibration.apply(calibration.model().current(window, truth, window.play))[0]
+    current = calibration.apply(calibration.model().respond(window, truth, window.play))[0]
     telemetry = replace(window.telemetry, current=np.append(0.0, current))
     estimate = identify(replace(window, telemetry=telemetry), description, calibration)
     # Steps of the search end below 1e-4.
@@ -283,8 +283,8 @@ def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, descrip
     inside = np.clip(estimate.faults, step, 1.0 - step)
     points = np.concatenate([inside + step * np.eye(8), inside - step * np.eye(8)])
     model = calibration.model()
-    above, below = np.split(calibration.apply(model.current(window, points, estimate.play)), 2)
-    at = calibration.apply(model.current(window, estimate.faults, estimate.play))[0]
+    above, below = np.split(calibration.apply(model.respond(window, points, estimate.play)), 2)
+    at = calibration.apply(model.respond(window, estimate.faults, estimate.play))[0]
     covariance = sandwich_covariance((above - below).T / (2 * step), window.current - at, 50)
     expected = np.diag(covariance) + MISMATCH_SIGMA**2
     around = 2 * np.pi * estimate.faults[ECCENTRICITY]

@@ -25,7 +25,7 @@ CHIRP = np.concatenate([[0.0], THESIS_CHIRP.sample(1e-4)])
 
 
 def one(window, faults=None, *, form="fast", parameters=PARAMETERS, dt=None, play=0.0):
-    return MonitorModel(parameters, form, dt).current(window, fault_vector(faults or {}), play)[0]
+    return MonitorModel(parameters, form, dt).respond(window, fault_vector(faults or {}), play)[0]
 
 
 @pytest.mark.parametrize("gain", [0.0, 0.5, 1.0])
@@ -132,15 +132,15 @@ def test_individuals_of_one_call_do_not_know_each_other(form):
     play = rng.uniform(-1.0, 1.0, n)
     model = MonitorModel(PARAMETERS, form)
     window = window_from(CHIRP[1500:2000], position=CHIRP[1500], speed=30.0)
-    together = model.current(window, faults, play)
+    together = model.respond(window, faults, play)
     assert len({row.tobytes() for row in together}) == n
     for i in range(n):
-        alone = model.current(window, faults[i], play[i])
+        alone = model.respond(window, faults[i], play[i])
         assert np.array_equal(together[i], alone[0])
     order = rng.permutation(n)
-    assert np.array_equal(together[order], model.current(window, faults[order], play[order]))
+    assert np.array_equal(together[order], model.respond(window, faults[order], play[order]))
     for m in (0, LANES - 1, LANES, LANES + 1):
-        assert np.array_equal(together[:m], model.current(window, faults[:m], play[:m]))
+        assert np.array_equal(together[:m], model.respond(window, faults[:m], play[:m]))
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -150,10 +150,10 @@ def test_undefined_individual_spoils_no_other(form):
     faults = np.stack([random_faults(rng) for _ in range(n)])
     model, play = MonitorModel(PARAMETERS, form), np.zeros(n)
     window = window_from(CHIRP[1500:1600], speed=30.0)
-    expected = model.current(window, faults, play)
+    expected = model.respond(window, faults, play)
     play[undefined] = np.nan
     expected[undefined] = np.nan
-    assert np.array_equal(model.current(window, faults, play), expected, equal_nan=True)
+    assert np.array_equal(model.respond(window, faults, play), expected, equal_nan=True)
 
 
 def test_threads_may_run_the_model_at_once():
@@ -161,9 +161,9 @@ def test_threads_may_run_the_model_at_once():
     batches = [np.stack([random_faults(rng) for _ in range(3 * LANES)]) for _ in range(8)]
     window, model = window_from(CHIRP[:1000]), MonitorModel(PARAMETERS)
     with ThreadPoolExecutor(4) as pool:
-        at_once = list(pool.map(lambda faults: model.current(window, faults), batches))
+        at_once = list(pool.map(lambda faults: model.respond(window, faults), batches))
     for faults, current in zip(batches, at_once, strict=True):
-        assert np.array_equal(current, model.current(window, faults))
+        assert np.array_equal(current, model.respond(window, faults))
 
 
 def test_another_process_finds_the_kernels_in_the_cache():
@@ -216,7 +216,7 @@ def test_run_starts_with_the_state_of_the_window():
 def test_step_that_does_not_divide_the_sample_period_is_refused():
     model = MonitorModel(PARAMETERS, dt=3e-5)
     with pytest.raises(ValueError, match=r"sample period 0\.0001 s .* dt = 3e-05 s"):
-        model.current(window_from(np.zeros(10)), healthy_faults())
+        model.respond(window_from(np.zeros(10)), healthy_faults())
     with pytest.raises(ValueError, match=r"sample period 1e-05 s .* dt = 2e-05 s"):
         MonitorModel(PARAMETERS).current(
             window_from(np.zeros(10), sample_period=1e-5), healthy_faults()
@@ -238,4 +238,4 @@ def test_impossible_fault_is_refused():
     faults = healthy_faults()
     faults[3] = 1.0
     with pytest.raises(ValueError, match="short_circuit_b"):
-        MonitorModel(PARAMETERS).current(window_from(np.zeros(10)), faults)
+        MonitorModel(PARAMETERS).respond(window_from(np.zeros(10)), faults)

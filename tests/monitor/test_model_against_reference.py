@@ -40,7 +40,7 @@ AGREEMENT = [
 
 def lifted(window, faults, lift, form="fast"):
     model = MonitorModel(PARAMETERS, form)
-    current = model.current(window, fault_vector(faults), window.play)[0]
+    current = model.respond(window, fault_vector(faults), window.play)[0]
     return current + lift * lift_shape(current, PARAMETERS)
 
 
@@ -75,7 +75,7 @@ def from_rest():
         half = degrade(constants(PARAMETERS), k).mechanics.half_backlash
         actuator.state = at_rest(theta_m=play * half)
         model = MonitorModel(PARAMETERS)
-        return actuator.advance(command).current, model.current(window, k, play)[0]
+        return actuator.advance(command).current, model.respond(window, k, play)[0]
 
     return start
 

@@ -113,7 +113,7 @@ def test_kernel_equals_twin(case, form):
     expected = twin.samples(command.tolist(), steps, lambda twin: seen.append(happens(twin)))
     window = window_from(command, sample_period=period, **start)
     model = MonitorModel(actuator, form, dt)
-    current = model.current(window, fault_vector(faults), start.get("play", 0.0))
+    current = model.respond(window, fault_vector(faults), start.get("play", 0.0))
     assert current.shape == (1, len(t) - 1)
     assert current[0] == pytest.approx(expected, abs=TOLERANCE, rel=0)
     assert sum(seen) >= 20
@@ -129,7 +129,7 @@ def test_every_lane_equals_its_twin(form):
     command = 0.02 * np.sin(2 * np.pi * frequency * t)
     actuator = ActuatorParameters()
     window = window_from(command, sample_period=period)
-    current = MonitorModel(actuator, form, dt).current(window, faults, play)
+    current = MonitorModel(actuator, form, dt).respond(window, faults, play)
     for i in range(n):
         named = dict(zip(FAULT_NAMES, faults[i].tolist(), strict=True))
         twin = MonitorTwin(actuator, named, form=form, dt=dt, play=float(play[i]))

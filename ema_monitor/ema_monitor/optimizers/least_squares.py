@@ -1,18 +1,22 @@
-"""A global screen followed by bounded least squares from several starts."""
+"""Bounded least squares from several starts, with as much of a global screen as it takes."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 
-_SCREEN = 600
-_STARTS = 12
-_DAMPINGS = np.array([1e-6, 1e-3, 1e-1, 10.0])
-_DIFFERENCE = 5e-3
-_STEP_TOLERANCE = 1e-4
-_ITERATIONS = 25
+DIFFERENCE: Final = 5e-3
+"""Step of the difference quotients; smaller ones see the model's friction stick and slip."""
+
+_SCREENS: Final = ((96, 4), (600, 12))
+_DAMPINGS: Final = np.array([1e-6, 1e-3, 1e-1, 10.0])
+_STEP_TOLERANCE: Final = 2e-4
+_GAIN_TOLERANCE: Final = 1e-4
+_ITERATIONS: Final = 25
 
 
 @dataclass
@@ -29,38 +33,50 @@ class _Descent:
 class ScreenedLeastSquares:
     """Screen the box, then descend from the best starts at once (Levenberg-Marquardt).
 
-    The screen is a Latin hypercube, half of it spread over the box, half of it drawn towards the
+    A screen is a Latin hypercube, half of it spread over the box, half of it drawn towards the
     start. Each iteration asks for the difference columns of all descents in one batch, then for
     their trial steps under several dampings in another. After each iteration the worse half of
     the descents is given up, until one is left. A component at its bound is held there as long
     as the step would leave the box.
 
+    A small screen comes first. If where it leads costs more than what a good fit does, a large
+    one follows. Where the optimum is expected near the start, a descent from the start comes
+    before both.
+
     Parameters
     ----------
     start
-        Point about which the screen is denser, ``(d,)``; it is one of the screened points.
+        Point about which the screens are denser, ``(d,)``; it is one of the screened points.
     rng
         Source of random numbers.
+    near
+        Whether the optimum is expected near the start.
+    good_cost
+        Highest cost at which an optimum is believed.
     """
 
     uses_residuals = True
 
-    def __init__(self, start: NDArray[np.float64], rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        start: NDArray[np.float64],
+        rng: np.random.Generator,
+        *,
+        near: bool = False,
+        good_cost: float = np.inf,
+    ) -> None:
         self.converged = False
         self._start = np.asarray(start, dtype=np.float64)
         self._rng = rng
-        self._descents: list[_Descent] = []
-        self._jacobians: list[NDArray[np.float64]] = []
-        self._columns: NDArray[np.float64] = np.empty(0)
-        self._stage = self._choose_starts
+        self._good_cost = good_cost
+        self._best_cost = np.inf
+        self._steps = self._search(((1, 1), *_SCREENS) if near else _SCREENS)
+        self._asked = next(self._steps)
+        self._told: tuple[NDArray[np.float64], ...] = ()
 
     def ask(self) -> NDArray[np.float64]:
         """Return the screen, the difference columns or the trial steps, ``(m, d)``."""
-        if not self._descents:
-            return self._screen()
-        if self._stage == self._take_columns:
-            return self._difference_points()
-        return self._trial_points()
+        return self._asked
 
     def tell(
         self,
@@ -69,71 +85,88 @@ class ScreenedLeastSquares:
         residuals: NDArray[np.float64],
     ) -> None:
         """Take the costs, ``(m,)``, and residuals, ``(m, n)``, of the points asked for."""
-        self._stage(points, costs, residuals)
+        self._told = (points, costs, residuals)
+        self._best_cost = min(self._best_cost, float(np.min(costs)))
+        asked = next(self._steps, None)
+        if asked is None:
+            self.converged = True
+        else:
+            self._asked = asked
 
-    def _screen(self) -> NDArray[np.float64]:
+    def _search(self, screens: tuple[tuple[int, int], ...]) -> Iterator[NDArray[np.float64]]:
+        """Yield what to evaluate next; the answers are in ``_told`` thereafter."""
+        for size, starts in screens:
+            yield self._screen(size)
+            points, costs, residuals = self._told
+            descents = [
+                _Descent(points[i], float(costs[i]), residuals[i])
+                for i in np.argsort(costs)[:starts]
+                if np.isfinite(costs[i])
+            ]
+            while descents and not descents[0].done:
+                yield self._difference_points(descents)
+                jacobians = self._jacobians(descents)
+                yield self._trial_points(descents, jacobians)
+                self._take_trials(descents)
+                descents.sort(key=lambda descent: descent.cost)
+                del descents[max(1, (len(descents) + 1) // 2) :]
+            if self._best_cost <= self._good_cost:
+                return
+
+    def _screen(self, size: int) -> NDArray[np.float64]:
         d = len(self._start)
-        cells = self._rng.permuted(np.tile(np.arange(_SCREEN), (d, 1)), axis=1).T
-        points = (cells + self._rng.random((_SCREEN, d))) / _SCREEN
+        cells = self._rng.permuted(np.tile(np.arange(size), (d, 1)), axis=1).T
+        points = (cells + self._rng.random((size, d))) / size
         # Faults are mostly few and small: half of the screen looks mainly there.
-        reach = self._rng.random((_SCREEN // 2, d)) ** 3
-        points[: _SCREEN // 2] = self._start + reach * (points[: _SCREEN // 2] - self._start)
+        reach = self._rng.random((size // 2, d)) ** 3
+        points[: size // 2] = self._start + reach * (points[: size // 2] - self._start)
         points[0] = self._start
         return points
 
-    def _choose_starts(self, points, costs, residuals) -> None:
-        for i in np.argsort(costs):
-            if len(self._descents) == _STARTS or not np.isfinite(costs[i]):
-                break
-            self._descents.append(_Descent(points[i], costs[i], residuals[i]))
-        self.converged = not self._descents
-        self._stage = self._take_columns
-
-    def _difference_points(self) -> NDArray[np.float64]:
+    def _difference_points(self, descents: list[_Descent]) -> NDArray[np.float64]:
         batch = []
-        for descent in self._descents:
-            forward = np.where(descent.point > 0.5, -_DIFFERENCE, _DIFFERENCE)
+        for descent in descents:
+            forward = np.where(descent.point > 0.5, -DIFFERENCE, DIFFERENCE)
             batch.append(descent.point + np.diag(forward))
         return np.concatenate(batch)
 
-    def _take_columns(self, points, costs, residuals) -> None:
+    def _jacobians(self, descents: list[_Descent]) -> list[NDArray[np.float64]]:
+        points, _, residuals = self._told
         d = len(self._start)
-        self._jacobians = []
-        for i, descent in enumerate(self._descents):
+        jacobians = []
+        for i, descent in enumerate(descents):
             rows = slice(i * d, (i + 1) * d)
             steps = np.diag(points[rows] - descent.point)
             columns = (residuals[rows] - descent.residuals).T / steps
             # Where there is no derivative, the component is left where it is.
             columns[:, ~np.all(np.isfinite(columns), axis=0)] = 0.0
-            self._jacobians.append(columns)
-        self._stage = self._take_trials
+            jacobians.append(columns)
+        return jacobians
 
-    def _trial_points(self) -> NDArray[np.float64]:
+    def _trial_points(
+        self, descents: list[_Descent], jacobians: list[NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
         return np.concatenate(
             [
                 np.stack([bounded_step(d.point, d.residuals, J, damping) for damping in _DAMPINGS])
-                for d, J in zip(self._descents, self._jacobians, strict=True)
+                for d, J in zip(descents, jacobians, strict=True)
             ]
         )
 
-    def _take_trials(self, points, costs, residuals) -> None:
+    def _take_trials(self, descents: list[_Descent]) -> None:
+        points, costs, residuals = self._told
         m = len(_DAMPINGS)
-        for i, descent in enumerate(self._descents):
+        for i, descent in enumerate(descents):
             rows = slice(i * m, (i + 1) * m)
             best = i * m + int(np.argmin(costs[rows]))
             descent.iterations += 1
             step = np.max(np.abs(points[best] - descent.point))
-            if costs[best] < descent.cost:
-                descent.done = step < _STEP_TOLERANCE
+            gain = descent.cost - costs[best]
+            descent.done = not gain > _GAIN_TOLERANCE * descent.cost or step < _STEP_TOLERANCE
+            if gain > 0.0:
                 descent.point, descent.cost = points[best], costs[best]
                 descent.residuals = residuals[best]
-            else:
-                descent.done = True
             descent.done |= descent.iterations >= _ITERATIONS
-        self._descents.sort(key=lambda descent: descent.cost)
-        self._descents = self._descents[: max(1, (len(self._descents) + 1) // 2)]
-        self.converged = self._descents[0].done
-        self._stage = self._take_columns
 
 
 def bounded_step(

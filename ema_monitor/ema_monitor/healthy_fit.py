@@ -1,0 +1,193 @@
+"""Calibrating: from healthy windows of one unit to its calibration."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.description import ActuatorDescription
+from ema_core.faults import healthy_faults
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.alignment import difference_at, moved, shift_between
+from ema_monitor.calibration import (
+    COMMAND_TOLERANCE,
+    LEAST_SCATTER,
+    MOST_SCALE,
+    Calibration,
+    unit_model,
+)
+from ema_monitor.model import FORMS, MonitorModel, Response
+from ema_monitor.residual import band_limited, rms
+from ema_monitor.window import Window
+
+PRIOR_SIGMA: Final = 0.1
+"""How far friction and inertia are taken to lie from nominal, before a window is seen [-]."""
+
+_STEP = 0.02
+_ITERATIONS = 6
+_TOLERANCE = 1e-4
+
+
+class Structure(NamedTuple):
+    """Figures of a unit that change the model itself; see `Calibration`."""
+
+    lift: float
+    friction_scale: float
+    inertia_scale: float
+
+
+def calibrate(
+    windows: Iterable[Window], description: ActuatorDescription, form: str = "fast"
+) -> Calibration:
+    """Calibrate the monitor model on healthy windows of one actuator.
+
+    Parameters
+    ----------
+    windows
+        Windows of the same command, at least one; ten or more average out the PWM's ripple.
+    description
+        The unit that the windows were taken from.
+    form
+        Form of the monitor model. The structural figures are fitted for the "fast" form only: the
+        thesis's calibration, which goes with the "source" form, is the correction alone.
+
+    Raises
+    ------
+    ValueError
+        When there is no window, or one is not like the first.
+    """
+    healthy = list(windows)
+    if not healthy:
+        raise ValueError("calibration needs at least one healthy window, got none")
+    first = healthy[0]
+    h = first.sample_period
+    for number, window in enumerate(healthy):
+        if reason := window.excitation_defect() or _unlike(window, first):
+            raise ValueError(f"window {number}: {reason}")
+    # The longest step up to the form's own that divides the sample period.
+    dt = h / math.ceil(h / FORMS[form] - 1e-6)
+    parameters = description.parameters
+    structure = Structure(0.0, 1.0, 1.0)
+    if form == "fast":
+        structure = _fit_structure(healthy, parameters, dt)
+    missed = _missed(healthy, unit_model(parameters, form, dt, *structure))
+    correction, speed_correction = np.mean(missed, axis=0)
+    healthy_rms, healthy_speed_rms = (_scatter(rows, h) for rows in np.moveaxis(missed, 1, 0))
+    return Calibration(
+        actuator_id=description.actuator_id,
+        serial_number=description.serial_number,
+        parameters=parameters,
+        form=form,
+        dt=dt,
+        sample_period=h,
+        command=first.command,
+        lift=structure.lift,
+        friction_scale=structure.friction_scale,
+        inertia_scale=structure.inertia_scale,
+        correction=correction,
+        speed_correction=speed_correction,
+        healthy_rms=healthy_rms,
+        healthy_speed_rms=healthy_speed_rms,
+        windows=len(healthy),
+    )
+
+
+def _missed(windows: Sequence[Window], model: MonitorModel) -> NDArray[np.float64]:
+    """Return what a healthy model misses of current and speed, ``(m, 2, n)`` [A, rad/s].
+
+    All windows are laid over the first.
+    """
+    rows = []
+    for window in windows:
+        response = _healthy_response(window, model)
+        shift = shift_between(window.command, windows[0].command)
+        measured = (window.current, window.telemetry.speed[1:])
+        rows.append(
+            [moved(row - one[0], -shift) for row, one in zip(measured, response, strict=True)]
+        )
+    return np.array(rows)
+
+
+def _healthy_response(window: Window, model: MonitorModel) -> Response:
+    return model.respond(window, healthy_faults(), 0.0 if window.play is None else window.play)
+
+
+def _fit_structure(
+    windows: Sequence[Window], parameters: ActuatorParameters, dt: float
+) -> Structure:
+    """Fit the structural figures to the mean of healthy windows.
+
+    Gauss-Newton on current and speed in their band. Of torque constant, friction and inertia only
+    the ratios show in a window; the torque constant is kept, and the others are held near nominal
+    by a prior, which only matters where the windows do not tell.
+    """
+    h = windows[0].sample_period
+    # The speed counts as half the current that the speed loop makes of it, as in the fitness.
+    stiffness = 0.5 * parameters.GAP / parameters.k_t
+    # The ripple of the idle phase fills the hysteresis band, its mean magnitude is half of that,
+    # and the equivalent current counts the half of it.
+    lift = parameters.h_b / 4.0
+    x = np.array([lift, 1.0, 1.0])
+    sigma = np.array([lift, PRIOR_SIGMA, PRIOR_SIGMA])
+    for _ in range(_ITERATIONS):
+        missed = np.mean(_missed(windows, unit_model(parameters, "fast", dt, *x)), axis=0)
+        residual = _in_band(missed, stiffness, h)
+        columns = []
+        for step in _STEP * np.eye(3):
+            sides = [
+                _healthy_response(windows[0], unit_model(parameters, "fast", dt, *(x + side)))
+                for side in (step, -step)
+            ]
+            above, below = (np.array([one.current[0], one.speed[0]]) for one in sides)
+            columns.append(_in_band((above - below) / (2.0 * _STEP), stiffness, h))
+        jacobian = np.array(columns).T
+        # The residual that is left, at least a hundredth of an ampere, sets what a value weighs.
+        noise = max(rms(residual), 1e-2)
+        normal = jacobian.T @ jacobian / noise**2 + np.diag(1.0 / sigma**2)
+        slope = jacobian.T @ residual / noise**2 - (x - [lift, 1.0, 1.0]) / sigma**2
+        move = np.linalg.solve(normal, slope)
+        x = np.clip(
+            x + move,
+            [-4.0 * lift, 1.0 / MOST_SCALE, 1.0 / MOST_SCALE],
+            [4.0 * lift, MOST_SCALE, MOST_SCALE],
+        )
+        if np.max(np.abs(move)) < _TOLERANCE:
+            break
+    return Structure(*map(float, x))
+
+
+def _in_band(rows: NDArray[np.float64], stiffness: float, h: float) -> NDArray[np.float64]:
+    """Return current and speed, ``(2, n)``, in their band as one row [A]."""
+    current, speed = band_limited(rows, h)
+    return np.concatenate([current, stiffness * speed])
+
+
+def _scatter(missed: NDArray[np.float64], h: float) -> float:
+    """Return the rms that another window's band-limited residual has after correction."""
+    m = len(missed)
+    if m == 1:
+        return float("nan")
+    spread = rms(band_limited(missed - np.mean(missed, axis=0), h))
+    # Each window is itself in the mean that it is compared with; another one will not be.
+    scatter = spread * math.sqrt((m + 1.0) / (m - 1.0))
+    return scatter if scatter > LEAST_SCATTER else float("nan")
+
+
+def _unlike(window: Window, first: Window) -> str:
+    """Return in what a window is not like the first; empty when it is."""
+    if len(window) != len(first) or window.sample_period != first.sample_period:
+        return (
+            f"it has {len(window)} samples of {window.sample_period:g} s, the first "
+            f"{len(first)} of {first.sample_period:g} s"
+        )
+    shift = shift_between(window.command, first.command)
+    difference = difference_at(window.command, first.command, shift)
+    limit = COMMAND_TOLERANCE * rms(first.command)
+    if difference > limit:
+        return (
+            f"it has another command than the first: {difference:.3g} rad rms apart (limit "
+            f"{limit:.3g} rad)"
+        )
+    return ""

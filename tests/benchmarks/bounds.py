@@ -1,0 +1,162 @@
+"""The Cramer-Rao bound: how exact an unbiased estimate from a window can be at best.
+
+The noise that is really there is not only that of the sensors. The ripple of the pulse-width
+modulation is chaotic: to whoever models its mean, it is noise. Its spectrum is measured as the
+scatter of healthy windows about their mean, and the information of a window is summed over
+frequencies (Whittle's likelihood).
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from cases import CURRENT_NOISE, RESOLUTIONS
+from numpy.typing import NDArray
+
+from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, N_FAULTS, fault_vector
+from ema_monitor.calibration import Calibration
+from ema_monitor.coordinates import Coordinates
+from ema_monitor.window import Window
+
+_STEP: Final = 5e-3
+_SMOOTHED_BINS: Final = 9
+_PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
+
+
+class Bound(NamedTuple):
+    """What no unbiased estimator of all eight components can be below.
+
+    Attributes
+    ----------
+    sigma
+        Standard deviation of each component, ``(8,)`` [-]; that of the phase is inf at zero
+        eccentricity.
+    error_percent
+        Root mean square of the error in percent of the range.
+    """
+
+    sigma: NDArray[np.float64]
+    error_percent: float
+
+
+class Spectrum:
+    """Spectrum of the noise of a window: that of the current, and with the speed beside it.
+
+    Parameters
+    ----------
+    windows
+        Healthy windows of the same command, without or with the noise of sensors.
+    """
+
+    def __init__(self, windows: list[Window]) -> None:
+        signals = np.array([[w.current, w.telemetry.speed[1:]] for w in windows])
+        scatter = np.fft.rfft(signals - np.mean(signals, axis=0), axis=-1)
+        power = np.einsum("wif,wjf->fij", scatter, scatter.conj()) / (len(windows) - 1)
+        kernel = np.ones(_SMOOTHED_BINS) / _SMOOTHED_BINS
+        cover = np.convolve(np.ones(len(power)), kernel, "same")
+        self._power = np.empty_like(power)
+        for i, j in np.ndindex(2, 2):
+            self._power[:, i, j] = np.convolve(power[:, i, j], kernel, "same") / cover
+
+    def information(
+        self, jacobian: NDArray[np.float64], *, with_speed: bool = False
+    ) -> NDArray[np.float64]:
+        """Return the Fisher information, ``(d, d)``.
+
+        Parameters
+        ----------
+        jacobian
+            Derivatives of current and speed, ``(2, n, d)``.
+        with_speed
+            Whether the speed counts, too.
+        """
+        signals = 2 if with_speed else 1
+        transformed = np.fft.rfft(jacobian[:signals], axis=1).transpose(1, 0, 2)
+        weighted = np.linalg.solve(self._power[:, :signals, :signals], transformed)
+        by_bin = np.real(np.einsum("fid,fie->fde", transformed.conj(), weighted))
+        # Each bin but the first, and the last of an even number, stands for two.
+        twice = np.full(len(by_bin), 2.0)
+        twice[0] = 1.0
+        if jacobian.shape[1] % 2 == 0:
+            twice[-1] = 1.0
+        return np.einsum("f,fde->de", twice, by_bin)
+
+
+def sensor_information(
+    jacobian: NDArray[np.float64], *, with_speed: bool = False
+) -> NDArray[np.float64]:
+    """Return the Fisher information if nothing but noise and resolution of the sensors were there.
+
+    Parameters
+    ----------
+    jacobian
+        Derivatives of current and speed, ``(2, n, d)``.
+    with_speed
+        Whether the speed counts, too.
+    """
+    current, speed = jacobian
+    # The rounding error of a resolution is uniform.
+    information = current.T @ current / (CURRENT_NOISE**2 + RESOLUTIONS["current"] ** 2 / 12.0)
+    if with_speed:
+        information += speed.T @ speed / (RESOLUTIONS["speed"] ** 2 / 12.0)
+    return information
+
+
+def jacobian(
+    window: Window, calibration: Calibration, faults: tuple[float, ...]
+) -> NDArray[np.float64]:
+    """Return the derivatives of the model's current and speed, ``(2, n, 8)`` [A, rad/s].
+
+    In the places of eccentricity and phase are ``zeta cos(phi)`` and ``zeta sin(phi)``. The
+    differences are central, and one-sided at the end of a range.
+
+    Parameters
+    ----------
+    window
+        Gives command and initial state.
+    calibration
+        Gives the model.
+    faults
+        Where to differentiate, eight values.
+    """
+    play = 0.0 if window.play is None else window.play
+    coordinates = Coordinates(play, cartesian=True)
+    point = coordinates.encode(fault_vector(faults))
+    above = np.minimum(point + _STEP * np.eye(N_FAULTS), 1.0)
+    below = np.maximum(point - _STEP * np.eye(N_FAULTS), 0.0)
+    response = calibration.model().respond(
+        window, *coordinates.decode(np.concatenate([above, below]))
+    )
+    steps = np.sum(above - below, axis=1)
+    # Two units of a point are one of zeta cos(phi) and of zeta sin(phi).
+    steps[_PLANE] *= 2.0
+    return np.stack([(rows[:N_FAULTS] - rows[N_FAULTS:]).T / steps for rows in response])
+
+
+def bound(information: NDArray[np.float64], faults: tuple[float, ...]) -> Bound:
+    """Return the bound that an information means.
+
+    Parameters
+    ----------
+    information
+        About the components, eccentricity and phase as ``zeta cos(phi)`` and ``zeta sin(phi)``.
+    faults
+        The truth, eight values.
+    """
+    covariance = np.linalg.inv(information)
+    zeta = faults[ECCENTRICITY]
+    phi = (2.0 * faults[ECCENTRICITY_PHASE] - 1.0) * np.pi
+    turn = np.eye(N_FAULTS)
+    turn[np.ix_(_PLANE, _PLANE)] = [[np.cos(phi), np.sin(phi)], [-np.sin(phi), np.cos(phi)]]
+    variance = np.diag(turn @ covariance @ turn.T).copy()
+    radial, tangential = variance[_PLANE]
+    if zeta > 0.0:
+        # Across the direction of eccentricity, a full turn of 2 pi zeta is the range.
+        across = tangential / (2.0 * np.pi) ** 2
+        variance[ECCENTRICITY_PHASE] = across / zeta**2
+    else:
+        # The estimated eccentricity is the distance from zero, wherever it points.
+        across = 0.0
+        variance[ECCENTRICITY] = radial + tangential
+        variance[ECCENTRICITY_PHASE] = np.inf
+    others = np.sum(np.delete(variance, ECCENTRICITY_PHASE))
+    return Bound(np.sqrt(variance), float(100.0 * np.sqrt(others + across)))

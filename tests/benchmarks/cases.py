@@ -1,0 +1,273 @@
+"""Validation windows of the fault estimator, each reproducible from its case.
+
+The pulse-width modulation of the reference actuator is chaotic but deterministic: two runs from
+the same state are equal to the last bit. So that windows differ as those of a real drive do, the
+command is stirred for some milliseconds before the approach, by too little to move the gear.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.commands import THESIS_CHIRP, build_cycle
+from ema_core.description import SAMPLE_PERIOD
+from ema_core.faults import (
+    ECCENTRICITY,
+    ECCENTRICITY_PHASE,
+    FAULT_NAMES,
+    N_FAULTS,
+    degrade,
+    fault_vector,
+    healthy_faults,
+    random_faults,
+)
+from ema_core.parameters import ActuatorParameters, constants
+from ema_core.telemetry import Telemetry
+from ema_monitor.trigger import WindowTrigger
+from ema_monitor.window import Window
+from ema_sim.actuator import SimulatedActuator, at_rest
+from ema_sim.sensors import Sensors
+
+CURRENT_NOISE: Final = 0.05
+"""Standard deviation of the current sensor's noise [A]."""
+
+RESOLUTIONS: Final = {"current": 0.005, "position": 1e-6, "speed": 0.05}
+"""Resolution of the sensors [A, rad, rad/s]."""
+
+PLANT_TOLERANCE: Final = 0.05
+"""How far a plant's parameters are off at most, as a share of themselves [-]."""
+
+THESIS_FAULTS: Final[dict[str, dict[str, float]]] = {
+    "friction low": {"friction": 0.25},
+    "friction high": {"friction": 0.75},
+    "backlash low": {"backlash": 9 / 99},
+    "backlash high": {"backlash": 74 / 99},
+    "short circuit low": {"short_circuit_a": 0.2},
+    "short circuit high": {"short_circuit_a": 0.7},
+    "eccentricity low": {"eccentricity": 0.25},
+    "eccentricity high": {"eccentricity": 0.75},
+    "gain low": {"gain": 0.25},
+    "gain high": {"gain": 0.75},
+    "multiple": dict(
+        zip(
+            FAULT_NAMES,
+            (0.0068, 0.0, 9.19e-3, 0.0013, 8.6e-4, 0.0111, 0.627, 0.38038),
+            strict=True,
+        )
+    ),
+}
+"""The thesis's ten single faults and its multiple one."""
+
+DETECTABLE: Final = tuple(n for n in range(N_FAULTS) if n != ECCENTRICITY_PHASE)
+"""Components that can be a fault by themselves: the direction of eccentricity cannot."""
+
+_NOMINAL = ActuatorParameters()
+_CYCLE = build_cycle(THESIS_CHIRP, SAMPLE_PERIOD)
+# A window begins once the chirp has left its threshold, so it ends a little after the chirp.
+_END = _CYCLE.stop + 100
+_STIR = 1.2e-5
+_SIMPLY_OFF = ("R_s", "L_s", "k_t", "k_e")
+_JOINTLY_OFF = (("J_m", "J_u"), ("C_m", "C_u"), ("f_sm", "f_su"))
+
+# Each set draws from a stream of its own, so that a change of one leaves the others alone.
+_STREAMS = ("first", "single", "law", "wide", "plant", "play", "healthy", "calibration", "step")
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a window was recorded on.
+
+    Attributes
+    ----------
+    faults
+        Fault vector, eight values.
+    seed
+        Seed of everything random in the recording.
+    plant
+        What the actuator really is; the monitor always knows the nominal parameters only.
+    start
+        How the window was begun: "approach" stirs, then approaches as the test cycle does;
+        "anywhere" stirs and starts without approach, at a random place in the play; "first cycle"
+        is the whole test cycle from the very start of the simulation, without stirring.
+    """
+
+    faults: tuple[float, ...]
+    seed: tuple[int, ...]
+    plant: ActuatorParameters = field(default=_NOMINAL, repr=False)
+    start: Literal["approach", "anywhere", "first cycle"] = "approach"
+
+    def telemetry(self) -> Telemetry:
+        """Simulate, and return what ideal sensors say, up to the end of the window."""
+        rng = np.random.default_rng([*self.seed, 0])
+        actuator = SimulatedActuator(self.plant)
+        actuator.faults = fault_vector(self.faults)
+        chirp = _CYCLE.samples[_CYCLE.start + 1 : _END]
+        if self.start == "first cycle":
+            return actuator.advance(_CYCLE.samples[:_END])
+        if self.start == "anywhere":
+            mechanics = degrade(constants(self.plant), self.faults).mechanics
+            actuator.state = at_rest(rng.uniform(-1.0, 1.0) * float(mechanics.half_backlash), 0.0)
+            stir, rest = _STIR * rng.standard_normal(600), np.zeros(600)
+            return actuator.advance(np.concatenate([stir, rest, chirp]))
+        # From where the cycle has gone back for its approach: what was before does not matter.
+        below = int(np.argmin(_CYCLE.samples[: _CYCLE.start]))
+        depth = float(_CYCLE.samples[below])
+        actuator.state = at_rest(depth / self.plant.tau, depth / self.plant.tau)
+        stir = depth + _STIR * rng.standard_normal(int(rng.integers(50, 400)))
+        return actuator.advance(np.concatenate([stir, _CYCLE.samples[below:_END]]))
+
+    def window(self, telemetry: Telemetry, *, noisy: bool) -> Window:
+        """Return the window in this case's telemetry.
+
+        Parameters
+        ----------
+        telemetry
+            What ``telemetry`` returned.
+        noisy
+            Whether the sensors have noise and a finite resolution.
+        """
+        if noisy:
+            rng = np.random.default_rng([*self.seed, 1])
+            telemetry = Sensors(CURRENT_NOISE, RESOLUTIONS, rng).measure(telemetry)
+        [window] = WindowTrigger(_NOMINAL).feed(telemetry)
+        if not isinstance(window, Window):
+            raise RuntimeError(f"{self}: no window: {window.reason}")
+        return window
+
+
+@dataclass(frozen=True)
+class Plant:
+    """An actuator off its nominal parameters: healthy cases to calibrate on, and faulty ones."""
+
+    healthy: list[Case]
+    faulty: list[Case]
+
+
+def first_cycles() -> dict[str, Case]:
+    """Return the thesis's faults as the first cycle after the start of the simulation."""
+    return {
+        name: Case(_tuple(fault_vector(faults)), _seed("first"), start="first cycle")
+        for name, faults in THESIS_FAULTS.items()
+    }
+
+
+def thesis_faults(repetitions: int) -> dict[str, list[Case]]:
+    """Return the thesis's faults, each with several realisations of the modulation."""
+    return {
+        name: [
+            Case(_tuple(fault_vector(faults)), _seed("single", number, i))
+            for i in range(repetitions)
+        ]
+        for number, (name, faults) in enumerate(THESIS_FAULTS.items())
+    }
+
+
+def by_the_law(count: int) -> list[Case]:
+    """Return faults by the thesis's law: most components small, some large."""
+    return _drawn("law", count, random_faults)
+
+
+def wide(count: int) -> list[Case]:
+    """Return faults in all components at once."""
+    return _drawn("wide", count, _wide_faults)
+
+
+def without_approach(count: int) -> list[Case]:
+    """Return wide faults at an unknown place in the play."""
+    return [replace(case, start="anywhere") for case in _drawn("play", count, _wide_faults)]
+
+
+def healthy(count: int, purpose: Literal["healthy", "calibration"] = "healthy") -> list[Case]:
+    """Return healthy cases: for false alarms, or others to calibrate on."""
+    return _drawn(purpose, count, lambda rng: healthy_faults())
+
+
+def step(fault: int, size: float, count: int) -> list[Case]:
+    """Return cases with a single small fault; of gain in either sense, of eccentricity anywhere.
+
+    Parameters
+    ----------
+    fault
+        Which component.
+    size
+        Its distance from healthy [-].
+    count
+        How many cases.
+    """
+
+    def draw(rng: np.random.Generator) -> NDArray[np.float64]:
+        k = healthy_faults()
+        k[fault] += size * (rng.choice([-1.0, 1.0]) if k[fault] else 1.0)
+        if fault == ECCENTRICITY:
+            k[ECCENTRICITY_PHASE] = rng.random()
+        return k
+
+    return _drawn("step", count, draw, fault, round(1e5 * size))
+
+
+def plants(faulty: list[Case], count: int, healthy_count: int) -> list[Plant]:
+    """Return plants off their nominal parameters, with the given faults dealt among them.
+
+    Parameters
+    ----------
+    faulty
+        The faults of these cases are used.
+    count
+        How many plants.
+    healthy_count
+        How many healthy cases each has.
+    """
+    result = []
+    for number in range(count):
+        parameters = _off_nominal(np.random.default_rng(_seed("plant", number)))
+        result.append(
+            Plant(
+                [
+                    Case(_tuple(healthy_faults()), _seed("plant", number, 0, i), parameters)
+                    for i in range(healthy_count)
+                ],
+                [
+                    Case(case.faults, _seed("plant", number, 1, i), parameters)
+                    for i, case in enumerate(faulty[number::count])
+                ],
+            )
+        )
+    return result
+
+
+def _drawn(
+    stream: str,
+    count: int,
+    draw: Callable[[np.random.Generator], NDArray[np.float64]],
+    *more: int,
+) -> list[Case]:
+    rng = np.random.default_rng(_seed(stream, *more))
+    return [Case(_tuple(draw(rng)), _seed(stream, *more, i)) for i in range(count)]
+
+
+def _seed(stream: str, *more: int) -> tuple[int, ...]:
+    return (20_180, _STREAMS.index(stream), *more)
+
+
+def _wide_faults(rng: np.random.Generator) -> NDArray[np.float64]:
+    k = 0.6 * rng.random(N_FAULTS)
+    k[2:5] = 0.4 * rng.random(3)
+    k[ECCENTRICITY_PHASE] = rng.random()
+    k[-1] = rng.uniform(0.2, 0.8)
+    return k
+
+
+def _off_nominal(rng: np.random.Generator) -> ActuatorParameters:
+    values = _NOMINAL.as_mapping()
+    off: dict[str, Any] = {}
+    for names in (*((name,) for name in _SIMPLY_OFF), *_JOINTLY_OFF):
+        factor = 1.0 + rng.uniform(-PLANT_TOLERANCE, PLANT_TOLERANCE)
+        off |= {name: factor * values[name] for name in names}
+    return _NOMINAL.replace(off)
+
+
+def _tuple(faults: NDArray[np.float64]) -> tuple[float, ...]:
+    return tuple(faults.tolist())

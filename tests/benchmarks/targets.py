@@ -1,0 +1,182 @@
+"""The targets of accuracy and what was measured of them, as rows of a table."""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import thesis
+
+FLOOR_PERCENT: Final = 0.2
+"""Error below which half of the thesis's best need not be reached [%]."""
+
+LOW: Final = ("friction", "backlash", "short circuit", "eccentricity", "gain")
+"""The thesis's single faults, each low and high."""
+
+
+class Row(NamedTuple):
+    """A row of the table; ``met`` is None where no target is set."""
+
+    what: str
+    target: str
+    measured: str
+    met: bool | None
+    thesis: str = ""
+
+
+def rows(figures: dict[str, Any]) -> list[Row]:
+    """Return the rows for the figures of a run.
+
+    Parameters
+    ----------
+    figures
+        What `accuracy.measure` returns.
+    """
+    return [
+        *_thesis_rows(figures),
+        *_random_rows(figures["errors"]),
+        *_time_rows(figures),
+        *_covariance_rows(figures["covariance"]),
+        *_detection_rows(figures["detection"]),
+    ]
+
+
+def case_target_percent(by_algorithm: dict[str, thesis.Result]) -> float:
+    """Return the largest error that a single fault may have [%]."""
+    return max(thesis.best_percent(by_algorithm) / 2.0, FLOOR_PERCENT)
+
+
+def _thesis_rows(figures: dict[str, Any]) -> list[Row]:
+    published = thesis.results()
+    result = []
+    for kind, label in (("thesis", ""), ("first", ", first cycle")):
+        errors = {name: one[kind] for name, one in figures["thesis_cases"].items()}
+        for level, limit, best in (
+            ("low", 0.25, thesis.MEAN_LOW_PERCENT),
+            ("high", 0.5, thesis.MEAN_HIGH_PERCENT),
+        ):
+            mean = float(np.mean([errors[f"{fault} {level}"] for fault in LOW]))
+            result.append(_at_most(f"single faults {level}, mean{label} [%]", mean, limit, best))
+        shares = {
+            name: error / case_target_percent(published[name])
+            for name, error in errors.items()
+            if name != "multiple"
+        }
+        worst = max(shares, key=lambda name: shares[name])
+        result.append(
+            Row(
+                f"each single fault{label}",
+                "<= 0.5 of thesis or 0.2 %",
+                f"{sum(share <= 1.0 for share in shares.values())} of {len(shares)}; "
+                f"{worst} {errors[worst]:.2f} %",
+                shares[worst] <= 1.0,
+                f"{worst} {thesis.best_percent(published[worst]):.2f} %",
+            )
+        )
+        best = thesis.best_percent(published["multiple"])
+        result.append(_at_most(f"multiple fault{label} [%]", errors["multiple"], 0.3, best))
+    return result
+
+
+def _random_rows(errors: dict[str, Any]) -> list[Row]:
+    clean, noisy, plants, play = (errors[name] for name in ("random", "noisy", "plants", "play"))
+    count = clean["cases"]
+    return [
+        _at_most(f"{count} random faults, median [%]", clean["median"], 0.5),
+        _at_most("  90th percentile [%]", clean["p90"], 1.2),
+        _at_most("  largest [%]", clean["max"], 5.0),
+        _at_most("the same with noisy sensors, median [%]", noisy["median"], 0.8),
+        Row("  90th percentile, largest [%]", "", f"{noisy['p90']:.2f}, {noisy['max']:.2f}", None),
+        _at_most("the same, noisy, plant 5 % off, median [%]", plants["median"], 1.5),
+        Row(
+            "  90th percentile, largest [%]", "", f"{plants['p90']:.2f}, {plants['max']:.2f}", None
+        ),
+        Row(
+            f"{play['cases']} wide, noisy, place in the play unknown [%]",
+            "",
+            f"{play['median']:.2f}, {play['p90']:.2f}, {play['max']:.2f}",
+            None,
+        ),
+    ]
+
+
+def _time_rows(figures: dict[str, Any]) -> list[Row]:
+    timing = figures["timing"]
+    result = []
+    for name, label, limit, published in (
+        (
+            "cold",
+            "cold estimate",
+            0.25,
+            f"{thesis.FASTEST_TIME_S:.0f} to {thesis.LONGEST_TIME_S:.0f} s",
+        ),
+        ("warm", "warm estimate", 0.05, ""),
+        ("swarm", "particle swarm, 200 x 50", 1.0, f"{thesis.SWARM_TIME_S:.0f} s"),
+    ):
+        one = timing[name]
+        result.append(
+            Row(
+                f"{label}, median (95 %) [s]",
+                f"<= {limit:g}",
+                f"{one['seconds_median']:.3f} ({one['seconds_p95']:.3f})",
+                one["seconds_median"] <= limit,
+                published,
+            )
+        )
+        result.append(
+            Row(
+                "  in yardstick windows",
+                "",
+                f"{one['yardstick_windows_median']:.0f} ({one['yardstick_windows_p95']:.0f})",
+                None,
+            )
+        )
+    evaluations = figures["errors"]["random"]["evaluations_median"]
+    result.insert(
+        2,
+        Row("  evaluations, median", "<= 300", f"{evaluations:.0f}", evaluations <= 300, "10,000"),
+    )
+    return result
+
+
+def _covariance_rows(covariance: dict[str, Any]) -> list[Row]:
+    share, ratio = covariance["coverage"], covariance["width_over_bound"]
+    return [
+        Row(
+            "coverage of the 90 % interval, wide noisy [%]",
+            "85 to 95",
+            f"{100.0 * share:.1f}",
+            0.85 <= share <= 0.95,
+        ),
+        Row("  its width over that of the bound", "<= 3", f"{ratio:.2f}", ratio <= 3.0),
+    ]
+
+
+def _detection_rows(detection: dict[str, Any]) -> list[Row]:
+    alarms = detection["warnings"] + detection["errors"] + detection["not_valid"]
+    smallest = detection["smallest_percent"]
+    worst = max(smallest, key=lambda name: smallest[name])
+    return [
+        Row(
+            f"false alarms in {detection['windows']} healthy noisy windows",
+            "0",
+            f"{detection['warnings']} warnings, {detection['errors']} errors, "
+            f"{detection['not_valid']} not valid",
+            alarms == 0,
+        ),
+        Row(
+            f"  by the test of detection, z = {detection['z']:.2f}",
+            "",
+            f"{detection['family_alarms']} (nominal {100 * detection['family_rate']:g} %)",
+            None,
+        ),
+        Row(
+            "smallest step detected with 90 % power [%]",
+            "<= 1 for each",
+            f"{min(smallest.values()):g} to {smallest[worst]:g} ({worst.replace('_', ' ')})",
+            smallest[worst] <= 1.0,
+        ),
+    ]
+
+
+def _at_most(what: str, value: float, limit: float, published: float | None = None) -> Row:
+    text = "" if published is None else f"{published:.2f}"
+    return Row(what, f"<= {limit:g}", f"{value:.2f}", value <= limit, text)

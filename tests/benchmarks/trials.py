@@ -1,0 +1,127 @@
+"""Many windows simulated and identified on all cores, one process a core."""
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Final, NamedTuple, TypeVar
+
+import numpy as np
+from cases import Case
+from numba.core import config
+from numpy.typing import NDArray
+from rich.progress import Progress
+
+from ema_core.description import ActuatorDescription
+from ema_core.faults import ECCENTRICITY_PHASE, estimation_error
+from ema_monitor.calibration import Calibration
+from ema_monitor.estimate import Estimate, Settings
+from ema_monitor.identification import identify
+
+ACTUATOR: Final = ActuatorDescription()
+"""What the monitor is told of every actuator, whatever the plant really is."""
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """One way to look at a window.
+
+    Attributes
+    ----------
+    calibration
+        Calibration of the unit.
+    noisy
+        Whether the sensors have noise and a finite resolution.
+    settings
+        How to identify.
+    """
+
+    calibration: Calibration
+    noisy: bool = False
+    settings: Settings = Settings()  # noqa: RUF009 - frozen
+
+
+class Job(NamedTuple):
+    """A case and the ways to look at its window."""
+
+    case: Case
+    variants: Sequence[Variant]
+
+
+class Workers:
+    """Processes that simulate and identify, with progress on a bar."""
+
+    def __init__(self, pool: ProcessPoolExecutor, progress: Progress) -> None:
+        self._pool = pool
+        self._progress = progress
+
+    def map(self, what: str, work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+        """Return what ``work`` makes of each item.
+
+        Parameters
+        ----------
+        what
+            Name on the progress bar.
+        work
+            Function of a module.
+        items
+            What it is given, one by one.
+        """
+        chunk = max(1, min(8, len(items) // 8))
+        results = self._pool.map(work, items, chunksize=chunk)
+        return list(self._progress.track(results, total=len(items), description=what))
+
+    def estimates(self, what: str, jobs: Sequence[Job]) -> list[list[Estimate]]:
+        """Return the estimates of each job, one a variant; ``what`` is on the progress bar."""
+        return self.map(what, _estimates, jobs)
+
+
+@contextmanager
+def workers(progress: Progress) -> Iterator[Workers]:
+    """Start a process a core, each of which keeps to one thread."""
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    # A fork would inherit threads of this process as they stand.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(os.cpu_count(), context, initializer=_keep_to_one_core) as pool:
+        yield Workers(pool, progress)
+
+
+def errors_percent(cases: Iterable[Case], estimates: Iterable[Estimate]) -> NDArray[np.float64]:
+    """Return the error of each estimate in percent of the range; inf where there is none."""
+    return np.array(
+        [
+            estimation_error(estimate.faults, case.faults)
+            if np.all(np.isfinite(estimate.faults))
+            else np.inf
+            for case, estimate in zip(cases, estimates, strict=True)
+        ]
+    )
+
+
+def difference(estimate: Sequence[float], truth: Sequence[float]) -> NDArray[np.float64]:
+    """Return estimate less truth by component, ``(8,)``, the phase wrapped to half a turn."""
+    result = np.asarray(estimate) - np.asarray(truth)
+    result[ECCENTRICITY_PHASE] -= np.round(result[ECCENTRICITY_PHASE])
+    return result
+
+
+def _keep_to_one_core() -> None:
+    config.NUMBA_NUM_THREADS = 1  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _estimates(job: Job) -> list[Estimate]:
+    telemetry = job.case.telemetry()
+    return [
+        identify(
+            job.case.window(telemetry, noisy=variant.noisy),
+            ACTUATOR,
+            variant.calibration,
+            variant.settings,
+        )
+        for variant in job.variants
+    ]
