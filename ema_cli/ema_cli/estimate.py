@@ -20,7 +20,9 @@ from ema_core.faults import FAULT_NAMES, FAULTS, healthy_faults
 from ema_monitor.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosis
 from ema_monitor.estimate import Estimate
+from ema_monitor.last_faults import LastFaults
 from ema_monitor.watch import Found
+from ema_monitor.window import MIN_TRAVEL
 
 SIGNIFICANT: Final = 3.0
 """Standard deviations from its healthy value beyond which a fault is named [-]."""
@@ -53,7 +55,7 @@ def estimate(bag: Path, source: Source, options: IdentificationOptions, as_json:
 def estimate_windows(
     windows: Sequence[Found], calibration: Calibration, options: IdentificationOptions
 ) -> list[Estimate]:
-    """Return the estimate of every window, with a progress bar.
+    """Return the estimate of every window, as a monitor makes them, with a progress bar.
 
     Parameters
     ----------
@@ -64,11 +66,13 @@ def estimate_windows(
     options
         How to identify.
     """
-    estimates = []
+    estimates, last_faults = [], LastFaults()
     with progress_bar() as progress:
         task = progress.add_task("identifying", total=len(windows))
         for number, found in enumerate(windows):
-            run = Diagnosis(found, calibration, options.settings, force=options.force)
+            run = Diagnosis(
+                found, calibration, options.search, force=options.force, last_faults=last_faults
+            )
             for generation in run:
                 progress.update(
                     task,
@@ -87,7 +91,13 @@ def as_object(one: Estimate, found: BagWindows) -> dict[str, Any]:
         "faults": _by_fault(one.faults),
         "sigma": _by_fault(one.sigma),
         "fitness": _number(one.fitness),
+        "unobservable": _names(one.unobservable),
+        "insignificant": _names(one.insignificant),
+        "covariance": [[_number(value) for value in row] for row in one.covariance],
         "goodness_of_fit": _number(one.goodness_of_fit),
+        "goodness_limit": _number(one.goodness_limit),
+        "excitation": _number(one.excitation),
+        "excitation_limit": MIN_TRAVEL,
         "play_offset": _number(one.play),
         "evaluations": one.evaluations,
         "computing_time_s": one.computing_time_s,
@@ -95,7 +105,9 @@ def as_object(one: Estimate, found: BagWindows) -> dict[str, Any]:
         "reason": one.reason,
         "algorithm": one.algorithm,
         "seed": one.seed,
+        "warm_start": one.warm_start,
         "calibration": one.calibration_id,
+        "calibration_windows": one.calibration_windows,
         "start": round(found.seconds(one.start_ns), 9),
         "end": round(found.seconds(one.end_ns), 9),
     }
@@ -128,6 +140,10 @@ def _by_fault(values: np.ndarray) -> dict[str, float | None]:
     return dict(zip(FAULT_NAMES, map(_number, values), strict=True))
 
 
+def _names(components: np.ndarray) -> list[str]:
+    return [name for name, marked in zip(FAULT_NAMES, components, strict=True) if marked]
+
+
 def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
@@ -141,14 +157,22 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
     table = Table(title=title, title_justify="left")
     for heading in ("fault", "estimate", "sigma", "which means"):
         table.add_column(heading, justify="right" if heading in ("estimate", "sigma") else "left")
-    for fault, value, sigma in zip(FAULTS, one.faults, one.sigma, strict=True):
+    for fault, value, sigma, is_healthy in zip(
+        FAULTS, one.faults, one.sigma, one.insignificant, strict=True
+    ):
         known = "unobservable" if np.isnan(sigma) else f"{sigma:.4f}"
-        table.add_row(fault.label, f"{value:.4f}", known, fault.physical(value))
+        meaning = fault.physical(value) + (" (not significant)" if is_healthy else "")
+        table.add_row(fault.label, f"{value:.4f}", known, meaning)
     Console().print(table)
     click.echo(f"found: {found_in_words(one)}")
     click.echo(
-        f"fitness {one.fitness:.5f} A^2.s, goodness of fit {_figure(one.goodness_of_fit)}, "
-        f"{one.algorithm}: {one.evaluations} evaluations in {one.computing_time_s:.2f} s"
+        f"fitness {one.fitness:.5f} A^2.s, goodness of fit {_figure(one.goodness_of_fit)} "
+        f"(limit {one.goodness_limit:.2f}), command travels {1e3 * one.excitation:.1f} mrad "
+        f"(limit {1e3 * MIN_TRAVEL:g} mrad)"
+    )
+    click.echo(
+        f"{one.algorithm}, {'warm' if one.warm_start else 'cold'}: {one.evaluations} evaluations "
+        f"in {one.computing_time_s:.2f} s; calibration of {one.calibration_windows} windows"
     )
     if one.reason:
         click.echo(f"note: {one.reason}")

@@ -10,7 +10,6 @@ import click
 
 from ema_monitor.calibration import Calibration
 from ema_monitor.diagnosis import Search
-from ema_monitor.estimate import Settings
 from ema_monitor.fitness import FITNESS
 from ema_monitor.optimizers import ALGORITHMS
 
@@ -35,6 +34,19 @@ _OPTIONS = (
         help="Largest number of model evaluations a window.",
     ),
     click.option(
+        "--goodness-limit",
+        default=Search.goodness_limit,
+        show_default=True,
+        type=click.FloatRange(0.0, min_open=True),
+        help="Goodness of fit beyond which no fault explains a window, without short circuit.",
+    ),
+    click.option(
+        "--warm-start/--no-warm-start",
+        default=Search.warm_start,
+        show_default=True,
+        help="Begin each search at the faults of the actuator's last valid estimate.",
+    ),
+    click.option(
         "--seed", default=0, show_default=True, type=click.IntRange(0), help="Of the algorithm."
     ),
     click.option(
@@ -55,7 +67,7 @@ class IdentificationOptions:
 
     Attributes
     ----------
-    settings
+    search
         How to identify.
     calibration_file
         File of the calibration; None for the shipped one.
@@ -63,7 +75,7 @@ class IdentificationOptions:
         Whether to estimate even if the calibration does not fit.
     """
 
-    settings: Settings
+    search: Search
     calibration_file: Path | None
     force: bool
 
@@ -96,13 +108,22 @@ def identification_options(command: Callable[..., None]) -> Callable[..., None]:
         algorithm: str,
         fitness: str,
         budget: int,
+        goodness_limit: float,
+        warm_start: bool,
         seed: int,
         calibration_file: Path | None,
         force: bool,
         **others: Any,
     ) -> None:
-        settings = Search(algorithm, fitness, budget, seed).settings()
-        options = IdentificationOptions(settings, calibration_file, force)
+        search = Search(
+            algorithm,
+            fitness,
+            budget=budget,
+            goodness_limit=goodness_limit,
+            seed=seed,
+            warm_start=warm_start,
+        )
+        options = IdentificationOptions(search, calibration_file, force)
         command(options=options, **others)
 
     for option in reversed(_OPTIONS):

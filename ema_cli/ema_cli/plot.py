@@ -62,7 +62,8 @@ def plot(
         else:
             window = _window(found, number)
             calibration = options.calibration()
-            [one] = estimate_windows([found.windows[number]], calibration, options)
+            # With those before it, in which a warm search begins.
+            one = estimate_windows(found.windows[: number + 1], calibration, options)[-1]
             if not one.valid:
                 raise ValueError(f"window {number} has no estimate: {one.reason}")
             figure = draw_fit(found, window, calibration, one)
@@ -155,7 +156,8 @@ def draw_fit(found: BagWindows, window: Window, calibration: Calibration, one: E
     bars.legend(loc="upper left", fontsize="small")
     figure.suptitle(
         f"{found.description.actuator_id}: {one.algorithm}, {one.evaluations} evaluations, "
-        f"fitness {one.fitness:.5f} A²s; bars of 90 %, grey where unobservable"
+        f"goodness of fit {one.goodness_of_fit:.2f} (limit {one.goodness_limit:.2f}); "
+        "bars of 90 %, grey where unobservable"
     )
     return figure
 

@@ -62,6 +62,7 @@ FAULTS: Final = (
 FAULT_NAMES: Final = tuple(fault.name for fault in FAULTS)
 N_FAULTS: Final = len(FAULTS)
 HIGHEST: Final = np.array([fault.highest for fault in FAULTS])
+SHORT_CIRCUITS: Final = [i for i, name in enumerate(FAULT_NAMES) if name.startswith("short")]
 ECCENTRICITY: Final = FAULT_NAMES.index("eccentricity")
 ECCENTRICITY_PHASE: Final = FAULT_NAMES.index("eccentricity_phase")
 

@@ -1,6 +1,7 @@
 """How an identification is asked for, and what it answers."""
 
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,9 @@ from ema_core.faults import N_FAULTS
 from ema_monitor.fitness import DEFAULT_FITNESS, FITNESS
 from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
 from ema_monitor.optimizers.driver import StopRule, Termination
+
+GOODNESS_LIMIT: Final = 3.5
+"""Calibrated on simulated windows: some 1 in 1,000 with faults passes it [-]."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +32,14 @@ class Settings:
     parsimonious
         Whether components that do not differ significantly from healthy are put back to healthy
         and the rest is fitted anew.
+    goodness_limit
+        Goodness of fit beyond which none of the faults explains a window of a motor without short
+        circuit [-].
 
     Raises
     ------
     ValueError
-        When a name is unknown or the seed negative.
+        When a name is unknown, the limit not positive or the seed negative.
     """
 
     algorithm: str = DEFAULT_ALGORITHM
@@ -40,6 +47,7 @@ class Settings:
     termination: StopRule = field(default_factory=Termination)
     seed: int = 0
     parsimonious: bool = True
+    goodness_limit: float = GOODNESS_LIMIT
 
     def __post_init__(self) -> None:
         if self.algorithm not in ALGORITHMS:
@@ -48,6 +56,8 @@ class Settings:
             )
         if self.fitness not in FITNESS:
             raise ValueError(f"fitness {self.fitness!r} is unknown; known: {', '.join(FITNESS)}")
+        if not self.goodness_limit > 0.0:
+            raise ValueError(f"goodness_limit = {self.goodness_limit:g}: expected a number above 0")
         if self.seed < 0:
             raise ValueError(f"seed = {self.seed}: expected a whole number of at least 0")
 
@@ -75,8 +85,12 @@ class Estimate:
     fitness
         Cost at the estimate [A^2.s].
     goodness_of_fit
-        Rms of the band-limited residual over that of a healthy actuator [-]; NaN when the
-        calibration does not tell the latter.
+        Rms of the band-limited residual over that of a healthy actuator, the larger of current and
+        speed [-]; NaN when the calibration does not tell the latter.
+    goodness_limit
+        Goodness of fit up to which the faults explain the window [-].
+    excitation
+        Travel of the command [rad].
     evaluations
         Windows of the model that were computed.
     computing_time_s
@@ -85,6 +99,12 @@ class Estimate:
         Whether the estimate may be used.
     reason
         Why not, or what to keep in mind.
+    insignificant
+        Components put back to healthy because the window does not show that they differ, ``(8,)``.
+    warm_start
+        Whether the search began at the faults of an earlier window.
+    calibration_windows
+        Number of healthy windows that the calibration rests on; 0 when there was none.
     """
 
     start_ns: int
@@ -98,11 +118,15 @@ class Estimate:
     play: float
     fitness: float
     goodness_of_fit: float
+    goodness_limit: float
     excitation: float
     evaluations: int
     computing_time_s: float
     valid: bool
     reason: str
+    insignificant: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(N_FAULTS, dtype=bool))
+    warm_start: bool = False
+    calibration_windows: int = 0
 
     @property
     def sigma(self) -> NDArray[np.float64]:
@@ -117,6 +141,7 @@ def refusal(
     calibration_id: str,
     reason: str,
     excitation: float = float("nan"),
+    calibration_windows: int = 0,
 ) -> Estimate:
     """Return the estimate of a window that none can be made of.
 
@@ -132,6 +157,8 @@ def refusal(
         Why there is no estimate.
     excitation
         Travel of the command [rad]; NaN where there is no window.
+    calibration_windows
+        Number of healthy windows that the calibration rests on.
     """
     nan = float("nan")
     return Estimate(
@@ -146,9 +173,11 @@ def refusal(
         play=nan,
         fitness=nan,
         goodness_of_fit=nan,
+        goodness_limit=settings.goodness_limit,
         excitation=excitation,
         evaluations=0,
         computing_time_s=0.0,
         valid=False,
         reason=reason,
+        calibration_windows=calibration_windows,
     )

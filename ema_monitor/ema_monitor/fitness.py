@@ -18,7 +18,7 @@ _SPEED_SHARE = 0.5
 _SLOW_SHARE = 0.5
 _ROBUST_SCALE = 2.0
 _UNKNOWN_SCATTER = 0.05
-_GOOD_COST = 8.0
+_GOOD_COST = 3.0
 
 
 class Fitness(Protocol):

@@ -9,7 +9,6 @@ from ema_core.faults import FAULTS
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.quantity import check_quantities, quantity
 from ema_monitor.estimate import Estimate
-from ema_monitor.identification import POOR_FIT, UNEXPLAINED
 
 ONE_SIDED_95: Final = 1.645
 """Standard deviations from the mean to a one-sided 95 % bound [-]."""
@@ -132,8 +131,8 @@ def assess(estimate: Estimate, limits: HealthLimits) -> Health:
     -----
     WARN when the lower 95 % bound of a fault passes a share of its limit, ERROR when its value
     passes the limit. The direction of eccentricity is no fault. The confidence is the share of
-    the faults that are observable, less as the goodness of fit goes from ``POOR_FIT`` to
-    ``UNEXPLAINED``.
+    the faults that are observable, less as the goodness of fit goes from half its limit to
+    the limit.
     """
     if not estimate.valid:
         raise ValueError(f"no health without a valid estimate: {estimate.reason}")
@@ -147,7 +146,8 @@ def assess(estimate: Estimate, limits: HealthLimits) -> Health:
     worst = max(known, key=lambda item: (item.level, item.share), default=None)
     alarmed = worst is not None and worst.level != OK
     severity = 1 + int(np.searchsorted(_GRADES, worst.share, "right")) if worst and alarmed else 0
-    fit = np.interp(np.nan_to_num(estimate.goodness_of_fit), [POOR_FIT, UNEXPLAINED], [1.0, 0.0])
+    limit = estimate.goodness_limit
+    fit = np.interp(np.nan_to_num(estimate.goodness_of_fit), [limit / 2.0, limit], [1.0, 0.0])
     return Health(
         level=worst.level if worst else STALE,
         health_index=float(np.clip(1.0 - max((i.share for i in known), default=np.nan), 0.0, 1.0)),

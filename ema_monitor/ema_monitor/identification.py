@@ -3,7 +3,6 @@
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,11 +12,13 @@ from ema_core.faults import (
     ECCENTRICITY,
     ECCENTRICITY_PHASE,
     N_FAULTS,
+    SHORT_CIRCUITS,
     fault_vector,
     healthy_faults,
 )
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate, Settings, refusal
+from ema_monitor.model import Response
 from ema_monitor.objective import Linearisation, Objective
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import minimise
@@ -25,12 +26,6 @@ from ema_monitor.residual import band_limited, rms
 from ema_monitor.significance import refitted, significant_components
 from ema_monitor.uncertainty import CORRELATION_S, sandwich_covariance, uncertainty_of_faults
 from ema_monitor.window import Window
-
-POOR_FIT: Final = 5.0
-"""Goodness of fit beyond which an estimate says that something else may be wrong [-]."""
-
-UNEXPLAINED: Final = 15.0
-"""Goodness of fit beyond which an estimate is not valid: something else is wrong [-]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +115,7 @@ class Identification:
             return
         faults, play = objective.decode(progress.point[None])
         self.estimate = conclusion.draw(
-            faults[0], float(play[0]), progress.evaluations, caveats, started
+            faults[0], float(play[0]), progress.evaluations, caveats, started, warm_start=near
         )
 
     def _objections(self) -> tuple[str, list[str]]:
@@ -145,6 +140,7 @@ class Identification:
             self._calibration.calibration_id,
             reason,
             self._window.excitation,
+            self._calibration.windows,
         )
 
 
@@ -170,10 +166,12 @@ class _Conclusion:
         evaluations: int,
         caveats: list[str],
         started: float,
+        *,
+        warm_start: bool,
     ) -> Estimate:
         """Return the estimate."""
         objective, window = self._objective, self._window
-        at, rounds = self._settle(objective.encode(faults, play))
+        at, shown, rounds = self._settle(objective.encode(faults, play))
         found, plays = objective.decode(at.point[None])
         # Two units of a point are one of zeta cos(phi), zeta sin(phi) and of the play.
         span = np.ones(len(at.point))
@@ -182,16 +180,18 @@ class _Conclusion:
         covariance = sandwich_covariance(at.jacobian / span, at.residuals, self._lags)
         covariance, unobservable = uncertainty_of_faults(found[0], covariance)
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
-        missed = window.current - objective.expect(found, plays).current[0]
-        goodness = rms(band_limited(missed, window.sample_period)) / self._calibration.healthy_rms
-        explained = not goodness > UNEXPLAINED
-        if goodness > POOR_FIT:
-            verdict = "may not be all that is wrong" if explained else "do not explain it"
-            caveats = [
-                *caveats,
-                f"the residual is {goodness:.1f} times that of a healthy actuator: the eight "
-                f"faults {verdict}",
-            ]
+        goodness = self._goodness_of_fit(objective.expect(found, plays))
+        limit = goodness_limit(found[0], self._settings.goodness_limit)
+        defects = []
+        if goodness > limit:
+            defects.append(
+                f"none of the eight faults explains the window: the residual is {goodness:.1f} "
+                f"times that of a healthy actuator, at most {limit:.1f} is expected"
+            )
+        if np.all(unobservable | (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)):
+            defects.append(
+                "no excitation: the window tells no fault more closely than its range does"
+            )
         return Estimate(
             window.start_ns,
             window.end_ns,
@@ -204,12 +204,26 @@ class _Conclusion:
             play=float(plays[0]),
             fitness=at.cost,
             goodness_of_fit=goodness,
+            goodness_limit=limit,
             excitation=window.excitation,
             evaluations=evaluations + rounds * objective.linearisation_evaluations + 1,
             computing_time_s=time.perf_counter() - started,
-            valid=explained,
-            reason="; ".join(caveats),
+            valid=not defects,
+            reason="; ".join([*caveats, *defects]),
+            insignificant=~shown[:N_FAULTS],
+            warm_start=warm_start,
+            calibration_windows=self._calibration.windows,
         )
+
+    def _goodness_of_fit(self, expected: Response) -> float:
+        """Return how many times larger than when healthy the residual of current or speed is."""
+        window, calibration = self._window, self._calibration
+        missed = np.array(
+            [window.current - expected.current[0], window.telemetry.speed[1:] - expected.speed[0]]
+        )
+        current, speed = band_limited(missed, window.sample_period)
+        ratios = rms(current) / calibration.healthy_rms, rms(speed) / calibration.healthy_speed_rms
+        return float(np.max(ratios))
 
     def _settle(self, point: NDArray[np.float64]) -> tuple[Linearisation, int]:
         """Put insignificant components back to healthy.
@@ -219,16 +233,33 @@ class _Conclusion:
         objective = self._objective
         at = objective.linearise(point)
         if not self._settings.parsimonious:
-            return at, 1
+            return at, np.ones(len(point), dtype=bool), 1
         shown, point = significant_components(
             at.point, objective.healthy, at.residuals, at.jacobian, self._lags
         )
         if np.all(shown):
-            return at, 1
+            return at, shown, 1
         at = objective.linearise(point)
         point = refitted(at.point, objective.healthy, at.residuals, at.jacobian, shown)
         again = objective.linearise(point)
-        return (again if again.cost < at.cost else at), 3
+        return (again if again.cost < at.cost else at), shown, 3
+
+
+def goodness_limit(faults: NDArray[np.float64], limit: float) -> float:
+    """Return the goodness of fit up to which faults, ``(8,)``, explain a window.
+
+    The fewer turns a phase has left, the less inductance holds its ripple, which no model of the
+    mean current can match.
+
+    Parameters
+    ----------
+    faults
+        Estimate.
+    limit
+        That of a motor without short circuit.
+    """
+    most_shorted = float(np.max(faults[SHORT_CIRCUITS]))
+    return limit / np.sqrt(1.0 - most_shorted)
 
 
 def identify(

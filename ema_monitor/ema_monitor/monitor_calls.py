@@ -125,7 +125,7 @@ class MonitorCalls:
         return None
 
     def _is_over(self) -> bool:
-        return self._node.stopping.is_set() or self._node.idle.is_set()
+        return self._node.stopping.is_set() or self._node.idle
 
     def _timeout_s(self) -> float:
         return self._node.operation.value.calibration_timeout_s
@@ -166,7 +166,8 @@ class MonitorCalls:
         found = self._window(unit, goal)
         if found is None:
             return
-        run = Diagnosis(found, self._node.store.of(found.description), search.settings())
+        # Cold: what a goal leads to depends on its window and its figures alone.
+        run = Diagnosis(found, self._node.store.of(found.description), search)
         for generation in run:
             if goal.is_cancel_requested:
                 return

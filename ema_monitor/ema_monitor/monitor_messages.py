@@ -3,6 +3,7 @@
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import FaultEstimate, RemainingUsefulLife
@@ -12,7 +13,7 @@ from ema_messages.faults import faults_to_message
 from ema_messages.stamps import stamp_to_message
 from ema_monitor.estimate import Estimate
 from ema_monitor.health import Health
-from ema_monitor.identification import UNEXPLAINED
+from ema_monitor.window import MIN_TRAVEL
 
 _NO_PROGNOSIS: Final = "no prognosis is made"
 
@@ -41,17 +42,21 @@ def estimate_to_message(
         serial_number=description.serial_number,
         window=int(window),
         faults=faults_to_message(estimate.faults),
-        unobservable=int(np.packbits(estimate.unobservable, bitorder="little")[0]),
+        unobservable=_bits(estimate.unobservable),
+        insignificant=_bits(estimate.insignificant),
         play_offset=float(estimate.play),
         fitness=float(estimate.fitness),
         goodness_of_fit=float(estimate.goodness_of_fit),
-        goodness_limit=UNEXPLAINED,
+        goodness_limit=float(estimate.goodness_limit),
         excitation=float(estimate.excitation),
+        excitation_limit=MIN_TRAVEL,
         algorithm=estimate.algorithm,
         seed=int(estimate.seed),
         evaluations=int(estimate.evaluations),
+        warm_start=bool(estimate.warm_start),
         computing_time=float(estimate.computing_time_s),
         calibration_id=estimate.calibration_id,
+        calibration_windows=int(estimate.calibration_windows),
         valid=bool(estimate.valid),
         reason=estimate.reason,
     )
@@ -60,6 +65,10 @@ def estimate_to_message(
     message.header.stamp = message.window_end
     message.covariance = estimate.covariance.astype(np.float64).ravel()
     return message
+
+
+def _bits(components: NDArray[np.bool_]) -> int:
+    return int(np.packbits(components, bitorder="little")[0])
 
 
 def health_to_message(

@@ -2,7 +2,6 @@
 
 import os
 import threading
-import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,14 +18,15 @@ from ema_messages.description import description_from_message
 from ema_messages.stamps import stamp_from_message
 from ema_messages.telemetry import telemetry_from_message
 from ema_monitor.calibration_store import CalibrationStore
-from ema_monitor.diagnosis import Diagnosis, Search
+from ema_monitor.diagnosis import Search
+from ema_monitor.estimate import Estimate
 from ema_monitor.health import HealthLimits
-from ema_monitor.model import compile_kernels
+from ema_monitor.identification_thread import IdentificationThread
+from ema_monitor.last_faults import LastFaults
 from ema_monitor.monitor_calls import MonitorCalls
 from ema_monitor.monitor_settings import Files, Operation
 from ema_monitor.monitor_unit import Unit
-from ema_monitor.trigger import Defect, Refusal, TriggerSettings
-from ema_monitor.waiting_room import WaitingRoom
+from ema_monitor.trigger import Defect, TriggerSettings
 from ema_monitor.watch import Found
 from ema_monitor.window import Window
 from ema_nodes.actuator_file import load_description
@@ -37,7 +37,6 @@ from ema_nodes.status import Task
 
 _STALE_CHECK_S = 1.0
 _QUIET_S = 5.0
-_PATIENCE_S = 1.0
 
 
 class MonitorNode(ManagedNode):
@@ -52,8 +51,6 @@ class MonitorNode(ManagedNode):
         How to identify, and how to go about the work; both may change at any time.
     store
         Calibrations of the actuators.
-    idle
-        Set while the node is not active.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -65,12 +62,16 @@ class MonitorNode(ManagedNode):
         declare(self, Files)
         self._units: dict[str, Unit] = {}
         self._healths: dict[str, LifecyclePublisher] = {}
-        self._room = WaitingRoom(None)
+        self._last_faults = LastFaults()
+        self._identification = self._make_identification()
         self._lock = threading.RLock()
         self._listeners: list[SimpleQueue[Found]] = []
-        self.idle = threading.Event()
-        self.idle.set()
         self._nameless = 0
+
+    @property
+    def idle(self) -> bool:
+        """Whether no windows are identified: the node is not active."""
+        return not self._identification.is_running
 
     def configure(self) -> None:
         """Read the files, and create what publishes and serves."""
@@ -87,12 +88,9 @@ class MonitorNode(ManagedNode):
 
     def activate(self) -> None:
         """Listen, and identify what is heard."""
-        # New ones: a worker that was stopped in the middle of a compilation may still be there.
-        self.idle, self._room = threading.Event(), WaitingRoom(None)
-        self._worker = threading.Thread(
-            target=self._work, args=(self._room, self.idle), name="identification", daemon=True
-        )
-        self._worker.start()
+        # A new one: that of before may still be in the middle of a compilation.
+        self._identification = self._make_identification()
+        self._identification.start()
         receiving = MutuallyExclusiveCallbackGroup()
         self._subscriptions_in_use = [
             self.create_subscription(
@@ -108,17 +106,12 @@ class MonitorNode(ManagedNode):
         """Stop listening; windows that still wait are refused."""
         for subscription in self._subscriptions_in_use:
             self.destroy_subscription(subscription)
-        self.idle.set()
-        left = self._room.close()
-        # A compilation cannot be broken off; the thread ends by itself when it is done.
-        self._worker.join(_PATIENCE_S)
-        for found in left:
-            self._refuse(found, "the monitor was stopped before the window was identified")
+        self._identification.stop()
         with self._lock:
             for unit in self._units.values():
                 for found in unit.watch.finish():
                     if isinstance(found, Found):
-                        self._refuse(found, "")
+                        self._identification.refuse(found, "")
 
     def clean_up(self) -> None:
         """Forget the actuators, and stop serving."""
@@ -128,17 +121,22 @@ class MonitorNode(ManagedNode):
             self.destroy_lifecycle_publisher(publisher)
         self._healths.clear()
         self._units.clear()
+        self._last_faults = LastFaults()
         self._nameless = 0
 
     def tasks(self) -> list[Task]:
         """Return how each actuator fares."""
         with self._lock:
-            tasks = [task for unit in self._units.values() for task in unit.tasks(len(self._room))]
+            tasks = [
+                task
+                for unit in self._units.values()
+                for task in unit.tasks(self._identification.waiting)
+            ]
             remarks = [] if self._units else ["no actuator heard of so far"]
             if self._nameless:
                 remarks.append(f"{self._nameless} messages without actuator_id were passed over")
             message = "; ".join(remarks) or f"{len(self._units)} actuators watched"
-            counts = {"windows dropped": self._room.dropped}
+            counts = {"windows dropped": self._identification.dropped}
             level = WARN if remarks else OK
             return [*tasks, Task("input", level, message, self.hardware_id, counts)]
 
@@ -239,60 +237,27 @@ class MonitorNode(ManagedNode):
             for queue in self._listeners:
                 queue.put(event)
             in_sim_time = self.get_parameter("use_sim_time").value
-            self._room.limit(None if in_sim_time else self.operation.value.waiting_windows)
-            for gone in self._room.put(event):
+            most_waiting = None if in_sim_time else self.operation.value.waiting_windows
+            for gone in self._identification.put(event, most_waiting):
                 self.get_logger().warning(
                     f"{gone.description.actuator_id}: window {gone.number} is dropped, "
-                    f"{len(self._room)} wait"
+                    f"{self._identification.waiting} wait"
                 )
 
-    def _work(self, room: WaitingRoom, idle: threading.Event) -> None:
-        compile_kernels()
-        while (found := room.get()) is not None:
-            try:
-                self._identify(found, idle)
-            except Exception as error:
-                # One window that cannot be dealt with must not end the work on the others.
-                self._give_up(found, error)
+    def _make_identification(self) -> IdentificationThread:
+        return IdentificationThread(
+            lambda description: self.store.of(description),
+            lambda: self.search.value,
+            self._last_faults,
+            self._conclude,
+            lambda text: self.get_logger().error(text),
+        )
 
-    def _identify(self, found: Found, idle: threading.Event) -> None:
-        run = Diagnosis(found, self.store.of(found.description), self.search.value.settings())
-        try:
-            for _ in run:
-                if idle.is_set():
-                    self._refuse(found, "the monitor was stopped during the identification")
-                    return
-        except ValueError as error:
-            self._refuse(found, str(error))
-            return
-        self._conclude(found, run)
-
-    def _give_up(self, found: Found, error: Exception) -> None:
-        reason = f"the identification failed: {error!r}"
-        self.get_logger().error(f"window {found.number}: {reason}\n{traceback.format_exc()}")
-        try:
-            self._refuse(found, reason)
-        except Exception:
-            self.get_logger().error(
-                f"window {found.number} cannot be refused either:\n{traceback.format_exc()}"
-            )
-
-    def _refuse(self, found: Found, reason: str) -> None:
-        window = found.window
-        refused = Refusal(window.start_ns, window.end_ns, reason) if reason else window
-        found = Found(found.number, found.description, refused)
-        run = Diagnosis(found, self.store.of(found.description), self.search.value.settings())
-        for _ in run:
-            pass
-        self._conclude(found, run)
-
-    def _conclude(self, found: Found, run: Diagnosis) -> None:
-        if run.estimate is None:
-            raise RuntimeError("the diagnosis ended without an estimate")
+    def _conclude(self, found: Found, found_out: Estimate) -> None:
         with self._lock:
             now_ns = self.get_clock().now().nanoseconds
             unit = self._unit_heard(found.description.actuator_id)
-            estimate, health = unit.conclude(found, run.estimate, self._limits.value, now_ns)
+            estimate, health = unit.conclude(found, found_out, self._limits.value, now_ns)
         self._estimates.publish(estimate)
         if health is not None:
             self._healths[health.actuator_id].publish(health)
@@ -304,7 +269,7 @@ class MonitorNode(ManagedNode):
         self.report()
 
     def _check_freshness(self) -> None:
-        if self.idle.is_set():
+        if self.idle:
             return
         with self._lock:
             now_ns = self.get_clock().now().nanoseconds

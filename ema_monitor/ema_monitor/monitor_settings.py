@@ -39,7 +39,11 @@ class Operation:
     """
 
     waiting_windows: int = quantity(
-        2, "-", 1, 10_000, "windows that may wait; one more drops the oldest, not in simulated time"
+        2,
+        "-",
+        1,
+        10_000,
+        "windows of an actuator that may wait; one more drops its oldest, not in simulated time",
     )
     expected_period_s: float = quantity(
         10.0, "s", 0.1, 1e7, "time between estimates; health is stale after three without one"

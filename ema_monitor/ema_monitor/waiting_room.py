@@ -12,13 +12,14 @@ from ema_monitor.window import Window
 class WaitingRoom:
     """A queue of windows between the thread that receives and the one that identifies.
 
-    Live, a window that comes while too many wait makes the oldest give way: what leaves the queue
-    in its place is its refusal, so that order and numbers are kept and nothing vanishes.
+    Live, a window that comes while too many of the same actuator wait makes the oldest of these
+    give way: what leaves the queue in its place is its refusal, so that order and numbers are kept
+    and nothing vanishes. No actuator can push out the windows of another.
 
     Parameters
     ----------
     most_waiting
-        How many windows may wait; None for any number.
+        How many windows of an actuator may wait; None for any number.
 
     Attributes
     ----------
@@ -38,7 +39,7 @@ class WaitingRoom:
             return sum(isinstance(item.window, Window) for item in self._queue)
 
     def limit(self, most_waiting: int | None) -> None:
-        """Change how many windows may wait, from the next one on.
+        """Change how many windows of an actuator may wait, from the next one on.
 
         Parameters
         ----------
@@ -63,8 +64,10 @@ class WaitingRoom:
         with self._changed:
             self._queue.append(found)
             gone = []
-            while self._most_waiting is not None and len(self) > self._most_waiting:
-                gone.append(self._drop_oldest(self._most_waiting))
+            if self._most_waiting is not None:
+                places = self._places_of(found.description.actuator_id)
+                surplus = max(0, len(places) - self._most_waiting)
+                gone = [self._drop(place, self._most_waiting) for place in places[:surplus]]
             self._changed.notify()
         return gone
 
@@ -83,11 +86,18 @@ class WaitingRoom:
             self._changed.notify_all()
         return left
 
-    def _drop_oldest(self, most_waiting: int) -> Found:
+    def _places_of(self, actuator_id: str) -> list[int]:
+        """Return where windows of an actuator stand in the queue, the oldest first."""
+        return [
+            place
+            for place, item in enumerate(self._queue)
+            if item.description.actuator_id == actuator_id and isinstance(item.window, Window)
+        ]
+
+    def _drop(self, place: int, most_waiting: int) -> Found:
         self.dropped += 1
-        place = next(i for i, item in enumerate(self._queue) if isinstance(item.window, Window))
-        oldest = self._queue[place]
+        given_up = self._queue[place]
         reason = f"dropped: more than {most_waiting} windows waited for identification"
-        refusal = Refusal(oldest.window.start_ns, oldest.window.end_ns, reason)
-        self._queue[place] = replace(oldest, window=refusal)
-        return oldest
+        refusal = Refusal(given_up.window.start_ns, given_up.window.end_ns, reason)
+        self._queue[place] = replace(given_up, window=refusal)
+        return given_up

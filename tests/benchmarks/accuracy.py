@@ -22,8 +22,8 @@ from bounds import Spectrum
 from cases import THESIS_FAULTS
 from click import Path as PathType
 from click import command, option
-from coverage import coverage
 from exactness import Healthy, Sizes, Trial, pooled
+from intervals import coverage
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -107,6 +107,8 @@ def _bounds(
 def show(console: Console, figures: dict[str, Any]) -> None:
     """Print the tables."""
     table = Table("what", "target", "measured", "met", "thesis", title="accuracy")
+    for column in table.columns:
+        column.no_wrap = True
     for row in rows(figures):
         met = {None: "", True: "[green]yes[/]", False: "[bold red]no[/]"}[row.met]
         table.add_row(row.what, row.target, row.measured, met, row.thesis)
@@ -147,6 +149,7 @@ def _case_table(figures: dict[str, Any]) -> Table:
         *(f"{name.upper()}\n%" for name in thesis.ALGORITHMS),
         title="the thesis's cases",
     )
+    table.columns[0].no_wrap = True
     for column in table.columns[1:]:
         column.justify = "right"
     for name, one in figures["thesis_cases"].items():
@@ -194,7 +197,7 @@ def main(output: Path | None, quick: bool, with_ablation: bool) -> None:
     with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
         figures = measure(progress, sizes, with_ablation=with_ablation)
     figures["duration_s"] = time.perf_counter() - started
-    console = Console(width=110)
+    console = Console(width=120)
     show(console, figures)
     console.print(f"{figures['duration_s']:.0f} s in all")
     if output:

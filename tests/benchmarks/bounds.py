@@ -27,15 +27,19 @@ class Bound(NamedTuple):
 
     Attributes
     ----------
-    sigma
-        Standard deviation of each component, ``(8,)`` [-]; that of the phase is inf at zero
-        eccentricity.
+    covariance
+        Covariance of the fault vector, ``(8, 8)``; that of the phase is inf at zero eccentricity.
     error_percent
         Root mean square of the error in percent of the range.
     """
 
-    sigma: NDArray[np.float64]
+    covariance: NDArray[np.float64]
     error_percent: float
+
+    @property
+    def sigma(self) -> NDArray[np.float64]:
+        """Standard deviations, ``(8,)``."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 class Spectrum:
@@ -142,21 +146,20 @@ def bound(information: NDArray[np.float64], faults: tuple[float, ...]) -> Bound:
     faults
         The truth, eight values.
     """
-    covariance = np.linalg.inv(information)
     zeta = faults[ECCENTRICITY]
     phi = (2.0 * faults[ECCENTRICITY_PHASE] - 1.0) * np.pi
     turn = np.eye(N_FAULTS)
     turn[np.ix_(_PLANE, _PLANE)] = [[np.cos(phi), np.sin(phi)], [-np.sin(phi), np.cos(phi)]]
-    variance = np.diag(turn @ covariance @ turn.T).copy()
-    radial, tangential = variance[_PLANE]
+    # Across its direction, a full turn of the eccentricity is the range.
+    turn[ECCENTRICITY_PHASE] /= 2.0 * np.pi
+    covariance = turn @ np.linalg.inv(information) @ turn.T
+    variance = np.diag(covariance).copy()
     if zeta > 0.0:
-        # Across the direction of eccentricity, a full turn of 2 pi zeta is the range.
-        across = tangential / (2.0 * np.pi) ** 2
-        variance[ECCENTRICITY_PHASE] = across / zeta**2
+        covariance[ECCENTRICITY_PHASE] /= zeta
+        covariance[:, ECCENTRICITY_PHASE] /= zeta
     else:
         # The estimated eccentricity is the distance from zero, wherever it points.
-        across = 0.0
-        variance[ECCENTRICITY] = radial + tangential
-        variance[ECCENTRICITY_PHASE] = np.inf
-    others = np.sum(np.delete(variance, ECCENTRICITY_PHASE))
-    return Bound(np.sqrt(variance), float(100.0 * np.sqrt(others + across)))
+        variance[ECCENTRICITY_PHASE] *= (2.0 * np.pi) ** 2
+        covariance[ECCENTRICITY, ECCENTRICITY] = np.sum(variance[_PLANE])
+        covariance[ECCENTRICITY_PHASE, ECCENTRICITY_PHASE] = np.inf
+    return Bound(covariance, float(100.0 * np.sqrt(np.sum(variance))))

@@ -114,9 +114,9 @@ def measure(workers: Workers, healthy: Healthy, sizes: Sizes) -> dict[str, Trial
     clean, noisy = Variant(healthy.shipped), Variant(healthy.noisy, noisy=True)
     trials = {}
     first = cases.first_cycles()
-    for name, case in first.items():
-        [[estimate]] = workers.estimates(f"first cycle, {name}", [Job(case, [clean])])
-        trials[f"first {name}"] = Trial([case], [estimate])
+    found = workers.estimates("first cycles", [Job(case, [clean]) for case in first.values()])
+    for (name, case), estimates in zip(first.items(), found, strict=True):
+        trials[f"first {name}"] = Trial([case], estimates)
     repeated = cases.thesis_faults(sizes.repetitions)
     found = workers.estimates(
         "the thesis's faults", [Job(case, [clean]) for row in repeated.values() for case in row]

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple, TypeVar
 import numpy as np
 from cases import Case
 from numba.core import config
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from rich.progress import Progress
 
 from ema_core.description import ActuatorDescription
@@ -103,9 +103,9 @@ def errors_percent(cases: Iterable[Case], estimates: Iterable[Estimate]) -> NDAr
     )
 
 
-def difference(estimate: Sequence[float], truth: Sequence[float]) -> NDArray[np.float64]:
+def difference(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
     """Return estimate less truth by component, ``(8,)``, the phase wrapped to half a turn."""
-    result = np.asarray(estimate) - np.asarray(truth)
+    result = np.asarray(estimate, dtype=float) - np.asarray(truth, dtype=float)
     result[ECCENTRICITY_PHASE] -= np.round(result[ECCENTRICITY_PHASE])
     return result
 

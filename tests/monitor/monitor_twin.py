@@ -51,11 +51,15 @@ class MonitorTwin:
         speed: float = 0.0,
         current: float = 0.0,
         play: float = 0.0,
+        lift: float = 0.0,
+        contrast: float = 0.0,
     ) -> None:
         p = actuator
         self.actuator = p
         self.form = form
         self.dt = dt
+        self.lift = lift
+        self.contrast = contrast
         self.J = p.J_m + p.J_u
         self.C = p.C_m + p.C_u
         self.f_s = (p.f_sm + p.f_su) * (1 + 2 * faults.get("friction", 0))
@@ -77,16 +81,16 @@ class MonitorTwin:
         if p.GAI > 0:
             self.integral = (current * p.k_t - p.GAP * self.last_error) / p.GAI
         self.I = self._reference_current(self.last_error)
-        self.lag = [self.I] * 3
+        self.lag = [self._equivalent_current()] * 3
 
     def samples(
         self, commands: Sequence[float], steps: int, watch: Callable[["MonitorTwin"], None]
-    ) -> list[float]:
-        """Mean current of each sample; the first command belongs to the start.
+    ) -> tuple[list[float], list[float]]:
+        """Mean current of each sample and speed at its end; the first command is the start's.
 
         `watch` is called after every step.
         """
-        means = []
+        means, speeds = [], []
         for k in range(1, len(commands)):
             total = 0.0
             for j in range(steps):
@@ -94,18 +98,20 @@ class MonitorTwin:
                 watch(self)
                 total += self.lag[2]
             means.append(total / steps)
-        return means
+            speeds.append(self.omega)
+        return means, speeds
 
     def step(self, command: float) -> None:
         error = self._speed_error(command, self.theta_out * self.actuator.tau)
         I_ref = self._reference_current(error)
         self.integral += error * self.dt
         self.last_error = error
+        # Where the motor stands before it turns on decides which pair is driven.
         if self.form == "fast":
             self._fast_drive(I_ref)
         else:
             self._source_drive(I_ref)
-        signal = self.I
+        signal = self._equivalent_current()
         for n in range(3):
             self.lag[n] += (1 - math.exp(-self.dt / 1e-5)) * (signal - self.lag[n])
             signal = self.lag[n]
@@ -123,6 +129,15 @@ class MonitorTwin:
     def _commutation(self) -> list[int]:
         electrical = math.degrees(self.actuator.P * self.theta_m)
         return [driven(electrical - 120 * n) for n in PHASES]
+
+    def _equivalent_current(self) -> float:
+        if self.form == "source":
+            return self.I
+        s = self._commutation()
+        idle = self.N[s.index(0)]
+        driven_pair = (sum(self.N) - idle) / 2
+        lift = self.lift * (1 + self.contrast * (driven_pair - idle))
+        return self.I + lift * saturate(self.I / self.actuator.h_b, 1)
 
     def _fast_drive(self, I_ref: float) -> None:
         p = self.actuator

@@ -1,4 +1,4 @@
-"""Static calibration: what the model misses on a healthy actuator."""
+"""What a calibration belongs to, and how it is laid over a window."""
 
 from dataclasses import replace
 
@@ -6,100 +6,17 @@ import numpy as np
 import pytest
 
 from ema_core.description import ActuatorDescription
-from ema_core.faults import healthy_faults
+from ema_core.faults import fault_vector
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.calibration import Calibration
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.model import FORMS, MonitorModel
-from ema_monitor.residual import band_limited, rms
+from ema_monitor.model import MonitorModel, Response
+from ema_monitor.residual import rms
 from ema_monitor.window import Window
+
+from .windows import changed
 
 PARAMETERS = ActuatorParameters()
 H = 1e-4
-
-
-def changed(window: Window, **columns) -> Window:
-    return replace(window, telemetry=replace(window.telemetry, **columns))
-
-
-def expected_current(calibration: Calibration, window: Window):
-    modelled = calibration.model().respond(window, healthy_faults(), window.play or 0.0)
-    return calibration.apply(modelled)[0]
-
-
-@pytest.fixture
-def synthetic(healthy_windows):
-    """Window whose current is the healthy model's with a lift of 0.2 A and noise."""
-    window = healthy_windows[0]
-    current = MonitorModel(PARAMETERS).respond(window, healthy_faults(), window.play)[0]
-
-    def make(sigma=0.0, seed=0) -> Window:
-        noise = np.random.default_rng(seed).normal(0.0, sigma, len(current))
-        measured = current + 0.2 * lift_shape(current, PARAMETERS) + noise
-        return changed(window, current=np.append(window.telemetry.current[0], measured))
-
-    return make
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_calibrated_model_is_exact_on_the_window_it_was_made_from(
-    healthy_windows, description, form
-):
-    window = healthy_windows[1]
-    calibration = calibrate([window], description, form)
-    # The residual is added again to what it was taken from: rounding.
-    assert expected_current(calibration, window) == pytest.approx(window.current, abs=1e-12)
-    assert calibration.windows == 1
-    assert np.isnan(calibration.healthy_rms)
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_residuals_average_to_zero(healthy_windows, description, form):
-    windows = healthy_windows if form == "fast" else healthy_windows[:2]
-    calibration = calibrate(windows, description, form)
-    residuals = [w.current - expected_current(calibration, w) for w in windows]
-    assert np.mean(residuals, axis=0) == pytest.approx(0.0, abs=1e-12)
-    assert calibration.windows == len(windows)
-
-
-def test_lift_is_fitted_for_the_fast_form_only(healthy_windows, description):
-    # The mean ripple of the idle phase, regulated about zero within a band of 0.5 A.
-    assert calibrate(healthy_windows[:1], description).lift == pytest.approx(0.13, abs=0.01)
-    assert calibrate(healthy_windows[:1], description, "source").lift == 0.0
-
-
-def test_lift_is_found_exactly(synthetic, description):
-    calibration = calibrate([synthetic()], description)
-    assert calibration.lift == pytest.approx(0.2, rel=1e-12)
-    assert calibration.correction == pytest.approx(0.0, abs=1e-12)
-
-
-def test_lift_has_the_sign_of_the_current_outside_the_band():
-    h_b = PARAMETERS.h_b
-    currents = np.array([-9.0, -h_b, -h_b / 4, 0.0, h_b / 2, h_b, 9.0])
-    assert list(lift_shape(currents, PARAMETERS)) == [-1.0, -1.0, -0.25, 0.0, 0.5, 1.0, 1.0]
-
-
-@pytest.mark.parametrize("windows", [2, 8])
-def test_healthy_rms_is_that_of_another_window(synthetic, description, windows):
-    sigma = 0.3
-    made = [synthetic(sigma, seed) for seed in range(windows)]
-    calibration = calibrate(made, description)
-    alone = rms(band_limited(np.random.default_rng(99).normal(0.0, sigma, 200_000), H))
-    # Against the mean of n windows another one also shows what is left of the noise in that mean.
-    expected = alone * np.sqrt(1.0 + 1.0 / windows)
-    # Some 5000 / 15 independent values a window: 4 % for two windows, of which one is independent.
-    assert calibration.healthy_rms == pytest.approx(expected, rel=0.12)
-
-
-def test_model_starts_where_the_window_says_the_motor_stands(healthy_windows, description):
-    """Without that knowledge it is centred in its play."""
-    window = healthy_windows[0]
-    one = calibrate([replace(window, play=None)], description)
-    other = calibrate([replace(window, play=0.0)], description)
-    assert one.calibration_id == other.calibration_id
-    assert one.calibration_id != calibrate([window], description).calibration_id
 
 
 def test_calibration_fits_its_own_windows(calibration, healthy_windows, description):
@@ -177,57 +94,34 @@ def test_window_seen_to_begin_later_or_earlier_is_aligned(calibration, shift):
     assert own.alignment(window) == shift
     assert own.command_mismatch(window) == ""
     # Where both windows have the sample, its correction is that of the same moment.
-    corrected = own.apply(np.zeros(n), shift)
+    expected = own.expect(Response(np.zeros((2, n)), np.zeros((2, n))), shift)
     inside = np.arange(max(0, -shift), n - max(0, shift))
-    np.testing.assert_array_equal(corrected[inside], own.correction[inside + shift])
+    for rows, correction in zip(expected, (own.correction, own.speed_correction), strict=True):
+        for row in rows:
+            np.testing.assert_array_equal(row[inside], correction[inside + shift])
 
 
-@pytest.mark.parametrize("period", [1.25e-4, 2.5e-4, 1e-5, 1e-4])
-def test_step_divides_the_sample_period(description, period):
-    """8 kHz is no multiple of the form's 20 us; the longest step below it that fits is taken."""
-    n = 40
-    command = np.concatenate([np.linspace(0, 2e-3, n // 2), np.linspace(2e-3, 0, n // 2)])
-    rows = (np.zeros(n), command, np.ones(n))
-    window = Window(Telemetry(0, period, 1, command, *rows), 0.0)
-    calibration = calibrate([window], replace(description, sample_period=period))
-    steps = period / calibration.dt
-    assert steps == pytest.approx(round(steps))
-    assert calibration.dt <= FORMS["fast"] * (1 + 1e-9) < period / (round(steps) - 1 or 1e-9)
+def test_corrections_are_added_to_every_individual(calibration):
+    n = len(calibration.correction)
+    rng = np.random.default_rng(2)
+    response = Response(rng.normal(size=(3, n)), rng.normal(size=(3, n)))
+    expected = calibration.expect(response)
+    for i in range(3):
+        assert np.array_equal(expected.current[i], response.current[i] + calibration.correction)
+        assert np.array_equal(expected.speed[i], response.speed[i] + calibration.speed_correction)
 
 
-def test_nothing_to_calibrate_on_is_refused(description):
-    with pytest.raises(ValueError, match="at least one healthy window"):
-        calibrate([], description)
-
-
-def test_windows_of_another_command_are_refused(healthy_windows, description):
-    other = changed(healthy_windows[1], command=1.01 * healthy_windows[1].command)
-    with pytest.raises(ValueError, match=r"window 2: it has another command .* rad rms"):
-        calibrate([*healthy_windows[:2], other], description)
-
-
-def test_windows_of_another_length_are_refused(healthy_windows, description):
-    other = replace(healthy_windows[1], telemetry=healthy_windows[1].telemetry.part(0, 4000))
-    with pytest.raises(ValueError, match=r"window 1: it has 3999 samples .* first 5000"):
-        calibrate([healthy_windows[0], other], description)
-
-
-def test_windows_of_another_sample_period_are_refused(healthy_windows, description):
-    other = changed(healthy_windows[1], sample_period=2e-4)
-    with pytest.raises(ValueError, match=r"0\.0002 s, the first 5000 of 0\.0001 s"):
-        calibrate([healthy_windows[0], other], description)
-
-
-def test_model_has_the_parameters_of_the_unit(description, healthy_windows):
-    parameters = PARAMETERS.replace({"R_s": 3.0})
-    unit = replace(description, serial_number="N7", parameters=parameters)
-    calibration = calibrate(healthy_windows[:1], unit)
-    assert (calibration.serial_number, calibration.parameters) == ("N7", parameters)
-    assert calibration.model().parameters == parameters
-
-
-def test_window_without_excitation_is_no_calibration(description):
-    columns = (np.full(11, value) for value in (5e-6, 0.1, 0.0, 0.0))
-    window = Window(Telemetry(0, H, 0, *columns), 0.0)
-    with pytest.raises(ValueError, match=r"window 0: no excitation"):
-        calibrate([window], description)
+def test_model_is_the_nominal_one_with_the_structural_figures(calibration, healthy_windows):
+    """Motor and user shaft alike, and nothing else is changed."""
+    p = PARAMETERS
+    unit = replace(calibration, lift=0.2, friction_scale=1.1, inertia_scale=0.9)
+    changes = {"f_sm": 1.1 * p.f_sm, "f_su": 1.1 * p.f_su, "J_m": 0.9 * p.J_m, "J_u": 0.9 * p.J_u}
+    model = MonitorModel(p.replace(changes), lift=0.2)
+    faults = fault_vector({"friction": 0.1, "short_circuit_b": 0.3})
+    for mine, other in zip(
+        unit.model().respond(healthy_windows[0], faults, 1.0),
+        model.respond(healthy_windows[0], faults, 1.0),
+        strict=True,
+    ):
+        assert np.array_equal(mine, other)
+    assert unit.parameters == p

@@ -16,7 +16,7 @@ def position(theta_e):
 
 
 def fast_drive(motor, I, I_ref, omega, theta_m, dt):
-    drive = drives.fast_constants(motor, dt)
+    drive = drives.fast_constants(motor, dt, 0.0)
     return drives.fast_drive(
         drive, position(motor.P * theta_m), math.cos(theta_m), math.sin(theta_m), I, I_ref, omega
     )
@@ -141,3 +141,31 @@ def test_fast_torque_constant_is_that_of_the_driven_pair(theta_e, first, second)
     _, torque, ripple = fast_drive(motor, 2.0, 2.01, 0.0, theta_m, 2e-5)
     assert torque == pytest.approx(K * 2.01, rel=1e-12)
     assert ripple == pytest.approx(K * motor.h_b, rel=1e-12)
+
+
+def lifted(motor, lift, theta_e, I):
+    return drives.lifted_current(drives.fast_constants(motor, 2e-5, lift), position(theta_e), I)
+
+
+def test_lift_follows_the_current_within_the_hysteresis_band_and_no_further():
+    h_b = MOTOR.h_b
+    shares = {-9.0: -1.0, -h_b: -1.0, -h_b / 4: -0.25, 0.0: 0.0, h_b / 2: 0.5, h_b: 1.0, 9.0: 1.0}
+    for I, share in shares.items():
+        assert lifted(MOTOR, 0.2, 0.3, I) == pytest.approx(I + 0.2 * share, rel=1e-14)
+
+
+@pytest.mark.parametrize(("theta_e", "contrast"), [(0, -0.425), (60, 0.4), (120, 0.025)])
+def test_idle_phase_with_fewer_turns_than_the_pair_lifts_more(theta_e, contrast):
+    """Mean of the pair's healthy fractions, BC, AB and AC, less that of the phase left over."""
+    motor = MOTOR._replace(N_a=0.8, N_b=0.5, N_c=0.25)
+    lift = 0.2 * (1 + drives.IDLE_CONTRAST * contrast)
+    assert lifted(motor, 0.2, math.radians(theta_e), 7.0) == pytest.approx(7.0 + lift, rel=1e-12)
+
+
+def test_short_circuit_alike_in_all_phases_leaves_the_lift():
+    motor = MOTOR._replace(N_a=0.6, N_b=0.6, N_c=0.6)
+    assert lifted(motor, 0.2, 0.4, 7.0) == pytest.approx(7.2, rel=1e-14)
+
+
+def test_source_form_knows_no_lift():
+    assert drives.single_current(drives.source_constants(MOTOR, 1e-6), 0.3, 7.0) == 7.0

@@ -1,13 +1,50 @@
-"""The weighted residuals and the cost that their squares add up to."""
+"""The residuals of each fitness and the cost that their squares add up to."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ema_monitor.fitness import WEIGHTS, least_squares_weights, total_least_squares_weights
+from ema_core.faults import fault_vector, healthy_faults
+from ema_monitor import fitness
+from ema_monitor.fitness import FITNESS, BandLimited, TotalLeastSquares, pseudo_huber
+from ema_monitor.model import Response
+from ema_monitor.residual import band_limited
+
+from .windows import answered, window_from
 
 H = 1e-4
+N = 500
+
+
+def response(current, speed=None) -> Response:
+    current = np.atleast_2d(current)
+    return Response(current, np.zeros_like(current) if speed is None else np.atleast_2d(speed))
+
+
+def measured(current, speed: np.ndarray | float = 0.0, h=H):
+    """Window with a current and a speed behind its start."""
+    n = len(current)
+    return answered(
+        window_from(np.zeros(n + 1), sample_period=h), current, np.broadcast_to(speed, (n,))
+    )
+
+
+@pytest.fixture
+def currents():
+    rng = np.random.default_rng(3)
+    measured = np.cumsum(rng.normal(0.0, 0.2, N))
+    return measured, measured + rng.normal(0.0, 0.3, N)
+
+
+@pytest.fixture
+def cost(calibration):
+    def cost(name, current, modelled, h=H):
+        made = FITNESS[name](measured(current, 20.0, h), calibration)
+        return float(np.sum(made.residuals(response(modelled, np.full(len(current), 20.0))) ** 2))
+
+    return cost
 
 
 def total_least_squares(measured, modelled, h):
@@ -25,70 +62,216 @@ def total_least_squares(measured, modelled, h):
     )
 
 
-@pytest.fixture
-def currents():
-    rng = np.random.default_rng(3)
-    measured = np.cumsum(rng.normal(0.0, 0.2, 500))
-    return measured, measured + rng.normal(0.0, 0.3, 500)
-
-
-def cost(name, measured, modelled, h=H):
-    return float(np.sum(((measured - modelled) * WEIGHTS[name](measured, h)) ** 2))
-
-
-def test_total_least_squares_is_the_formula(currents):
+def test_total_least_squares_is_the_formula(currents, cost):
     measured, modelled = currents
     expected = total_least_squares(measured.tolist(), modelled.tolist(), H)
     # Sums of 500 terms in two orders.
     assert cost("total_least_squares", measured, modelled) == pytest.approx(expected, rel=1e-12)
 
 
-def test_total_least_squares_by_hand():
+def test_total_least_squares_by_hand(calibration):
     # Slopes 10, 15, 25, 15 and 0 A/s, their mean square is 235.
-    measured, h = np.array([0.0, 1.0, 3.0, 6.0, 6.0]), 0.1
+    current, h = np.array([0.0, 1.0, 3.0, 6.0, 6.0]), 0.1
     slopes = (10, 15, 25, 15, 0)
     expected = [math.sqrt(h) / (s * s / 235 + 1) ** 0.25 for s in slopes]
-    assert total_least_squares_weights(measured, h) == pytest.approx(expected, rel=1e-12)
+    made = TotalLeastSquares(measured(current, h=h), calibration)
+    assert made.residuals(response(current - 1.0)) == pytest.approx(np.array([expected]), rel=1e-12)
 
 
-def test_least_squares_is_the_integral_of_the_square(currents):
+def test_least_squares_is_the_integral_of_the_square(currents, cost):
     measured, modelled = currents
     expected = H * sum((a - b) ** 2 for a, b in zip(measured, modelled, strict=True))
     assert cost("least_squares", measured, modelled) == pytest.approx(expected, rel=1e-12)
-    assert least_squares_weights(measured, H) == pytest.approx(np.full(500, 1e-2), rel=1e-12)
 
 
-@pytest.mark.parametrize("name", WEIGHTS)
-def test_identical_currents_cost_nothing(name, currents):
+@pytest.mark.parametrize("name", FITNESS)
+def test_identical_responses_cost_nothing(name, currents, cost):
     measured, modelled = currents
     assert cost(name, measured, measured.copy()) == 0.0
     assert cost(name, measured, modelled) > 0.0
 
 
-@pytest.mark.parametrize("name", WEIGHTS)
-def test_cost_does_not_depend_on_the_sample_period(name):
+@pytest.mark.parametrize("name", FITNESS)
+def test_cost_does_not_depend_on_the_sample_period(name, cost):
     """It is an integral over time: half the period, twice the samples, the same cost.
 
-    Sums of a smooth curve at 5 and 2.5 ms differ by their first order, a few percent.
+    Sums of a smooth curve differ by their first order, a few percent.
     """
     costs = []
-    for h in (5e-3, 2.5e-3):
+    for h in (2e-4, 1e-4):
         t = np.arange(0.0, 1.0, h)
-        costs.append(cost(name, np.sin(7 * t), np.sin(7 * t) + 0.1 * np.cos(3 * t), h))
+        costs.append(cost(name, np.sin(7 * t), np.sin(7 * t) + 0.01 * np.cos(3 * t), h))
     assert costs[0] == pytest.approx(costs[1], rel=0.02)
 
 
-def test_steep_stretches_count_less(currents):
+@pytest.mark.parametrize("name", FITNESS)
+def test_individuals_have_a_row_each(name, calibration):
+    rng = np.random.default_rng(4)
+    made = FITNESS[name](measured(rng.normal(size=N), rng.normal(size=N)), calibration)
+    modelled = Response(rng.normal(size=(3, N)), rng.normal(size=(3, N)))
+    rows = made.residuals(modelled)
+    for i in range(3):
+        alone = made.residuals(Response(modelled.current[[i]], modelled.speed[[i]]))
+        assert rows[i] == pytest.approx(alone[0], rel=1e-9, abs=1e-12)
+
+
+def test_steep_stretches_count_less(currents, calibration):
     """The normal distance to a steep curve is shorter than the vertical one."""
-    measured, _ = currents
-    slope = np.abs(np.gradient(measured, H))
-    weights = total_least_squares_weights(measured, H)
-    assert np.all(np.diff(weights[np.argsort(slope)]) <= 0.0)
-    assert np.all(weights <= np.sqrt(H))
+    current, _ = currents
+    slope = np.abs(np.gradient(current, H))
+    weights = TotalLeastSquares(measured(current), calibration).residuals(response(current - 1))[0]
+    assert np.all(np.diff(weights[np.argsort(slope)]) <= 1e-15)
+    assert np.all(weights <= np.sqrt(H) * (1 + 1e-12))
 
 
-def test_without_any_slope_the_two_are_one():
-    constant = np.full(20, 1.3)
-    assert np.array_equal(
-        total_least_squares_weights(constant, H), least_squares_weights(constant, H)
+def test_without_any_slope_the_two_thesis_fitnesses_are_one(cost):
+    constant, modelled = np.full(20, 1.3), np.linspace(0.0, 2.0, 20)
+    assert cost("total_least_squares", constant, modelled) == cost(
+        "least_squares", constant, modelled
     )
+
+
+def test_pseudo_huber_of_a_small_distance_is_the_distance():
+    """Up to an eighth of the squared ratio to the scale."""
+    distance = np.array([-0.03, -0.01, 0.0, 0.001, 0.02])
+    expected = distance * (1.0 - (distance / 0.5) ** 2 / 8.0)
+    # The next term of the series is 7/128 of the fourth power.
+    assert pseudo_huber(distance, 0.5) == pytest.approx(expected, rel=1e-6)
+    assert pseudo_huber(np.array([1e-12]), 0.5)[0] == pytest.approx(1e-12, rel=1e-14)
+
+
+def test_pseudo_huber_of_a_large_distance_costs_linearly():
+    """Each unit of distance adds twice the scale."""
+    distance = np.array([1e3, 1e3 + 1.0])
+    assert np.diff(pseudo_huber(distance, 0.5) ** 2) == pytest.approx(2 * 0.5, rel=1e-6)
+
+
+def test_pseudo_huber_is_odd_rises_and_squares_to_its_loss():
+    distance = np.linspace(-9.0, 9.0, 181)
+    values = pseudo_huber(distance, 0.7)
+    assert values == pytest.approx(-values[::-1], rel=1e-14, abs=1e-14)
+    assert np.all(np.diff(values) > 0.0)
+    loss = 2 * 0.7**2 * (np.sqrt(1 + (distance / 0.7) ** 2) - 1)
+    assert values**2 == pytest.approx(loss, rel=1e-12, abs=1e-13)
+
+
+@pytest.fixture
+def own(calibration):
+    """Calibration with scatters that do not matter: the loss is quadratic, the speed exact."""
+    return replace(calibration, healthy_rms=100.0, healthy_speed_rms=1e-3)
+
+
+def residuals_of(calibration, speed, *, current_error=0.0, speed_error=0.0):
+    """Residuals of current and speed in a window with a speed, where the model errs."""
+    speed = np.broadcast_to(np.asarray(speed, dtype=float), (N,))
+    window = measured(np.linspace(-3.0, 3.0, N), speed)
+    expected = response(window.current - current_error, speed - speed_error)
+    return np.split(BandLimited(window, calibration).residuals(expected)[0], 2)
+
+
+def test_error_at_constant_speed_counts_by_the_speeds_share_of_its_rms(own):
+    """At the rms itself: 1 / hypot(1, 1/2) where half the rms counts as slow."""
+    of_current, of_speed = residuals_of(own, 20.0, current_error=0.3)
+    weight = 1.0 / np.hypot(1.0, fitness._SLOW_SHARE)
+    # Of 0.3 A the loss over 100 A is quadratic to 1e-6.
+    assert of_current == pytest.approx(0.3 * weight * np.sqrt(1e-3), rel=1e-5)
+    assert of_speed == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("error", [{"current_error": 0.3}, {"speed_error": 2.0}])
+def test_error_does_not_count_where_the_motor_stands(own, error):
+    speed = np.where(np.arange(N) < N // 2, 0.0, 30.0)
+    rows = np.concatenate(residuals_of(own, speed, **error))
+    standing = np.tile(band_limited(speed, H) == 0.0, 2)
+    assert np.sum(standing) > len(rows) // 3
+    assert np.all(rows[standing] == 0.0)
+    assert np.sum(rows**2) > 0.0
+
+
+def test_error_counts_more_the_faster_the_motor_is_either_way(own):
+    speed = np.linspace(-40.0, 40.0, N)
+    of_current, _ = residuals_of(own, speed, current_error=0.3)
+    turned = np.abs(band_limited(speed, H))
+    order = np.argsort(turned)
+    # Values as far from zero on both sides are equal to rounding.
+    assert np.all(np.diff(of_current[order]) >= -1e-12)
+    assert of_current[order[-1]] < 0.3 * np.sqrt(1e-3)
+
+
+def test_speed_counts_as_half_the_current_that_its_loop_makes_of_it(own):
+    p = own.parameters
+    in_amperes = p.GAP / p.k_t * 0.2
+    _, of_speed = residuals_of(own, 20.0, speed_error=0.2)
+    of_current, _ = residuals_of(own, 20.0, current_error=fitness._SPEED_SHARE * in_amperes)
+    assert of_speed == pytest.approx(of_current, rel=1e-12)
+
+
+@pytest.mark.parametrize("sigma", [1.0, 10.0])
+def test_speed_that_scatters_more_than_the_current_counts_by_its_scatter(calibration, sigma):
+    """One sigma of speed is worth no more than one sigma of current."""
+    noisy = replace(calibration, healthy_rms=0.02, healthy_speed_rms=sigma)
+    _, of_speed = residuals_of(noisy, 20.0, speed_error=0.1 * sigma)
+    of_current, _ = residuals_of(noisy, 20.0, current_error=0.1 * 0.02)
+    assert of_speed == pytest.approx(of_current, rel=1e-9)
+
+
+@pytest.mark.parametrize("scatter", [0.01, 0.1])
+def test_errors_far_beyond_the_healthy_scatter_count_linearly(calibration, scatter):
+    known = replace(calibration, healthy_rms=scatter, healthy_speed_rms=1e-6)
+    costs = [
+        np.sum(residuals_of(known, 20.0, current_error=multiple * scatter)[0] ** 2)
+        for multiple in (0.01, 0.02, 1000.0, 2000.0)
+    ]
+    assert costs[1] / costs[0] == pytest.approx(4.0, rel=1e-3)
+    assert costs[3] / costs[2] == pytest.approx(2.0, rel=1e-2)
+    # Four scatters cost what pseudo-Huber's loss says for its scale.
+    weight = 1.0 / np.hypot(1.0, fitness._SLOW_SHARE)
+    row, _ = residuals_of(known, 20.0, current_error=4 * scatter)
+    expected = pseudo_huber(np.array([4 * scatter * weight]), fitness._ROBUST_SCALE * scatter)
+    assert row == pytest.approx(expected[0] * np.sqrt(1e-3), rel=1e-9)
+
+
+@pytest.mark.parametrize("scatters", [(math.nan, math.nan), (math.nan, 0.05), (0.02, math.nan)])
+def test_unknown_scatter_is_tolerated(calibration, scatters):
+    unknown = replace(calibration, healthy_rms=scatters[0], healthy_speed_rms=scatters[1])
+    assumed = fitness._UNKNOWN_SCATTER * calibration.parameters.h_b
+    known = replace(
+        calibration,
+        healthy_rms=assumed if math.isnan(scatters[0]) else scatters[0],
+        healthy_speed_rms=1e-6 if math.isnan(scatters[1]) else scatters[1],
+    )
+    errors = {"current_error": 0.1, "speed_error": 0.4}
+    for row, expected in zip(
+        residuals_of(unknown, 20.0, **errors), residuals_of(known, 20.0, **errors), strict=True
+    ):
+        assert np.all(np.isfinite(row))
+        assert np.array_equal(row, expected)
+
+
+def test_window_that_the_calibrated_model_made_has_no_residual(calibration, healthy_windows):
+    truth = fault_vector({"friction": 0.3, "short_circuit_b": 0.2})
+    window = healthy_windows[0]
+    response = calibration.expect(calibration.model().respond(window, truth, 1.0))
+    made = answered(window, response.current[0], response.speed[0])
+    assert np.all(BandLimited(made, calibration).residuals(response) == 0.0)
+
+
+def test_healthy_window_costs_less_than_what_is_believed_and_a_fault_more(
+    calibration, windows_of
+):
+    window = windows_of({}, 7)[-1]
+    made, model = BandLimited(window, calibration), calibration.model()
+    faults = np.stack([healthy_faults(), fault_vector({"friction": 0.05})])
+    rows = made.residuals(calibration.expect(model.respond(window, faults, 1.0)))
+    healthy, faulty = np.sum(rows**2, axis=1)
+    # Speed and current of a healthy actuator, whose scatters make the cost up to some 2 of 8.
+    assert healthy < made.good_cost / 2 < made.good_cost < faulty
+
+
+@pytest.mark.parametrize("name", FITNESS)
+def test_spacing_is_the_time_between_two_residuals_of_a_quantity(name, calibration):
+    made = FITNESS[name](measured(np.zeros(N), 20.0), calibration)
+    quantities = 2 if name == "band_limited" else 1
+    count = made.residuals(response(np.zeros(N))).shape[1] / quantities
+    # A row in its band is short of one value.
+    assert count * made.spacing == pytest.approx(N * H, abs=1.5 * made.spacing)

@@ -41,7 +41,7 @@ def relabelled(faults, names):
 def current(form, command, faults, play, position=0.0):
     command = command[: SAMPLES[form] + 1]
     window = window_from(command, position=position)
-    return MonitorModel(PARAMETERS, form).respond(window, faults, play)[0]
+    return MonitorModel(PARAMETERS, form, lift=0.3).respond(window, faults, play).current[0]
 
 
 @pytest.mark.parametrize(

@@ -6,15 +6,18 @@ import pytest
 from ema_core.faults import FAULT_NAMES, fault_vector, random_faults
 from ema_core.parameters import ActuatorParameters
 from ema_core.simd import LANES
+from ema_monitor.drives import IDLE_CONTRAST
 from ema_monitor.model import MonitorModel
 
 from .monitor_twin import MonitorTwin
 from .windows import window_from
 
-# Both round differently, by some 1e-13 A. A comparison that falls the other way, between current
+# Both round differently, by some 1e-13 A and 1e-11 rad/s. A comparison that falls the other way, between current
 # and reference in the source form or at the edge of a driven pair, takes a coincidence to that
 # precision and would move a sample by at least 1e-4 A.
 TOLERANCE = 1e-9
+SPEED_TOLERANCE = 1e-7
+LIFT = {"fast": 0.3, "source": 0.0}
 STEPS = 5000
 
 MULTIPLE = {
@@ -96,6 +99,13 @@ CASES = {
 FORMS = {"fast": (2e-5, 1e-4, 30.0), "source": (1e-6, 5e-5, 400.0)}
 
 
+def twin_of(actuator, faults, form, **start):
+    dt = FORMS[form][0]
+    return MonitorTwin(
+        actuator, faults, form=form, dt=dt, lift=LIFT[form], contrast=IDLE_CONTRAST, **start
+    )
+
+
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("case", CASES)
 def test_kernel_equals_twin(case, form):
@@ -107,15 +117,16 @@ def test_kernel_equals_twin(case, form):
     amplitude = np.where(t < 0.4 * t[-1], 1.5e-4, 0.02)
     command = start.get("position", 0.0) + amplitude * np.sin(2 * np.pi * frequency * t)
     actuator = ActuatorParameters.from_mapping(values)
-    twin = MonitorTwin(actuator, faults, form=form, dt=dt, command=float(command[0]), **start)
+    twin = twin_of(actuator, faults, form, command=float(command[0]), **start)
 
     seen = []
-    expected = twin.samples(command.tolist(), steps, lambda twin: seen.append(happens(twin)))
+    current, speed = twin.samples(command.tolist(), steps, lambda twin: seen.append(happens(twin)))
     window = window_from(command, sample_period=period, **start)
-    model = MonitorModel(actuator, form, dt)
-    current = model.respond(window, fault_vector(faults), start.get("play", 0.0))
-    assert current.shape == (1, len(t) - 1)
-    assert current[0] == pytest.approx(expected, abs=TOLERANCE, rel=0)
+    model = MonitorModel(actuator, form, dt, LIFT[form])
+    response = model.respond(window, fault_vector(faults), start.get("play", 0.0))
+    assert response.current.shape == response.speed.shape == (1, len(t) - 1)
+    assert response.current[0] == pytest.approx(current, abs=TOLERANCE, rel=0)
+    assert response.speed[0] == pytest.approx(speed, abs=SPEED_TOLERANCE, rel=0)
     assert sum(seen) >= 20
 
 
@@ -129,9 +140,10 @@ def test_every_lane_equals_its_twin(form):
     command = 0.02 * np.sin(2 * np.pi * frequency * t)
     actuator = ActuatorParameters()
     window = window_from(command, sample_period=period)
-    current = MonitorModel(actuator, form, dt).respond(window, faults, play)
+    response = MonitorModel(actuator, form, dt, LIFT[form]).respond(window, faults, play)
     for i in range(n):
         named = dict(zip(FAULT_NAMES, faults[i].tolist(), strict=True))
-        twin = MonitorTwin(actuator, named, form=form, dt=dt, play=float(play[i]))
-        expected = twin.samples(command.tolist(), round(period / dt), lambda twin: None)
-        assert current[i] == pytest.approx(expected, abs=TOLERANCE, rel=0)
+        twin = twin_of(actuator, named, form, play=float(play[i]))
+        current, speed = twin.samples(command.tolist(), round(period / dt), lambda twin: None)
+        assert response.current[i] == pytest.approx(current, abs=TOLERANCE, rel=0)
+        assert response.speed[i] == pytest.approx(speed, abs=SPEED_TOLERANCE, rel=0)

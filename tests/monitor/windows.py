@@ -1,5 +1,7 @@
 """Windows made by hand, without an actuator."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -11,13 +13,30 @@ def window_from(
     command: ArrayLike,
     *,
     position: float = 0.0,
-    speed: float = 0.0,
+    speed: ArrayLike | float = 0.0,
     current: ArrayLike | float = 0.0,
     sample_period: float = 1e-4,
     play: float | None = 0.0,
 ) -> Window:
     """Window with a command, `(n + 1,)` including that at the start, and an initial state."""
     command = np.array(command, dtype=float)
-    columns = (np.full(len(command), value, dtype=float) for value in (position, speed))
-    measured = np.array(np.broadcast_to(np.asarray(current, dtype=float), command.shape))
-    return Window(Telemetry(0, sample_period, 0, command, measured, *columns), play)
+    columns = (
+        np.array(np.broadcast_to(np.asarray(column, dtype=float), command.shape))
+        for column in (current, position, speed)
+    )
+    return Window(Telemetry(0, sample_period, 0, command, *columns), play)
+
+
+def changed(window: Window, **columns) -> Window:
+    """Window with other columns of telemetry."""
+    return replace(window, telemetry=replace(window.telemetry, **columns))
+
+
+def answered(window: Window, current: ArrayLike, speed: ArrayLike) -> Window:
+    """Window with another current and speed behind the start, `(n,)` each [A, rad/s]."""
+    start = window.telemetry
+    return changed(
+        window,
+        current=np.append(start.current[0], current),
+        speed=np.append(start.speed[0], speed),
+    )

@@ -1,0 +1,207 @@
+"""The identification beside optimizers that a user would pick instead, on the same objective.
+
+    tools/peers.sh python tests/benchmarks/peers.py [--cases N] [--json FILE] [--plot FILE]
+
+Half of the cases are the thesis's single faults, half are drawn by its law; the sensors are noisy.
+Every window of the model that a method evaluates is counted, those of its difference quotients
+too, and its best point by cost is kept after every batch. Afterwards the true faults tell when
+that point first had an error of at most 5, 2 and 1 % of the range: no method knows, and none would
+stop there. All of them know the healthy point, and each population is one batch, as ours is.
+Medians are over all cases; a case that did not get there counts as infinitely late.
+
+Prints a table, writes JSON and plots the median error against the evaluations.
+"""
+
+import json
+import math
+import statistics
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import cases
+import click
+import numpy as np
+from cases import Case
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from peer_methods import ACTUATOR, METHODS, Moment, Task
+from rich import box
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+from yardstick import HERE, seconds_per_window
+
+from ema_core.faults import estimation_error
+from ema_monitor.healthy_fit import calibrate
+from ema_monitor.window import Window
+
+LEVELS_PERCENT: Final = (5.0, 2.0, 1.0)
+BUDGET: Final = 10_000
+HEALTHY_WINDOWS: Final = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """How the error of a method went in a case [%], over evaluations and time [s]."""
+
+    evaluations: NDArray[np.int64]
+    seconds: NDArray[np.float64]
+    errors: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, trace: list[Moment], case: Case) -> "Run":
+        """Judge a trace by the true faults."""
+        return cls(
+            np.array([moment.evaluations for moment in trace]),
+            np.array([moment.seconds for moment in trace]),
+            np.array([estimation_error(moment.faults, case.faults) for moment in trace]),
+        )
+
+    def reached(self, level: float) -> tuple[float, float]:
+        """Return evaluations and seconds until the error was first at most so large."""
+        there = np.flatnonzero(self.errors <= level)
+        if not len(there):
+            return math.inf, math.inf
+        return float(self.evaluations[there[0]]), float(self.seconds[there[0]])
+
+    def error_after(self, evaluations: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the error once so many evaluations were made; that of the end after the end."""
+        last = np.searchsorted(self.evaluations, evaluations, side="right") - 1
+        return np.where(last >= 0, self.errors[np.maximum(last, 0)], np.inf)
+
+
+def pick_cases(count: int) -> list[Case]:
+    """Return the cases: half of them single faults, up to the ten that there are."""
+    first = [some[0] for name, some in cases.thesis_faults(1).items() if name != "multiple"]
+    singles = first[: count // 2]
+    return singles + cases.by_the_law(count - len(singles))
+
+
+def noisy_window(case: Case) -> Window:
+    """Return the window of a case with noisy sensors."""
+    return case.window(case.telemetry(), noisy=True)
+
+
+def summary(runs: list[Run]) -> dict[str, Any]:
+    """Return a method's medians over all cases; None where half of them never got there."""
+
+    def median(values: list[float]) -> float | None:
+        # Of an even number the upper one: no mean with infinity.
+        middle = statistics.median_high(values)
+        return middle if math.isfinite(middle) else None
+
+    levels = {}
+    for level in LEVELS_PERCENT:
+        evaluations, seconds = map(list, zip(*(r.reached(level) for r in runs), strict=True))
+        levels[f"{level:g}"] = {
+            "evaluations": median(evaluations),
+            "seconds": median(seconds),
+            "share": statistics.fmean(map(math.isfinite, evaluations)),
+        }
+    return {
+        "reached_percent": levels,
+        "end": {
+            "error_percent": statistics.median(float(run.errors[-1]) for run in runs),
+            "evaluations": statistics.median(int(run.evaluations[-1]) for run in runs),
+            "seconds": statistics.median(float(run.seconds[-1]) for run in runs),
+        },
+    }
+
+
+def table_of(summaries: dict[str, dict[str, Any]], count: int) -> Table:
+    """Return what is printed."""
+    table = Table(
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        title=f"until the best point so far has an error of at most ..., {count} cases",
+    )
+    table.add_column("method", no_wrap=True)
+    for level in LEVELS_PERCENT:
+        table.add_column(f"{level:g} %\nevals", justify="right")
+        table.add_column("\ns", justify="right")
+        table.add_column("\nshare", justify="right")
+    for head in ("end\nerror %", "\nevals", "\ns"):
+        table.add_column(head, justify="right")
+
+    def cell(value: float | None, form: str) -> str:
+        return "-" if value is None else format(value, form)
+
+    for name, figures in summaries.items():
+        cells = []
+        for reached in figures["reached_percent"].values():
+            cells += [cell(reached["evaluations"], ".0f"), cell(reached["seconds"], ".3f")]
+            cells.append(f"{reached['share']:.0%}")
+        end = figures["end"]
+        cells += [
+            f"{end['error_percent']:.2f}",
+            f"{end['evaluations']:.0f}",
+            f"{end['seconds']:.2f}",
+        ]
+        table.add_row(name, *cells)
+    return table
+
+
+def plot(runs: dict[str, list[Run]], path: Path) -> None:
+    """Draw the median error of every method against the evaluations."""
+    evaluations = np.unique(np.geomspace(1, BUDGET, 400).astype(int))
+    figure = Figure(figsize=(8.0, 5.5), layout="constrained")
+    axes = figure.subplots()
+    axes.set_prop_cycle(color=colormaps["tab20"](np.arange(20)))
+    for name, of_cases in runs.items():
+        errors = np.median([run.error_after(evaluations) for run in of_cases], axis=0)
+        end = statistics.median_low(int(run.evaluations[-1]) for run in of_cases)
+        until = np.searchsorted(evaluations, end, side="right")
+        axes.loglog(
+            evaluations[:until],
+            errors[:until],
+            label=name,
+            linewidth=2.5 if name.startswith("ours") else 1.2,
+            marker="o",
+            markevery=[-1],
+        )
+    for level in LEVELS_PERCENT:
+        axes.axhline(level, color="0.8", linewidth=0.8, zorder=0)
+    axes.set(xlabel="evaluations of the model", ylabel="median error [% of the range]")
+    axes.legend(fontsize="small")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=150)
+
+
+@click.command()
+@click.option("--cases", "count", type=click.IntRange(2), default=20, show_default=True)
+@click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
+@click.option(
+    "--plot",
+    "picture",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=HERE / "report" / "peers.png",
+)
+def main(count: int, output: Path | None, picture: Path) -> None:
+    """Print the table, write the JSON file and draw the plot."""
+    console = Console(width=120)
+    healthy = map(noisy_window, cases.healthy(HEALTHY_WINDOWS, "calibration"))
+    calibration = calibrate(healthy, ACTUATOR)
+    runs: dict[str, list[Run]] = {name: [] for name in METHODS}
+    units = []
+    for number, case in enumerate(track(pick_cases(count), "cases", console=Console(stderr=True))):
+        window = noisy_window(case)
+        units.append(seconds_per_window())
+        for name, method in METHODS.items():
+            if number == 0:  # not timed: kernels and modules are loaded
+                method(Task(window, calibration, number, 1000))
+            trace = method(Task(window, calibration, number, BUDGET))
+            runs[name].append(Run.of(trace, case))
+    summaries = {name: summary(of_cases) for name, of_cases in runs.items()}
+    unit = statistics.median(units)
+    console.print(table_of(summaries, count))
+    console.print(f"a window of the yardstick takes {1e6 * unit:.0f} us on one core")
+    plot(runs, picture)
+    if output:
+        results = {"cases": count, "yardstick_window_s": unit, "methods": summaries}
+        output.write_text(json.dumps(results, indent=2))
+
+
+if __name__ == "__main__":
+    main()
