@@ -161,7 +161,7 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
         FAULTS, one.faults, one.sigma, one.insignificant, strict=True
     ):
         known = "unobservable" if np.isnan(sigma) else f"{sigma:.4f}"
-        meaning = fault.physical(value) + (" (not significant)" if is_healthy else "")
+        meaning = "healthy (nothing significant)" if is_healthy else fault.physical(value)
         table.add_row(fault.label, f"{value:.4f}", known, meaning)
     Console().print(table)
     click.echo(f"found: {found_in_words(one)}")

@@ -7,6 +7,7 @@ rest, so that windows of the same command begin some samples apart.
 from typing import Final
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ema_monitor.residual import rms
@@ -23,9 +24,14 @@ def shift_between(command: NDArray[np.float64], reference: NDArray[np.float64]) 
     command, reference
         Commands of the two windows, both ``(n,)`` [rad].
     """
-    most = min(MOST_SHIFT, len(command) - 1)
-    shifts = sorted(range(-most, most + 1), key=abs)
-    return min(shifts, key=lambda shift: difference_at(command, reference, shift))
+    if np.array_equal(command, reference):
+        return 0
+    most = min(MOST_SHIFT, (len(command) - 1) // 2)
+    shifts = np.array(sorted(range(-most, most + 1), key=abs))
+    # What of the reference has a counterpart at every shift.
+    middle = reference[most : len(reference) - most]
+    counterparts = sliding_window_view(command, len(middle))[most - shifts]
+    return int(shifts[np.argmin(np.mean((counterparts - middle) ** 2, axis=1))])
 
 
 def difference_at(

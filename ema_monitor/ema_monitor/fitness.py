@@ -56,7 +56,7 @@ class BandLimited:
     scatters more than its current. Where the motor is slow, the model of the mean current is at
     its worst, so each value is weighted with ``|omega| / hypot(|omega|, omega_slow)``, with half
     the rms of the speed for ``omega_slow``. What passes twice the healthy scatter counts less
-    (pseudo-Huber), since the mismatch of the model has heavy tails.
+    (pseudo-Huber), since the mismatch of the model has heavy tails (M15).
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class TotalLeastSquares:
 
     Notes
     -----
-    Equation M13; eq. 6.6 of the thesis with the slope over its root mean square.
+    Equation M15; eq. 6.6 of the thesis with the slope over its root mean square.
     """
 
     def __init__(self, window: Window, calibration: Calibration) -> None:

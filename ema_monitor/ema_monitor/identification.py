@@ -225,10 +225,10 @@ class _Conclusion:
         ratios = rms(current) / calibration.healthy_rms, rms(speed) / calibration.healthy_speed_rms
         return float(np.max(ratios))
 
-    def _settle(self, point: NDArray[np.float64]) -> tuple[Linearisation, int]:
+    def _settle(self, point: NDArray[np.float64]) -> tuple[Linearisation, NDArray[np.bool_], int]:
         """Put insignificant components back to healthy.
 
-        Return where that leads, and how many linearisations it took.
+        Return where that leads, which components it kept, and how many linearisations it took.
         """
         objective = self._objective
         at = objective.linearise(point)

@@ -31,7 +31,7 @@ def significant_components(
 
     Backward elimination on the linear model at the point: as long as some group of components
     lies within its 95 % region about healthy, the least significant one is put back to healthy
-    and the rest is fitted anew. Faults are few: what a window does not show is not there.
+    and the rest is fitted anew. Faults are few: what a window does not show is not there (M17).
 
     Parameters
     ----------

@@ -16,7 +16,6 @@ import bounds
 import detection
 import exactness
 import numpy as np
-import thesis
 import timing
 from bounds import Spectrum
 from cases import THESIS_FAULTS
@@ -26,8 +25,7 @@ from exactness import Healthy, Sizes, Trial, pooled
 from intervals import coverage
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
-from targets import case_target_percent, rows
+from tables import show
 from trials import Workers, workers
 
 
@@ -102,87 +100,6 @@ def _bounds(
             "sensors_alone": bounds.sensor_information(jacobian),
         }.items()
     }
-
-
-def show(console: Console, figures: dict[str, Any]) -> None:
-    """Print the tables."""
-    table = Table("what", "target", "measured", "met", "thesis", title="accuracy")
-    for column in table.columns:
-        column.no_wrap = True
-    for row in rows(figures):
-        met = {None: "", True: "[green]yes[/]", False: "[bold red]no[/]"}[row.met]
-        table.add_row(row.what, row.target, row.measured, met, row.thesis)
-    console.print(table)
-    covariance = figures["covariance"]
-    console.print(
-        "Single faults: mean over several realisations of the modulation; first cycle: the first "
-        "of the simulation, which is always the same. Noisy sensors: 0.05 A, resolution 0.005 A, "
-        "1e-6 rad, 0.05 rad/s. Their bound: half-width "
-        f"{covariance['bound_half_width_percent']:.2f} % by current and ripple, "
-        f"{covariance['bound_current_and_speed']['bound_half_width_percent']:.2f} % with the "
-        f"speed as well, {covariance['bound_sensors_alone']['bound_half_width_percent']:.2f} % if "
-        f"there were only the sensors' noise in the current; {covariance['unobservable']} of "
-        f"{covariance['intervals'] + covariance['unobservable']} components called unobservable.\n"
-    )
-    console.print(_case_table(figures))
-    console.print(
-        "Mean error of the thesis's ten runs; bound: rms error of an unbiased estimate of all "
-        "eight components from the current (Cramer-Rao). An estimate that keeps to the few faults "
-        "it sees, and hears the speed, can be below it.\n"
-    )
-    if "ablation" in figures:
-        console.print(_ablation_table(figures["ablation"]))
-
-
-def _case_table(figures: dict[str, Any]) -> Table:
-    published = thesis.results()
-    table = Table(
-        "fault",
-        "true k",
-        "first\ncycle %",
-        "mean\n%",
-        "worst\n%",
-        "target\n%",
-        "bound\n%",
-        "evalua-\ntions",
-        "time\ns",
-        *(f"{name.upper()}\n%" for name in thesis.ALGORITHMS),
-        title="the thesis's cases",
-    )
-    table.columns[0].no_wrap = True
-    for column in table.columns[1:]:
-        column.justify = "right"
-    for name, one in figures["thesis_cases"].items():
-        by_algorithm = published[name]
-        is_multiple = name == "multiple"
-        target = 0.3 if is_multiple else case_target_percent(by_algorithm)
-        [value] = THESIS_FAULTS[name].values() if not is_multiple else [None]
-        table.add_row(
-            name,
-            "" if value is None else f"{value:.3f}",
-            f"{one['first']:.2f}",
-            f"{one['thesis']:.2f}",
-            f"{max(one['each']):.2f}",
-            f"{target:.2f}",
-            f"{one['bound_current_percent']:.2f}",
-            str(one["evaluations"]),
-            f"{figures['timing']['thesis_cases_s'][name]:.3f}",
-            *(f"{by_algorithm[a].error_percent:.2f}" for a in thesis.ALGORITHMS),
-        )
-    return table
-
-
-def _ablation_table(results: dict[str, Any]) -> Table:
-    columns = (f"{unit}\n{what} %" for unit in ("nominal", "5 % off") for what in _SHOWN)
-    table = Table("random faults, noisy sensors", *columns, title="what each step is worth")
-    for column in table.columns[1:]:
-        column.justify = "right"
-    for name, by_unit in results.items():
-        table.add_row(name, *(f"{one[w]:.2f}" for one in by_unit.values() for w in _SHOWN))
-    return table
-
-
-_SHOWN = ("median", "p90", "max")
 
 
 @command()

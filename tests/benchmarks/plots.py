@@ -54,7 +54,7 @@ def errors_figure(figures: dict[str, Any]) -> Figure:
     """Draw the mean error of each of the thesis's cases, ours beside its four algorithms'."""
     published = thesis.results()
     found = figures["thesis_cases"]
-    figure = Figure((10.0, 4.5), layout="constrained")
+    figure = Figure((11.0, 4.5), layout="constrained")
     axes = figure.add_subplot()
     place = np.arange(len(found))
     width = 0.16
@@ -67,7 +67,8 @@ def errors_figure(figures: dict[str, Any]) -> Figure:
     limits = [one["bound_current_percent"] for one in found.values()]
     axes.plot(place + 2 * width, limits, "_", color=_BOUND, ms=12, mew=2, label="Cramér-Rao bound")
     axes.set(yscale="log", ylabel="mean error [% of range]", title="Error of each fault")
-    axes.set_xticks(place, [name.replace(" ", "\n", name.count(" ")) for name in found])
+    axes.set_xticks(place, [name.replace(" ", "\n", name.count(" ")) for name in found], size=9)
+    axes.set_ylim(bottom=0.01)
     axes.grid(axis="y", alpha=0.3)
     figure.legend(loc="outside lower center", ncols=6, frameon=False)
     return figure
@@ -84,7 +85,7 @@ def convergence_figure(windows: list[Window], calibration: Calibration) -> Figur
         "pso": (Settings(algorithm="pso", termination=AllGenerations()), "particle swarm", _SWARM),
     }
     for settings, label, colour in runs.values():
-        curves = []
+        curves, longest = [], 0
         for window, case in zip(windows, drawn, strict=True):
             run = Identification(window, ACTUATOR, calibration, settings)
             steps = [(g.evaluations, estimation_error(g.faults, case.faults)) for g in run]
@@ -93,11 +94,15 @@ def convergence_figure(windows: list[Window], calibration: Calibration) -> Figur
                 error = estimation_error(found.faults, case.faults)
                 steps.append((found.evaluations, error))
             evaluations, errors = np.array(steps).T
+            longest = max(longest, evaluations[-1])
             before = np.searchsorted(evaluations, grid, "right") - 1
             curves.append(np.where(before >= 0, errors[before], np.nan))
         known = np.all(np.isfinite(curves), axis=0)
+        # Beyond the last evaluation of the longest run there is nothing to show.
+        known &= grid <= longest
         low, middle, high = np.quantile(np.array(curves)[:, known], (0.25, 0.5, 0.75), axis=0)
         axes.plot(grid[known], middle, color=colour, label=label)
+        axes.plot(grid[known][-1], middle[-1], "o", color=colour)
         axes.fill_between(grid[known], low, high, color=colour, alpha=0.2, lw=0)
     axes.set(
         xscale="log",
@@ -144,7 +149,7 @@ def ellipses_figure(
         axes.margins(0.1)
         axes.grid(alpha=0.3)
         handles = [dots, told, best, truth]
-    labels = ("estimates", "90 % region they tell", "90 % region of the bound", "truth")
+    labels = ("estimates", "90 % region reported", "90 % region of the bound", "truth")
     figure.suptitle(f"Estimates of {len(found)} noisy windows of the same wide fault")
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
     return figure
@@ -160,7 +165,7 @@ def residual_figure(window: Window, calibration: Calibration) -> Figure:
     times_ms = 1e3 * h * np.arange(1, len(window) + 1)
     figure = Figure((10.0, 6.5), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
-    above.plot(times_ms, window.current, color="#c0bfbc", lw=0.8, label="measured")
+    above.plot(times_ms, window.current, color="#c0bfbc", lw=4.0, label="measured")
     above.plot(times_ms, healthy, color=_SWARM, lw=1.0, label="healthy model")
     above.plot(times_ms, fitted, color=_OURS, lw=1.0, label="model with the faults found")
     above.set(ylabel="current [A]", title="Fit of a noisy window of a wide fault")
@@ -175,9 +180,11 @@ def residual_figure(window: Window, calibration: Calibration) -> Figure:
     below.axhspan(-2 * scatter, 2 * scatter, color=_BOUND, alpha=0.25, lw=0, label="healthy, ±2 σ")
     below.set_yscale("symlog", linthresh=0.1)
     below.set(xlabel="time in the window [ms]", ylabel="band-limited residual [A]")
+    below.set_ylim(-100.0, 30.0)
+    figure.align_ylabels()
     for axes in (above, below):
         axes.grid(alpha=0.3)
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+        axes.legend(loc="lower left")
         axes.set_xlim(0.0, times_ms[-1])
     return figure
 

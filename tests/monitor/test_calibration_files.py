@@ -11,7 +11,8 @@ from ema_monitor.calibration import Calibration
 from ema_monitor.healthy_fit import calibrate
 from ema_monitor.residual import band_limited, rms
 
-EXACT = [field.name for field in fields(Calibration) if field.name not in ("command", "correction")]
+ROWS = ("command", "correction", "speed_correction")
+EXACT = [field.name for field in fields(Calibration) if field.name not in ROWS]
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +26,7 @@ def path(calibration, tmp_path_factory):
 def content(path):
     """What is in the file, with the first of its many samples."""
     content = yaml.safe_load(path.read_text())
-    return {**content, "command": content["command"][:6], "correction": content["correction"][:5]}
+    return {**content, **{name: content[name][: 6 if name == "command" else 5] for name in ROWS}}
 
 
 @pytest.fixture
@@ -49,9 +50,10 @@ def test_what_was_saved_is_loaded(calibration, path):
     loaded = Calibration.load(path)
     for name in EXACT:
         assert getattr(loaded, name) == getattr(calibration, name)
-    # Half a digit of what is written: 1 nrad and 10 uA.
-    assert np.max(np.abs(loaded.command - calibration.command)) <= 0.5001e-9
-    assert np.max(np.abs(loaded.correction - calibration.correction)) <= 0.5001e-5
+    # Half a digit of what is written: 1 nrad, 10 uA and 10 urad/s.
+    for name, half_digit in zip(ROWS, (0.5e-9, 0.5e-5, 0.5e-5), strict=True):
+        error = getattr(loaded, name) - getattr(calibration, name)
+        assert np.max(np.abs(error)) <= 1.0001 * half_digit
 
 
 def test_identity_survives_saving_and_loading(calibration, path, tmp_path):
@@ -63,11 +65,12 @@ def test_identity_survives_saving_and_loading(calibration, path, tmp_path):
 
 
 def test_single_window_calibration_survives(healthy_windows, description, tmp_path):
-    """Its healthy rms is not a number and stays so."""
+    """Its scatters are not numbers and stay so."""
     calibration = calibrate(healthy_windows[:1], description)
     calibration.save(tmp_path / "single.yaml")
     loaded = Calibration.load(tmp_path / "single.yaml")
     assert np.isnan(loaded.healthy_rms)
+    assert np.isnan(loaded.healthy_speed_rms)
     assert loaded.calibration_id == calibration.calibration_id
 
 
@@ -89,18 +92,21 @@ def test_builtin_calibration_is_that_of_the_built_in_actuator(healthy_windows, d
     assert builtin.unit_mismatch(description) == ""
     assert builtin.shape_mismatch(window) == ""
     assert builtin.command_mismatch(window) == ""
-    modelled = builtin.model().respond(window, healthy_faults(), window.play)[0]
-    residual = band_limited(window.current - builtin.apply(modelled), window.sample_period)
+    expected = builtin.expect(builtin.model().respond(window, healthy_faults(), window.play))
+    h, speed = window.sample_period, window.telemetry.speed[1:]
     # A healthy window it has not seen leaves what healthy windows leave, with some scatter.
+    residual = band_limited(window.current - expected.current[0], h)
     assert rms(residual) == pytest.approx(builtin.healthy_rms, rel=0.25)
+    residual = band_limited(speed - expected.speed[0], h)
+    assert rms(residual) == pytest.approx(builtin.healthy_speed_rms, rel=0.35)
 
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"just text", b"- 1\n- 2\n", b"format: 2\n", b"format: one\n", b"lift: 0.1\n"],
+    [b"", b"just text", b"- 1\n- 2\n", b"format: 1\n", b"format: one\n", b"lift: 0.1\n"],
 )
 def test_other_yaml_files_are_refused(refused, content):
-    assert refused(content).endswith("is not a calibration of format 1")
+    assert refused(content).endswith("is not a calibration of format 2")
 
 
 @pytest.mark.parametrize(
@@ -138,6 +144,8 @@ def test_unknown_entry_is_refused_by_name(refused, content):
         ("correction", [], "one more than"),
         ("correction", [0.0, float("nan")], "correction"),
         ("correction", [0.0, float("inf")], "correction"),
+        ("speed_correction", [], "of speed_correction"),
+        ("speed_correction", [0.0, float("nan")], "speed_correction"),
         ("parameters", {"R_s": -1.0}, "R_s = -1 ohm"),
         ("parameters", {"R_x": 1.0}, "'R_x'"),
         ("parameters", {"R_s": "low"}, "R_s = 'low'"),
@@ -160,8 +168,15 @@ def test_impossible_entry_is_refused_with_the_reason(refused, content, name, val
         ("sample_period", -1e-4),
         ("dt", None),
         ("dt", 3e-5),
+        ("friction_scale", 0.0),
+        ("friction_scale", 2.1),
+        ("friction_scale", float("nan")),
+        ("inertia_scale", -1.0),
+        ("inertia_scale", "light"),
         ("healthy_rms", "small"),
         ("healthy_rms", -0.02),
+        ("healthy_speed_rms", 0.0),
+        ("healthy_speed_rms", None),
         ("windows", "five"),
         ("windows", 0),
         ("serial_number", None),

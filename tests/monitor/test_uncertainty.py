@@ -6,7 +6,9 @@ import pytest
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULT_NAMES, fault_vector
 from ema_monitor.uncertainty import (
     DETECTION_CHI2,
+    MISMATCH_FACTOR,
     MISMATCH_SIGMA,
+    SMALLEST_ECCENTRICITY,
     UNOBSERVABLE_SIGMA,
     sandwich_covariance,
     uncertainty_of_faults,
@@ -121,10 +123,12 @@ def test_invisible_direction_is_unknown_and_spoils_no_other(jacobian):
 
 def uncertainty(values, sigma=0.01, plane=None):
     """Of faults that are all known alike in Cartesian coordinates, but for those of the plane."""
-    covariance = np.eye(8) * (np.full(8, sigma) ** 2 - MISMATCH_SIGMA**2)
+    covariance = np.eye(8) * sigma**2
     if plane is not None:
-        covariance[np.ix_(PLANE, PLANE)] = plane - MISMATCH_SIGMA**2 * np.eye(2)
-    return uncertainty_of_faults(fault_vector(values), covariance)
+        covariance[np.ix_(PLANE, PLANE)] = plane
+    # What the residuals must tell to leave this with the mismatch of the model.
+    told = (covariance - MISMATCH_SIGMA**2 * np.eye(8)) / MISMATCH_FACTOR**2
+    return uncertainty_of_faults(fault_vector(values), told)
 
 
 def test_eccentricity_and_phase_are_radius_and_angle():
@@ -168,21 +172,31 @@ def test_phase_is_observable_once_the_eccentricity_is_detected(share, unobservab
     assert not result.unobservable[ECCENTRICITY]
 
 
-def test_detection_is_chi_squared_at_99_9_percent():
-    """Two Gaussian components of nothing are taken for an eccentricity once in a thousand."""
+@pytest.mark.parametrize(("share", "unobservable"), [(0.99, True), (1.01, False)])
+def test_phase_of_an_eccentricity_as_small_as_the_models_mismatch_is_unobservable(
+    share, unobservable
+):
+    """However small the residuals are."""
+    zeta = share * SMALLEST_ECCENTRICITY
+    result = uncertainty_of_faults(fault_vector({"eccentricity": zeta}), np.zeros((8, 8)))
+    assert result.unobservable[ECCENTRICITY_PHASE] == unobservable
+
+
+def test_detection_is_chi_squared_at_95_percent():
+    """Two Gaussian components of nothing are taken for an eccentricity once in twenty."""
     x = np.random.default_rng(5).normal(size=(1_000_000, 2))
-    assert np.mean(np.sum(x**2, axis=1) > DETECTION_CHI2) == pytest.approx(1e-3, rel=0.1)
+    assert np.mean(np.sum(x**2, axis=1) > DETECTION_CHI2) == pytest.approx(0.05, rel=0.02)
 
 
 @pytest.mark.parametrize("name", ["friction", "short_circuit_b", "gain"])
 def test_component_no_better_known_than_by_its_range_is_unobservable(name):
     index = FAULT_NAMES.index(name)
     covariance = 1e-4 * np.eye(8)
-    covariance[index, index] = (1.01 * UNOBSERVABLE_SIGMA) ** 2
+    covariance[index, index] = (1.01 * UNOBSERVABLE_SIGMA / MISMATCH_FACTOR) ** 2
     faults = fault_vector({"eccentricity": 0.5})
     result = uncertainty_of_faults(faults, covariance)
     assert list(np.flatnonzero(result.unobservable)) == [index]
-    covariance[index, index] = (0.99 * UNOBSERVABLE_SIGMA) ** 2
+    covariance[index, index] = (0.99 * UNOBSERVABLE_SIGMA / MISMATCH_FACTOR) ** 2
     assert not np.any(uncertainty_of_faults(faults, covariance).unobservable)
 
 
@@ -194,6 +208,15 @@ def test_unobservable_rows_and_columns_are_not_numbers():
     expected[[2, ECCENTRICITY_PHASE], :] = expected[:, [2, ECCENTRICITY_PHASE]] = True
     assert np.array_equal(np.isnan(result.covariance), expected)
     assert np.array_equal(result.unobservable, np.diag(expected))
+
+
+def test_mismatch_of_the_model_widens_what_the_residuals_tell():
+    told = np.diag(np.linspace(1e-5, 1e-4, 8))
+    result = uncertainty_of_faults(fault_vector({"eccentricity": 0.5}), told)
+    expected = MISMATCH_FACTOR**2 * np.diag(told) + MISMATCH_SIGMA**2
+    assert np.delete(np.diag(result.covariance), PLANE) == pytest.approx(
+        np.delete(expected, PLANE), rel=1e-12
+    )
 
 
 def test_mismatch_of_the_model_is_added():

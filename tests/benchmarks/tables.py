@@ -1,0 +1,120 @@
+"""The figures of accuracy.py as tables."""
+
+from typing import Any, Final
+
+import thesis
+from cases import THESIS_FAULTS
+from rich.console import Console
+from rich.table import Table
+from targets import MULTIPLE_PERCENT, case_target_percent, rows
+
+from ema_core.faults import FAULTS
+
+_SHOWN: Final = ("median", "p90", "max")
+_UNITS: Final = {"nominal": "nominal", "plants": "5 % off"}
+
+
+def show(console: Console, figures: dict[str, Any]) -> None:
+    """Print the tables."""
+    table = Table("what", "target", "measured", "met", "thesis", title="accuracy")
+    for column in table.columns:
+        column.no_wrap = True
+    for row in rows(figures):
+        met = {None: "", True: "[green]yes[/]", False: "[bold red]no[/]"}[row.met]
+        table.add_row(row.what, row.target, row.measured, met, row.thesis)
+    console.print(table)
+    covariance = figures["covariance"]
+    console.print(
+        "Single faults: mean over several realisations of the modulation; first cycle: the first "
+        "of the simulation, which is always the same. Noisy sensors: 0.05 A, resolution 0.005 A, "
+        "1e-6 rad, 0.05 rad/s. Their bound: half-width "
+        f"{covariance['bound_half_width_percent']:.2f} % by current and ripple, "
+        f"{covariance['bound_current_and_speed']['bound_half_width_percent']:.2f} % with the "
+        f"speed as well, {covariance['bound_sensors_alone']['bound_half_width_percent']:.2f} % if "
+        f"there were only the sensors' noise in the current; {covariance['unobservable']} of "
+        f"{covariance['intervals'] + covariance['unobservable']} components called unobservable.\n"
+    )
+    console.print(component_table(figures))
+    console.print(case_table(figures))
+    console.print(
+        "Mean error of the thesis's ten runs; bound: rms error of an unbiased estimate of all "
+        "eight components from the current (Cramer-Rao). An estimate that keeps to the few faults "
+        "it sees, and hears the speed, can be below it.\n"
+    )
+    if "ablation" in figures:
+        console.print(ablation_table(figures["ablation"]))
+
+
+def component_table(figures: dict[str, Any]) -> Table:
+    """Return what is known of the uncertainty and detection of each component."""
+    table = Table(
+        "component",
+        "90 % interval\ncovers %",
+        "its median\nhalf-width %",
+        "that of the\nbound %",
+        "smallest\ndetected %",
+        title="by component, noisy sensors",
+    )
+    for column in table.columns[1:]:
+        column.justify = "right"
+    smallest = figures["detection"]["smallest_percent"]
+    for fault in FAULTS:
+        one = figures["covariance"]["by_component"][fault.name]
+        table.add_row(
+            fault.label,
+            f"{100.0 * one['coverage']:.0f}",
+            f"{one['half_width_percent']:.2f}",
+            f"{one['bound_half_width_percent']:.2f}",
+            f"{smallest[fault.name]:g}" if fault.name in smallest else "",
+        )
+    return table
+
+
+def case_table(figures: dict[str, Any]) -> Table:
+    """Return the thesis's cases one by one."""
+    published = thesis.results()
+    table = Table(
+        "fault",
+        "true k",
+        "first\ncycle %",
+        "mean\n%",
+        "worst\n%",
+        "target\n%",
+        "bound\n%",
+        "evalua-\ntions",
+        "time\ns",
+        *(f"{name.upper()}\n%" for name in thesis.ALGORITHMS),
+        title="the thesis's cases",
+    )
+    table.columns[0].no_wrap = True
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for name, one in figures["thesis_cases"].items():
+        by_algorithm = published[name]
+        is_multiple = name == "multiple"
+        target = MULTIPLE_PERCENT if is_multiple else case_target_percent(by_algorithm)
+        [value] = THESIS_FAULTS[name].values() if not is_multiple else [None]
+        table.add_row(
+            name,
+            "" if value is None else f"{value:.3f}",
+            f"{one['first']:.2f}",
+            f"{one['thesis']:.2f}",
+            f"{max(one['each']):.2f}",
+            f"{target:.2f}",
+            f"{one['bound_current_percent']:.2f}",
+            str(one["evaluations"]),
+            f"{figures['timing']['thesis_cases_s'][name]:.3f}",
+            *(f"{by_algorithm[a].error_percent:.2f}" for a in thesis.ALGORITHMS),
+        )
+    return table
+
+
+def ablation_table(results: dict[str, Any]) -> Table:
+    """Return the errors without one step of the method each."""
+    columns = (f"{unit}\n{what} %" for unit in _UNITS.values() for what in _SHOWN)
+    table = Table("random faults, noisy sensors", *columns, title="what each step is worth")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for name, by_unit in results.items():
+        table.add_row(name, *(f"{by_unit[unit][w]:.2f}" for unit in _UNITS for w in _SHOWN))
+    return table

@@ -1,0 +1,178 @@
+"""Which components of an estimate differ from healthy, on linear models with a known covariance."""
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE
+from ema_monitor.significance import GROUPS, refitted, significant_components
+
+N, SIGMA = 4000, 0.01
+PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
+HEALTHY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 0.5])
+
+
+@pytest.fixture(params=[8, 9])
+def model(request):
+    """Healthy point, noise and derivatives of a model that knows each component to `SIGMA`.
+
+    The columns are orthogonal to each other and to the noise, whose entries are plus or minus one:
+    the covariance that its residuals tell is `SIGMA` squared on the diagonal to the last digits.
+    """
+    d = request.param
+    rng = np.random.default_rng(6)
+    noise = rng.choice([-1.0, 1.0], N)
+    columns = rng.normal(size=(N, d))
+    columns -= np.outer(noise, noise @ columns) / N
+    columns = np.linalg.qr(columns)[0]
+    return HEALTHY[:d], noise, columns / SIGMA
+
+
+def estimate(model, offsets):
+    """Arguments of an estimate that is so many sigma away from healthy."""
+    healthy, noise, jacobian = model
+    point = healthy.copy()
+    for i, offset in offsets.items():
+        point[i] += offset * SIGMA
+    return point, healthy, noise, jacobian
+
+
+def shown(model, offsets):
+    result, point = significant_components(*estimate(model, offsets), 0)
+    assert result.dtype == bool
+    return set(np.flatnonzero(result[:8])), result, point
+
+
+def test_what_is_5_sigma_off_stays_and_what_is_half_a_sigma_off_goes(model):
+    kept, result, point = shown(model, {0: 5.0, 1: 0.5, 3: 5.0, 4: 0.5, 7: -5.0})
+    assert kept == {0, 3, 7}
+    expected = model[0].copy()
+    expected[[0, 3, 7]] += np.array([5.0, 5.0, -5.0]) * SIGMA
+    # Orthogonal: the others do not move when one is put back.
+    assert point == pytest.approx(expected, abs=1e-7)
+    assert len(result) == len(point) == len(model[0])
+
+
+@pytest.mark.parametrize(("offset", "stays"), [(1.85, False), (2.10, True)])
+@pytest.mark.parametrize("component", [0, 3, 7])
+def test_limit_of_one_component_is_that_of_95_percent(model, component, offset, stays):
+    """1.96 sigma, but for the 2 % by which a sample's noise and columns are not orthogonal."""
+    kept, _, _ = shown(model, {component: offset})
+    assert kept == ({component} if stays else set())
+
+
+@pytest.mark.parametrize(("offset", "stays"), [(2.30, False), (2.60, True)])
+@pytest.mark.parametrize("angle", [0.0, 0.8, 2.5, 4.0])
+def test_eccentricity_plane_is_one(model, angle, offset, stays):
+    """2.45 sigma in whatever direction: chi-squared with two degrees of freedom."""
+    kept, _, point = shown(
+        model,
+        {ECCENTRICITY: offset * np.cos(angle), ECCENTRICITY_PHASE: offset * np.sin(angle)},
+    )
+    assert kept == (set(PLANE) if stays else set())
+    if not stays:
+        assert np.array_equal(point[PLANE], [0.5, 0.5])
+
+
+def test_small_share_of_a_large_eccentricity_stays_with_it(model):
+    kept, _, point = shown(model, {ECCENTRICITY: 9.0, ECCENTRICITY_PHASE: 0.1})
+    assert kept == set(PLANE)
+    assert point[ECCENTRICITY_PHASE] == pytest.approx(0.5 + 0.1 * SIGMA, abs=1e-7)
+
+
+def test_healthy_estimate_is_the_healthy_point(model):
+    kept, _, point = shown(model, {0: 0.3, 1: 0.9, 2: 1.2, 5: 0.7, 6: -0.9, 7: 1.1})
+    assert kept == set()
+    assert point[:8] == pytest.approx(model[0][:8], abs=1e-12)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.2, -30.0])
+def test_place_in_the_play_is_never_dropped(model, offset):
+    if len(model[0]) == 9:
+        _, result, point = shown(model, {1: 5.0, 8: offset})
+        assert result[8]
+        assert point[8] == pytest.approx(0.5 + offset * SIGMA, abs=1e-7)
+    assert all(8 not in group for group in GROUPS)
+
+
+def test_groups_are_all_faults_once():
+    assert sorted(i for group in GROUPS for i in group) == list(range(8))
+
+
+def test_one_of_two_that_look_alike_takes_the_traces_of_both(model):
+    """Put back one after the other: together they are seen, though neither alone is."""
+    healthy, noise, jacobian = model
+    alike = jacobian.copy()
+    # Correlated by 0.995: their difference is known ten times worse than their sum.
+    alike[:, 1] = 0.995 * jacobian[:, 0] + np.sqrt(1 - 0.995**2) * jacobian[:, 1]
+    kept, _, point = shown((healthy, noise, alike), {0: 4.0, 1: 3.0})
+    assert kept == {0}
+    assert point[0] == pytest.approx((4.0 + 0.995 * 3.0) * SIGMA, abs=1e-6)
+    assert point[1] == 0.0
+
+
+def test_component_without_trace_is_put_back(model):
+    healthy, noise, jacobian = model
+    blind = jacobian.copy()
+    blind[:, 2] = 0.0
+    kept, _, point = shown((healthy, noise, blind), {0: 5.0, 2: 40.0})
+    assert kept == {0}
+    assert point[2] == 0.0
+
+
+def test_correlated_residuals_make_a_component_less_sure(model):
+    """Noise that holds for 10 samples is worth a tenth of the samples, for a slow column."""
+    healthy, _, jacobian = model
+    rng = np.random.default_rng(7)
+    noise = np.repeat(rng.choice([-1.0, 1.0], N // 10), 10)
+    t = np.arange(N) / N
+    jacobian = jacobian.copy()
+    jacobian[:, 0] = np.sqrt(2 / N) * np.sin(2 * np.pi * 3 * t) / SIGMA
+    point = healthy.copy()
+    point[0] += 4.0 * SIGMA
+    for lags, stays in ((0, True), (20, False)):
+        result, _ = significant_components(point, healthy, noise, jacobian, lags)
+        assert result[0] == stays
+
+
+def problem(seed, d=8, spread=0.0):
+    rng = np.random.default_rng(seed)
+    point = rng.uniform(-spread, 1.0 + spread, d).clip(0.0, 1.0)
+    return point, HEALTHY[:d], rng.normal(size=200), rng.normal(size=(200, d)) * rng.uniform(1, 9, d)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_refit_is_constrained_least_squares(seed):
+    """Of what is shown, within the unit box, with the others held healthy."""
+    point, healthy, residuals, jacobian = problem(seed, 8 + seed % 2, 0.3)
+    fitted = np.random.default_rng(100 + seed).random(len(point)) < 0.6
+    found = refitted(point, healthy, residuals, jacobian, fitted)
+    right = jacobian @ point - residuals - jacobian[:, ~fitted] @ healthy[~fitted]
+    best = lsq_linear(jacobian[:, fitted], right, (0.0, 1.0), method="bvls", tol=1e-14).x
+    assert np.array_equal(found[~fitted], healthy[~fitted])
+    # The ridge is 1e-9 of the largest diagonal entry.
+    assert found[fitted] == pytest.approx(best, abs=1e-6)
+
+
+def test_refit_meets_the_walls_in_some_of_these_problems():
+    """So that the test above means something."""
+    at_walls = 0
+    for seed in range(20):
+        point, healthy, residuals, jacobian = problem(seed, 8 + seed % 2, 0.3)
+        found = refitted(point, healthy, residuals, jacobian, np.ones(len(point), dtype=bool))
+        at_walls += bool(np.any((found == 0.0) | (found == 1.0)))
+    assert 5 < at_walls
+
+
+def test_refit_of_nothing_is_healthy():
+    point, healthy, residuals, jacobian = problem(3)
+    none = np.zeros(8, dtype=bool)
+    assert np.array_equal(refitted(point, healthy, residuals, jacobian, none), healthy)
+
+
+def test_arguments_are_not_changed(model):
+    arguments = estimate(model, {0: 5.0, 1: 0.5})
+    before = [argument.copy() for argument in arguments]
+    significant_components(*arguments, 3)
+    for argument, copy in zip(arguments, before, strict=True):
+        assert np.array_equal(argument, copy)
