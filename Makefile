@@ -4,10 +4,10 @@ MAKEFLAGS += --no-print-directory
 activate = . ./activate.sh
 DEMO_S ?= 60
 
-.PHONY: help setup test lint demo bench calibration sample lock clean distclean
+.PHONY: help setup test lint demo bench bench-peers calibration sample lock clean distclean
 
 help: ## this list
-	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
 
 setup: ## .venv, the ROS 2 workspace and activate.sh (PYTHON=python3.12 chooses the Python)
 	@PYTHON="$(PYTHON)" tools/setup.sh
@@ -24,9 +24,17 @@ lint: setup ## style, types and import contracts
 demo: setup ## watch an actuator wear out: live table, bag and picture (DEMO_S=60 is its length)
 	@$(activate) && exec ema demo --duration $(DEMO_S)
 
-bench: setup ## error and time on the thesis's cases, losses and latency live; writes JSON
-	$(activate) && python tests/benchmarks/accuracy.py --json tests/benchmarks/accuracy.json
-	$(activate) && python tests/benchmarks/live.py --json tests/benchmarks/live.json
+bench: setup ## all targets of speed and accuracy in one table; 15 minutes, writes JSON and plots
+	$(activate) && cd tests/benchmarks && python kernels.py --json kernels.json
+	$(activate) && cd tests/benchmarks && python accuracy.py --json accuracy.json
+	$(activate) && cd tests/benchmarks && python goodness.py --json goodness.json
+	$(activate) && cd tests/benchmarks && python live.py --json live.json
+	$(activate) && cd tests/benchmarks && python fleet.py --json fleet.json
+	$(activate) && cd tests/benchmarks && python plots.py
+	$(activate) && cd tests/benchmarks && python summary.py
+
+bench-peers: setup ## the identification beside scipy, cma and pymoo, in .venv-peers; 6 minutes
+	tools/peers.sh python tests/benchmarks/peers.py --json tests/benchmarks/peers.json
 
 calibration: setup ## the shipped calibration anew, after a change of either model
 	$(activate) && ema simulate --cycles 20 --force -o ros2_ws/build/healthy.mcap
@@ -38,7 +46,7 @@ sample: setup ## the sample bag anew, after a change of the reference actuator o
 	    --fault eccentricity_phase=0.7 --current-noise 0.02 \
 	    --quantise current=0.005,position=1e-6,speed=0.05 --seed 1 --force -o bags/faulty_flap.mcap
 
-lock: setup ## compile requirements/lock.txt anew (ARGS=--upgrade takes newer versions)
+lock: setup ## compile both locks anew (ARGS=--upgrade takes newer versions)
 	tools/lock.sh $(ARGS)
 
 clean: ## remove what was built
@@ -47,4 +55,4 @@ clean: ## remove what was built
 	find ema_* tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean ## remove .venv as well
-	rm -rf .venv
+	rm -rf .venv .venv-peers

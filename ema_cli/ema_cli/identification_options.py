@@ -37,7 +37,7 @@ _OPTIONS = (
         "--goodness-limit",
         default=Search.goodness_limit,
         show_default=True,
-        type=click.FloatRange(0.0, min_open=True),
+        type=click.FloatRange(0.1, 1e6),
         help="Goodness of fit beyond which no fault explains a window, without short circuit.",
     ),
     click.option(

@@ -29,7 +29,8 @@ class Fitness(Protocol):
     spacing
         Time between two residuals [s].
     good_cost
-        Highest cost at which an optimum is believed to be the lowest [A^2.s].
+        Highest cost at which an optimum is believed to be the lowest [A^2.s]; 0 where none is
+        known.
     """
 
     spacing: float
@@ -133,7 +134,7 @@ class TotalLeastSquares:
         typical = rms(slope)
         relative = slope / typical if typical > 0.0 else slope
         self._weights = np.sqrt(h / np.sqrt(relative**2 + 1.0))
-        self.spacing, self.good_cost = h, np.inf
+        self.spacing, self.good_cost = h, 0.0
 
     def residuals(self, expected: Response) -> NDArray[np.float64]:
         """Return the residuals of each individual, ``(m, n)``; see :meth:`Fitness.residuals`."""
@@ -145,7 +146,7 @@ class LeastSquares:
 
     def __init__(self, window: Window, calibration: Calibration) -> None:
         self._measured = window.current
-        self.spacing, self.good_cost = window.sample_period, np.inf
+        self.spacing, self.good_cost = window.sample_period, 0.0
 
     def residuals(self, expected: Response) -> NDArray[np.float64]:
         """Return the residuals of each individual, ``(m, n)``; see :meth:`Fitness.residuals`."""

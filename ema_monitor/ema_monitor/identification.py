@@ -91,10 +91,9 @@ class Identification:
             settings.fitness,
             cartesian=optimizer_class.uses_residuals,
         )
-        start, near = objective.healthy, self._previous is not None
-        if self._previous is not None:
-            start = objective.encode(self._previous)
-        hints = {"near": near, "good_cost": objective.good_cost}
+        warm = self._previous is not None
+        start = objective.healthy if self._previous is None else objective.encode(self._previous)
+        hints = {"good_cost": objective.good_cost}
         optimizer = optimizer_class(
             start,
             np.random.default_rng(settings.seed),
@@ -115,7 +114,7 @@ class Identification:
             return
         faults, play = objective.decode(progress.point[None])
         self.estimate = conclusion.draw(
-            faults[0], float(play[0]), progress.evaluations, caveats, started, warm_start=near
+            faults[0], float(play[0]), progress.evaluations, caveats, started, warm_start=warm
         )
 
     def _objections(self) -> tuple[str, list[str]]:
@@ -157,7 +156,7 @@ class _Conclusion:
     @property
     def most_evaluations(self) -> int:
         """Largest number of evaluations that it takes."""
-        return 3 * self._objective.linearisation_evaluations
+        return 3 * self._objective.linearisation_evaluations + 1
 
     def draw(
         self,

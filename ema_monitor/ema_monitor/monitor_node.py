@@ -210,7 +210,9 @@ class MonitorNode(ManagedNode):
             self._units[actuator_id] = Unit(actuator_id, self._trigger.value, now_ns)
             # One for each actuator, so that each has its latest health latched.
             message_class, qos = topics.MONITOR_TOPICS[topics.HEALTH]
-            self._healths[actuator_id] = self.add_publisher(message_class, topics.HEALTH, qos)
+            self._healths[actuator_id] = self.add_publisher(
+                message_class, topics.HEALTH, qos, quiet=bool(self._healths)
+            )
         return self._units[actuator_id]
 
     def _complain(self, actuator_id: str, reason: str) -> None:

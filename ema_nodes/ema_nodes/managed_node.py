@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.publisher import LifecyclePublisher
 from rclpy.qos import QoSProfile
@@ -94,16 +95,23 @@ class ManagedNode(LifecycleNode):
         success = TransitionCallbackReturn.SUCCESS
         return self.trigger_configure() == success and self.trigger_activate() == success
 
-    def add_publisher(self, message_class: Any, topic: str, qos: QoSProfile) -> LifecyclePublisher:
+    def add_publisher(
+        self, message_class: Any, topic: str, qos: QoSProfile, *, quiet: bool = False
+    ) -> LifecyclePublisher:
         """Return a new publisher that publishes while the node is active.
 
         Parameters
         ----------
         message_class, topic, qos
             As of ``rclpy.node.Node.create_publisher``.
+        quiet
+            Whether to say nothing of subscriptions that want another quality of service; where
+            there are many publishers, listening for these takes long.
         """
+        events = PublisherEventCallbacks(use_default_callbacks=not quiet)
         publisher = cast(
-            LifecyclePublisher, self.create_lifecycle_publisher(message_class, topic, qos)
+            LifecyclePublisher,
+            self.create_lifecycle_publisher(message_class, topic, qos, event_callbacks=events),
         )
         if self.state == "active":
             publisher.on_activate(LifecycleState(label=self.state, state_id=0))

@@ -17,10 +17,11 @@ from pymoo.algorithms.soo.nonconvex.de import DE  # pyright: ignore[reportMissin
 from pymoo.algorithms.soo.nonconvex.ga import GA  # pyright: ignore[reportMissingImports]
 from pymoo.algorithms.soo.nonconvex.pso import PSO  # pyright: ignore[reportMissingImports]
 from pymoo.core.problem import Problem  # pyright: ignore[reportMissingImports]
+from pymoo.core.termination import NoTermination  # pyright: ignore[reportMissingImports]
 from pymoo.optimize import minimize  # pyright: ignore[reportMissingImports]
 from scipy.optimize import differential_evolution, least_squares
+from trials import ACTUATOR
 
-from ema_core.description import ActuatorDescription
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Settings
 from ema_monitor.identification import Identification
@@ -32,8 +33,15 @@ from ema_monitor.window import Window
 STARTS: Final = 8
 """Number of random starts of the multi-start."""
 
-ACTUATOR: Final = ActuatorDescription()
-"""What the monitor is told of the actuator."""
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What a method is given."""
+
+    window: Window
+    calibration: Calibration
+    seed: int
+    budget: int
 
 
 class BudgetSpentError(Exception):
@@ -51,14 +59,14 @@ class Moment(NamedTuple):
 class Recorder:
     """The objective, which counts and keeps the best point by cost after every batch."""
 
-    def __init__(self, objective: Objective, budget: int) -> None:
-        self.healthy = objective.healthy
-        self._objective = objective
-        self._budget = budget
-        self._evaluations = 0
-        self._best_cost, self._best_point = math.inf, objective.healthy
-        self._records: list[tuple[int, float, NDArray[np.float64]]] = []
+    def __init__(self, task: Task) -> None:
         self._started = time.perf_counter()
+        self._objective = Objective(task.window, task.calibration)
+        self.healthy = self._objective.healthy
+        self._budget = task.budget
+        self._evaluations = 0
+        self._best_cost, self._best_point = math.inf, self.healthy
+        self._records: list[tuple[int, float, NDArray[np.float64]]] = []
 
     def residuals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Residuals at points, ``(m, d)``, as a batch."""
@@ -91,16 +99,6 @@ def sums_of_squares(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.isfinite(costs), costs, np.inf)
 
 
-@dataclass(frozen=True, eq=False)
-class Task:
-    """What a method is given."""
-
-    window: Window
-    calibration: Calibration
-    seed: int
-    budget: int
-
-
 Method = Callable[[Task], list[Moment]]
 Search = Callable[[Recorder, int], object]
 
@@ -119,10 +117,11 @@ def ours(algorithm: str, *, parsimonious: bool = True) -> Method:
             Moment(progress.evaluations, time.perf_counter() - started, progress.faults)
             for progress in identification
         ]
+        elapsed = time.perf_counter() - started
         estimate = identification.estimate
         if estimate is None or not np.all(np.isfinite(estimate.faults)):
             raise RuntimeError(f"no estimate by {algorithm}: {estimate and estimate.reason}")
-        return [*trace, Moment(estimate.evaluations, estimate.computing_time_s, estimate.faults)]
+        return [*trace, Moment(estimate.evaluations, elapsed, estimate.faults)]
 
     return run
 
@@ -131,7 +130,7 @@ def peer(search: Search) -> Method:
     """Run another's method until it stops by itself or the budget is spent."""
 
     def run(task: Task) -> list[Moment]:
-        recorder = Recorder(Objective(task.window, task.calibration), task.budget)
+        recorder = Recorder(task)
         with contextlib.suppress(BudgetSpentError):
             search(recorder, task.seed)
         return recorder.trace()
@@ -160,7 +159,7 @@ def trust_region(
 
 
 def from_healthy(recorder: Recorder, seed: int) -> None:
-    """Run scipy's least squares from the healthy point; difference quotients as ours, in a batch."""
+    """Run scipy's least squares from the healthy point, with difference quotients like ours."""
     trust_region(recorder, recorder.healthy)
 
 
@@ -212,7 +211,7 @@ class BoxProblem(Problem):
 
 
 def pymoo(algorithm: type, population: int) -> Search:
-    """Run an algorithm of pymoo with the population that it has by default."""
+    """Run an algorithm of pymoo, its population of the size that it has by default."""
 
     def search(recorder: Recorder, seed: int) -> object:
         first = np.random.default_rng(seed).random((population, len(recorder.healthy)))
@@ -220,7 +219,7 @@ def pymoo(algorithm: type, population: int) -> Search:
         return minimize(
             BoxProblem(recorder),
             algorithm(pop_size=population, sampling=first),
-            ("n_eval", 10**9),
+            NoTermination(),
             seed=seed,
         )
 

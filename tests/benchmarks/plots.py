@@ -40,7 +40,7 @@ REPEATED: Final = 40
 """Windows of the one case whose estimates are shown beside their covariance."""
 
 CURVES: Final = 12
-"""Random cases that the error against evaluations is the median of."""
+"""Random cases that the error against evaluations is shown for."""
 
 PAIRS: Final = ((0, 1), (2, 3), (3, 4), (5, 6), (7, 0), (7, 5))
 """Pairs of components that are shown against each other."""
@@ -74,9 +74,10 @@ def errors_figure(figures: dict[str, Any]) -> Figure:
     return figure
 
 
-def convergence_figure(windows: list[Window], calibration: Calibration) -> Figure:
+def convergence_figure(
+    drawn: list[cases.Case], windows: list[Window], calibration: Calibration
+) -> Figure:
     """Draw the median error of the best point so far against the evaluations spent."""
-    drawn = cases.by_the_law(CURVES // 2) + cases.wide(CURVES // 2)
     figure = Figure((7.0, 4.5), layout="constrained")
     axes = figure.add_subplot()
     grid = np.geomspace(50.0, 1e4, 200)
@@ -109,7 +110,7 @@ def convergence_figure(windows: list[Window], calibration: Calibration) -> Figur
         yscale="log",
         xlabel="evaluations of the model",
         ylabel="error [% of range]",
-        title=f"Error against evaluations, {CURVES} random faults, noisy sensors",
+        title=f"Error against evaluations, {len(drawn)} random faults, noisy sensors",
     )
     axes.grid(alpha=0.3)
     axes.legend(loc="upper right", title="median and quartiles", frameon=False)
@@ -222,7 +223,7 @@ def main(source: Path | None, output: Path | None) -> None:
     information = Spectrum(healthy).information(bounds.jacobian(window, calibration, wide.faults))
     pictures = {
         "errors": errors_figure(figures),
-        "convergence": convergence_figure(windows, calibration),
+        "convergence": convergence_figure(drawn, windows, calibration),
         "ellipses": ellipses_figure(
             wide.faults,
             np.array([estimate.faults for estimate in estimates]),

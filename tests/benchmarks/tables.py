@@ -2,9 +2,11 @@
 
 from typing import Any, Final
 
+import numpy as np
 import thesis
 from cases import THESIS_FAULTS
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 from targets import MULTIPLE_PERCENT, case_target_percent, rows
 
@@ -21,7 +23,8 @@ def show(console: Console, figures: dict[str, Any]) -> None:
         column.no_wrap = True
     for row in rows(figures):
         met = {None: "", True: "[green]yes[/]", False: "[bold red]no[/]"}[row.met]
-        table.add_row(row.what, row.target, row.measured, met, row.thesis)
+        # A unit in brackets would be taken for markup.
+        table.add_row(escape(row.what), row.target, row.measured, met, row.thesis)
     console.print(table)
     covariance = figures["covariance"]
     console.print(
@@ -47,17 +50,17 @@ def show(console: Console, figures: dict[str, Any]) -> None:
 
 def component_table(figures: dict[str, Any]) -> Table:
     """Return what is known of the uncertainty and detection of each component."""
+    tests = figures["detection"]["tests"].values()
     table = Table(
         "component",
         "90 % interval\ncovers %",
         "its median\nhalf-width %",
         "that of the\nbound %",
-        "smallest\ndetected %",
+        *(f"smallest at\n{test['z']:.2f} sigma %" for test in tests),
         title="by component, noisy sensors",
     )
     for column in table.columns[1:]:
         column.justify = "right"
-    smallest = figures["detection"]["smallest_percent"]
     for fault in FAULTS:
         one = figures["covariance"]["by_component"][fault.name]
         table.add_row(
@@ -65,7 +68,7 @@ def component_table(figures: dict[str, Any]) -> Table:
             f"{100.0 * one['coverage']:.0f}",
             f"{one['half_width_percent']:.2f}",
             f"{one['bound_half_width_percent']:.2f}",
-            f"{smallest[fault.name]:g}" if fault.name in smallest else "",
+            *(f"{test['smallest_percent'].get(fault.name, np.nan):g}" for test in tests),
         )
     return table
 

@@ -73,14 +73,56 @@ def test_phase_of_a_healthy_actuator_is_unobservable(ema, tmp_path):
         assert estimation_error(list(estimate["faults"].values()), fault_vector({})) < 1.0
 
 
+def test_searches_begin_at_the_window_before_unless_told_otherwise(ema, tmp_path):
+    bag = tmp_path / "worn.mcap"
+    assert ema("simulate", "--cycles", "3", "--fault", "friction=0.3", "-o", bag).exit_code == 0
+    warm = json.loads(ema("estimate", bag, "--json").stdout)
+    cold = json.loads(ema("estimate", bag, "--no-warm-start", "--json").stdout)
+    assert [one["warm_start"] for one in warm] == [False, True, True]
+    assert [one["warm_start"] for one in cold] == [False, False, False]
+    assert warm[0]["evaluations"] == cold[0]["evaluations"]
+    for one, other in zip(warm[1:], cold[1:], strict=True):
+        assert one["evaluations"] < other["evaluations"]
+        # To the same optimum, as far as its tolerance goes.
+        assert one["faults"] == pytest.approx(other["faults"], abs=1e-3)
+    table = ema("estimate", bag).stdout
+    assert (table.count("least_squares, cold:"), table.count("least_squares, warm:")) == (1, 2)
+
+
+def test_estimate_tells_what_it_rests_on(ema, sample_estimate):
+    assert 0.0 < sample_estimate["goodness_of_fit"] < sample_estimate["goodness_limit"]
+    assert 0.0 < sample_estimate["excitation_limit"] < sample_estimate["excitation"]
+    assert sample_estimate["calibration_windows"] >= 10
+    assert "friction" not in sample_estimate["insignificant"]
+    for name in sample_estimate["insignificant"]:
+        assert sample_estimate["faults"][name] == fault_vector({})[FAULT_NAMES.index(name)]
+    covariance = sample_estimate["covariance"]
+    assert np.shape(covariance) == (8, 8)
+    assert covariance[0][0] == pytest.approx(sample_estimate["sigma"]["friction"] ** 2)
+    assert sample_estimate["unobservable"] == [
+        name for name, sigma in sample_estimate["sigma"].items() if sigma is None
+    ]
+    table = ema("estimate", SAMPLE).stdout
+    assert "calibration of" in table
+    assert table.count("nothing significant") == len(sample_estimate["insignificant"])
+
+
+def test_goodness_limit_is_that_of_the_option(ema):
+    result = ema("estimate", SAMPLE, "--goodness-limit", "0.2", "--json")
+    assert result.exit_code == 3
+    [estimate] = json.loads(result.stdout)
+    assert not estimate["valid"]
+    assert "none of the eight faults explains" in estimate["reason"]
+
+
 def test_particle_swarm_and_budget(ema):
     result = ema(
         "estimate", SAMPLE, "--algorithm", "pso", "--budget", "500", "--seed", "3", "--json"
     )
     [estimate] = json.loads(result.stdout)
     assert estimate["algorithm"] == "pso"
-    # Nine generations of 50, and the 17 windows that the covariance takes.
-    assert estimate["evaluations"] == 467
+    # Eight generations of 50, three linearisations of 17 windows, and the estimate itself.
+    assert estimate["evaluations"] == 452
 
 
 def test_table_names_the_shipped_calibration(ema):

@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_core.faults import healthy_faults
+from ema_monitor.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosis, Search
-from ema_monitor.estimate import Settings
+from ema_monitor.estimate import Estimate, Settings
 from ema_monitor.identification import identify
+from ema_monitor.last_faults import LastFaults
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import Termination
 from ema_monitor.trigger import Refusal
@@ -21,7 +24,7 @@ def found(windows_of, description) -> Found:
 
 
 def test_window_gives_the_estimate_of_its_identification(found, calibration, description):
-    run = Diagnosis(found, calibration, Settings())
+    run = Diagnosis(found, calibration, Search())
     assert run.estimate is None
     generations = [item.generation for item in run]
     expected = identify(found.window, description, calibration)
@@ -32,9 +35,9 @@ def test_window_gives_the_estimate_of_its_identification(found, calibration, des
 
 
 def test_refused_window_keeps_its_reason_and_stamps(calibration, description):
-    settings = Settings("pso", seed=3)
+    search = Search("pso", seed=3)
     for given, identity in ((calibration, calibration.calibration_id), ("none yet", "")):
-        run = Diagnosis(Found(0, description, Refusal(5, 9, "gap of 3 samples")), given, settings)
+        run = Diagnosis(Found(0, description, Refusal(5, 9, "gap of 3 samples")), given, search)
         assert list(run) == []
         estimate = run.estimate
         assert estimate is not None
@@ -42,12 +45,14 @@ def test_refused_window_keeps_its_reason_and_stamps(calibration, description):
         assert (estimate.start_ns, estimate.end_ns) == (5, 9)
         assert (estimate.algorithm, estimate.seed, estimate.evaluations) == ("pso", 3, 0)
         assert estimate.calibration_id == identity
+        assert estimate.calibration_windows == (calibration.windows if identity else 0)
+        assert not estimate.warm_start
         assert np.isnan(estimate.faults).all()
         assert estimate.unobservable.all()
 
 
 def test_window_without_calibration_is_refused_with_what_is_missing(found):
-    run = Diagnosis(found, "calibration.yaml is missing", Settings())
+    run = Diagnosis(found, "calibration.yaml is missing", Search())
     assert list(run) == []
     assert run.estimate is not None
     assert (run.estimate.valid, run.estimate.reason) == (False, "calibration.yaml is missing")
@@ -61,7 +66,7 @@ def test_window_without_calibration_is_refused_with_what_is_missing(found):
 def test_force_makes_an_estimate_with_a_calibration_of_another_unit(found, calibration):
     other = replace(calibration, serial_number="SIM-0002")
     for force in (False, True):
-        run = Diagnosis(found, other, Settings(), force=force)
+        run = Diagnosis(found, other, Search(), force=force)
         for _ in run:
             pass
         assert run.estimate is not None
@@ -71,8 +76,9 @@ def test_force_makes_an_estimate_with_a_calibration_of_another_unit(found, calib
 
 def test_search_gives_the_settings_of_an_identification():
     assert Search().settings() == Settings()
-    search = Search("pso", "least_squares", 700, 9)
-    assert search.settings() == Settings("pso", "least_squares", Termination(700), 9)
+    search = Search("pso", "least_squares", budget=700, goodness_limit=2.0, seed=9)
+    expected = Settings("pso", "least_squares", Termination(700), 9, goodness_limit=2.0)
+    assert search.settings() == expected
 
 
 @pytest.mark.parametrize(
@@ -82,10 +88,110 @@ def test_search_gives_the_settings_of_an_identification():
         ({"fitness": "taste"}, ["fitness", "taste", "total_least_squares", "least_squares"]),
         ({"budget": 0}, ["budget = 0"]),
         ({"budget": 1.5}, ["budget = 1.5", "whole"]),
+        ({"goodness_limit": 0.0}, ["goodness_limit = 0"]),
         ({"seed": -1}, ["seed = -1"]),
+        ({"warm_start": 1}, ["warm_start = 1", "true or false"]),
     ],
 )
 def test_impossible_search_is_refused_by_name(values, texts):
     with pytest.raises(ValueError, match="=") as refused:
         Search(**values)
     assert all(text in str(refused.value) for text in texts)
+
+
+def diagnosed(found: Found, calibration: Calibration | str, last: LastFaults, **values) -> Estimate:
+    run = Diagnosis(found, calibration, Search(**values), last_faults=last)
+    for _ in run:
+        pass
+    assert run.estimate is not None
+    return run.estimate
+
+
+def test_search_begins_at_the_last_valid_estimate(windows_of, calibration, description):
+    first, second = windows_of({"friction": 0.3, "eccentricity": 0.2}, 2)
+    last = LastFaults()
+    cold = diagnosed(Found(0, description, first), calibration, last)
+    warm = diagnosed(Found(1, description, second), calibration, last)
+    assert (cold.warm_start, warm.warm_start) == (False, True)
+    expected = identify(second, description, calibration, previous=cold.faults)
+    np.testing.assert_array_equal(warm.faults, expected.faults)
+    assert warm.evaluations == expected.evaluations < cold.evaluations
+
+
+def test_warm_search_leads_where_a_cold_one_does(windows_of, calibration, description):
+    """Even from the faults of quite another window."""
+    before, other = (
+        windows_of(faults)[0]
+        for faults in ({"friction": 0.7, "short_circuit_a": 0.3}, {"backlash": 0.4, "gain": 0.8})
+    )
+    last = LastFaults()
+    diagnosed(Found(0, description, before), calibration, last)
+    warm = diagnosed(Found(1, description, other), calibration, last)
+    cold = identify(other, description, calibration)
+    assert warm.warm_start
+    # Far less than the standard deviations, of some 0.003.
+    np.testing.assert_allclose(warm.faults, cold.faults, atol=1e-3)
+
+
+def test_windows_without_valid_estimate_leave_the_start_as_it_is(
+    windows_of, calibration, description
+):
+    first, second = windows_of({"friction": 0.3}, 2)
+    refusals = [Found(1, description, Refusal(5, 9, reason)) for reason in ("gap", "dropped")]
+    estimates = []
+    for between in ([], refusals):
+        last = LastFaults()
+        diagnosed(Found(0, description, first), calibration, last)
+        for item in between:
+            diagnosed(item, calibration, last)
+        diagnosed(Found(2, description, first), "there is no calibration", last)
+        # One that is broken off.
+        next(
+            iter(Diagnosis(Found(2, description, second), calibration, Search(), last_faults=last))
+        )
+        estimates.append(diagnosed(Found(3, description, second), calibration, last))
+    undisturbed, disturbed = estimates
+    assert undisturbed.warm_start
+    assert disturbed.evaluations == undisturbed.evaluations
+    np.testing.assert_array_equal(disturbed.faults, undisturbed.faults)
+
+
+def test_search_begins_anew_with_another_description_calibration_or_actuator(
+    windows_of, calibration, description
+):
+    [window] = windows_of({"friction": 0.3})
+    last = LastFaults()
+    diagnosed(Found(0, description, window), calibration, last)
+    others = [
+        (replace(description, model="another"), calibration),
+        (description, replace(calibration, windows=calibration.windows + 1)),
+        (replace(description, actuator_id="rudder"), calibration),
+    ]
+    assert last.of(description, calibration) is not None
+    for described, calibrated in others:
+        assert last.of(described, calibrated) is None
+    # Each actuator has its own.
+    diagnosed(Found(0, others[2][0], window), calibration, last)
+    assert last.of(description, calibration) is not None
+
+
+def test_cold_search_is_noted_as_well(windows_of, calibration, description):
+    [window] = windows_of({"friction": 0.3})
+    last = LastFaults()
+    found = Found(0, description, window)
+    for warm_start, expected in ((False, False), (False, False), (True, True)):
+        assert diagnosed(found, calibration, last, warm_start=warm_start).warm_start == expected
+
+
+def test_estimate_tells_what_was_put_back_to_healthy(found, calibration, description):
+    estimate = diagnosed(found, calibration, LastFaults())
+    kept = identify(found.window, description, calibration, Settings(parsimonious=False))
+    assert not estimate.insignificant[0]
+    assert np.count_nonzero(estimate.insignificant) >= 4
+    np.testing.assert_array_equal(
+        estimate.faults[estimate.insignificant], healthy_faults()[estimate.insignificant]
+    )
+    assert not kept.insignificant.any()
+    assert np.count_nonzero(kept.faults != healthy_faults()) > np.count_nonzero(
+        ~estimate.insignificant
+    )

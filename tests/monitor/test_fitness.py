@@ -256,9 +256,7 @@ def test_window_that_the_calibrated_model_made_has_no_residual(calibration, heal
     assert np.all(BandLimited(made, calibration).residuals(response) == 0.0)
 
 
-def test_healthy_window_costs_less_than_what_is_believed_and_a_fault_more(
-    calibration, windows_of
-):
+def test_healthy_window_costs_less_than_what_is_believed_and_a_fault_more(calibration, windows_of):
     window = windows_of({}, 7)[-1]
     made, model = BandLimited(window, calibration), calibration.model()
     faults = np.stack([healthy_faults(), fault_vector({"friction": 0.05})])

@@ -7,9 +7,8 @@ import pytest
 
 from ema_core.faults import FAULT_NAMES, FAULTS, fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN
-from ema_monitor.estimate import Estimate, Settings, refusal
+from ema_monitor.estimate import GOODNESS_LIMIT, Estimate, Settings, refusal
 from ema_monitor.health import ONE_SIDED_95, FaultHealth, HealthLimits, assess
-from ema_monitor.identification import POOR_FIT, UNEXPLAINED
 
 LIMITS = HealthLimits()
 SIGMA = 0.01
@@ -21,6 +20,7 @@ def estimate(
     sigma: float = SIGMA,
     unknown: tuple[str, ...] = (),
     goodness: float = 1.0,
+    goodness_limit: float = GOODNESS_LIMIT,
     reason: str = "",
 ) -> Estimate:
     unobservable = np.array([name in unknown for name in FAULT_NAMES])
@@ -32,6 +32,7 @@ def estimate(
         "covariance": covariance,
         "unobservable": unobservable,
         "goodness_of_fit": goodness,
+        "goodness_limit": goodness_limit,
         "valid": True,
     }
     return Estimate(**made)
@@ -138,12 +139,15 @@ def test_nothing_observable_is_stale():
     assert np.isnan(health.health_index)
 
 
+@pytest.mark.parametrize("limit", [2.0, 10.0])
 @pytest.mark.parametrize(
-    ("goodness", "confidence"),
-    [(POOR_FIT, 1.0), ((POOR_FIT + UNEXPLAINED) / 2, 0.5), (UNEXPLAINED, 0.0), (np.nan, 1.0)],
+    ("share", "confidence"), [(0.4, 1.0), (0.5, 1.0), (0.75, 0.5), (1.0, 0.0), (np.nan, 1.0)]
 )
-def test_confidence_falls_as_the_fit_gets_worse(goodness: float, confidence: float):
-    health = assess(estimate(goodness=goodness, reason="a poor fit"), LIMITS)
+def test_confidence_falls_as_the_fit_comes_near_its_limit(
+    limit: float, share: float, confidence: float
+):
+    made = estimate(goodness=share * limit, goodness_limit=limit, reason="a poor fit")
+    health = assess(made, LIMITS)
     assert health.confidence == pytest.approx(confidence)
     assert health.reason == "a poor fit"
 

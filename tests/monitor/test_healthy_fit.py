@@ -132,6 +132,13 @@ def test_what_the_windows_do_not_tell_stays_nominal(description):
     assert calibration.friction_scale == pytest.approx(1.04, rel=3e-3)
 
 
+def test_current_and_speed_both_tell_the_structure(healthy_windows, description):
+    """Where one of them says an inertia of 1 and the other of 0.9, the fit lies between."""
+    light, nominal = (made_by(scaled(1.0, x), healthy_windows[0], 0.13) for x in (0.9, 1.0))
+    window = answered(healthy_windows[0], nominal.current, light.telemetry.speed[1:])
+    assert 0.905 < calibrate([window], description).inertia_scale < 0.995
+
+
 def test_source_form_has_corrections_only(healthy_windows, description):
     """The thesis calibrates by addition alone."""
     calibration = calibrate(healthy_windows[:1], description, "source")

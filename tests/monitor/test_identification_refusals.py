@@ -128,7 +128,7 @@ def test_measured_current_that_is_no_number_is_refused(window, calibration, desc
     ("name", "value", "said"),
     [
         ("algorithm", "annealing", "'annealing' is unknown; known: least_squares"),
-        ("fitness", "median", "'median' is unknown; known: total_least_squares"),
+        ("fitness", "median", "'median' is unknown; known: band_limited"),
         ("seed", -1, "seed = -1"),
     ],
 )

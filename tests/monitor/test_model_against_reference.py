@@ -43,7 +43,9 @@ def modelled(window, faults, lift, form="fast"):
 
 
 @pytest.mark.parametrize(("faults", "limit"), AGREEMENT)
-def test_smoothed_current_and_speed_are_those_of_the_actuator(windows_of, calibration, faults, limit):
+def test_smoothed_current_and_speed_are_those_of_the_actuator(
+    windows_of, calibration, faults, limit
+):
     [window] = windows_of(faults)
     current, speed = (rows[0] for rows in modelled(window, faults, calibration.lift))
     residual = window.current - current

@@ -122,7 +122,9 @@ def test_derivatives_at_the_walls_are_one_sided(made, calibration):
         inwards = -1.0 if point[i] == 1.0 else 1.0
         step = inwards * DIFFERENCE * np.eye(len(point))[i]
         beside, here = objective.residuals(np.stack([point + step, point]))
-        assert at.jacobian[:, i] == pytest.approx((beside - here) / (inwards * DIFFERENCE), abs=1e-9)
+        assert at.jacobian[:, i] == pytest.approx(
+            (beside - here) / (inwards * DIFFERENCE), abs=1e-9
+        )
         assert np.any(at.jacobian[:, i])
 
 

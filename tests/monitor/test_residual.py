@@ -61,7 +61,9 @@ def test_every_sample_counts_alike_but_for_those_near_the_ends():
 @pytest.mark.parametrize("left", [0, 1, LENGTH // 2 - 1])
 def test_samples_that_fill_no_window_are_left_out(left):
     full = np.random.default_rng(0).normal(size=5 * LENGTH)
-    assert np.array_equal(band_limited(np.append(full, np.full(left, 99.0)), H), band_limited(full, H))
+    assert np.array_equal(
+        band_limited(np.append(full, np.full(left, 99.0)), H), band_limited(full, H)
+    )
 
 
 @pytest.mark.parametrize("n", [2, 3, 5, LENGTH - 1, LENGTH, LENGTH + 1, 2 * LENGTH + 3])

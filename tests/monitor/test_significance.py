@@ -53,15 +53,15 @@ def test_what_is_5_sigma_off_stays_and_what_is_half_a_sigma_off_goes(model):
     assert len(result) == len(point) == len(model[0])
 
 
-@pytest.mark.parametrize(("offset", "stays"), [(1.85, False), (2.10, True)])
+@pytest.mark.parametrize(("offset", "stays"), [(1.94, False), (1.98, True)])
 @pytest.mark.parametrize("component", [0, 3, 7])
 def test_limit_of_one_component_is_that_of_95_percent(model, component, offset, stays):
-    """1.96 sigma, but for the 2 % by which a sample's noise and columns are not orthogonal."""
+    """1.96 sigma."""
     kept, _, _ = shown(model, {component: offset})
     assert kept == ({component} if stays else set())
 
 
-@pytest.mark.parametrize(("offset", "stays"), [(2.30, False), (2.60, True)])
+@pytest.mark.parametrize(("offset", "stays"), [(2.43, False), (2.47, True)])
 @pytest.mark.parametrize("angle", [0.0, 0.8, 2.5, 4.0])
 def test_eccentricity_plane_is_one(model, angle, offset, stays):
     """2.45 sigma in whatever direction: chi-squared with two degrees of freedom."""
@@ -138,7 +138,12 @@ def test_correlated_residuals_make_a_component_less_sure(model):
 def problem(seed, d=8, spread=0.0):
     rng = np.random.default_rng(seed)
     point = rng.uniform(-spread, 1.0 + spread, d).clip(0.0, 1.0)
-    return point, HEALTHY[:d], rng.normal(size=200), rng.normal(size=(200, d)) * rng.uniform(1, 9, d)
+    return (
+        point,
+        HEALTHY[:d],
+        rng.normal(size=200),
+        rng.normal(size=(200, d)) * rng.uniform(1, 9, d),
+    )
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -161,7 +166,7 @@ def test_refit_meets_the_walls_in_some_of_these_problems():
         point, healthy, residuals, jacobian = problem(seed, 8 + seed % 2, 0.3)
         found = refitted(point, healthy, residuals, jacobian, np.ones(len(point), dtype=bool))
         at_walls += bool(np.any((found == 0.0) | (found == 1.0)))
-    assert 5 < at_walls
+    assert at_walls > 5
 
 
 def test_refit_of_nothing_is_healthy():

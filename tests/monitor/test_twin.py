@@ -12,9 +12,9 @@ from ema_monitor.model import MonitorModel
 from .monitor_twin import MonitorTwin
 from .windows import window_from
 
-# Both round differently, by some 1e-13 A and 1e-11 rad/s. A comparison that falls the other way, between current
-# and reference in the source form or at the edge of a driven pair, takes a coincidence to that
-# precision and would move a sample by at least 1e-4 A.
+# Both round differently, by some 1e-13 A and 1e-11 rad/s. A comparison that falls the other way,
+# between current and reference in the source form or at the edge of a driven pair, takes a
+# coincidence to that precision and would move a sample by at least 1e-4 A.
 TOLERANCE = 1e-9
 SPEED_TOLERANCE = 1e-7
 LIFT = {"fast": 0.3, "source": 0.0}

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 
 import pytest
 from rclpy.context import Context
@@ -98,3 +99,40 @@ def test_what_a_callback_raises_is_told_and_the_next_is_run(context, spin):
     spin(executor)
     wait_for(lambda: len(calls) > 2, "further calls")
     assert [str(error) for error in told] == ["stumbled"]
+
+
+def test_messages_that_have_come_are_heard_in_a_row_but_not_without_end(context):
+    """To wait for each anew takes longer than the message does."""
+    node, peer = Node("slow", context=context), Node("peer", context=context)
+    heard: list[int] = []
+    failures: list[str] = []
+
+    def hear(message: Int64) -> None:
+        heard.append(message.data)
+        if message.data == 3:
+            raise ValueError("three")
+
+    subscription = node.create_subscription(Int64, "flood", hear, 1000)
+    publisher = peer.create_publisher(Int64, "flood", 1000)
+    executor = NodeExecutor(lambda error: failures.append(str(error)), context=context)
+    executor.add_node(node)
+    wait_for(publisher.get_subscription_count, "the subscription")
+    for number in range(250):
+        publisher.publish(Int64(data=number))
+    assert publisher.wait_for_all_acked()
+    counts = [0]
+    wait_for(lambda: _spin_and_count(executor, heard, counts) == 250, "all messages")
+    assert heard == list(range(250))
+    assert failures == ["three"]
+    # What else waits has its turn at least once in a hundred messages.
+    steps = [after - before for before, after in pairwise(counts)]
+    assert max(steps) == 100
+    assert len([step for step in steps if step]) < 10
+    executor.shutdown()
+    node.destroy_subscription(subscription)
+
+
+def _spin_and_count(executor: NodeExecutor, heard: list[int], counts: list[int]) -> int:
+    executor.spin_once(timeout_sec=0.1)
+    counts.append(len(heard))
+    return len(heard)

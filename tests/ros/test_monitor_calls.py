@@ -83,8 +83,10 @@ def test_latest_window_is_identified_with_the_algorithm_of_choice(session: Monit
     assert evaluations == sorted(evaluations)
     fitness = [item.best_fitness for item in goal.feedback]
     assert fitness == sorted(fitness, reverse=True)
-    assert goal.feedback[-1].best.friction == estimate.faults.friction
-    assert estimate.fitness == fitness[-1]
+    # Thereafter what is not significant is put back to healthy, and the rest fitted anew.
+    assert goal.feedback[-1].best.friction == pytest.approx(estimate.faults.friction, abs=0.01)
+    assert estimate.fitness < 1.1 * fitness[-1]
+    assert not estimate.warm_start
     # It answers who asked, and nobody else.
     assert len(session.estimates()) == before
 

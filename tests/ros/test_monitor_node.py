@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from lifecycle_msgs.msg import Transition
 
-from ema_core.faults import FAULT_NAMES
+from ema_core.faults import FAULT_NAMES, estimation_error, healthy_faults
 from ema_interfaces.msg import FaultEstimate, Health
 from ema_messages.stamps import stamp_from_message
 from ema_messages.topics import LATCHED, LATCHED_BY_MANY
@@ -63,7 +63,7 @@ def test_estimate_is_stamped_with_its_window(estimate: FaultEstimate):
 def test_estimate_is_that_of_the_library(estimate: FaultEstimate):
     watch = Watch(TriggerSettings(), FLAP)
     [found] = [e for block in Source(friction=0.3).cycle() for e in watch.feed(block)]
-    run = Diagnosis(found, Calibration.builtin(), Search().settings())  # type: ignore[arg-type]
+    run = Diagnosis(found, Calibration.builtin(), Search())  # type: ignore[arg-type]
     for _ in run:
         pass
     expected = run.estimate
@@ -74,8 +74,12 @@ def test_estimate_is_that_of_the_library(estimate: FaultEstimate):
     assert estimate.evaluations == expected.evaluations > 0
     assert estimate.fitness == expected.fitness
     assert estimate.goodness_of_fit == expected.goodness_of_fit < estimate.goodness_limit
+    assert estimate.goodness_limit == expected.goodness_limit
     assert estimate.excitation == pytest.approx(np.ptp(CYCLE.samples[CYCLE.start : CYCLE.stop]))
+    assert 0.0 < estimate.excitation_limit < estimate.excitation
     assert estimate.calibration_id == Calibration.builtin().calibration_id
+    assert estimate.calibration_windows == Calibration.builtin().windows > 0
+    assert not estimate.warm_start
     assert (estimate.algorithm, estimate.seed) == (Search().algorithm, 0)
     assert (estimate.actuator_id, estimate.serial_number) == (FLAP.actuator_id, FLAP.serial_number)
     assert 0.0 < estimate.computing_time < 8.0
@@ -90,6 +94,14 @@ def test_covariance_is_symmetric_and_unknown_where_unobservable(estimate: FaultE
     np.testing.assert_array_equal(covariance, covariance.T)
     np.testing.assert_array_equal(np.isnan(covariance), unknown[:, None] | unknown[None, :])
     assert np.linalg.eigvalsh(covariance[np.ix_(~unknown, ~unknown)]).min() >= 0.0
+
+
+def test_estimate_tells_which_components_were_put_back_to_healthy(estimate: FaultEstimate):
+    insignificant = np.array([bool(estimate.insignificant & 1 << i) for i in range(8)])
+    assert not estimate.insignificant & FaultEstimate.FRICTION
+    # That of the window is friction alone: nearly all else is told from nothing.
+    assert np.count_nonzero(insignificant) >= 4
+    np.testing.assert_array_equal(vector(estimate)[insignificant], healthy_faults()[insignificant])
 
 
 def test_health_tells_of_the_fault(estimate: FaultEstimate, health: Health):
@@ -167,6 +179,28 @@ def test_settings_take_effect_with_the_next_window(session: MonitorSession):
     length = stamp_from_message(estimate.window_end) - stamp_from_message(estimate.window_start)
     assert (length, estimate.valid) == (300_000_000, False)
     assert "3000" in estimate.reason
+
+
+def test_search_begins_at_the_estimate_before_unless_told_otherwise():
+    """And anew where the actuator is described otherwise: it may be another one."""
+    source = Source(friction=0.3, eccentricity=0.1)
+    with monitor() as session:
+        session.describe()
+        for _ in range(2):
+            session.feed(source.cycle())
+            assert session.next_estimate().valid
+        assert session.set_parameter_values({"warm_start": False})[0].successful
+        session.feed(source.cycle())
+        assert session.next_estimate().valid
+        assert session.set_parameter_values({"warm_start": True})[0].successful
+        session.describe(replace(FLAP, model="another"))
+        session.feed(source.cycle())
+        assert session.next_estimate().valid
+        cold, warm, told_cold, anew = session.estimates()
+    assert [e.warm_start for e in (cold, warm, told_cold, anew)] == [False, True, False, False]
+    assert warm.evaluations < min(e.evaluations for e in (cold, told_cold, anew))
+    # Each window has another ripple: estimates differ by that, not by where the search began.
+    assert estimation_error(vector(warm), vector(cold)) < 1.0
 
 
 def test_estimates_do_not_depend_on_how_telemetry_is_cut_or_when_it_comes():

@@ -11,14 +11,14 @@ from lifecycle_msgs.msg import Transition
 from rosgraph_msgs.msg import Clock
 
 from ema_core.faults import healthy_faults
-from ema_monitor import monitor_node
+from ema_monitor import identification_thread
 from ema_monitor.calibration import Calibration
-from ema_monitor.diagnosis import Diagnosis
-from ema_monitor.estimate import Settings, refusal
+from ema_monitor.diagnosis import Diagnosis, Search
+from ema_monitor.estimate import refusal
 from ema_monitor.watch import Found
 from ema_monitor.window import Window
 
-from .monitor_session import MonitorSession, Source, in_window, monitor
+from .monitor_session import FLAP, MonitorSession, Source, in_window, monitor
 
 
 class HeldDiagnosis(Diagnosis):
@@ -26,10 +26,12 @@ class HeldDiagnosis(Diagnosis):
 
     may = threading.Event()
 
-    def __init__(self, found: Found, calibration: Calibration, settings: Settings) -> None:
-        super().__init__(found, calibration, settings)
+    def __init__(
+        self, found: Found, calibration: Calibration | str, search: Search, **options: Any
+    ) -> None:
+        super().__init__(found, calibration, search, **options)
         self._window = found.window
-        self._asked = settings
+        self._asked = search.settings()
 
     def __iter__(self) -> Iterator[Any]:
         if not isinstance(self._window, Window):
@@ -51,7 +53,7 @@ class HeldDiagnosis(Diagnosis):
 @pytest.fixture
 def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
     """Identification goes on when this is set."""
-    monkeypatch.setattr(monitor_node, "Diagnosis", HeldDiagnosis)
+    monkeypatch.setattr(identification_thread, "Diagnosis", HeldDiagnosis)
     monkeypatch.setattr(HeldDiagnosis, "may", threading.Event())
     yield HeldDiagnosis.may
     HeldDiagnosis.may.set()
@@ -78,6 +80,30 @@ def test_oldest_window_gives_way_when_too_many_wait(held: threading.Event):
         for estimate in session.estimates()[1:3]:
             assert "dropped: more than 1 windows waited" in estimate.reason
         session.until(lambda: count(session, "input", "windows dropped") == 2)
+
+
+def test_windows_of_many_actuators_that_end_at_once_all_wait(held: threading.Event):
+    others = [replace(FLAP, actuator_id=f"tab_{i}") for i in range(5)]
+    with monitor({"waiting_windows": 1}) as session:
+        source = Source()
+        for described in (FLAP, *others):
+            session.describe(described)
+        blocks = source.cycle()
+        session.feed(blocks)
+        # That of the flap is under identification; the next one waits beside those of the others.
+        session.until(lambda: count(session, "flap telemetry", "windows") == 1)
+        session.feed(source.cycle())
+        for described in others:
+            session.feed(blocks, described.actuator_id)
+        waiting = {d.actuator_id for d in others}
+        session.until(
+            lambda: all(count(session, f"{i} telemetry", "windows") == 1 for i in waiting)
+        )
+        session.until(lambda: count(session, "flap telemetry", "windows waiting") == 6)
+        held.set()
+        session.until(lambda: len(session.received("fault_estimate")) == 7)
+        assert all(estimate.valid for estimate in session.received("fault_estimate"))
+        session.until(lambda: count(session, "input", "windows dropped") == 0)
 
 
 def test_none_gives_way_in_simulated_time(held: threading.Event):

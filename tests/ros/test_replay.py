@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ema_cli.estimate import estimate_windows
+from ema_cli.identification_options import IdentificationOptions
 from ema_cli.source_options import Source
 from ema_cli.windows import read_windows
 from ema_core.commands import THESIS_CHIRP, build_cycle
@@ -13,7 +15,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_interfaces.msg import FaultEstimate
 from ema_monitor.calibration import Calibration
-from ema_monitor.diagnosis import Diagnosis, Search
+from ema_monitor.diagnosis import Search
 from ema_monitor.monitor_messages import estimate_to_message
 from ema_monitor.trigger import TriggerSettings
 from ema_recording.actuator_bag import SimulatedActuatorBag
@@ -50,14 +52,12 @@ def offline(bag: Path) -> list[FaultEstimate]:
     """Return what `ema estimate` finds, as messages."""
     settings = TriggerSettings()
     found = read_windows(bag, Source(None, None, settings.threshold, settings.rest_s, None))
-    messages = []
-    for item in found.windows:
-        run = Diagnosis(item, Calibration.builtin(), Search().settings())
-        for _ in run:
-            pass
-        assert run.estimate is not None
-        messages.append(estimate_to_message(run.estimate, item.number, item.description))
-    return messages
+    options = IdentificationOptions(Search(), None, force=False)
+    estimates = estimate_windows(found.windows, Calibration.builtin(), options)
+    return [
+        estimate_to_message(estimate, item.number, item.description)
+        for estimate, item in zip(estimates, found.windows, strict=True)
+    ]
 
 
 def plain(message: Any) -> dict[str, Any]:
@@ -81,6 +81,7 @@ def expected(bag: Path) -> list[FaultEstimate]:
 
 def test_offline_command_tells_what_is_wrong_with_two_of_the_windows(expected):
     assert [item.valid for item in expected] == [True, False, True, False]
+    assert [item.warm_start for item in expected] == [False, False, True, False]
     assert "gap of 100 samples" in expected[1].reason
     assert "the telemetry ends" in expected[3].reason
 

@@ -20,7 +20,8 @@ class Optimizer(Protocol):
     ----------
     uses_residuals
         Whether it looks at the residuals rather than at the cost alone. Such an optimizer wants
-        coordinates in which the residuals are smooth.
+        coordinates in which the residuals are smooth, and takes a ``good_cost``, the highest cost
+        at which it may believe an optimum.
     converged
         True once nothing is left to ask.
     """

@@ -1,4 +1,4 @@
-"""Bounded least squares from several starts, with as much of a global screen as it takes."""
+"""Bounded least squares, from as many starts and as global a screen as it takes."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,7 +12,8 @@ from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 DIFFERENCE: Final = 5e-3
 """Step of the difference quotients; smaller ones see the model's friction stick and slip."""
 
-_SCREENS: Final = ((96, 4), (600, 12))
+# Points and starts; the first is a descent from the start.
+_SCREENS: Final = ((1, 1), (96, 4), (600, 12))
 _DAMPINGS: Final = np.array([1e-6, 1e-3, 1e-1, 10.0])
 _STEP_TOLERANCE: Final = 2e-4
 _GAIN_TOLERANCE: Final = 1e-4
@@ -31,7 +32,7 @@ class _Descent:
 
 
 class ScreenedLeastSquares:
-    """Screen the box, then descend from the best starts at once (Levenberg-Marquardt).
+    """Levenberg-Marquardt from the start, and from screened starts where that gives no good fit.
 
     A screen is a Latin hypercube, half of it spread over the box, half of it drawn towards the
     start. Each iteration asks for the difference columns of all descents in one batch, then for
@@ -39,9 +40,8 @@ class ScreenedLeastSquares:
     the descents is given up, until one is left. A component at its bound is held there as long
     as the step would leave the box.
 
-    A small screen comes first. If where it leads costs more than what a good fit does, a large
-    one follows. Where the optimum is expected near the start, a descent from the start comes
-    before both.
+    A descent from the start comes first. As long as what was found costs more than a good fit, a
+    small screen with a few starts follows, then a large one with many.
 
     Parameters
     ----------
@@ -49,10 +49,8 @@ class ScreenedLeastSquares:
         Point about which the screens are denser, ``(d,)``; it is one of the screened points.
     rng
         Source of random numbers.
-    near
-        Whether the optimum is expected near the start.
     good_cost
-        Highest cost at which an optimum is believed.
+        Highest cost at which an optimum is believed; at 0 all screens are made.
     """
 
     uses_residuals = True
@@ -62,15 +60,14 @@ class ScreenedLeastSquares:
         start: NDArray[np.float64],
         rng: np.random.Generator,
         *,
-        near: bool = False,
-        good_cost: float = np.inf,
+        good_cost: float = 0.0,
     ) -> None:
         self.converged = False
         self._start = np.asarray(start, dtype=np.float64)
         self._rng = rng
         self._good_cost = good_cost
         self._best_cost = np.inf
-        self._steps = self._search(((1, 1), *_SCREENS) if near else _SCREENS)
+        self._steps = self._search()
         self._asked = next(self._steps)
         self._told: tuple[NDArray[np.float64], ...] = ()
 
@@ -93,9 +90,9 @@ class ScreenedLeastSquares:
         else:
             self._asked = asked
 
-    def _search(self, screens: tuple[tuple[int, int], ...]) -> Iterator[NDArray[np.float64]]:
+    def _search(self) -> Iterator[NDArray[np.float64]]:
         """Yield what to evaluate next; the answers are in ``_told`` thereafter."""
-        for size, starts in screens:
+        for size, starts in _SCREENS:
             yield self._screen(size)
             points, costs, residuals = self._told
             descents = [

@@ -1,0 +1,110 @@
+"""All targets in one table, from what the other benchmarks wrote.
+
+    python tests/benchmarks/summary.py
+
+Reads accuracy.json, kernels.json, live.json and fleet.json beside this file, as `make bench` writes
+them; prints the table, writes it to summary.json, and fails when a target is missed.
+"""
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import targets
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from targets import Row
+
+HERE: Final = Path(__file__).parent
+_KERNEL_SHARE: Final = 0.9
+_SCALING: Final = 1.7
+_ACTUATORS: Final = 16
+
+
+def kernel_rows(figures: dict[str, Any]) -> list[Row]:
+    """Return the rows of the batch kernel: its speed in yardsticks, and on two cores."""
+    result = []
+    for run in figures["monitor"].values():
+        step_us, batch = 1e6 * run["dt_s"], run["batch"]
+        ratio = run["cores_1"]["ratio"]["median"]
+        # The yardstick itself takes steps of 10 us.
+        compared = round(step_us) == 10
+        result.append(
+            Row(
+                f"kernel, {step_us:.0f} us, {batch} individuals, of the yardstick",
+                f">= {_KERNEL_SHARE:g}" if compared else "",
+                f"{ratio:.2f}",
+                ratio >= _KERNEL_SHARE if compared else None,
+            )
+        )
+        if batch >= 64:
+            scaling = run["scaling"]["median"]
+            result.append(
+                Row("  two cores over one", f">= {_SCALING:g}", f"{scaling:.2f}", scaling >= _SCALING)
+            )
+    for case, by_name in figures["reference"].items():
+        ratio = by_name["-O3"]["ratio"]["median"] if "-O3" in by_name else None
+        others = {name: one for name, one in by_name.items() if name != "numba"}
+        plain = min(others)
+        ratio = others[plain]["ratio"]["median"]
+        result.append(
+            Row(
+                f"reference step, {case}, time over that of C++",
+                "<= 1",
+                f"{ratio:.2f} ({by_name['numba']['value']['median']:.0f} ns)",
+                ratio <= 1.0,
+            )
+        )
+    return result
+
+
+def live_rows(figures: dict[str, Any]) -> list[Row]:
+    """Return the rows of the live graph."""
+    count = figures["windows"]
+    median, late = figures["latency_median_s"], figures["latency_95_percent_s"]
+    lost = figures["samples_lost_by_monitor"] + figures["samples_lost_by_recorder"]
+    return [
+        Row(f"live, {count} windows: last sample to estimate, median [s]", "<= 0.1",
+            f"{median:.3f}", median <= 0.1),
+        Row("  95th percentile [s]", "<= 0.3", f"{late:.3f}", late <= 0.3),
+        Row("  samples lost", "0", f"{lost} of {figures['samples']}", lost == 0),
+    ]
+
+
+def fleet_rows(rows: list[dict[str, Any]]) -> list[Row]:
+    """Return the row of the fleet that one monitor follows."""
+    followed = max((row["actuators"] for row in rows if row["is_followed"]), default=0)
+    return [
+        Row("actuators that one monitor follows", f">= {_ACTUATORS}", f"{followed} of "
+            f"{max(row['actuators'] for row in rows)} tried", followed >= _ACTUATORS)
+    ]
+
+
+def main() -> None:
+    """Print the table, write it, and fail when a target is missed."""
+    parts = {
+        "accuracy": targets.rows,
+        "kernels": kernel_rows,
+        "live": live_rows,
+        "fleet": fleet_rows,
+    }
+    rows: list[Row] = []
+    for name, rows_of in parts.items():
+        rows += rows_of(json.loads((HERE / f"{name}.json").read_text()))
+    table = Table("what", "target", "measured", "met", "thesis", title="targets")
+    for column in table.columns:
+        column.no_wrap = True
+    for row in rows:
+        met = {None: "", True: "[green]yes[/]", False: "[bold red]no[/]"}[row.met]
+        # A unit in brackets would be taken for markup.
+        table.add_row(escape(row.what), row.target, row.measured, met, row.thesis)
+    Console(width=120).print(table)
+    content = [row._asdict() | {"met": None if row.met is None else bool(row.met)} for row in rows]
+    (HERE / "summary.json").write_text(json.dumps(content, indent=2))
+    missed = sum(row.met is False for row in rows)
+    raise SystemExit(f"{missed} targets missed" if missed else 0)
+
+
+if __name__ == "__main__":
+    main()
