@@ -147,10 +147,18 @@ class Calibration:
         shift
             How many samples later than the calibrated window the window begins.
         """
-        return Response(
-            response.current + moved(self.correction, shift),
-            response.speed + moved(self.speed_correction, shift),
-        )
+        current, speed = self.corrections(shift)
+        return Response(response.current + current, response.speed + speed)
+
+    def corrections(self, shift: int = 0) -> Response:
+        """Return what is added to current and speed of the model, both ``(n,)`` [A, rad/s].
+
+        Parameters
+        ----------
+        shift
+            How many samples later than the calibrated window the window begins.
+        """
+        return Response(moved(self.correction, shift), moved(self.speed_correction, shift))
 
     def alignment(self, window: Window) -> int:
         """Return how many samples later than the calibrated window a window begins.

@@ -221,8 +221,13 @@ class _Conclusion:
             [window.current - expected.current[0], window.telemetry.speed[1:] - expected.speed[0]]
         )
         current, speed = band_limited(missed, window.sample_period)
-        ratios = rms(current) / calibration.healthy_rms, rms(speed) / calibration.healthy_speed_rms
-        return float(np.max(ratios))
+        # Where one scatter is unknown, the other judges.
+        return float(
+            np.fmax(
+                rms(current) / calibration.healthy_rms,
+                rms(speed) / calibration.healthy_speed_rms,
+            )
+        )
 
     def _settle(self, point: NDArray[np.float64]) -> tuple[Linearisation, NDArray[np.bool_], int]:
         """Put insignificant components back to healthy.

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, N_FAULTS
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
-from ema_monitor.uncertainty import sandwich_covariance
+from ema_monitor.uncertainty import MISMATCH_FACTOR, sandwich_covariance
 
 GROUPS: Final = tuple(
     [i, ECCENTRICITY_PHASE] if i == ECCENTRICITY else [i]
@@ -50,7 +50,8 @@ def significant_components(
     while groups:
         left = residuals + jacobian @ (current - point)
         covariance = np.zeros((len(point), len(point)))
-        covariance[np.ix_(shown, shown)] = sandwich_covariance(jacobian[:, shown], left, lags)
+        known = sandwich_covariance(jacobian[:, shown], left, lags)
+        covariance[np.ix_(shown, shown)] = MISMATCH_FACTOR**2 * known
         least, group = min(
             ((_distance(current - healthy, covariance, group), group) for group in groups),
             key=lambda one: one[0],

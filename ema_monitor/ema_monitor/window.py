@@ -68,6 +68,6 @@ class Window:
                 f"no excitation: the command travels {travel:.3g} rad, at least {MIN_TRAVEL:g} rad "
                 "is needed"
             )
-        if not np.any(self.telemetry.speed):
+        if not np.any(self.telemetry.speed[1:]):
             return "no excitation: the motor stands still although the command moves"
         return ""

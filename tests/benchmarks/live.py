@@ -43,12 +43,15 @@ class Demo:
         From window to estimate, as the monitor says [s].
     evaluations
         Windows of the model that an estimate took.
+    reasons
+        Why estimates were not valid.
     """
 
     counts: dict[str, int]
     latencies_s: list[float]
     computing_s: list[float]
     evaluations: list[int]
+    reasons: list[str]
 
 
 def read(path: Path) -> Demo:
@@ -58,7 +61,8 @@ def read(path: Path) -> Demo:
         (item.message.first_index, len(item.message.command)) for item in bag.messages([_TELEMETRY])
     ]
     missing = [after[0] - before[0] - before[1] for before, after in pairwise(blocks)]
-    valid = [item for item in bag.messages([_ESTIMATES]) if item.message.valid]
+    estimates = list(bag.messages([_ESTIMATES]))
+    valid = [item for item in estimates if item.message.valid]
     statuses = [
         {pair.key: pair.value for pair in status.values}
         for item in bag.messages([_STATUS])
@@ -79,6 +83,7 @@ def read(path: Path) -> Demo:
         [(item.log_time_ns - stamp_from_message(item.message.window_end)) * 1e-9 for item in valid],
         [item.message.computing_time for item in valid],
         [item.message.evaluations for item in valid],
+        [item.message.reason for item in estimates if not item.message.valid],
     )
 
 
@@ -95,7 +100,10 @@ def pooled(demos: list[Demo]) -> dict[str, Any]:
         figures[f"{name}_median_s"] = float(np.median(values))
         figures[f"{name}_95_percent_s"] = float(np.quantile(values, 0.95))
     evaluations = [value for demo in demos for value in demo.evaluations]
-    return figures | {"evaluations_median": float(np.median(evaluations))}
+    return figures | {
+        "evaluations_median": float(np.median(evaluations)),
+        "reasons": [reason for demo in demos for reason in demo.reasons],
+    }
 
 
 @click.command()
@@ -114,10 +122,14 @@ def main(count: int, duration_s: float, output: Path | None) -> None:
     figures = pooled(demos)
     table = Table("live graph", "", title=f"{count} demos of {duration_s:g} s at 10 kHz")
     for name, value in figures.items():
+        if name == "reasons":
+            continue
         table.add_row(
             name.replace("_", " "), f"{value:.3f}" if isinstance(value, float) else str(value)
         )
     Console(width=100).print(table)
+    for reason in figures["reasons"]:
+        click.echo(f"no valid estimate: {reason}")
     if output:
         output.write_text(json.dumps(figures, indent=2))
 

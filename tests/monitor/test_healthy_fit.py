@@ -37,7 +37,9 @@ def scaled(friction: float, inertia: float, parameters=PARAMETERS, **others) -> 
 
 def made_by(parameters: ActuatorParameters, window: Window, lift=0.0, sigma=0.0, seed=0) -> Window:
     """What the model of a unit answers in a window, with noise of the current."""
-    response = MonitorModel(parameters, lift=lift).respond(window, healthy_faults(), window.play)
+    response = MonitorModel(parameters, lift=lift).respond(
+        window, healthy_faults(), window.play or 0.0
+    )
     current, speed = response.current[0], response.speed[0]
     noise = np.random.default_rng(seed).normal(0.0, sigma, len(current))
     return answered(window, current + noise, speed)

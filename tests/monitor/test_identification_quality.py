@@ -72,6 +72,8 @@ def test_unmodelled_trouble_is_told(windows_of, calibration, description, amplit
     told = f"{estimate.goodness_of_fit:.1f} times that of a healthy actuator, {limit} is expected"
     assert (told in estimate.reason) == (not valid)
     assert np.all(np.isfinite(estimate.faults))
+    # A poor fit is believed only after the largest screen.
+    assert (estimate.evaluations > 600) == (not valid)
 
 
 def test_goodness_limit_is_a_setting_and_follows_the_worst_short_circuit(

@@ -24,7 +24,7 @@ def test_constant_stays():
 
 
 def test_straight_line_stays():
-    values = band_limited(3.0 - 40.0 * H * np.arange(300), H)
+    values = band_limited(3.0 - 40.0 * H * np.arange(300.0), H)
     assert values == pytest.approx(3.0 - 40.0 * centres(len(values)), rel=1e-12)
 
 

@@ -6,8 +6,11 @@ from scipy.optimize import lsq_linear
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE
 from ema_monitor.significance import GROUPS, refitted, significant_components
+from ema_monitor.uncertainty import MISMATCH_FACTOR
 
 N, SIGMA = 4000, 0.01
+# What a component is told with, the mismatch of the model included.
+WIDENED = MISMATCH_FACTOR * SIGMA
 PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
 HEALTHY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 0.5])
 
@@ -29,11 +32,11 @@ def model(request):
 
 
 def estimate(model, offsets):
-    """Arguments of an estimate that is so many sigma away from healthy."""
+    """Arguments of an estimate that is so many widened sigma away from healthy."""
     healthy, noise, jacobian = model
     point = healthy.copy()
     for i, offset in offsets.items():
-        point[i] += offset * SIGMA
+        point[i] += offset * WIDENED
     return point, healthy, noise, jacobian
 
 
@@ -91,7 +94,7 @@ def test_place_in_the_play_is_never_dropped(model, offset):
     if len(model[0]) == 9:
         _, result, point = shown(model, {1: 5.0, 8: offset})
         assert result[8]
-        assert point[8] == pytest.approx(0.5 + offset * SIGMA, abs=1e-7)
+        assert point[8] == pytest.approx(0.5 + offset * WIDENED, abs=1e-7)
     assert all(8 not in group for group in GROUPS)
 
 
