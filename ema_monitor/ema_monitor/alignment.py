@@ -16,6 +16,10 @@ MOST_SHIFT: Final = 60
 """Largest number of samples that two windows may begin apart."""
 
 
+# Share of the travel: far more than rounding, far less than what a sample moves.
+_SAME: Final = 1e-6
+
+
 def shift_between(command: NDArray[np.float64], reference: NDArray[np.float64]) -> int:
     """Return how many samples later than a reference a window begins.
 
@@ -24,7 +28,7 @@ def shift_between(command: NDArray[np.float64], reference: NDArray[np.float64]) 
     command, reference
         Commands of the two windows, both ``(n,)`` [rad].
     """
-    if np.array_equal(command, reference):
+    if np.max(np.abs(command - reference)) <= _SAME * np.ptp(reference):
         return 0
     most = min(MOST_SHIFT, (len(command) - 1) // 2)
     shifts = np.array(sorted(range(-most, most + 1), key=abs))

@@ -41,7 +41,12 @@ def kernel_rows(figures: dict[str, Any]) -> list[Row]:
         if batch >= 64:
             scaling = run["scaling"]["median"]
             result.append(
-                Row("  two cores over one", f">= {_SCALING:g}", f"{scaling:.2f}", scaling >= _SCALING)
+                Row(
+                    "  two cores over one",
+                    f">= {_SCALING:g}",
+                    f"{scaling:.2f}",
+                    scaling >= _SCALING,
+                )
             )
     for case, by_name in figures["reference"].items():
         ratio = by_name["-O3"]["ratio"]["median"] if "-O3" in by_name else None
@@ -65,8 +70,12 @@ def live_rows(figures: dict[str, Any]) -> list[Row]:
     median, late = figures["latency_median_s"], figures["latency_95_percent_s"]
     lost = figures["samples_lost_by_monitor"] + figures["samples_lost_by_recorder"]
     return [
-        Row(f"live, {count} windows: last sample to estimate, median [s]", "<= 0.1",
-            f"{median:.3f}", median <= 0.1),
+        Row(
+            f"live, {count} windows: last sample to estimate, median [s]",
+            "<= 0.1",
+            f"{median:.3f}",
+            median <= 0.1,
+        ),
         Row("  95th percentile [s]", "<= 0.3", f"{late:.3f}", late <= 0.3),
         Row("  samples lost", "0", f"{lost} of {figures['samples']}", lost == 0),
     ]
@@ -76,8 +85,12 @@ def fleet_rows(rows: list[dict[str, Any]]) -> list[Row]:
     """Return the row of the fleet that one monitor follows."""
     followed = max((row["actuators"] for row in rows if row["is_followed"]), default=0)
     return [
-        Row("actuators that one monitor follows", f">= {_ACTUATORS}", f"{followed} of "
-            f"{max(row['actuators'] for row in rows)} tried", followed >= _ACTUATORS)
+        Row(
+            "actuators that one monitor follows",
+            f">= {_ACTUATORS}",
+            f"{followed} of {max(row['actuators'] for row in rows)} tried",
+            followed >= _ACTUATORS,
+        )
     ]
 
 

@@ -50,7 +50,7 @@ def test_what_is_5_sigma_off_stays_and_what_is_half_a_sigma_off_goes(model):
     kept, result, point = shown(model, {0: 5.0, 1: 0.5, 3: 5.0, 4: 0.5, 7: -5.0})
     assert kept == {0, 3, 7}
     expected = model[0].copy()
-    expected[[0, 3, 7]] += np.array([5.0, 5.0, -5.0]) * SIGMA
+    expected[[0, 3, 7]] += np.array([5.0, 5.0, -5.0]) * WIDENED
     # Orthogonal: the others do not move when one is put back.
     assert point == pytest.approx(expected, abs=1e-7)
     assert len(result) == len(point) == len(model[0])
@@ -80,7 +80,7 @@ def test_eccentricity_plane_is_one(model, angle, offset, stays):
 def test_small_share_of_a_large_eccentricity_stays_with_it(model):
     kept, _, point = shown(model, {ECCENTRICITY: 9.0, ECCENTRICITY_PHASE: 0.1})
     assert kept == set(PLANE)
-    assert point[ECCENTRICITY_PHASE] == pytest.approx(0.5 + 0.1 * SIGMA, abs=1e-7)
+    assert point[ECCENTRICITY_PHASE] == pytest.approx(0.5 + 0.1 * WIDENED, abs=1e-7)
 
 
 def test_healthy_estimate_is_the_healthy_point(model):
@@ -110,7 +110,7 @@ def test_one_of_two_that_look_alike_takes_the_traces_of_both(model):
     alike[:, 1] = 0.995 * jacobian[:, 0] + np.sqrt(1 - 0.995**2) * jacobian[:, 1]
     kept, _, point = shown((healthy, noise, alike), {0: 4.0, 1: 3.0})
     assert kept == {0}
-    assert point[0] == pytest.approx((4.0 + 0.995 * 3.0) * SIGMA, abs=1e-6)
+    assert point[0] == pytest.approx((4.0 + 0.995 * 3.0) * WIDENED, abs=1e-6)
     assert point[1] == 0.0
 
 
@@ -132,7 +132,7 @@ def test_correlated_residuals_make_a_component_less_sure(model):
     jacobian = jacobian.copy()
     jacobian[:, 0] = np.sqrt(2 / N) * np.sin(2 * np.pi * 3 * t) / SIGMA
     point = healthy.copy()
-    point[0] += 4.0 * SIGMA
+    point[0] += 4.0 * WIDENED
     for lags, stays in ((0, True), (20, False)):
         result, _ = significant_components(point, healthy, noise, jacobian, lags)
         assert result[0] == stays
