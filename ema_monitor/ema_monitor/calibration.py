@@ -269,7 +269,10 @@ class Calibration:
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise ValueError(f"{path} is not a YAML file: {error}") from error
         if not isinstance(content, dict) or content.get("format") != _FORMAT:
-            raise ValueError(f"{path} is not a calibration of format {_FORMAT}")
+            raise ValueError(
+                f"{path} is not a calibration of format {_FORMAT}; "
+                "make it anew with `ema calibrate`"
+            )
         content.pop("format")
         try:
             given = content["parameters"]

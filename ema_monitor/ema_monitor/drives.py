@@ -34,12 +34,14 @@ class FastDrive(NamedTuple):
     """Constants of the fast form; tuples hold those of the driven pairs BC, AB and AC.
 
     The torque constant is ``K + K_cos cos(theta_m) + K_sin sin(theta_m)``, ``slew`` is dt / L;
-    the eccentricity has ``waves`` in a turn of the shaft, ``lift`` is that of the idle phase (M12).
+    the eccentricity has ``waves`` in a turn of the shaft, ``lift`` is that of the idle phase (M12)
+    and ``ripples`` what an ampere is in half-bands, 1 / h_b.
     """
 
     V_max: float
     T_max: float
     h_b: float
+    ripples: float
     half_turns: float
     waves: float
     R: Pairs
@@ -96,6 +98,7 @@ def fast_constants(motor: MotorConstants, dt: float, lift: float) -> FastDrive:
         V_max=motor.V_max,
         T_max=motor.T_max,
         h_b=motor.h_b,
+        ripples=1.0 / motor.h_b,
         half_turns=motor.P / math.pi,
         waves=1.0,
         R=R,
@@ -177,7 +180,7 @@ def source_drive(drive: SourceDrive, position, cos, sin, I, I_ref, omega):
 @kernel()
 def lifted_current(drive: FastDrive, position, I):
     """Return the equivalent current: that of the pair, lifted by the idle phase's ripple (M12)."""
-    return I + of_pair(position, drive.lift) * clip(I / drive.h_b, 1.0)
+    return I + of_pair(position, drive.lift) * clip(drive.ripples * I, 1.0)
 
 
 @kernel()

@@ -12,7 +12,7 @@ from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
 from ema_monitor.optimizers.driver import StopRule, Termination
 
 GOODNESS_LIMIT: Final = 3.5
-"""Calibrated on simulated windows: some 1 in 1,000 with faults passes it [-]."""
+"""Calibrated on simulated windows: a few in 1,000 with faults pass it, and those are wrong [-]."""
 
 
 @dataclass(frozen=True)

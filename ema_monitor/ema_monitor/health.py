@@ -147,7 +147,9 @@ def assess(estimate: Estimate, limits: HealthLimits) -> Health:
     alarmed = worst is not None and worst.level != OK
     severity = 1 + int(np.searchsorted(_GRADES, worst.share, "right")) if worst and alarmed else 0
     limit = estimate.goodness_limit
-    fit = np.interp(np.nan_to_num(estimate.goodness_of_fit), [limit / 2.0, limit], [1.0, 0.0])
+    # Nothing is known of the fit where the calibration does not tell its scatter.
+    goodness = np.nan_to_num(estimate.goodness_of_fit, nan=limit)
+    fit = np.interp(goodness, [limit / 2.0, limit], [1.0, 0.0])
     return Health(
         level=worst.level if worst else STALE,
         health_index=float(np.clip(1.0 - max((i.share for i in known), default=np.nan), 0.0, 1.0)),

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +12,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import (
     ECCENTRICITY,
     ECCENTRICITY_PHASE,
+    FAULTS,
     N_FAULTS,
     SHORT_CIRCUITS,
     fault_vector,
@@ -26,6 +28,9 @@ from ema_monitor.residual import band_limited, rms
 from ema_monitor.significance import refitted, significant_components
 from ema_monitor.uncertainty import CORRELATION_S, sandwich_covariance, uncertainty_of_faults
 from ema_monitor.window import Window
+
+_TRADED = 0.95
+_MOST_LOSS = 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +118,14 @@ class Identification:
             self.estimate = self._refuse("no fault vector gave a finite cost")
             return
         faults, play = objective.decode(progress.point[None])
-        self.estimate = conclusion.draw(
-            faults[0], float(play[0]), progress.evaluations, caveats, started, warm_start=warm
-        )
+        if optimizer_class.uses_residuals and not optimizer.converged:
+            caveats.append("the search was stopped before it converged")
+        try:
+            self.estimate = conclusion.draw(
+                faults[0], float(play[0]), progress.evaluations, caveats, started, warm_start=warm
+            )
+        except np.linalg.LinAlgError as error:
+            self.estimate = self._refuse(f"the uncertainty cannot be computed: {error}")
 
     def _objections(self) -> tuple[str, list[str]]:
         """Return why no estimate can be made, and what an estimate must be read with."""
@@ -177,9 +187,15 @@ class _Conclusion:
         span[[ECCENTRICITY, ECCENTRICITY_PHASE]] = 2.0
         span[N_FAULTS:] = 2.0
         covariance = sandwich_covariance(at.jacobian / span, at.residuals, self._lags)
-        covariance, unobservable = uncertainty_of_faults(found[0], covariance)
-        phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
         goodness = self._goodness_of_fit(objective.expect(found, plays))
+        covariance, unobservable = uncertainty_of_faults(found[0], covariance, goodness)
+        phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
+        caveats = [*caveats, *_traded(covariance)]
+        if np.isnan(goodness):
+            caveats.append(
+                "the fit cannot be judged: the healthy windows of the calibration "
+                f"({self._calibration.windows}) do not tell their scatter"
+            )
         limit = goodness_limit(found[0], self._settings.goodness_limit)
         defects = []
         if goodness > limit:
@@ -243,10 +259,24 @@ class _Conclusion:
         )
         if np.all(shown):
             return at, shown, 1
-        at = objective.linearise(point)
+        optimum, at = at, objective.linearise(point)
+        if at.cost > _MOST_LOSS * optimum.cost:
+            return optimum, np.ones(len(point), dtype=bool), 2
         point = refitted(at.point, objective.healthy, at.residuals, at.jacobian, shown)
         again = objective.linearise(point)
         return (again if again.cost < at.cost else at), shown, 3
+
+
+def _traded(covariance: NDArray[np.float64]) -> list[str]:
+    """Return which components of an estimate trade with each other."""
+    sigma = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(sigma, sigma)
+    return [
+        f"{FAULTS[i].label} and {FAULTS[j].label} trade with each other "
+        f"(correlation {correlation[i, j]:.2f})"
+        for i, j in combinations(range(N_FAULTS), 2)
+        if abs(correlation[i, j]) > _TRADED
+    ]
 
 
 def goodness_limit(faults: NDArray[np.float64], limit: float) -> float:

@@ -85,7 +85,7 @@ def refitted(
     columns = jacobian[:, shown]
     normal = columns.T @ columns
     # A ridge keeps a component solvable that leaves no trace.
-    normal += 1e-9 * max(np.max(np.diag(normal), initial=0.0), 1e-300) * np.eye(len(normal))
+    normal += 1e-9 * max(np.max(np.diag(normal), initial=0.0), 1e-200) * np.eye(len(normal))
     start[shown] = lowest_in_box(normal, columns.T @ left, start[shown])
     return start
 

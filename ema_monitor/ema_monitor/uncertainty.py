@@ -24,8 +24,12 @@ MISMATCH_FACTOR: Final = 1.5
 """By how much the mismatch of the model widens the standard deviations that the residuals tell:
 it follows the faults, and so hides in the estimate [-]."""
 
-MISMATCH_SIGMA: Final = 0.0007
-"""Standard deviation that the mismatch of the model adds to every component at least [-]."""
+MISMATCH_SIGMA: Final = np.array([7e-4, 1.1e-3, 1e-3, 1e-3, 1e-3, 7e-4, 7e-4, 3e-4])
+"""Standard deviation that the mismatch of the model adds to each component at least, ``(8,)``, with
+the eccentricity in Cartesian form [-]."""
+
+USUAL_MISFIT: Final = 2.5
+"""Goodness of fit up to which both figures hold; beyond, standard deviations grow with it [-]."""
 
 _PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
 
@@ -67,14 +71,14 @@ def sandwich_covariance(
         centre += (1.0 - lag / (lags + 1.0)) * (product + product.T)
     normal = jacobian.T @ jacobian
     # A ridge far below what any visible component has keeps an invisible one finite.
-    ridge = 1e-9 * max(np.max(np.diag(normal)), 1e-300)
+    ridge = 1e-9 * max(np.max(np.diag(normal)), 1e-200)
     bread = np.linalg.inv(normal + ridge * np.eye(len(normal)))
     covariance = bread @ (centre + ridge * np.eye(len(normal))) @ bread
     return (covariance + covariance.T) / 2.0
 
 
 def uncertainty_of_faults(
-    faults: NDArray[np.float64], covariance: NDArray[np.float64]
+    faults: NDArray[np.float64], covariance: NDArray[np.float64], goodness_of_fit: float
 ) -> Uncertainty:
     """Turn a covariance with eccentricity in Cartesian form into one of the fault vector.
 
@@ -85,12 +89,15 @@ def uncertainty_of_faults(
     covariance
         Covariance of the faults with ``zeta cos(phi)`` and ``zeta sin(phi)`` in the places of
         eccentricity and phase, ``(8, 8)`` or larger.
+    goodness_of_fit
+        What the model misses over what it misses of a healthy actuator; NaN when unknown.
     """
     zeta = faults[ECCENTRICITY]
     phi = (2.0 * faults[ECCENTRICITY_PHASE] - 1.0) * np.pi
     cosine, sine = np.cos(phi), np.sin(phi)
     covariance = MISMATCH_FACTOR**2 * covariance[:N_FAULTS, :N_FAULTS]
-    covariance += MISMATCH_SIGMA**2 * np.eye(N_FAULTS)
+    covariance += np.diag(MISMATCH_SIGMA**2)
+    covariance *= np.fmax(1.0, goodness_of_fit / USUAL_MISFIT) ** 2
     plane = covariance[np.ix_(_PLANE, _PLANE)]
     offset = zeta * np.array([cosine, sine])
     distance = float(offset @ np.linalg.solve(plane, offset))
@@ -100,7 +107,7 @@ def uncertainty_of_faults(
     around = 2.0 * np.pi * max(zeta, SMALLEST_ECCENTRICITY)
     turn[np.ix_(_PLANE, _PLANE)] = [[cosine, sine], [-sine / around, cosine / around]]
     result = turn @ covariance @ turn.T
-    unobservable = np.sqrt(np.diag(result)) > UNOBSERVABLE_SIGMA
+    unobservable = ~(np.sqrt(np.diag(result)) <= UNOBSERVABLE_SIGMA)
     unobservable[ECCENTRICITY_PHASE] |= not detected
     result[unobservable, :] = np.nan
     result[:, unobservable] = np.nan

@@ -77,7 +77,7 @@ def measure(workers: Workers, sizes: Sizes) -> dict[str, dict[str, Any]]:
 
     The nominal unit and units off their nominal parameters; all sensors are noisy.
     """
-    faulty = cases.by_the_law(sizes.ablation_each) + cases.wide(sizes.ablation_each)
+    faulty = cases.validation(sizes.ablation_each)
     plants = cases.plants(faulty, sizes.plants, HEALTHY_WINDOWS_OFF)
     nominal = cases.Plant(cases.healthy(HEALTHY_WINDOWS, "calibration"), faulty)
     units = {"nominal": [nominal], "plants": plants}

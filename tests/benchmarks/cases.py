@@ -73,7 +73,19 @@ _SIMPLY_OFF = ("R_s", "L_s", "k_t", "k_e")
 _JOINTLY_OFF = (("J_m", "J_u"), ("C_m", "C_u"), ("f_sm", "f_su"))
 
 # Each set draws from a stream of its own, so that a change of one leaves the others alone.
-_STREAMS = ("first", "single", "law", "wide", "plant", "play", "healthy", "calibration", "step")
+_STREAMS = (
+    "first",
+    "single",
+    "law",
+    "wide",
+    "plant",
+    "play",
+    "healthy",
+    "calibration",
+    "step",
+    "validation law",
+    "validation wide",
+)
 
 
 @dataclass(frozen=True)
@@ -173,6 +185,14 @@ def by_the_law(count: int) -> list[Case]:
 def wide(count: int) -> list[Case]:
     """Return faults in all components at once."""
     return _drawn("wide", count, _wide_faults)
+
+
+def validation(count: int) -> list[Case]:
+    """Return cases by the law and as many wide ones, other than those of the targets."""
+    return [
+        *_drawn("validation law", count, random_faults),
+        *_drawn("validation wide", count, _wide_faults),
+    ]
 
 
 def without_approach(count: int) -> list[Case]:

@@ -109,7 +109,8 @@ def main(count: int, output: Path | None) -> None:
         defect.name: summary(estimates(defect, calibration, count))
         for defect in track(DEFECTS, "defects", console=progress)
     }
-    for name, faulty in (("faults by the law", cases.by_the_law(100)), ("wide", cases.wide(100))):
+    drawn = cases.validation(100)
+    for name, faulty in (("faults by the law", drawn[:100]), ("wide", drawn[100:])):
         found = [
             identify(case.window(case.telemetry(), noisy=True), _DESCRIPTION, calibration)
             for case in track(faulty, name, console=progress)

@@ -13,12 +13,14 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import click
 import numpy as np
+import yardstick_form
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import track
@@ -28,12 +30,15 @@ from yardstick import HERE, build, seconds_per_window
 from ema_core.commands import Command
 from ema_core.faults import fault_vector, random_faults
 from ema_core.parameters import ActuatorParameters
+from ema_core.simd import LANES
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_monitor.model import MonitorModel
 from ema_monitor.window import Window
 from ema_sim.actuator import SimulatedActuator
 
 TURNS: Final = 11
+CALLS: Final = 10
+YARDSTICK_FORM: Final = "yardstick form"
 BATCHES: Final = (16, 32, 64, 256)
 STEPS_S: Final = (1e-5, 2e-5)
 SAMPLE_PERIOD: Final = 1e-4
@@ -56,12 +61,28 @@ def monitor_seconds(cores: int) -> dict[str, float]:
     times = {}
     for dt in STEPS_S:
         model = MonitorModel(ActuatorParameters(), dt=dt)
-        model.respond(window, population[: min(BATCHES)])
         for batch in BATCHES:
-            start = time.perf_counter()
-            model.respond(window, population[:batch])
-            times[f"{dt:g} {batch}"] = (time.perf_counter() - start) / batch
+            faults = population[:batch]
+            times[f"{dt:g} {batch}"] = best_time(partial(model.respond, window, faults)) / batch
+    if cores == 1:
+        lanes, command = yardstick_form.individuals(), yardstick_form.command()
+        current = np.empty((LANES, len(command) // yardstick_form.DECIMATION))
+        dt = yardstick_form.STEP_S
+        times[YARDSTICK_FORM] = (
+            best_time(lambda: yardstick_form.run(lanes, command, dt, current)) / LANES
+        )
     return times
+
+
+def best_time(work: Callable[[], object]) -> float:
+    """Time of the fastest of some calls after a first one [s], as the yardstick tells its own."""
+    work()
+    times = []
+    for _ in range(CALLS):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return min(times)
 
 
 def in_process(cores: int) -> dict[str, float]:
@@ -155,6 +176,13 @@ def main(output: Path | None, cores: int | None) -> None:
         return result
 
     row("yardstick [windows/s], one core", [1 / u for u in unit], [1.0], 0)
+    form = monitor["1"].pop(YARDSTICK_FORM)
+    results["yardstick_form"] = row(
+        f"its form through our lanes [windows/s], {LANES}, one core",
+        [1 / t for t in form],
+        [u / t for u, t in zip(unit, form, strict=True)],
+        0,
+    )
     for run in monitor["1"]:
         dt, batch = run.split()
         rates = {n: [1 / t for t in monitor[n][run]] for n in monitor}
@@ -164,7 +192,7 @@ def main(output: Path | None, cores: int | None) -> None:
             "scaling": summary([b / a for a, b in zip(rates["1"], rates["2"], strict=True)]),
         }
         for n, values in rates.items():
-            name = f"monitor [windows/s], {1e6 * float(dt):.0f} us, {batch}, cores: {n}"
+            name = f"pair form [windows/s], {1e6 * float(dt):.0f} us, {batch}, cores: {n}"
             ratios = [rate * u for rate, u in zip(values, unit, strict=True)]
             results["monitor"][run][f"cores_{n}"] = row(name, values, ratios, 0)
         scaling = results["monitor"][run]["scaling"]

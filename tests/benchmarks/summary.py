@@ -20,39 +20,30 @@ HERE: Final = Path(__file__).parent
 _KERNEL_SHARE: Final = 0.9
 _SCALING: Final = 1.7
 _ACTUATORS: Final = 16
+_LARGE_BATCH: Final = 64
 
 
 def kernel_rows(figures: dict[str, Any]) -> list[Row]:
     """Return the rows of the batch kernel: its speed in yardsticks, and on two cores."""
-    result = []
-    for run in figures["monitor"].values():
-        step_us, batch = 1e6 * run["dt_s"], run["batch"]
-        ratio = run["cores_1"]["ratio"]["median"]
-        # The yardstick itself takes steps of 10 us.
-        compared = round(step_us) == 10
-        result.append(
-            Row(
-                f"kernel, {step_us:.0f} us, {batch} individuals, of the yardstick",
-                f">= {_KERNEL_SHARE:g}" if compared else "",
-                f"{ratio:.2f}",
-                ratio >= _KERNEL_SHARE if compared else None,
-            )
+    same_form = figures["yardstick_form"]["ratio"]["median"]
+    result = [
+        Row(
+            "kernel, yardstick's form, 16 lanes, of the yardstick's speed",
+            f">= {_KERNEL_SHARE:g}",
+            f"{same_form:.2f}",
+            same_form >= _KERNEL_SHARE,
         )
-        if batch >= 64:
+    ]
+    for run in figures["monitor"].values():
+        ratio = run["cores_1"]["ratio"]["median"]
+        what = f"  shipped form, {1e6 * run['dt_s']:.0f} us steps, {run['batch']} individuals"
+        result.append(Row(what, "", f"{ratio:.2f}", None))
+        if run["batch"] >= _LARGE_BATCH:
             scaling = run["scaling"]["median"]
-            result.append(
-                Row(
-                    "  two cores over one",
-                    f">= {_SCALING:g}",
-                    f"{scaling:.2f}",
-                    scaling >= _SCALING,
-                )
-            )
+            met = scaling >= _SCALING
+            result.append(Row("  two cores over one", f">= {_SCALING:g}", f"{scaling:.2f}", met))
     for case, by_name in figures["reference"].items():
-        ratio = by_name["-O3"]["ratio"]["median"] if "-O3" in by_name else None
-        others = {name: one for name, one in by_name.items() if name != "numba"}
-        plain = min(others)
-        ratio = others[plain]["ratio"]["median"]
+        ratio = by_name["C++"]["ratio"]["median"]
         result.append(
             Row(
                 f"reference step, {case}, time over that of C++",
@@ -76,6 +67,7 @@ def live_rows(figures: dict[str, Any]) -> list[Row]:
             f"{median:.3f}",
             median <= 0.1,
         ),
+        Row("  windows", ">= 100", str(count), count >= 100),
         Row("  95th percentile [s]", "<= 0.3", f"{late:.3f}", late <= 0.3),
         Row("  samples lost", "0", f"{lost} of {figures['samples']}", lost == 0),
     ]

@@ -25,7 +25,7 @@ GENERATIONS: Final = 200
 """Generations of the thesis's particle swarm, of 50 particles each."""
 
 _CONCLUSION_EVALUATIONS = 1000
-_TURNS = 3
+_TURNS = 20
 
 
 @dataclass(frozen=True)

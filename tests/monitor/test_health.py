@@ -141,7 +141,7 @@ def test_nothing_observable_is_stale():
 
 @pytest.mark.parametrize("limit", [2.0, 10.0])
 @pytest.mark.parametrize(
-    ("share", "confidence"), [(0.4, 1.0), (0.5, 1.0), (0.75, 0.5), (1.0, 0.0), (np.nan, 1.0)]
+    ("share", "confidence"), [(0.4, 1.0), (0.5, 1.0), (0.75, 0.5), (1.0, 0.0), (np.nan, 0.0)]
 )
 def test_confidence_falls_as_the_fit_comes_near_its_limit(
     limit: float, share: float, confidence: float

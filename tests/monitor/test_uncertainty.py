@@ -10,6 +10,7 @@ from ema_monitor.uncertainty import (
     MISMATCH_SIGMA,
     SMALLEST_ECCENTRICITY,
     UNOBSERVABLE_SIGMA,
+    USUAL_MISFIT,
     sandwich_covariance,
     uncertainty_of_faults,
 )
@@ -121,14 +122,19 @@ def test_invisible_direction_is_unknown_and_spoils_no_other(jacobian):
     assert sigma[1:3] == pytest.approx(np.sqrt(np.diag(alone))[1:], rel=1e-3)
 
 
+def well_fitted(faults, covariance):
+    """Uncertainty where the model fits as well as that of a healthy actuator."""
+    return uncertainty_of_faults(faults, covariance, 1.0)
+
+
 def uncertainty(values, sigma=0.01, plane=None):
     """Of faults that are all known alike in Cartesian coordinates, but for those of the plane."""
     covariance = np.eye(8) * sigma**2
     if plane is not None:
         covariance[np.ix_(PLANE, PLANE)] = plane
     # What the residuals must tell to leave this with the mismatch of the model.
-    told = (covariance - MISMATCH_SIGMA**2 * np.eye(8)) / MISMATCH_FACTOR**2
-    return uncertainty_of_faults(fault_vector(values), told)
+    told = (covariance - np.diag(MISMATCH_SIGMA**2)) / MISMATCH_FACTOR**2
+    return well_fitted(fault_vector(values), told)
 
 
 def test_eccentricity_and_phase_are_radius_and_angle():
@@ -178,7 +184,7 @@ def test_phase_of_an_eccentricity_as_small_as_the_models_mismatch_is_unobservabl
 ):
     """However small the residuals are."""
     zeta = share * SMALLEST_ECCENTRICITY
-    result = uncertainty_of_faults(fault_vector({"eccentricity": zeta}), np.zeros((8, 8)))
+    result = well_fitted(fault_vector({"eccentricity": zeta}), np.zeros((8, 8)))
     assert result.unobservable[ECCENTRICITY_PHASE] == unobservable
 
 
@@ -194,16 +200,16 @@ def test_component_no_better_known_than_by_its_range_is_unobservable(name):
     covariance = 1e-4 * np.eye(8)
     covariance[index, index] = (1.01 * UNOBSERVABLE_SIGMA / MISMATCH_FACTOR) ** 2
     faults = fault_vector({"eccentricity": 0.5})
-    result = uncertainty_of_faults(faults, covariance)
+    result = well_fitted(faults, covariance)
     assert list(np.flatnonzero(result.unobservable)) == [index]
     covariance[index, index] = (0.99 * UNOBSERVABLE_SIGMA / MISMATCH_FACTOR) ** 2
-    assert not np.any(uncertainty_of_faults(faults, covariance).unobservable)
+    assert not np.any(well_fitted(faults, covariance).unobservable)
 
 
 def test_unobservable_rows_and_columns_are_not_numbers():
     covariance = 1e-4 * np.eye(8) + 1e-5
     covariance[2, 2] = 1.0
-    result = uncertainty_of_faults(fault_vector({}), covariance)
+    result = well_fitted(fault_vector({}), covariance)
     expected = np.zeros((8, 8), dtype=bool)
     expected[[2, ECCENTRICITY_PHASE], :] = expected[:, [2, ECCENTRICITY_PHASE]] = True
     assert np.array_equal(np.isnan(result.covariance), expected)
@@ -212,7 +218,7 @@ def test_unobservable_rows_and_columns_are_not_numbers():
 
 def test_mismatch_of_the_model_widens_what_the_residuals_tell():
     told = np.diag(np.linspace(1e-5, 1e-4, 8))
-    result = uncertainty_of_faults(fault_vector({"eccentricity": 0.5}), told)
+    result = well_fitted(fault_vector({"eccentricity": 0.5}), told)
     expected = MISMATCH_FACTOR**2 * np.diag(told) + MISMATCH_SIGMA**2
     assert np.delete(np.diag(result.covariance), PLANE) == pytest.approx(
         np.delete(expected, PLANE), rel=1e-12
@@ -220,20 +226,37 @@ def test_mismatch_of_the_model_widens_what_the_residuals_tell():
 
 
 def test_mismatch_of_the_model_is_added():
-    result = uncertainty_of_faults(fault_vector({"eccentricity": 0.5}), np.zeros((8, 8)))
+    result = well_fitted(fault_vector({"eccentricity": 0.5}), np.zeros((8, 8)))
     sigma = np.sqrt(np.diag(result.covariance))
-    assert np.delete(sigma, ECCENTRICITY_PHASE) == pytest.approx(MISMATCH_SIGMA, rel=1e-9)
+    expected = np.delete(MISMATCH_SIGMA, ECCENTRICITY_PHASE)
+    assert np.delete(sigma, ECCENTRICITY_PHASE) == pytest.approx(expected, rel=1e-9)
 
 
 def test_place_in_the_play_is_left_out():
     covariance = np.diag(np.arange(1.0, 10.0)) * 1e-5
     faults = fault_vector({"eccentricity": 0.5})
-    nine, eight = (uncertainty_of_faults(faults, covariance[:n, :n]) for n in (9, 8))
+    nine, eight = (well_fitted(faults, covariance[:n, :n]) for n in (9, 8))
     assert nine.covariance.shape == (8, 8)
     assert np.array_equal(nine.covariance, eight.covariance)
 
 
 def test_what_was_given_is_not_changed():
     covariance = np.eye(8)
-    uncertainty_of_faults(fault_vector({}), covariance)
+    well_fitted(fault_vector({}), covariance)
     assert np.array_equal(covariance, np.eye(8))
+
+
+@pytest.mark.parametrize(
+    ("goodness", "factor"),
+    [(0.5, 1.0), (USUAL_MISFIT, 1.0), (3 * USUAL_MISFIT, 3.0), (np.nan, 1.0)],
+)
+def test_a_poor_fit_makes_all_components_less_sure(goodness, factor):
+    faults, told = fault_vector({"eccentricity": 0.5}), 1e-6 * np.eye(8)
+    usual = np.diag(uncertainty_of_faults(faults, told, 1.0).covariance)
+    widened = np.diag(uncertainty_of_faults(faults, told, goodness).covariance)
+    assert widened == pytest.approx(factor**2 * usual, rel=1e-12)
+
+
+def test_covariance_that_is_no_number_is_unobservable():
+    result = well_fitted(fault_vector({"eccentricity": 0.5}), np.full((8, 8), np.nan))
+    assert np.all(result.unobservable)
