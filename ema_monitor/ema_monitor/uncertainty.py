@@ -20,7 +20,7 @@ degrees of freedom at 95 % [-]."""
 SMALLEST_ECCENTRICITY: Final = 0.005
 """Below this the mismatch of the model outweighs the eccentricity, and its phase is noise [-]."""
 
-MISMATCH_FACTOR: Final = 1.5
+MISMATCH_FACTOR: Final = 1.45
 """By how much the mismatch of the model widens the standard deviations that the residuals tell:
 it follows the faults, and so hides in the estimate [-]."""
 
