@@ -69,6 +69,7 @@ def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -
     residual = f"{calibration.healthy_rms:.4f} A" if known else "unknown"
     click.echo(
         f"{output}: calibration {calibration.calibration_id} of {calibration.actuator_id} from "
-        f"{calibration.windows} windows, lift {calibration.lift:.4f} A, residual of a healthy "
-        f"window {residual}"
+        f"{calibration.windows} windows, lift {calibration.lift:.4f} A, friction "
+        f"{calibration.friction_scale:.3f} and inertia {calibration.inertia_scale:.3f} of nominal, "
+        f"residual of a healthy window {residual}"
     )

@@ -21,6 +21,7 @@ from ema_monitor.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosis
 from ema_monitor.estimate import Estimate
 from ema_monitor.last_faults import LastFaults
+from ema_monitor.model import compile_kernels
 from ema_monitor.watch import Found
 from ema_monitor.window import MIN_TRAVEL
 
@@ -66,6 +67,8 @@ def estimate_windows(
     options
         How to identify.
     """
+    # So that the computing time of the first estimate is that of an estimate.
+    compile_kernels()
     estimates, last_faults = [], LastFaults()
     with progress_bar() as progress:
         task = progress.add_task("identifying", total=len(windows))
