@@ -65,7 +65,13 @@ class MonitorModel:
         self.lift = lift
         self._plant = constants(parameters)
 
-    def respond(self, window: Window, faults: ArrayLike, play: ArrayLike | float = 0.0) -> Response:
+    def respond(
+        self,
+        window: Window,
+        faults: ArrayLike,
+        play: ArrayLike | float = 0.0,
+        corrections: Response | None = None,
+    ) -> Response:
         """Return equivalent current and motor speed of each individual in a window.
 
         Parameters
@@ -77,6 +83,8 @@ class MonitorModel:
         play
             Where in its play the motor stands at the start, ``(m,)`` or one value for all
             [half-widths, -1 to 1].
+        corrections
+            What to add to current and speed of all individuals, ``(n,)`` each; None for nothing.
 
         Returns
         -------
@@ -103,6 +111,9 @@ class MonitorModel:
         play_of_lane = np.full(m, play, dtype=np.float64)[lane_of]
         start = window.telemetry
         current, speed = np.empty((2, len(lane_of), len(window)))
+        if corrections is None:
+            corrections = Response(*np.zeros((2, len(window))))
+        current_correction, speed_correction = corrections
 
         def run(group: int) -> None:
             run_lanes(
@@ -118,6 +129,8 @@ class MonitorModel:
                 steps,
                 self.dt,
                 lag,
+                current_correction,
+                speed_correction,
                 current,
                 speed,
             )

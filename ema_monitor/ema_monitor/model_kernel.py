@@ -48,16 +48,18 @@ def run_lanes(
     steps,
     dt,
     lag,
+    current_correction,
+    speed_correction,
     current,
     speed,
 ):
     """Run the individuals from ``first`` on, one a lane, and fill their rows of the response.
 
-    ``current`` [A] and ``speed`` [rad/s] are ``(n_lanes, n)``. Constants that differ between
-    individuals are arrays ``(n_lanes,)``, as is ``play``: where in its play the motor stands at
-    the start, in half-widths of the backlash. ``command`` is ``(n + 1,)``: its first value belongs
-    to the start, at which the user shaft stands at ``position_0`` [rad], the motor turns with
-    ``speed_0`` [rad/s] and draws ``current_0`` [A].
+    ``current`` [A] and ``speed`` [rad/s] are ``(n_lanes, n)``; their corrections, ``(n,)``, are
+    added. Constants that differ between individuals are arrays ``(n_lanes,)``, as is ``play``:
+    where in its play the motor stands at the start, in half-widths of the backlash. ``command`` is
+    ``(n + 1,)``: its first value belongs to the start, at which the user shaft stands at
+    ``position_0`` [rad], the motor turns with ``speed_0`` [rad/s] and draws ``current_0`` [A].
     """
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     theta_b = broadcast(position_0 / mech.tau)
@@ -101,5 +103,5 @@ def run_lanes(
             theta_m = clip(theta_m, mech.theta_stop)
             cos, sin = turned(cos, sin, drive.waves * (theta_m - start))
             theta_b = follow_in_play(theta_b, theta_m, mech.half_backlash)
-        store(current, first, k, total / steps)
-        store(speed, first, k, omega)
+        store(current, first, k, total / steps + current_correction[k])
+        store(speed, first, k, omega + speed_correction[k])

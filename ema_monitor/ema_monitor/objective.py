@@ -92,11 +92,7 @@ class Objective:
 
     def expect(self, faults: NDArray[np.float64], play: NDArray[np.float64]) -> Response:
         """Return what to expect with faults, ``(m, 8)``, and places in the play, ``(m,)``."""
-        response = self._model.respond(self._window, faults, play)
-        # In place: to make such arrays anew takes as long as all else that is done with them.
-        for rows, correction in zip(response, self._corrections, strict=True):
-            rows += correction
-        return response
+        return self._model.respond(self._window, faults, play, self._corrections)
 
     def residuals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the residuals at points, ``(m, r)`` [A.s^(1/2)]; the cost is the sum of squares.
