@@ -72,7 +72,7 @@ def test_dead_current_sensor_is_not_taken_for_faults(ema, record, faulty_blocks)
     assert result.exit_code == 3
     [estimate] = json.loads(result.stdout)
     assert not estimate["valid"]
-    assert "the eight faults do not explain it" in estimate["reason"]
+    assert "none of the eight faults explains the window" in estimate["reason"]
 
 
 def test_coarse_command_is_still_the_calibrated_one(ema, tmp_path):

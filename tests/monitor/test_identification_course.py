@@ -22,9 +22,9 @@ def counted(monkeypatch):
     counts = []
     respond = MonitorModel.respond
 
-    def counting(model, window, faults, play=0.0):
+    def counting(model, window, faults, play=0.0, *corrections):
         counts.append(len(np.atleast_2d(faults)))
-        return respond(model, window, faults, play)
+        return respond(model, window, faults, play, *corrections)
 
     monkeypatch.setattr(MonitorModel, "respond", counting)
     return counts
