@@ -15,7 +15,12 @@ from ema_monitor.fitness import FITNESS
 from ema_monitor.healthy_fit import calibrate
 from ema_monitor.identification import identify
 from ema_monitor.residual import band_limited, rms
-from ema_monitor.uncertainty import MISMATCH_FACTOR, MISMATCH_SIGMA, sandwich_covariance
+from ema_monitor.uncertainty import (
+    MISMATCH_FACTOR,
+    MISMATCH_SIGMA,
+    USUAL_MISFIT,
+    sandwich_covariance,
+)
 
 from .reference_cases import CASES
 from .windows import changed
@@ -133,6 +138,7 @@ def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, descrip
     told = sandwich_covariance((above - below).T / step, window.current - at, 50)
     expected = MISMATCH_FACTOR**2 * np.diag(told) + MISMATCH_SIGMA**2
     expected[ECCENTRICITY_PHASE] += (1 / around**2 - 1) * MISMATCH_SIGMA[ECCENTRICITY_PHASE] ** 2
+    expected *= max(1.0, estimate.goodness_of_fit / USUAL_MISFIT) ** 2
     # Derivatives over other steps, of a model with dry friction, differ by some percent.
     assert estimate.sigma == pytest.approx(np.sqrt(expected), rel=0.15)
     assert estimate.sigma[ECCENTRICITY] > 2 * MISMATCH_SIGMA[ECCENTRICITY]
