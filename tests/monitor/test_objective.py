@@ -145,9 +145,9 @@ def test_linearisation_evaluates_as_often_as_it_says(made, calibration, monkeypa
     counted = []
     respond = MonitorModel.respond
 
-    def counting(model, window, faults, play=0.0):
+    def counting(model, window, faults, play=0.0, *corrections):
         counted.append(len(np.atleast_2d(faults)))
-        return respond(model, window, faults, play)
+        return respond(model, window, faults, play, *corrections)
 
     monkeypatch.setattr(MonitorModel, "respond", counting)
     objective.linearise(objective.healthy)
