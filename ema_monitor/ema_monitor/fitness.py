@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from ema_monitor.calibration import Calibration
 from ema_monitor.model import Response
-from ema_monitor.residual import band_limited, band_samples, rms
+from ema_monitor.residual import band_limited, band_samples, rms, speed_weight
 from ema_monitor.window import Window
 
-_SPEED_SHARE = 0.5
 _SLOW_SHARE = 0.5
 _ROBUST_SCALE = 2.0
 _UNKNOWN_SCATTER = 0.05
@@ -76,7 +75,7 @@ class BandLimited:
         if not np.isfinite(scatter):
             scatter = _UNKNOWN_SCATTER * parameters.h_b
         self._scale = _ROBUST_SCALE * scatter
-        stiffness = _SPEED_SHARE * parameters.GAP / parameters.k_t
+        stiffness = speed_weight(parameters)
         excess = stiffness * calibration.healthy_speed_rms / scatter
         self._stiffness = stiffness / max(1.0, excess) if np.isfinite(excess) else stiffness
         magnitude = np.abs(self._measured[1])

@@ -19,7 +19,7 @@ from ema_monitor.calibration import (
     unit_model,
 )
 from ema_monitor.model import FORMS, MonitorModel, Response
-from ema_monitor.residual import band_limited, rms
+from ema_monitor.residual import band_limited, rms, speed_weight
 from ema_monitor.window import Window
 
 PRIOR_SIGMA: Final = 0.1
@@ -124,8 +124,7 @@ def _fit_structure(
     by a prior, which only matters where the windows do not tell.
     """
     h = windows[0].sample_period
-    # The speed counts as half the current that the speed loop makes of it, as in the fitness.
-    stiffness = 0.5 * parameters.GAP / parameters.k_t
+    stiffness = speed_weight(parameters)
     # The ripple of the idle phase fills the hysteresis band, its mean magnitude is half of that,
     # and the equivalent current counts the half of it.
     lift = parameters.h_b / 4.0

@@ -5,6 +5,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.parameters import ActuatorParameters
+
 BAND_S: Final = 2e-3
 """Length of the smoothing window [s]; above some 1 kHz there is only the ripple of the PWM."""
 
@@ -36,6 +38,14 @@ def band_limited(rows: NDArray[np.float64], sample_period: float) -> NDArray[np.
     n_band = rows.shape[-1] // half
     blocks = rows[..., : n_band * half].reshape(*rows.shape[:-1], n_band, half)
     return blocks[..., :-1, :] @ hann[:half] + blocks[..., 1:, :] @ hann[half:]
+
+
+def speed_weight(parameters: ActuatorParameters) -> float:
+    """Return what a residual of the speed counts as in current [A.s/rad].
+
+    It is half the current that the speed loop makes of it (M15).
+    """
+    return 0.5 * parameters.GAP / parameters.k_t
 
 
 def rms(values: NDArray[np.float64]) -> float:

@@ -12,8 +12,7 @@ from typing import Any, Final
 
 import targets
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
+from tables import target_table
 from targets import Row
 
 HERE: Final = Path(__file__).parent
@@ -97,14 +96,7 @@ def main() -> None:
     rows: list[Row] = []
     for name, rows_of in parts.items():
         rows += rows_of(json.loads((HERE / f"{name}.json").read_text()))
-    table = Table("what", "target", "measured", "met", "thesis", title="targets")
-    for column in table.columns:
-        column.no_wrap = True
-    for row in rows:
-        met = {None: "", True: "[green]yes[/]", False: "[bold red]no[/]"}[row.met]
-        # A unit in brackets would be taken for markup.
-        table.add_row(escape(row.what), row.target, row.measured, met, row.thesis)
-    Console(width=120).print(table)
+    Console(width=120).print(target_table("targets", rows))
     content = [row._asdict() | {"met": None if row.met is None else bool(row.met)} for row in rows]
     (HERE / "summary.json").write_text(json.dumps(content, indent=2))
     missed = sum(row.met is False for row in rows)

@@ -7,7 +7,7 @@ from cases import THESIS_FAULTS
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
-from targets import MULTIPLE_PERCENT, case_target_percent, rows
+from targets import MULTIPLE_PERCENT, Row, case_target_percent, rows
 
 from ema_core.faults import FAULTS
 
@@ -17,14 +17,7 @@ _UNITS: Final = {"nominal": "nominal", "plants": "5 % off"}
 
 def show(console: Console, figures: dict[str, Any]) -> None:
     """Print the tables."""
-    table = Table("what", "target", "measured", "met", "thesis", title="accuracy")
-    for column in table.columns:
-        column.no_wrap = True
-    for row in rows(figures):
-        met = {None: "", True: "[green]yes[/]", False: "[bold red]no[/]"}[row.met]
-        # A unit in brackets would be taken for markup.
-        table.add_row(escape(row.what), row.target, row.measured, met, row.thesis)
-    console.print(table)
+    console.print(target_table("accuracy", rows(figures)))
     covariance = figures["covariance"]
     console.print(
         "Single faults: mean over several realisations of the modulation; first cycle: the first "
@@ -45,6 +38,18 @@ def show(console: Console, figures: dict[str, Any]) -> None:
     )
     if "ablation" in figures:
         console.print(ablation_table(figures["ablation"]))
+
+
+def target_table(title: str, rows: list[Row]) -> Table:
+    """Return what was measured beside its targets and the thesis's figures."""
+    table = Table("what", "target", "measured", "met", "thesis", title=title)
+    for column in table.columns:
+        column.no_wrap = True
+    for row in rows:
+        met = {None: "", True: "[green]yes[/]", False: "[bold red]no[/]"}[row.met]
+        # A unit in brackets would be taken for markup.
+        table.add_row(escape(row.what), row.target, row.measured, met, row.thesis)
+    return table
 
 
 def component_table(figures: dict[str, Any]) -> Table:

@@ -202,7 +202,7 @@ def test_speed_counts_as_half_the_current_that_its_loop_makes_of_it(own):
     p = own.parameters
     in_amperes = p.GAP / p.k_t * 0.2
     _, of_speed = residuals_of(own, 20.0, speed_error=0.2)
-    of_current, _ = residuals_of(own, 20.0, current_error=fitness._SPEED_SHARE * in_amperes)
+    of_current, _ = residuals_of(own, 20.0, current_error=0.5 * in_amperes)
     assert of_speed == pytest.approx(of_current, rel=1e-12)
 
 
