@@ -11,6 +11,17 @@ from functools import cache
 
 from numba.core import config
 
+_most: int | None = None
+
+
+def limit_cores(count: int | None) -> None:
+    """Use at most so many cores from now on in this process; None for as many as there are.
+
+    Where processes or threads work side by side, each on one core, that is one.
+    """
+    global _most
+    _most = count
+
 
 @cache
 def _helpers(process: int, count: int) -> ThreadPoolExecutor:
@@ -19,7 +30,7 @@ def _helpers(process: int, count: int) -> ThreadPoolExecutor:
 
 
 def on_all_cores(work: Callable[[int], None], tasks: int) -> None:
-    """Call ``work`` with each number below ``tasks``, on as many cores as there are.
+    """Call ``work`` with each number below ``tasks``, on as many cores as there are or allowed.
 
     Parameters
     ----------
@@ -36,6 +47,8 @@ def on_all_cores(work: Callable[[int], None], tasks: int) -> None:
 
     # pyright does not see the option, which numba sets from processors and environment.
     cores = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
+    if _most is not None:
+        cores = min(cores, _most)
     helping = [
         _helpers(os.getpid(), cores - 1).submit(take_turns) for _ in range(min(tasks, cores) - 1)
     ]

@@ -3,10 +3,10 @@
 import csv
 import statistics
 from collections.abc import Iterable
-from pathlib import Path
+from importlib import resources
 from typing import Final, NamedTuple
 
-RUNS: Final = Path(__file__).parents[1] / "data" / "thesis_runs.csv"
+RUNS: Final = resources.files("ema_study") / "thesis_runs.csv"
 """All 500 runs that the thesis prints."""
 
 ALGORITHMS: Final = ("ga", "pso", "de", "gwo")
@@ -43,7 +43,7 @@ def results() -> dict[str, dict[str, Result]]:
     The multiple case is that of its study of precision.
     """
     runs: dict[str, dict[str, list[Result]]] = {}
-    with RUNS.open(newline="") as file:
+    with RUNS.open() as file:
         for row in csv.DictReader(file):
             if int(row["table"]) < _FIRST_COMPARISON:
                 continue

@@ -1,0 +1,171 @@
+"""``ema thesis``: the thesis's study of optimizers again."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import click
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+
+from ema_cli.errors import one_clear_line
+from ema_cli.progress import progress_bar
+from ema_study.execution import EXECUTORS, all_cores, execute, local_executor
+from ema_study.models import MODELS
+from ema_study.plan import RUNS, Job, plan
+from ema_study.record import Record, as_frame
+from ema_study.report import write_report
+from ema_study.store import RunStore
+from ema_study.tables import study_tables, write_tables
+from ema_study.timing import time_executors
+
+QUICK_RUNS: Final = 2
+
+_TIMING = "timing.csv"
+
+
+@click.command()
+@click.option(
+    "-o",
+    "--output",
+    "folder",
+    default="thesis-study",
+    show_default=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder of runs, tables, figures and report. What is in it already is not run again.",
+)
+@click.option(
+    "--model",
+    "models",
+    multiple=True,
+    default=["fast"],
+    show_default=True,
+    type=click.Choice(list(MODELS)),
+    help="Monitor model: the shipped one, or the thesis's own at 1 us, 15 times slower.",
+)
+@click.option(
+    "--runs",
+    default=RUNS,
+    show_default=True,
+    type=click.IntRange(1, 1000),
+    help="Runs of each algorithm and fault.",
+)
+@click.option("--quick", is_flag=True, help=f"{QUICK_RUNS} runs each, without table 8.")
+@click.option(
+    "--executor",
+    "kind",
+    default="processes",
+    show_default=True,
+    type=click.Choice(EXECUTORS),
+    help="Runs side by side in processes or threads, or one by one on all cores.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(1),
+    help="Processes or threads; by default as many as there are cores.",
+)
+def thesis(
+    folder: Path,
+    models: tuple[str, ...],
+    runs: int,
+    quick: bool,
+    kind: str,
+    workers: int | None,
+) -> None:
+    """Repeat the thesis's study: ten single faults and a multiple one by GA, PSO, DE and GWO.
+
+    Stop it with Ctrl-C at any time: the same command goes on from there. Further models and runs
+    add to the folder.
+    """
+    workers = workers or all_cores()
+    runs = QUICK_RUNS if quick else runs
+    jobs = [
+        job for model in dict.fromkeys(models) for job in plan(model, runs, with_trials=not quick)
+    ]
+    with one_clear_line():
+        store = RunStore(folder)
+        missing = store.missing(jobs)
+        if len(missing) < len(jobs):
+            click.echo(
+                f"{folder}: {len(jobs) - len(missing)} of {len(jobs)} runs are there already"
+            )
+        started = time.perf_counter()
+        try:
+            _run(missing, store, kind, workers)
+            timing = _timing(folder, models)
+        except KeyboardInterrupt:
+            there = len(jobs) - len(store.missing(jobs))
+            raise click.ClickException(
+                f"stopped with {there} of {len(jobs)} runs in {folder}; the same command goes on "
+                "from there"
+            ) from None
+        minutes = (time.perf_counter() - started) / 60.0
+        store.export()
+        frame = as_frame(store.records)
+        write_tables(study_tables(frame), folder / "tables")
+        report = write_report(
+            folder,
+            frame,
+            timing,
+            {
+                "models": ", ".join(sorted(set(frame["model"]))),
+                "executor": f"{kind}, {1 if kind == 'serial' else workers} at once",
+                "cores": str(all_cores()),
+                "last sitting": f"{len(missing)} runs and the timing in {minutes:.1f} min",
+            },
+        )
+    _print_summary(frame)
+    click.echo(f"{len(missing)} runs in {minutes:.1f} min; report: {report}")
+
+
+def _run(jobs: Sequence[Job], store: RunStore, kind: str, workers: int) -> None:
+    if not jobs:
+        return
+    with progress_bar() as progress, local_executor(kind, workers) as executor:
+        task = progress.add_task("study", total=len(jobs), state="starting")
+        for record in execute(jobs, executor):
+            store.add(record)
+            progress.update(task, advance=1, state=_in_words(record))
+
+
+def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:
+    """Return the timing of executors with each model, measured where it has not been yet."""
+    path = folder / _TIMING
+    timing = pd.read_csv(path) if path.exists() else pd.DataFrame({"model": []})
+    for model in models:
+        if model not in set(timing["model"]):
+            with progress_bar() as progress:
+                progress.add_task("timing", total=None, state=f"serial and parallel, {model} model")
+                timing = pd.concat([timing, time_executors(model)], ignore_index=True)
+            timing.to_csv(path, index=False)
+    return timing
+
+
+def _in_words(record: Record) -> str:
+    return (
+        f"{record.model}: {record.algorithm}, {record.fault.replace('_', ' ')} {record.level}, "
+        f"run {record.run}: {record.error_percent:.2f} %"
+    )
+
+
+def _print_summary(frame: pd.DataFrame) -> None:
+    """Print mean error and time of each algorithm over the single faults."""
+    single = frame[frame["level"].isin(("low", "high")) & (frame["table"] > 10)]
+    single = single[single["rule"] != "printed"]
+    table = Table(
+        "model", "algorithm", "level", "runs", "error %", "generations", "time s", title="means"
+    )
+    for column in table.columns[3:]:
+        column.justify = "right"
+    for key, group in single.groupby(["model", "algorithm", "level"]):
+        means = group[["error_percent", "generations", "time_s"]].mean()
+        table.add_row(
+            *map(str, key),
+            str(len(group)),
+            f"{means['error_percent']:.2f}",
+            f"{means['generations']:.0f}",
+            f"{means['time_s']:.2f}",
+        )
+    Console().print(table)

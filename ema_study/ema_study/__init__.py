@@ -1,0 +1,1 @@
+"""The thesis's study of optimizers, reproduced: runs, tables, figures and report."""

@@ -1,0 +1,77 @@
+"""The thesis's faults: ten single ones and a multiple one."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import FAULT_NAMES, fault_vector
+
+SINGLE_FAULTS: Final = ("friction", "backlash", "short_circuit", "eccentricity", "gain")
+"""Kinds of single faults, in the order of the thesis's section 7.2."""
+
+LEVELS: Final = ("low", "high")
+"""Levels of a single fault."""
+
+MULTIPLE: Final = "multiple"
+"""Kind, and name, of the multiple fault."""
+
+
+@dataclass(frozen=True)
+class StudyCase:
+    """A fault of the study.
+
+    Attributes
+    ----------
+    fault
+        Kind: one of ``SINGLE_FAULTS``, or ``MULTIPLE``.
+    level
+        One of ``LEVELS``; empty for the multiple fault.
+    faults
+        Components that are not healthy, by name.
+    """
+
+    fault: str
+    level: str
+    faults: dict[str, float]
+
+    @property
+    def name(self) -> str:
+        """Kind and level in words."""
+        return " ".join((*self.fault.split("_"), self.level)).strip()
+
+    @property
+    def truth(self) -> NDArray[np.float64]:
+        """Fault vector, ``(8,)``."""
+        return fault_vector(self.faults)
+
+
+CASES: Final[dict[str, StudyCase]] = {
+    case.name: case
+    for case in (
+        StudyCase("friction", "low", {"friction": 0.25}),
+        StudyCase("friction", "high", {"friction": 0.75}),
+        StudyCase("backlash", "low", {"backlash": 9 / 99}),
+        StudyCase("backlash", "high", {"backlash": 74 / 99}),
+        StudyCase("short_circuit", "low", {"short_circuit_a": 0.2}),
+        StudyCase("short_circuit", "high", {"short_circuit_a": 0.7}),
+        StudyCase("eccentricity", "low", {"eccentricity": 0.25}),
+        StudyCase("eccentricity", "high", {"eccentricity": 0.75}),
+        StudyCase("gain", "low", {"gain": 0.25}),
+        StudyCase("gain", "high", {"gain": 0.75}),
+        StudyCase(
+            MULTIPLE,
+            "",
+            dict(
+                zip(
+                    FAULT_NAMES,
+                    # The thesis took its random k7 = 0.8009 for the angle in radians.
+                    (0.0068, 0.0, 9.19e-3, 0.0013, 8.6e-4, 0.0111, 0.627, 0.38038),
+                    strict=True,
+                )
+            ),
+        ),
+    )
+}
+"""The cases by name, e.g. "short circuit low"."""

@@ -1,0 +1,152 @@
+"""What is run: the thesis's own list of runs, and a few that explain it."""
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+from ema_study.cases import CASES, LEVELS, MULTIPLE
+
+POPULATION: Final = 50
+GENERATIONS: Final = 200
+RUNS: Final = 10
+"""How the thesis ran its algorithms: size, most generations, runs of each."""
+
+ALGORITHMS: Final = ("ga", "pso", "de", "gwo")
+"""The thesis's four algorithms, in the order of its tables."""
+
+VARIANTS: Final = {"de": "de_thesis", "gwo": "gwo_thesis"}
+"""What the thesis wrote itself, as it wrote it, by the algorithm that it meant."""
+
+# Each fault has a table for each algorithm, low before high, and a summary behind them.
+_FIRST_TABLE = 11
+_TABLES_OF_A_FAULT = 2 * len(ALGORITHMS) + 1
+
+_DE_TABLES = {9: (("F", 0.5), ("CR", 0.9)), 10: (("F", 0.9), ("CR", 0.95))}
+_MULTIPLE_TABLES = {56: ("fast_stop", "floor_corrected"), 57: ("stall_stop", "unchanged")}
+
+# Table 8: fault, population and generations of its trials of GA by their number. The level of the
+# fault is not printed: low is taken. The first trial is left out, of which no generations are told.
+_GA_TRIALS = {
+    2: ("short circuit low", 100, 11),
+    3: ("short circuit low", 100, 43),
+    4: ("short circuit low", 100, 68),
+    5: ("short circuit low", 100, 46),
+    6: ("short circuit low", 100, 46),
+    7: ("short circuit low", 20, 200),
+    8: ("backlash low", 20, 200),
+    9: ("backlash low", 40, 200),
+    10: ("backlash low", 20, 200),
+    11: ("short circuit low", 20, 143),
+    12: ("gain low", 50, 200),
+}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run to be made.
+
+    Attributes
+    ----------
+    model
+        Name of the monitor model.
+    table
+        Number of the thesis's table that it belongs to.
+    algorithm
+        Registered name of the optimizer.
+    case
+        Name of the fault.
+    level
+        Of the fault; of the multiple one, the study: "fast_stop" or "stall_stop".
+    run
+        Running number, from 1; in table 8, the number of the trial.
+    rule
+        Name of the stop rule.
+    population, max_generations
+        Of the optimizer.
+    settings
+        Further settings of the optimizer, by name.
+    """
+
+    model: str
+    table: int
+    algorithm: str
+    case: str
+    level: str
+    run: int
+    rule: str
+    population: int = POPULATION
+    max_generations: int = GENERATIONS
+    settings: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def key(self) -> tuple[str, int, str, int, str]:
+        """What tells it from all other runs of a study."""
+        return (self.model, self.table, self.algorithm, self.run, self.rule)
+
+    @property
+    def seed(self) -> int:
+        """Seed of its random numbers, the same for every model and rule."""
+        text = f"{self.table} {self.algorithm} {self.run}"
+        return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4])
+
+    @property
+    def budget(self) -> int:
+        """Largest number of evaluations; the starting population is not a generation."""
+        return self.population * (self.max_generations + 1)
+
+
+def plan(model: str, runs: int, *, with_trials: bool = True) -> list[Job]:
+    """Return the jobs of the study with a model, the first run of every table first.
+
+    Parameters
+    ----------
+    model
+        Name of the monitor model.
+    runs
+        How many runs of each algorithm and case.
+    with_trials
+        Whether to make those of table 8, too.
+    """
+    jobs = [
+        job for run in range(1, runs + 1) for job in (*_single(model, run), *_multiple(model, run))
+    ]
+    jobs += _under_the_printed_rule(model)
+    if with_trials:
+        jobs += [
+            Job(model, 8, "ga", case, "low", number, "all_generations", population, generations)
+            for number, (case, population, generations) in _GA_TRIALS.items()
+        ]
+    return jobs
+
+
+def _single(model: str, run: int) -> Iterator[Job]:
+    for table, settings in _DE_TABLES.items():
+        yield Job(
+            model, table, "de", "friction low", "low", run, "all_generations", settings=settings
+        )
+    single = (case for case in CASES.values() if case.fault != MULTIPLE)
+    for number, case in enumerate(single):
+        fault, level = divmod(number, len(LEVELS))
+        first = _FIRST_TABLE + fault * _TABLES_OF_A_FAULT + level * len(ALGORITHMS)
+        for table, algorithm in enumerate(ALGORITHMS, first):
+            for name in _with_variant(algorithm):
+                yield Job(model, table, name, case.name, case.level, run, "floor_corrected")
+
+
+def _multiple(model: str, run: int) -> Iterator[Job]:
+    for table, (level, rule) in _MULTIPLE_TABLES.items():
+        for algorithm in ALGORITHMS:
+            for name in _with_variant(algorithm):
+                yield Job(model, table, name, MULTIPLE, level, run, rule)
+
+
+def _under_the_printed_rule(model: str) -> Iterator[Job]:
+    """Yield one run of each algorithm that the printed threshold concerns."""
+    for job in (*_single(model, 1), *_multiple(model, 1)):
+        if job.rule == "floor_corrected" and job.table in (13, 14, 56):
+            yield replace(job, rule="printed")
+
+
+def _with_variant(algorithm: str) -> tuple[str, ...]:
+    return (algorithm, VARIANTS[algorithm]) if algorithm in VARIANTS else (algorithm,)

@@ -1,0 +1,81 @@
+"""One run of the study."""
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ema_core.faults import estimation_error
+from ema_monitor.optimizers import ALGORITHMS
+from ema_monitor.optimizers.driver import minimise
+from ema_monitor.optimizers.interface import Hints
+from ema_study.cases import CASES
+from ema_study.models import problem
+from ema_study.plan import Job
+from ema_study.record import Record
+from ema_study.stop_rules import Threshold, ThresholdAndStall, stop_rule
+
+
+class CancelledError(Exception):
+    """A run was cancelled before its end."""
+
+
+def run_job(job: Job, cancelled: Callable[[], bool] = lambda: False) -> Record:
+    """Make a run.
+
+    Parameters
+    ----------
+    job
+        What to run. As in the thesis, the whole starting population is random.
+    cancelled
+        Asked after every generation whether to give up.
+
+    Raises
+    ------
+    CancelledError
+        When it was cancelled.
+    """
+    objective, truth, floor = problem(job.model, job.case)
+    rng = np.random.default_rng(job.seed)
+    own: dict[str, Any] = {"population": job.population, **dict(job.settings)}
+    start = rng.random(objective.dimension)
+    optimizer = ALGORITHMS[job.algorithm](start, rng, Hints(budget=job.budget), **own)
+    stop = stop_rule(job.rule, job.algorithm, job.level, job.budget, floor)
+    costs, errors = [], []
+    faults, evaluations = truth, 0
+    started = time.perf_counter()
+    for progress in minimise(objective.residuals, optimizer, stop):
+        if cancelled():
+            raise CancelledError
+        [faults], _ = objective.decode(progress.point[None])
+        evaluations = progress.evaluations
+        costs.append(float(f"{progress.cost:.6g}"))
+        errors.append(round(estimation_error(faults, truth), 4))
+        if progress.generation > job.max_generations:
+            break
+    time_s = time.perf_counter() - started
+    return Record(
+        model=job.model,
+        table=job.table,
+        algorithm=job.algorithm,
+        fault=CASES[job.case].fault,
+        level=job.level,
+        run=job.run,
+        rule=job.rule,
+        population=job.population,
+        max_generations=job.max_generations,
+        seed=job.seed,
+        truth=truth.tolist(),
+        estimate=faults.tolist(),
+        error_percent=errors[-1],
+        cost=costs[-1],
+        cost_at_truth=floor,
+        threshold=stop.threshold if isinstance(stop, Threshold | ThresholdAndStall) else math.nan,
+        generations=len(costs) - 1,
+        evaluations=evaluations,
+        time_s=time_s,
+        costs=costs,
+        errors_percent=errors,
+    )

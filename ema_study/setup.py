@@ -1,0 +1,19 @@
+from setuptools import find_packages, setup
+
+package = "ema_study"
+
+setup(
+    name=package,
+    version="0.1.0",
+    description="The thesis's study of optimizers, reproduced.",
+    license="Apache-2.0",
+    maintainer="EMA health monitor maintainers",
+    maintainer_email="maintainers@example.org",
+    packages=find_packages(include=[package, f"{package}.*"]),
+    package_data={package: ["thesis_runs.csv", "printed_tables.yaml", "templates/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
+        (f"share/{package}", ["package.xml"]),
+    ],
+    zip_safe=True,
+)

@@ -1,0 +1,80 @@
+"""Jobs over executors."""
+
+import os
+import signal
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from ema_study.execution import execute, local_executor
+from ema_study.plan import Job
+from ema_study.timing import time_executors
+
+JOBS = [
+    Job("fast", 10, "de", "friction low", "low", run, "all_generations", 8, 2) for run in (1, 2, 3)
+]
+
+
+def results(records):
+    return {record.run: record.estimate for record in records}
+
+
+@pytest.fixture(scope="module")
+def serial():
+    with local_executor("serial", 1) as executor:
+        return results(execute(JOBS, executor))
+
+
+def test_any_executor_of_the_standard_library_will_do(serial):
+    with ThreadPoolExecutor(2) as executor:
+        assert results(execute(JOBS, executor)) == serial
+
+
+def test_threads_find_what_a_single_one_does(serial):
+    with local_executor("threads", 2) as executor:
+        assert results(execute(JOBS, executor)) == serial
+
+
+@pytest.mark.slow
+def test_processes_find_what_a_single_one_does(serial):
+    with local_executor("processes", 2) as executor:
+        assert results(execute(JOBS, executor)) == serial
+
+
+def test_interrupt_gives_up_what_runs():
+    """Without it, each of these would take minutes."""
+    long = [
+        Job("fast", 10, "de", "friction low", "low", run, "all_generations", 50, 100_000)
+        for run in range(4)
+    ]
+
+    def study():
+        with local_executor("threads", 2) as executor:
+            list(execute(long, executor))
+
+    interrupt = threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT))
+    interrupt.start()
+    with pytest.raises(KeyboardInterrupt):
+        study()
+    interrupt.join()
+
+
+@pytest.mark.parametrize(
+    ("kind", "workers", "message"),
+    [
+        ("cluster", 2, "executor 'cluster' is unknown; known: processes, threads, serial"),
+        ("threads", 0, "workers = 0: expected at least 1"),
+    ],
+)
+def test_impossible_executor_is_refused(kind, workers, message):
+    with pytest.raises(ValueError, match=message), local_executor(kind, workers):
+        pass
+
+
+@pytest.mark.slow
+def test_timing_tells_each_way_beside_one_core():
+    frame = time_executors("fast", workers=2)
+    assert len(frame) == 3
+    assert frame["speedup"].iloc[0] == 1.0
+    assert (frame["seconds_a_run"] * frame["runs"]).tolist() == pytest.approx(frame["seconds"])
