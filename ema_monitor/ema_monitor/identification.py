@@ -15,6 +15,7 @@ from ema_monitor.estimate import Estimate, Settings, refusal
 from ema_monitor.objective import Objective
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import minimise
+from ema_monitor.optimizers.interface import Hints
 from ema_monitor.window import Window
 
 
@@ -83,13 +84,11 @@ class Identification:
         )
         warm = self._previous is not None
         start = objective.healthy if self._previous is None else objective.encode(self._previous)
-        hints = {"good_cost": objective.good_cost}
-        optimizer = optimizer_class(
-            start,
-            np.random.default_rng(settings.seed),
-            **(hints if optimizer_class.uses_residuals else {}),
-        )
         conclusion = Conclusion(self._window, self._calibration, settings)
+        budget = settings.termination.budget - conclusion.most_evaluations
+        optimizer = optimizer_class(
+            start, np.random.default_rng(settings.seed), Hints(objective.good_cost, budget)
+        )
         progress = None
         for progress in minimise(
             objective.residuals,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ema_monitor.optimizers.driver import Termination, minimise
+from ema_monitor.optimizers.interface import Hints
 from ema_monitor.optimizers.least_squares import _DAMPINGS, _SCREENS, ScreenedLeastSquares
 
 D = 8
@@ -22,7 +23,7 @@ def valley(x):
     return (y + 0.3 * np.roll(y, 1, axis=1) ** 2) * np.geomspace(1.0, 0.1, D)
 
 
-def search(function, start=None, *, seed=0, **hints):
+def search(function, start=None, *, seed=0, good_cost=0.0):
     """Batches asked for, and the progress."""
     batches = []
 
@@ -31,7 +32,7 @@ def search(function, start=None, *, seed=0, **hints):
         return function(points)
 
     start = np.full(D, 0.5) if start is None else start
-    optimizer = ScreenedLeastSquares(start, np.random.default_rng(seed), **hints)
+    optimizer = ScreenedLeastSquares(start, np.random.default_rng(seed), Hints(good_cost))
     progress = list(minimise(watched, optimizer, PATIENT))
     assert optimizer.converged
     return batches, progress

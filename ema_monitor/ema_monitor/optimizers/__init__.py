@@ -5,6 +5,12 @@ To add one, write it in a file of its own after ``interface.Optimizer`` and name
 
 from typing import Final
 
+from ema_monitor.optimizers.differential_evolution import (
+    DifferentialEvolution,
+    ThesisDifferentialEvolution,
+)
+from ema_monitor.optimizers.genetic import GeneticAlgorithm
+from ema_monitor.optimizers.grey_wolf import GreyWolf, ThesisGreyWolf
 from ema_monitor.optimizers.interface import Optimizer
 from ema_monitor.optimizers.least_squares import ScreenedLeastSquares
 from ema_monitor.optimizers.particle_swarm import ParticleSwarm
@@ -13,6 +19,11 @@ DEFAULT_ALGORITHM: Final = "least_squares"
 
 ALGORITHMS: Final[dict[str, type[Optimizer]]] = {
     "least_squares": ScreenedLeastSquares,
+    "ga": GeneticAlgorithm,
     "pso": ParticleSwarm,
+    "de": DifferentialEvolution,
+    "gwo": GreyWolf,
+    "de_thesis": ThesisDifferentialEvolution,
+    "gwo_thesis": ThesisGreyWolf,
 }
 """Optimizers by the name that command line, parameters and messages use."""

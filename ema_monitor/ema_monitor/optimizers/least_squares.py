@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
+from ema_monitor.optimizers.interface import NO_HINTS, Hints
 
 DIFFERENCE: Final = 5e-3
 """Step of the difference quotients; smaller ones see the model's friction stick and slip."""
@@ -49,8 +50,8 @@ class ScreenedLeastSquares:
         Point about which the screens are denser, ``(d,)``; it is one of the screened points.
     rng
         Source of random numbers.
-    good_cost
-        Highest cost at which an optimum is believed; at 0 all screens are made.
+    hints
+        An optimum is believed if it costs no more than the good cost; at 0 all screens are made.
     """
 
     uses_residuals = True
@@ -59,13 +60,12 @@ class ScreenedLeastSquares:
         self,
         start: NDArray[np.float64],
         rng: np.random.Generator,
-        *,
-        good_cost: float = 0.0,
+        hints: Hints = NO_HINTS,
     ) -> None:
         self.converged = False
         self._start = np.asarray(start, dtype=np.float64)
         self._rng = rng
-        self._good_cost = good_cost
+        self._good_cost = hints.good_cost
         self._best_cost = np.inf
         self._steps = self._search()
         self._asked = next(self._steps)

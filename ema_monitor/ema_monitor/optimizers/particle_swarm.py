@@ -1,45 +1,86 @@
-"""Particle swarm optimization in its canonical form."""
+"""Particle swarm optimization with adaptive inertia and random neighbourhoods."""
+
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_monitor.optimizers.interface import NO_HINTS, Hints
+from ema_monitor.optimizers.population import first_generation
+
+_FEWEST_PARTICLES: Final = 3
+_FEWEST_NEIGHBOURS: Final = 2
+_NEIGHBOUR_FRACTION: Final = 0.25
+_INERTIA_RANGE: Final = (0.1, 1.1)
+_SELF_ADJUSTMENT: Final = 1.49
+_SOCIAL_ADJUSTMENT: Final = 1.49
+
 
 class ParticleSwarm:
-    """Global-best particle swarm with constriction.
+    """Particle swarm after the documentation of Matlab's ``particleswarm``, with its defaults.
 
-    Inertia and accelerations are those of Clerc and Kennedy (2002), IEEE Trans. Evol. Comput.
-    6(1): inertia 0.7298, both accelerations 1.49618. A particle that leaves the box is put on the
-    wall and its velocity across the wall is set to zero.
+    Each particle is drawn to the best point it has seen and to the best that its neighbours have
+    seen. The neighbours are other particles, drawn anew for each particle in each iteration; at
+    first a quarter of the swarm. In each iteration in which the best cost does not fall they
+    become more by that quarter, up to all others; when it falls they are few again. A counter
+    goes up by 1 in the first case and down by 1, to 0 at the lowest, in the second. The inertia
+    begins at 1.1; it is doubled while the counter is below 2 and halved while it is above 5,
+    within [0.1, 1.1]. Particles that leave the box are put on the wall and lose their velocity
+    across it.
+
+    The documentation lists the rule of the inertia under the iterations in which the best cost
+    falls. Here it holds in all of them: a swarm at 1.1 does not contract, hence seldom improves,
+    hence would stay at 1.1.
 
     Parameters
     ----------
     start
-        A point that one particle starts from, ``(d,)``; the others start anywhere.
+        Where one particle starts, ``(d,)``; the others start anywhere.
     rng
         Source of random numbers.
-    particles
-        Size of the swarm.
+    hints
+        Not used.
+    population
+        Number of particles, at least 3: a particle and two neighbours.
+
+    Raises
+    ------
+    ValueError
+        When there are too few particles.
+
+    References
+    ----------
+    MathWorks, "Particle swarm optimization algorithm", Global Optimization Toolbox,
+    https://www.mathworks.com/help/gads/particle-swarm-optimization-algorithm.html.
+    Mezura-Montes and Coello Coello (2011), "Constraint-handling in nature-inspired numerical
+    optimization", Swarm and Evolutionary Computation 1(4).
+    Pedersen (2010), "Good parameters for particle swarm optimization", Hvass Laboratories HL1001.
     """
 
     uses_residuals = False
     converged = False
 
-    inertia = 0.7298
-    acceleration = 1.49618
-
     def __init__(
-        self, start: NDArray[np.float64], rng: np.random.Generator, particles: int = 50
+        self,
+        start: NDArray[np.float64],
+        rng: np.random.Generator,
+        hints: Hints = NO_HINTS,
+        *,
+        population: int = 50,
     ) -> None:
         self._rng = rng
-        d = len(start)
-        self._x = rng.random((particles, d))
-        self._x[0] = start
-        self._v = rng.uniform(-0.5, 0.5, (particles, d))
+        self._x = first_generation(start, rng, population, _FEWEST_PARTICLES)
+        # As far as the box is wide.
+        self._v = rng.uniform(-1.0, 1.0, self._x.shape)
         self._best_x = self._x.copy()
-        self._best_cost = np.full(particles, np.inf)
+        self._best_costs = np.full(population, np.inf)
+        self._fewest_neighbours = max(_FEWEST_NEIGHBOURS, int(population * _NEIGHBOUR_FRACTION))
+        self._neighbours = self._fewest_neighbours
+        self._inertia = _INERTIA_RANGE[1]
+        self._stalls = 0
 
     def ask(self) -> NDArray[np.float64]:
-        """Return the particles' positions, ``(particles, d)``."""
+        """Return the particles' positions, ``(population, d)``."""
         return self._x.copy()
 
     def tell(
@@ -48,15 +89,40 @@ class ParticleSwarm:
         costs: NDArray[np.float64],
         residuals: NDArray[np.float64],
     ) -> None:
-        """Move the particles after their costs, ``(particles,)``."""
-        better = costs < self._best_cost
-        self._best_cost[better] = costs[better]
+        """Move the particles after their costs, ``(population,)``."""
+        self._adapt(improved=bool(np.min(costs) < np.min(self._best_costs)))
+        better = costs < self._best_costs
+        self._best_costs[better] = costs[better]
         self._best_x[better] = points[better]
-        leader = self._best_x[np.argmin(self._best_cost)]
         to_own, to_leader = self._rng.random((2, *points.shape))
-        self._v = self.inertia * self._v + self.acceleration * (
-            to_own * (self._best_x - points) + to_leader * (leader - points)
+        self._v = (
+            self._inertia * self._v
+            + _SELF_ADJUSTMENT * to_own * (self._best_x - points)
+            + _SOCIAL_ADJUSTMENT * to_leader * (self._best_x[self._leaders()] - points)
         )
         moved = points + self._v
         self._x = np.clip(moved, 0.0, 1.0)
         self._v[self._x != moved] = 0.0
+
+    def _adapt(self, *, improved: bool) -> None:
+        """Set neighbourhoods and inertia; a first generation changes nothing."""
+        if improved:
+            self._stalls = max(0, self._stalls - 1)
+            self._neighbours = self._fewest_neighbours
+        else:
+            self._stalls += 1
+            grown = self._neighbours + self._fewest_neighbours
+            self._neighbours = min(grown, len(self._x) - 1)
+        lowest, highest = _INERTIA_RANGE
+        if self._stalls < 2:
+            self._inertia = min(2.0 * self._inertia, highest)
+        elif self._stalls > 5:
+            self._inertia = max(0.5 * self._inertia, lowest)
+
+    def _leaders(self) -> NDArray[np.intp]:
+        """Return which neighbour has seen the best point, for each particle."""
+        n = len(self._x)
+        lots = self._rng.random((n, n))
+        np.fill_diagonal(lots, np.inf)
+        neighbours = np.argpartition(lots, self._neighbours - 1, axis=1)[:, : self._neighbours]
+        return neighbours[np.arange(n), np.argmin(self._best_costs[neighbours], axis=1)]

@@ -1,0 +1,132 @@
+"""Differential evolution about the best individual, as it is known and as the thesis has it."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_monitor.optimizers.interface import NO_HINTS, Hints
+from ema_monitor.optimizers.population import first_generation
+
+_FEWEST_INDIVIDUALS: Final = 3
+
+
+class DifferentialEvolution:
+    """DE/best/1/bin.
+
+    For each individual, the target, a donor is made: the best individual plus F times the
+    difference of two partners, which are neither the target nor the same. Where the donor is
+    outside the box it bounces back, to a random place between the best individual and the wall
+    that it passed. The trial takes each component from the donor with probability CR, one of them
+    in any case, and the others from the target. It replaces the target if it costs less.
+
+    Parameters
+    ----------
+    start
+        Where one individual starts, ``(d,)``; the others start anywhere.
+    rng
+        Source of random numbers.
+    hints
+        Not used.
+    population
+        Number of individuals, at least 3: a target and two partners.
+    F
+        Weight of the difference [-].
+    CR
+        Crossover ratio [-].
+
+    Raises
+    ------
+    ValueError
+        When there are too few individuals.
+
+    References
+    ----------
+    Storn and Price (1997), "Differential evolution - a simple and efficient heuristic for global
+    optimization over continuous spaces", Journal of Global Optimization 11.
+    Price, Storn and Lampinen (2005), "Differential Evolution", Springer; bounce-back: section
+    4.3.1.
+    """
+
+    uses_residuals = False
+    converged = False
+
+    def __init__(
+        self,
+        start: NDArray[np.float64],
+        rng: np.random.Generator,
+        hints: Hints = NO_HINTS,
+        *,
+        population: int = 50,
+        F: float = 0.9,
+        CR: float = 0.95,
+    ) -> None:
+        self._rng = rng
+        self._F = F
+        self._CR = CR
+        self._x = first_generation(start, rng, population, _FEWEST_INDIVIDUALS)
+        self._costs = np.full(population, np.inf)
+        self._trials = self._x
+
+    def ask(self) -> NDArray[np.float64]:
+        """Return the first population, then the trials, ``(population, d)``."""
+        return self._trials.copy()
+
+    def tell(
+        self,
+        points: NDArray[np.float64],
+        costs: NDArray[np.float64],
+        residuals: NDArray[np.float64],
+    ) -> None:
+        """Let the trials replace their targets where they cost less, and make new ones."""
+        better = costs < self._costs
+        self._x[better] = points[better]
+        self._costs[better] = costs[better]
+
+        n, d = self._x.shape
+        best = self._x[np.argmin(self._costs)]
+        one, other = self._partners()
+        donors = self._into_box(best + self._F * (self._x[one] - self._x[other]), best)
+        from_donor = self._rng.random((n, d)) < self._CR
+        from_donor[np.arange(n), self._rng.integers(d, size=n)] = True
+        self._trials = np.where(from_donor, donors, self._x)
+
+    def _partners(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Draw two partners for each target: three different individuals."""
+        n = len(self._x)
+        ahead = self._rng.integers(1, n, size=n)
+        further = self._rng.integers(1, n - 1, size=n)
+        further += further >= ahead
+        targets = np.arange(n)
+        return (targets + ahead) % n, (targets + further) % n
+
+    def _into_box(
+        self, donors: NDArray[np.float64], best: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        wall = np.clip(donors, 0.0, 1.0)
+        bounced = best + self._rng.random(donors.shape) * (wall - best)
+        return np.where(donors == wall, donors, bounced)
+
+
+class ThesisDifferentialEvolution(DifferentialEvolution):
+    """DE/best/1/bin as the thesis has it, appendix A.
+
+    It differs in two things. The partners come from two permutations of the population that know
+    nothing of each other: a partner may be the target, and where both are the same the donor is
+    the best individual itself. And the donor is reflected at 0 and not bounded above; as a fault
+    above 1 has no meaning here, it is put on 1.
+
+    Parameters
+    ----------
+    start, rng, hints, population, F, CR
+        As of ``DifferentialEvolution``.
+    """
+
+    def _partners(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        n = len(self._x)
+        return self._rng.permutation(n), self._rng.permutation(n)
+
+    def _into_box(
+        self, donors: NDArray[np.float64], best: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        return np.minimum(np.abs(donors), 1.0)

@@ -1,0 +1,164 @@
+"""Genetic algorithm with elites, scattered crossover and a mutation of adaptive step."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_monitor.optimizers.interface import NO_HINTS, Hints
+from ema_monitor.optimizers.population import first_generation
+
+# One elite, two children by crossover and one by mutation.
+_FEWEST_INDIVIDUALS: Final = 4
+_ELITE_FRACTION: Final = 0.05
+_CROSSOVER_FRACTION: Final = 0.8
+_INITIAL_STEP: Final = 0.5
+_STEP_RANGE: Final = (1e-6, 1.0)
+_STEP_GROWTH: Final = 1.5
+_STEP_DECAY: Final = 1.0 / _STEP_GROWTH
+
+
+class GeneticAlgorithm:
+    """Genetic algorithm after the documentation of Matlab's ``ga`` (R2018a), as it is with bounds.
+
+    The best 5 % of a population survive unchanged and are not evaluated again. Of the other
+    places, 80 % go to children of two parents, each gene from one or the other with equal
+    probability (scattered crossover), the rest to mutants of one parent. Parents are drawn by
+    stochastic uniform selection, in proportion to 1 / sqrt(rank).
+
+    A mutant lies a step away from its parent in a random direction, cut at the walls of the box
+    component by component. What Matlab's adaptive feasible mutation does to the step is not
+    published. Here it begins at half the width of the box; a generation that found a new best
+    point multiplies it by 1.5, one that did not divides it by 1.5, within 1e-6 and 1 width. This
+    is a success rule as Rechenberg's (1973), in balance when every other generation improves.
+
+    Parameters
+    ----------
+    start
+        Where one individual starts, ``(d,)``; the others start anywhere.
+    rng
+        Source of random numbers.
+    hints
+        Not used.
+    population
+        Number of individuals, at least 4, so that there is a child of each kind.
+
+    Raises
+    ------
+    ValueError
+        When there are too few individuals.
+
+    References
+    ----------
+    MathWorks, "Genetic algorithm options", Global Optimization Toolbox,
+    https://www.mathworks.com/help/gads/genetic-algorithm-options.html.
+    """
+
+    uses_residuals = False
+    converged = False
+
+    def __init__(
+        self,
+        start: NDArray[np.float64],
+        rng: np.random.Generator,
+        hints: Hints = NO_HINTS,
+        *,
+        population: int = 50,
+    ) -> None:
+        self._rng = rng
+        self._asked = first_generation(start, rng, population, _FEWEST_INDIVIDUALS)
+        self._elites = int(np.ceil(_ELITE_FRACTION * population))
+        self._crossed = round(_CROSSOVER_FRACTION * (population - self._elites))
+        self._mutants = population - self._elites - self._crossed
+        self._elite_x = np.empty((0, len(start)))
+        self._elite_costs = np.empty(0)
+        self._step = _INITIAL_STEP
+
+    def ask(self) -> NDArray[np.float64]:
+        """Return the first population, then children, ``(m, d)``, first those of two parents."""
+        return self._asked.copy()
+
+    def tell(
+        self,
+        points: NDArray[np.float64],
+        costs: NDArray[np.float64],
+        residuals: NDArray[np.float64],
+    ) -> None:
+        """Take the costs of the children, ``(m,)``, and make the next ones."""
+        if len(self._elite_costs):
+            improved = np.min(costs) < self._elite_costs[0]
+            factor = _STEP_GROWTH if improved else _STEP_DECAY
+            self._step = float(np.clip(factor * self._step, *_STEP_RANGE))
+        points = np.concatenate([self._elite_x, points])
+        costs = np.concatenate([self._elite_costs, costs])
+        ranking = np.argsort(costs, kind="stable")
+        points, costs = points[ranking], costs[ranking]
+        self._elite_x, self._elite_costs = points[: self._elites], costs[: self._elites]
+
+        n = self._crossed
+        expected = expected_children(len(points), 2 * n + self._mutants)
+        parents = self._rng.permutation(stochastic_uniform(expected, self._rng))
+        self._asked = np.concatenate(
+            [
+                scattered(points[parents[:n]], points[parents[n : 2 * n]], self._rng),
+                mutated(points[parents[2 * n :]], self._step, self._rng),
+            ]
+        )
+
+
+def expected_children(population: int, parents: int) -> NDArray[np.float64]:
+    """Return how often individuals are to be parents by their ranks, the best first.
+
+    Parameters
+    ----------
+    population
+        Number of individuals.
+    parents
+        Sum of the expectations.
+
+    Returns
+    -------
+    numpy.ndarray
+        Expectations, ``(population,)``, as 1 / sqrt(rank).
+    """
+    share = 1.0 / np.sqrt(np.arange(1, population + 1))
+    return parents * share / np.sum(share)
+
+
+def stochastic_uniform(expected: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.intp]:
+    """Draw individuals, each as often as expected, rounded up or down.
+
+    The expectations are laid end to end; steps of 1 from a random place in the first one tell
+    who is drawn (Baker 1987, "Reducing bias and inefficiency in the selection algorithm").
+
+    Parameters
+    ----------
+    expected
+        How often each is to be drawn, ``(n,)``; the sum is a whole number m.
+    rng
+        Source of random numbers.
+
+    Returns
+    -------
+    numpy.ndarray
+        Numbers of the individuals drawn, ``(m,)``, in ascending order.
+    """
+    marks = rng.random() + np.arange(round(np.sum(expected)))
+    # The last expectation ends at the sum but for rounding.
+    return np.searchsorted(np.cumsum(expected[:-1]), marks, side="right")
+
+
+def scattered(
+    mothers: NDArray[np.float64], fathers: NDArray[np.float64], rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return children, ``(m, d)``, with each gene from one of their parents, ``(m, d)``."""
+    return np.where(rng.random(mothers.shape) < 0.5, mothers, fathers)
+
+
+def mutated(
+    parents: NDArray[np.float64], step: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return points a step away from the parents, ``(m, d)``, cut at the walls of the unit box."""
+    directions = rng.normal(size=parents.shape)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.clip(parents + step * directions, 0.0, 1.0)

@@ -1,0 +1,180 @@
+"""Grey wolf optimization, with one pack and with the packs of one of the thesis."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_monitor.optimizers.interface import NO_HINTS, Hints
+from ema_monitor.optimizers.population import first_generation
+
+_LEADERS: Final = 3
+
+
+class GreyWolf:
+    """Grey wolf optimizer with alpha, beta and delta, the three best points of the pack so far.
+
+    A wolf goes to the mean of three points, one about each leader: ``leader - A |C leader - x|``
+    with ``A`` uniform in [-a, a] and ``C`` uniform in [0, 2], drawn for each component; whatever
+    leaves the box is put on the wall. ``a`` falls linearly from 2 after the first generation to 0
+    when the budget is spent, and stays there.
+
+    Parameters
+    ----------
+    start
+        Where one wolf starts, ``(d,)``; the others start anywhere.
+    rng
+        Source of random numbers.
+    hints
+        The budget is what the fall of ``a`` is spread over.
+    population
+        Number of wolves, at least 3: the leaders.
+
+    Raises
+    ------
+    ValueError
+        When there are too few wolves.
+
+    References
+    ----------
+    Mirjalili, Mirjalili and Lewis (2014), "Grey wolf optimizer", Advances in Engineering Software
+    69, eq. 3.3 to 3.7.
+    """
+
+    uses_residuals = False
+    converged = False
+
+    def __init__(
+        self,
+        start: NDArray[np.float64],
+        rng: np.random.Generator,
+        hints: Hints = NO_HINTS,
+        *,
+        population: int = 50,
+    ) -> None:
+        self._rng = rng
+        self._x = first_generation(start, rng, population, _LEADERS)
+        self._generations = max(1, hints.budget // population)
+        self._generation = 0
+        self._leaders = np.empty((0, len(start)))
+        self._leader_costs = np.empty(0)
+
+    def ask(self) -> NDArray[np.float64]:
+        """Return the wolves' positions, ``(population, d)``."""
+        return self._x.copy()
+
+    def tell(
+        self,
+        points: NDArray[np.float64],
+        costs: NDArray[np.float64],
+        residuals: NDArray[np.float64],
+    ) -> None:
+        """Choose the leaders by their costs, ``(population,)``, and move the wolves."""
+        points = np.concatenate([self._leaders, points])
+        costs = np.concatenate([self._leader_costs, costs])
+        best = np.argsort(costs, kind="stable")[:_LEADERS]
+        self._leaders, self._leader_costs = points[best], costs[best]
+        a = shrinking(self._generation, self._generations)
+        self._generation += 1
+        self._x = encircled(self._x, self._leaders[:, None], a, self._rng)
+
+
+class ThesisGreyWolf:
+    """Grey wolf optimizer as the thesis has it, appendix B: each wolf follows itself.
+
+    A wolf has an alpha, a beta and a delta of its own, which begin at the zero vector with an
+    infinite cost. A point that costs less than its alpha replaces it, and the old alpha is
+    forgotten; one that costs more than alpha and less than beta replaces beta; one that costs more
+    than both and less than delta replaces delta. Beta and delta may so stay at zero, which draws
+    the wolves there; a component that is zero in a wolf and its leaders is zero ever after.
+
+    ``a`` is lower than in ``GreyWolf`` by what it falls in a generation.
+
+    Parameters
+    ----------
+    start, rng, hints, population
+        As of ``GreyWolf``.
+
+    Raises
+    ------
+    ValueError
+        When there is no wolf.
+    """
+
+    uses_residuals = False
+    converged = False
+
+    def __init__(
+        self,
+        start: NDArray[np.float64],
+        rng: np.random.Generator,
+        hints: Hints = NO_HINTS,
+        *,
+        population: int = 50,
+    ) -> None:
+        self._rng = rng
+        self._x = first_generation(start, rng, population, 1)
+        self._generations = max(1, hints.budget // population)
+        self._generation = 0
+        self._leaders = np.zeros((_LEADERS, *self._x.shape))
+        self._leader_costs = np.full((_LEADERS, population), np.inf)
+
+    def ask(self) -> NDArray[np.float64]:
+        """Return the wolves' positions, ``(population, d)``."""
+        return self._x.copy()
+
+    def tell(
+        self,
+        points: NDArray[np.float64],
+        costs: NDArray[np.float64],
+        residuals: NDArray[np.float64],
+    ) -> None:
+        """Choose each wolf's leaders by its cost, ``(population,)``, and move the wolves."""
+        alpha, beta, delta = self._leader_costs
+        replaces = np.stack(
+            [
+                costs < alpha,
+                (costs > alpha) & (costs < beta),
+                (costs > alpha) & (costs > beta) & (costs < delta),
+            ]
+        )
+        self._leaders = np.where(replaces[..., None], points, self._leaders)
+        self._leader_costs = np.where(replaces, costs, self._leader_costs)
+        self._generation += 1
+        a = shrinking(self._generation, self._generations)
+        self._x = encircled(points, self._leaders, a, self._rng)
+
+
+def shrinking(generation: int, generations: int) -> float:
+    """Return ``a`` of a generation, from 2 at number 0 to 0 after the last one."""
+    return max(0.0, 2.0 * (1.0 - generation / generations))
+
+
+def encircled(
+    points: NDArray[np.float64],
+    leaders: NDArray[np.float64],
+    a: float,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Return where wolves go.
+
+    Parameters
+    ----------
+    points
+        Where they are, ``(m, d)``.
+    leaders
+        Leaders of all, ``(3, 1, d)``, or of each, ``(3, m, d)``.
+    a
+        How far beyond the leaders they may go, in distances from them [-].
+    rng
+        Source of random numbers.
+
+    Returns
+    -------
+    numpy.ndarray
+        The new positions, ``(m, d)``, within [0, 1].
+    """
+    r_1, r_2 = rng.random((2, _LEADERS, *points.shape))
+    A, C = 2.0 * a * r_1 - a, 2.0 * r_2
+    targets = leaders - A * np.abs(C * leaders - points)
+    return np.clip(np.mean(targets, axis=0), 0.0, 1.0)
