@@ -38,7 +38,7 @@ class DifferentialEvolution:
     Raises
     ------
     ValueError
-        When there are too few individuals.
+        When there are too few individuals, F is not above 0 or CR outside [0, 1].
 
     References
     ----------
@@ -61,6 +61,10 @@ class DifferentialEvolution:
         F: float = 0.9,
         CR: float = 0.95,
     ) -> None:
+        if not F > 0.0:
+            raise ValueError(f"F = {F}: expected a number above 0")
+        if not 0.0 <= CR <= 1.0:
+            raise ValueError(f"CR = {CR}: expected a number in [0, 1]")
         self._rng = rng
         self._F = F
         self._CR = CR
