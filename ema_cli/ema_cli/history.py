@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_cli.truths import truth_at
 from ema_core.faults import FAULT_NAMES, N_FAULTS
 from ema_interfaces.msg import FaultEstimate, FaultVectorStamped, Health
 from ema_messages.faults import StampedFaults, stamped_faults_from_message
@@ -106,12 +107,11 @@ class History:
     def diagnoses(self) -> list[Diagnosed]:
         """Return the diagnoses, each with what is known of its cycle."""
         truths = [item for item in self.truths if item.actuator_id == self.actuator_id]
-        starts_ns = [item.stamp_ns for item in truths]
         found = [self._diagnosed[end_ns] for end_ns in sorted(self._diagnosed)]
         for one in found:
-            before = int(np.searchsorted(starts_ns, one.start_ns, "right"))
-            if before:
-                one.cycle, one.truth = truths[before - 1].cycle, truths[before - 1].faults
+            truth = truth_at(truths, one.start_ns)
+            if truth is not None:
+                one.cycle, one.truth = truth.cycle, truth.faults
             one.level = self._levels.get(one.end_ns)
         return found
 

@@ -13,13 +13,21 @@ from ema_monitor.diagnosis import Search
 from ema_monitor.fitness import FITNESS
 from ema_monitor.optimizers import ALGORITHMS
 
-_OPTIONS = (
+_OF_A_SERIES = (
     click.option(
         "--algorithm",
         default=Search.algorithm,
         show_default=True,
         type=click.Choice(list(ALGORITHMS)),
     ),
+    click.option(
+        "--warm-start/--no-warm-start",
+        default=Search.warm_start,
+        show_default=True,
+        help="Begin each search at the faults of the actuator's last valid estimate.",
+    ),
+)
+_OF_EACH_SEARCH = (
     click.option(
         "--fitness",
         default=Search.fitness,
@@ -39,12 +47,6 @@ _OPTIONS = (
         show_default=True,
         type=click.FloatRange(0.1, 1e6),
         help="Goodness of fit beyond which no fault explains a window, without short circuit.",
-    ),
-    click.option(
-        "--warm-start/--no-warm-start",
-        default=Search.warm_start,
-        show_default=True,
-        help="Begin each search at the faults of the actuator's last valid estimate.",
     ),
     click.option(
         "--seed", default=0, show_default=True, type=click.IntRange(0), help="Of the algorithm."
@@ -101,18 +103,28 @@ class IdentificationOptions:
 
 def identification_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options; it gets them as one argument, ``options``."""
+    return _with_options(command, (*_OF_A_SERIES, *_OF_EACH_SEARCH))
 
+
+def comparison_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command those that are the same for every algorithm; its searches begin cold."""
+    return _with_options(command, _OF_EACH_SEARCH)
+
+
+def _with_options(
+    command: Callable[..., None], offered: tuple[Callable[..., Any], ...]
+) -> Callable[..., None]:
     @wraps(command)
     def with_options(
         *,
-        algorithm: str,
         fitness: str,
         budget: int,
         goodness_limit: float,
-        warm_start: bool,
         seed: int,
         calibration_file: Path | None,
         force: bool,
+        algorithm: str = Search.algorithm,
+        warm_start: bool = False,
         **others: Any,
     ) -> None:
         search = Search(
@@ -126,6 +138,6 @@ def identification_options(command: Callable[..., None]) -> Callable[..., None]:
         options = IdentificationOptions(search, calibration_file, force)
         command(options=options, **others)
 
-    for option in reversed(_OPTIONS):
+    for option in reversed(offered):
         with_options = option(with_options)
     return with_options

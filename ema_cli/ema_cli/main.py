@@ -9,6 +9,7 @@ _COMMANDS: Final = (
     "simulate",
     "calibrate",
     "estimate",
+    "compare",
     "plot",
     "info",
     "up",

@@ -2,19 +2,26 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import click
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
 
 from ema_cli.command_file import command_from
 from ema_cli.errors import Assignments, merged, one_clear_line
 from ema_cli.interrupt import deferred_interrupt
 from ema_cli.progress import progress_bar
 from ema_core.description import ActuatorDescription
-from ema_core.faults import FAULT_NAMES
+from ema_core.faults import FAULT_NAMES, FAULTS, random_faults
 from ema_nodes.actuator_file import load_description
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
 from ema_sim.bench import ActuatorBench, BenchSettings
+
+_STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of the same seed
 
 
 @click.command()
@@ -24,6 +31,12 @@ from ema_sim.bench import ActuatorBench, BenchSettings
     type=Assignments(),
     multiple=True,
     help=f"A fault in [0, 1], e.g. friction=0.25; known: {', '.join(FAULT_NAMES)}.",
+)
+@click.option(
+    "--random-faults",
+    "draws_faults",
+    is_flag=True,
+    help="Draw a multiple fault by the law of the thesis, most of it small, from --seed.",
 )
 @click.option("--cycles", default=1, show_default=True, type=click.IntRange(1, 100_000))
 @click.option(
@@ -75,7 +88,13 @@ from ema_sim.bench import ActuatorBench, BenchSettings
     multiple=True,
     help="Resolution of a published column, e.g. current=0.01,position=1e-6 [A, rad, rad/s].",
 )
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Of all noise.")
+@click.option(
+    "--seed",
+    default=0,
+    show_default=True,
+    type=click.IntRange(0),
+    help="Of all noise, and of --random-faults.",
+)
 @click.option("--force", is_flag=True, help="Replace an existing bag.")
 @click.option(
     "-o",
@@ -86,6 +105,7 @@ from ema_sim.bench import ActuatorBench, BenchSettings
 )
 def simulate(
     faults,
+    draws_faults,
     cycles,
     shape,
     figures,
@@ -105,6 +125,8 @@ def simulate(
     Every cycle approaches its start slowly from below, so that the gear always rests on the same
     flank, runs the command, returns and rests.
     """
+    if draws_faults and faults:
+        raise click.UsageError("--random-faults and --fault exclude each other")
     with one_clear_line():
         description = load_description(actuator_file) if actuator_file else ActuatorDescription()
         if serial_number is not None:
@@ -116,7 +138,8 @@ def simulate(
             resolutions=merged(resolutions, "--quantise"),
         )
         bench.set_command(command_from(shape, merged(figures, "--command-set")))
-        bench.set_faults(merged(faults, "--fault"))
+        drawn = _drawn_faults(seed) if draws_faults else None
+        bench.set_faults(merged(faults, "--fault") if drawn is None else drawn)
         try:
             bag = BagWriter(output, overwrite=force)
         except FileExistsError as error:
@@ -141,8 +164,26 @@ def simulate(
                         raise click.Abort
                     recording.write_block(block, torque)
                     progress.advance(task, len(block))
+    if drawn is not None:
+        _print_drawn(drawn, seed)
     seconds = 1e-9 * bench.end_ns
     click.echo(
         f"{output}: {cycles} cycle{'s' * (cycles > 1)} of {description.actuator_id} "
         f"({description.serial_number}), {seconds:.1f} s of telemetry"
     )
+
+
+def _drawn_faults(seed: int) -> NDArray[np.float64]:
+    """Return a random fault vector, ``(8,)``, that has nothing to do with the noise."""
+    stream = np.random.SeedSequence(seed, spawn_key=(_STREAM_OF_FAULTS,))
+    return random_faults(np.random.default_rng(stream))
+
+
+def _print_drawn(faults: NDArray[np.float64], seed: int) -> None:
+    table = Table(title=f"true faults, drawn with seed {seed}", title_justify="left")
+    table.add_column("fault")
+    table.add_column("k", justify="right")
+    table.add_column("which means")
+    for fault, value in zip(FAULTS, faults, strict=True):
+        table.add_row(fault.name, f"{value:.6f}", fault.physical(value))
+    Console().print(table)

@@ -4,14 +4,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ema_cli.progress import progress_bar
 from ema_cli.source_options import Source
+from ema_cli.truths import truth_at
 from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultVectorStamped
-from ema_messages.faults import stamped_faults_from_message
+from ema_messages.faults import StampedFaults, stamped_faults_from_message
 from ema_monitor.trigger import Defect
 from ema_monitor.watch import Found, Watch
 from ema_nodes.actuator_file import load_description
@@ -43,8 +45,8 @@ class BagWindows:
         Longest motion of the command that made no window [s].
     has_rested
         Whether the command was ever at rest.
-    simulated_faults
-        Whether the bag says that the actuator was simulated with faults.
+    truths
+        True faults of the actuator by test cycle, in order, where the bag records them.
     """
 
     description: ActuatorDescription
@@ -54,11 +56,22 @@ class BagWindows:
     remarks: list[str]
     longest_motion_s: float
     has_rested: bool
-    simulated_faults: bool
+    truths: list[StampedFaults]
+
+    @property
+    def simulated_faults(self) -> bool:
+        """Whether the bag says that the actuator was simulated with faults."""
+        healthy = healthy_faults()
+        return any(not np.array_equal(truth.faults, healthy) for truth in self.truths)
 
     def seconds(self, stamp_ns: int) -> float:
         """Return a stamp in seconds since the first sample."""
         return (stamp_ns - self.first_ns) * 1e-9
+
+    def true_faults(self, start_ns: int) -> NDArray[np.float64] | None:
+        """Return the true faults, ``(8,)``, of a window by its start; None where not recorded."""
+        truth = truth_at(self.truths, start_ns)
+        return None if truth is None else truth.faults
 
 
 def read_windows(path: Path, source: Source) -> BagWindows:
@@ -130,19 +143,15 @@ def read_windows(path: Path, source: Source) -> BagWindows:
         remarks,
         watch.longest_motion_s,
         watch.has_rested,
-        _has_simulated_faults(bag, recorded.actuator_id),
+        _recorded_truths(bag, recorded.actuator_id),
     )
 
 
-def _has_simulated_faults(bag: Bag, actuator_id: str) -> bool:
+def _recorded_truths(bag: Bag, actuator_id: str) -> list[StampedFaults]:
     wanted = type_name(FaultVectorStamped)
     topics = [name for name, topic in bag.topics.items() if topic.type_name == wanted]
     truths = [stamped_faults_from_message(item.message) for item in bag.messages(topics)]
-    healthy = healthy_faults()
-    return any(
-        truth.actuator_id == actuator_id and not np.array_equal(truth.faults, healthy)
-        for truth in truths
-    )
+    return [truth for truth in truths if truth.actuator_id == actuator_id]
 
 
 def require_windows(path: Path, found: BagWindows, source: Source) -> None:

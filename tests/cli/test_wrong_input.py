@@ -23,6 +23,9 @@ from ema_recording.writer import BagWriter
         (("--fault", "rust=0.1"), ("'rust'", "friction", "gain")),
         (("--fault", "friction"), ("'friction'", "name=value")),
         (("--fault", "gain=0.1", "--fault", "gain=0.2"), ("gain", "more than once")),
+        (("--random-faults", "--fault", "gain=0.1"), ("--random-faults", "--fault", "exclude")),
+        (("--random-faults", "--seed", "-1"), ("--seed", "-1")),
+        (("--random-faults", "--seed", "1.5"), ("--seed", "1.5")),
         (("--set", "R_s=-2"), ("R_s", "-2", "ohm")),
         (("--set", "Rs=2"), ("'Rs'", "R_s")),
         (("--quantise", "torque=0.1"), ("'torque'", "current")),
@@ -44,6 +47,37 @@ def test_simulate_refuses_by_name_value_and_range(ema, tmp_path, arguments, part
     for part in parts:
         assert part in error
     assert not bag.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "parts"),
+    [
+        (("--algorithms", "pso,psi"), 2, ("'psi'", "least_squares", "pso")),
+        (("--algorithms", ""), 2, ("''", "least_squares")),
+        (("--algorithms", "pso,pso"), 2, ("pso", "more than once")),
+        (("--algorithm", "pso"), 2, ("--algorithm",)),
+        (("--warm-start",), 2, ("--warm-start",)),
+        (("--window", "-1"), 2, ("--window", "-1")),
+        (("--window", "1"), 1, ("--window 1", "1 window", "from 0")),
+        (("--algorithms", "pso", "--budget", "60"), 1, ("pso", "budget = 60", "at least")),
+        (("-o", "picture.txt"), 1, ("picture.txt", ".png")),
+        (("-o", "nowhere/picture.png"), 1, ("picture.png", "no folder nowhere")),
+    ],
+)
+def test_compare_refuses_before_it_draws(ema, record, faulty_blocks, arguments, code, parts):
+    bag = record(faulty_blocks)
+    result = ema("compare", bag, *arguments)
+    assert result.exit_code == code
+    error = result.stderr.strip().splitlines()[-1]
+    for part in parts:
+        assert part in error
+    assert list(bag.parent.iterdir()) == [bag]
+
+
+def test_compare_without_windows(ema, record, faulty_blocks):
+    result = ema("compare", record(faulty_blocks[:9]))
+    assert result.exit_code == 1
+    assert "no excitation" in result.stderr
 
 
 def test_existing_bag_is_kept_unless_forced(ema, tmp_path):
@@ -215,5 +249,5 @@ def test_numbers_may_be_written_without_a_point(ema, tmp_path):
 
 def test_installed_command_answers():
     result = subprocess.run(["ema", "--help"], capture_output=True, text=True, check=True)
-    for name in ("simulate", "calibrate", "estimate", "plot", "info"):
+    for name in ("simulate", "calibrate", "estimate", "compare", "plot", "info"):
         assert name in result.stdout

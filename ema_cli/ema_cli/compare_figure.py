@@ -1,0 +1,124 @@
+"""Picture of a comparison of algorithms: how they converged, and what they found."""
+
+from itertools import cycle
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ema_cli.comparison import Comparison, Run
+from ema_core.faults import FAULTS
+
+_SIGMAS_OF_90_PERCENT: Final = 1.645
+_LEAST_SPAN: Final = 0.02
+_LEAST_RATIO: Final = 10.0
+_COLUMNS: Final = 4
+_TRUTH: Final[dict[str, Any]] = {"color": "0.1", "lw": 1.4}
+_HEALTHY: Final[dict[str, Any]] = {"color": "0.45", "lw": 1.0, "ls": ":"}
+_CONCLUSION: Final[dict[str, Any]] = {"color": "0.3", "lw": 1.0, "ls": (0, (4, 2))}
+# Told apart without colour by their markers; the colours are those of Okabe and Ito.
+_STYLES: Final = (
+    ("#0072b2", "o"),
+    ("#d55e00", "s"),
+    ("#009e73", "^"),
+    ("#cc79a7", "D"),
+    ("#e69f00", "v"),
+    ("#56b4e9", "P"),
+    ("#8c510a", "X"),
+    ("#7f7f7f", "*"),
+)
+
+
+def draw_comparison(comparison: Comparison, title: str) -> Figure:
+    """Return a figure of cost against evaluations and of each fault by algorithm.
+
+    Parameters
+    ----------
+    comparison
+        What to show; at least one algorithm has an estimate.
+    title
+        Title of the figure.
+    """
+    figure = Figure(figsize=(10.5, 9.0), layout="constrained")
+    rows = -(-len(FAULTS) // _COLUMNS)
+    grid = figure.add_gridspec(1 + rows, _COLUMNS, height_ratios=[2.2, *[1.2] * rows])
+    runs = {
+        run: {"color": colour, "marker": marker, "ms": 6.0}
+        | ({} if run.estimate.valid else {"mfc": "white"})
+        for run, (colour, marker) in zip(comparison.runs, cycle(_STYLES), strict=False)
+        if np.isfinite(run.estimate.fitness)
+    }
+    _draw_convergence(figure.add_subplot(grid[0, :]), comparison, runs)
+    for i in range(len(FAULTS)):
+        _draw_fault(figure.add_subplot(grid[1 + i // _COLUMNS, i % _COLUMNS]), comparison, runs, i)
+    figure.suptitle(title, ha="left", x=0.01)
+    figure.legend(
+        handles=_legend(comparison, runs), loc="outside lower center", ncols=6, frameon=False
+    )
+    return figure
+
+
+def _draw_convergence(axes: Axes, comparison: Comparison, runs: dict[Run, dict[str, Any]]) -> None:
+    for run, style in runs.items():
+        costs = np.where(np.isfinite(run.costs), run.costs, np.nan)
+        axes.plot(run.evaluations, costs, color=style["color"], lw=1.3)
+        axes.plot(
+            [run.evaluations[-1], run.estimate.evaluations],
+            [costs[-1], run.estimate.fitness],
+            **_CONCLUSION | {"color": style["color"]},
+        )
+        axes.plot(run.estimate.evaluations, run.estimate.fitness, ls="", zorder=3, **style)
+    if comparison.fitness_at_truth is not None:
+        axes.axhline(comparison.fitness_at_truth, **_TRUTH)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    margin = max(1.0, np.sqrt(_LEAST_RATIO * low / high))
+    axes.set_ylim(low / margin, high * margin)
+    axes.set_xlabel("evaluations of the model")
+    axes.set_ylabel("best fitness [A$^2$ s]")
+    axes.grid(which="both", color="0.5", alpha=0.15)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _draw_fault(
+    axes: Axes, comparison: Comparison, runs: dict[Run, dict[str, Any]], i: int
+) -> None:
+    if comparison.truth is not None:
+        axes.axhline(comparison.truth[i], **_TRUTH)
+    for place, (run, style) in enumerate(runs.items()):
+        axes.errorbar(
+            place,
+            run.estimate.faults[i],
+            _SIGMAS_OF_90_PERCENT * np.nan_to_num(run.estimate.sigma[i]),
+            elinewidth=1.0,
+            capsize=2.5,
+            zorder=3,
+            **style,
+        )
+    low, high = axes.get_ylim()
+    margin = max(0.0, _LEAST_SPAN - (high - low)) / 2.0
+    axes.set_ylim(low - margin, high + margin)
+    # Last, so that a fault far from healthy does not squeeze the differences.
+    axes.axhline(FAULTS[i].healthy, **_HEALTHY)
+    axes.set_xlim(-0.7, len(runs) - 0.3)
+    axes.set_xticks([])
+    axes.set_title(FAULTS[i].label, fontsize="medium")
+    axes.tick_params(axis="y", labelsize="small")
+    axes.grid(axis="y", color="0.5", alpha=0.2)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _legend(comparison: Comparison, runs: dict[Run, dict[str, Any]]) -> list[Line2D]:
+    handles = [Line2D([], [], lw=1.3, label=run.algorithm, **style) for run, style in runs.items()]
+    if comparison.truth is not None:
+        handles.append(Line2D([], [], label="truth", **_TRUTH))
+    handles.append(Line2D([], [], label="healthy", **_HEALTHY))
+    handles.append(Line2D([], [], label="search to estimate", **_CONCLUSION))
+    if not all(run.estimate.valid for run in runs):
+        handles.append(
+            Line2D([], [], color="0.3", marker="o", mfc="white", ls="", label="hollow: not valid")
+        )
+    return handles

@@ -1,0 +1,233 @@
+"""``ema compare``: several algorithms on one window."""
+
+import json
+import signal
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_cli import comparison
+from ema_cli.compare_figure import draw_comparison
+from ema_cli.comparison import Comparison, choose_window, compare_algorithms
+from ema_cli.identification_options import IdentificationOptions
+from ema_cli.source_options import Source
+from ema_cli.windows import read_windows
+from ema_core.description import ActuatorDescription
+from ema_core.faults import FAULT_NAMES, FAULTS, estimation_error, fault_vector
+from ema_monitor.calibration import Calibration
+from ema_monitor.diagnosis import Diagnosis, Search
+from ema_monitor.optimizers import ALGORITHMS
+from ema_recording.actuator_bag import SimulatedActuatorBag
+from ema_recording.writer import BagWriter
+
+SOURCE = Source(None, None, 1e-6, 0.02, None)
+QUICK = ("--algorithms", "least_squares,pso", "--budget", "400")
+DRAWN = {"friction": 0.2, "eccentricity": 0.1, "eccentricity_phase": 0.7, "gain": 0.6}
+
+
+def first_row(printed: str, name: str) -> list[str]:
+    return next(line.split() for line in printed.splitlines() if line.startswith(f"{name} "))
+
+
+@pytest.fixture(scope="module")
+def bag(ema, tmp_path_factory):
+    """Two cycles with faults."""
+    path = tmp_path_factory.mktemp("compare") / "case.mcap"
+    faults = ",".join(f"{name}={value}" for name, value in DRAWN.items())
+    assert ema("simulate", "--fault", faults, "--cycles", "2", "-o", path).exit_code == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def compared(ema, bag):
+    """All algorithms on the second window, as an object."""
+    result = ema("compare", bag, "--window", "1", "--budget", "400", "--json")
+    assert result.exit_code in (0, 3)
+    assert "case-compare.png" in result.stderr
+    return json.loads(result.stdout)
+
+
+@pytest.fixture(scope="module")
+def quick(bag) -> Comparison:
+    found = read_windows(bag, SOURCE)
+    options = IdentificationOptions(Search(budget=400), None, force=False)
+    calibration = Calibration.builtin()
+    truth = found.true_faults(found.windows[0].window.start_ns)
+    return compare_algorithms(
+        found.windows[0], ["least_squares", "pso"], calibration, options, truth
+    )
+
+
+def test_every_registered_algorithm_has_one_entry(compared):
+    estimates = compared["estimates"]
+    assert [one["algorithm"] for one in estimates] == list(ALGORITHMS)
+    for one in estimates:
+        assert list(one["faults"]) == list(FAULT_NAMES)
+        assert 0 < one["generations"] < one["evaluations"] <= 400
+        assert one["fitness"] > 0.0
+        assert one["search_fitness"] > 0.0
+        assert one["computing_time_s"] > 0.0
+        assert not one["warm_start"]
+
+
+def test_errors_are_those_against_the_recorded_truth(compared):
+    assert compared["truth"] == dict(zip(FAULT_NAMES, fault_vector(DRAWN), strict=True))
+    for one in compared["estimates"]:
+        expected = estimation_error(list(one["faults"].values()), fault_vector(DRAWN))
+        assert one["error_percent"] == pytest.approx(expected, rel=1e-12)
+    # Measured 0.6 %.
+    assert compared["estimates"][0]["error_percent"] < 1.5
+
+
+@pytest.mark.parametrize("algorithm", ["least_squares", "pso"])
+def test_each_algorithm_finds_what_it_finds_alone_from_the_healthy_point(
+    ema, bag, compared, algorithm
+):
+    arguments = ("--algorithm", algorithm, "--budget", "400", "--no-warm-start", "--json")
+    alone = json.loads(ema("estimate", bag, *arguments).stdout)[1]
+    [beside] = [one for one in compared["estimates"] if one["algorithm"] == algorithm]
+    del alone["computing_time_s"]
+    assert {name: beside[name] for name in alone} == alone
+
+
+def test_cost_at_the_truth_is_that_of_an_estimate_that_is_true(ema, tmp_path):
+    path = tmp_path / "healthy.mcap"
+    ema("simulate", "-o", path)
+    result = ema("compare", path, "--algorithms", "least_squares", "--json")
+    answer = json.loads(result.stdout)
+    [estimate] = answer["estimates"]
+    # Nothing is significant, so that it is exactly the healthy vector.
+    assert list(estimate["faults"].values()) == list(fault_vector({}))
+    assert answer["fitness_at_truth"] == pytest.approx(estimate["fitness"], rel=1e-9)
+    assert estimate["error_percent"] == 0.0
+
+
+def test_truth_is_that_of_the_windows_own_cycle(ema, tmp_path, faulty_blocks):
+    path = tmp_path / "growing.mcap"
+    samples = sum(map(len, faulty_blocks))
+    period_ns = round(1e9 * faulty_blocks[0].sample_period)
+    with SimulatedActuatorBag(BagWriter(path), ActuatorDescription()) as recording:
+        for cycle, friction in enumerate((0.3, 0.4)):
+            recording.begin_cycle(cycle, fault_vector({"friction": friction}))
+            for block in faulty_blocks:
+                later = replace(
+                    block,
+                    stamp_ns=block.stamp_ns + cycle * samples * period_ns,
+                    first_index=block.first_index + cycle * samples,
+                )
+                recording.write_block(later, 0.0)
+    errors = []
+    for number, friction in enumerate((0.3, 0.4)):
+        result = ema("compare", path, "--window", str(number), *QUICK, "--json")
+        answer = json.loads(result.stdout)
+        assert answer["window"] == number
+        assert answer["truth"]["friction"] == friction
+        errors.append(answer["estimates"][0]["error_percent"])
+    # The telemetry has 0.3 in both; only what it is compared with differs, by 10 %.
+    assert errors[0] < 2.0
+    assert errors[1] == pytest.approx(10.0, abs=2.0)
+
+
+def test_tables_show_all_figures_and_star_the_best(ema, bag):
+    result = ema("compare", bag, *QUICK)
+    evaluations = 5
+    assert first_row(result.stdout, "least_squares")[evaluations].endswith("*")
+    assert not first_row(result.stdout, "pso")[evaluations].endswith("*")
+    assert first_row(result.stdout, "truth")[1:] == [f"{k:.4f}" for k in fault_vector(DRAWN)]
+    assert "sigma of least_squares" in result.stdout
+    assert "fitness at the true faults" in result.stdout
+    # A terminal of 80 columns need not fold it.
+    assert max(map(len, result.stdout.split("pso: ")[0].splitlines()[1:])) <= 80
+    assert "…" not in result.stdout
+
+
+def test_bag_without_truth_tells_where_the_others_differ(ema, record, faulty_blocks, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
+    path = record(faulty_blocks)
+    answer = json.loads(ema("compare", path, *QUICK, "--json").stdout)
+    assert answer["truth"] is None
+    assert answer["fitness_at_truth"] is None
+    assert [one["error_percent"] for one in answer["estimates"]] == [None, None]
+    table = ema("compare", path, *QUICK).stdout
+    assert "differs most" in table
+    assert first_row(table, "least_squares")[-1] == "fittest"
+    assert "\ntruth " not in table
+    assert "at the true faults" not in table
+    faults = [list(one["faults"].values()) for one in answer["estimates"]]
+    difference = np.subtract(faults[1], faults[0])
+    difference[FAULT_NAMES.index("eccentricity_phase")] = 0.0
+    largest = int(np.argmax(np.abs(difference)))
+    words = f"{FAULTS[largest].label} {difference[largest]:+.4f}"
+    assert " ".join(first_row(table, "pso")).endswith(words)
+
+
+def test_picture_is_beside_the_bag_or_where_it_is_asked_for(ema, bag, tmp_path):
+    beside = bag.with_name("case-compare.png")
+    beside.unlink(missing_ok=True)
+    assert str(beside) in ema("compare", bag, *QUICK).stdout
+    assert beside.read_bytes().startswith(b"\x89PNG")
+    asked_for = tmp_path / "a.svg"
+    assert str(asked_for) in ema("compare", bag, *QUICK, "-o", asked_for).stdout
+    assert asked_for.read_bytes().startswith(b"<?xml")
+
+
+def test_picture_shows_convergence_and_each_fault(quick):
+    figure = draw_comparison(quick, "case")
+    convergence, *faults = figure.axes
+    assert (convergence.get_xscale(), convergence.get_yscale()) == ("log", "log")
+    assert [axes.get_title() for axes in faults] == [fault.label for fault in FAULTS]
+    [legend] = figure.legends
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert labels[:3] == ["least_squares", "pso", "truth"]
+    for run in quick.runs:
+        assert np.all(np.diff(run.costs) <= 0.0)
+        assert np.all(np.diff(run.evaluations) > 0)
+        assert run.evaluations[-1] <= run.estimate.evaluations
+        assert run.search_fitness == min(run.costs)
+
+
+def test_first_window_that_can_be_used_is_chosen(
+    ema, bag, tmp_path, record, faulty_blocks, spoiled
+):
+    found = read_windows(bag, SOURCE)
+    assert choose_window(found, None).number == 0
+    samples = sum(map(len, faulty_blocks))
+    again = [
+        replace(
+            block,
+            stamp_ns=block.stamp_ns + round(1e9 * samples * block.sample_period),
+            first_index=block.first_index + samples,
+        )
+        for block in faulty_blocks
+    ]
+    blocks = [*faulty_blocks, *again]
+    blocks[100] = spoiled(blocks[100], "current", 7, np.nan)
+    path = record(blocks)
+    assert json.loads(ema("compare", path, *QUICK, "--json").stdout)["window"] == 1
+    picture = tmp_path / "none.png"
+    refused = ema("compare", path, *QUICK, "--window", "0", "-o", picture)
+    assert refused.exit_code == 3
+    assert "least_squares, pso: no valid estimate: current is nan" in refused.stdout
+    assert not picture.exists()
+
+
+def test_estimates_that_are_not_valid_exit_with_3(ema, bag):
+    result = ema("compare", bag, *QUICK, "--goodness-limit", "0.2")
+    assert result.exit_code == 3
+    assert "none of the eight faults explains" in result.stdout
+    assert "*" not in result.stdout.split("fault vectors")[0]
+
+
+def test_interrupt_ends_it_in_one_line(ema, bag, tmp_path, monkeypatch):
+    class Interrupted(Diagnosis):
+        def __iter__(self):
+            for generation in super().__iter__():
+                signal.raise_signal(signal.SIGINT)
+                yield generation
+
+    monkeypatch.setattr(comparison, "Diagnosis", Interrupted)
+    picture = tmp_path / "none.png"
+    result = ema("compare", bag, *QUICK, "-o", picture)
+    assert (result.exit_code, result.stderr.strip()) == (1, "Aborted!")
+    assert not picture.exists()
