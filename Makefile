@@ -33,8 +33,10 @@ bench: setup ## all targets of speed and accuracy in one table; 15 minutes, writ
 	$(activate) && cd tests/benchmarks && python plots.py
 	$(activate) && cd tests/benchmarks && python summary.py
 
-bench-peers: setup ## the identification beside scipy, cma and pymoo, in .venv-peers; 6 minutes
+bench-peers: setup ## identification and optimizers beside those of others, in .venv-peers; 10 minutes
 	tools/peers.sh python tests/benchmarks/peers.py --json tests/benchmarks/peers.json
+	tools/peers.sh python tests/benchmarks/optimizer_peers.py \
+	    --json tests/benchmarks/optimizer_peers.json
 
 calibration: setup ## the shipped calibration anew, after a change of either model
 	$(activate) && ema simulate --cycles 20 --force -o ros2_ws/build/healthy.mcap

@@ -1,12 +1,16 @@
 """What every registered optimizer must do, whatever it is."""
 
 import itertools
+import random
+import threading
+from typing import Any
 
 import numpy as np
 import pytest
 
 from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
 from ema_monitor.optimizers.driver import Progress, Termination, minimise
+from ema_monitor.optimizers.interface import Hints
 
 D = 8
 CENTRE = np.random.default_rng(3).uniform(0.2, 0.8, D)
@@ -15,6 +19,15 @@ ROTATION = np.linalg.qr(np.random.default_rng(4).normal(size=(D, D)))[0]
 MIDDLE = np.full(D, 0.5)
 LONG = Termination(budget=10_000, tolerance=0.0, stall_generations=1000)
 SHORT = Termination(budget=2500, tolerance=0.0, stall_generations=1000)
+SEEDS = range(5)
+
+# Faulty by design, as in the thesis. These are held to what random points achieve, and a test of
+# their own says that they still need it. Whatever is not about precision holds for them, too.
+IMPRECISE = {
+    "gwo_thesis": "beta and delta of a wolf may stay at the zero vector and draw it there",
+}
+# Not populations, hence without such a setting.
+WITHOUT_POPULATION = {"least_squares"}
 
 pytestmark = pytest.mark.parametrize("name", ALGORITHMS)
 
@@ -38,9 +51,31 @@ def cost_at(function, point):
     return float(np.sum(function(point[None]) ** 2))
 
 
+def make(name, *, start=MIDDLE, seed=0, budget=LONG.budget, **settings: Any):
+    return ALGORITHMS[name](start, np.random.default_rng(seed), Hints(budget=budget), **settings)
+
+
 def run(name, function, *, start=MIDDLE, seed=0, termination=LONG):
-    optimizer = ALGORITHMS[name](start, np.random.default_rng(seed))
+    optimizer = make(name, start=start, seed=seed, budget=termination.budget)
     return list(minimise(function, optimizer, termination))
+
+
+def best_of_random(function, *, d=D, points=LONG.budget):
+    """Cost of the best of as many random points as a run may ask for."""
+    return np.min(np.sum(function(np.random.default_rng(7).random((points, d))) ** 2, axis=1))
+
+
+def worst_of_most(costs):
+    """The worst but one: chance may spoil one run in five, no more."""
+    return sorted(costs)[-2]
+
+
+def assert_within_box(batches, d):
+    assert batches
+    for points in batches:
+        assert points.ndim == 2
+        assert points.shape[1] == d
+        assert np.all((points >= 0.0) & (points <= 1.0))
 
 
 def same(a: Progress, b: Progress) -> bool:
@@ -60,44 +95,66 @@ class Watched:
 
 
 def test_sphere_is_solved(name):
-    # Population methods of 50 do it to 1e-8 and better in 200 generations, slow ones to 1e-4.
-    assert run(name, sphere)[-1].cost < 1e-3 * cost_at(sphere, MIDDLE)
+    """To 3 % of the distance, 0.005 in a component: a grey wolf's step when its budget is spent.
+
+    The others get to 1e-7 of the cost and better.
+    """
+    costs = [run(name, sphere, seed=seed)[-1].cost for seed in SEEDS]
+    fine = 1e-3 * cost_at(sphere, MIDDLE)
+    assert worst_of_most(costs) < (best_of_random(sphere) if name in IMPRECISE else fine)
 
 
 def test_shifted_ill_conditioned_quadratic_is_solved(name):
-    # A tenth of the distance along the flattest direction costs 1e-2 of it.
-    assert run(name, valley)[-1].cost < 1e-2 * cost_at(valley, MIDDLE)
+    """A tenth of the distance along the flattest direction costs 1e-2 of it."""
+    costs = [run(name, valley, seed=seed)[-1].cost for seed in SEEDS]
+    fine = 1e-2 * cost_at(valley, MIDDLE)
+    assert worst_of_most(costs) < (best_of_random(valley) if name in IMPRECISE else fine)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_best_of_many_minima_is_found_from_another(name, seed):
+def test_best_of_many_minima_is_found_from_another(name):
     # Where 2 y + pi sin(2 pi y) = 0 next to y = 1, in each component.
     start = CENTRE[:3] + 0.9095 / 3.0
     for step in 0.02 * np.concatenate([np.eye(3), -np.eye(3)]):
         assert cost_at(waves, start + step) > cost_at(waves, start) > 2.0
-    last = run(name, waves, start=start, seed=seed)[-1]
+    ends = [run(name, waves, start=start, seed=seed)[-1] for seed in SEEDS]
     # The best of the other minima is worth 0.9; 10,000 evaluations are plenty for one valley.
-    assert last.cost < 1e-2
-    assert last.point == pytest.approx(CENTRE[:3], abs=0.03)
+    # About the minimum y^2 + sin^2(pi y) = 98 (x - centre)^2.
+    assert worst_of_most([end.cost for end in ends]) < 1e-2
+    assert worst_of_most([np.max(np.abs(end.point - CENTRE[:3])) for end in ends]) < 0.011
 
 
-@pytest.mark.parametrize("d", [1, 2, 9])
-def test_points_are_within_the_box(name, d):
+@pytest.mark.parametrize("d", [1, 2, 3, 9, 20])
+def test_points_are_within_the_box_in_any_dimension(name, d):
     """With the minimum in a corner far outside, so that the box is all that holds them."""
     watched = Watched(lambda x: x + np.where(np.arange(d) % 2, 3.0, -4.0))
-    run(name, watched, start=np.full(d, 0.3), termination=SHORT)
-    for points in watched.batches:
-        assert points.ndim == 2
-        assert points.shape[1] == d
-        assert np.all((points >= 0.0) & (points <= 1.0))
+    start = np.full(d, 0.3)
+    last = run(name, watched, start=start, termination=SHORT)[-1]
+    assert_within_box(watched.batches, d)
+    assert last.point.shape == (d,)
+    assert last.cost < cost_at(watched.function, start)
 
 
 def test_minimum_in_a_corner_is_found(name):
     """A healthy actuator has most of its faults at their bound."""
     corner = (np.arange(D) % 2).astype(float)
-    last = run(name, lambda x: x - np.where(corner == 1.0, 1.2, -0.2))[-1]
-    # Where the walls stop the search, exactly or to what a swarm leaves.
-    assert last.point == pytest.approx(corner, abs=0.02)
+
+    def outside(x):
+        return x - np.where(corner == 1.0, 1.2, -0.2)
+
+    ends = [run(name, outside, seed=seed)[-1] for seed in SEEDS]
+    if name in IMPRECISE:
+        assert worst_of_most([end.cost for end in ends]) < best_of_random(outside)
+    else:
+        # The walls stop the search: exactly, or up to what a difference step or a wolf leaves.
+        assert worst_of_most([np.max(np.abs(end.point - corner)) for end in ends]) < 1e-3
+
+
+def test_exception_for_the_imprecise_is_needed(name):
+    """An algorithm that has become precise is to be held to it."""
+    assert set(ALGORITHMS) >= IMPRECISE.keys()
+    ends = [run(name, sphere, seed=seed)[-1] for seed in SEEDS]
+    imprecise = worst_of_most([end.cost for end in ends]) > 1e-3 * cost_at(sphere, MIDDLE)
+    assert imprecise == (name in IMPRECISE)
 
 
 def test_same_seed_makes_the_same_run(name):
@@ -109,6 +166,30 @@ def test_same_seed_makes_the_same_run(name):
 def test_another_seed_makes_another_run(name):
     runs = [run(name, valley, seed=seed, termination=SHORT) for seed in (5, 6)]
     assert not same(runs[0][-1], runs[1][-1])
+
+
+def test_runs_at_the_same_time_do_not_disturb_each_other(name):
+    alone = run(name, valley, seed=5, termination=SHORT)
+    runs = [minimise(valley, make(name, seed=5, budget=SHORT.budget), SHORT) for _ in range(2)]
+    for expected, *found in zip(alone, *runs, strict=True):
+        assert all(same(expected, progress) for progress in found)
+
+
+@pytest.mark.parametrize("global_seed", [1, 2])
+def test_global_random_state_is_neither_used_nor_changed(name, global_seed):
+    expected = run(name, valley, seed=5, termination=SHORT)[-1]
+    before = np.random.get_state(), random.getstate()  # noqa: NPY002
+    np.random.seed(global_seed)  # noqa: NPY002
+    random.seed(global_seed)
+    seeded = repr(np.random.get_state()), random.getstate()  # noqa: NPY002
+    try:
+        found = run(name, valley, seed=5, termination=SHORT)[-1]
+        after = repr(np.random.get_state()), random.getstate()  # noqa: NPY002
+    finally:
+        np.random.set_state(before[0])  # noqa: NPY002
+        random.setstate(before[1])
+    assert same(found, expected)
+    assert after == seeded
 
 
 def test_best_cost_never_rises(name):
@@ -140,12 +221,43 @@ def test_evaluations_are_counted_and_within_budget(name, budget):
     assert progress[-1].evaluations <= budget
 
 
-def test_run_never_ends_worse_than_its_start(name):
+def test_first_point_asked_is_the_start(name):
+    """So no run ends worse than it started."""
+    assert np.array_equal(make(name, start=CENTRE).ask()[0], CENTRE)
     assert run(name, sphere, start=CENTRE, termination=SHORT)[-1].cost == 0.0
 
 
+def test_asking_twice_gives_the_same_points(name):
+    optimizer = make(name)
+    assert np.array_equal(optimizer.ask(), optimizer.ask())
+
+
+def test_population_is_of_the_size_asked_for(name):
+    """50 unless said otherwise; a generation is at most one population."""
+    if name in WITHOUT_POPULATION:
+        with pytest.raises(TypeError, match="population"):
+            make(name, population=17)
+        return
+    for optimizer, size in ((make(name), 50), (make(name, population=17), 17)):
+        watched = Watched(valley)
+        list(minimise(watched, optimizer, SHORT))
+        sizes = [len(points) for points in watched.batches]
+        assert sizes[0] == max(sizes) == size
+    with pytest.raises(ValueError, match="population = 0 individuals: expected at least"):
+        make(name, population=0)
+
+
+def test_search_goes_on_beyond_the_budget_that_it_was_told(name):
+    """The hint is no limit: it is the driver that ends a run."""
+    watched = Watched(valley)
+    progress = list(minimise(watched, make(name, budget=100), SHORT))
+    assert_within_box(watched.batches, D)
+    assert progress[-1].evaluations > 1000
+    assert progress[-1].cost < cost_at(valley, MIDDLE)
+
+
 def test_budget_below_one_generation_is_refused(name):
-    optimizer = ALGORITHMS[name](MIDDLE, np.random.default_rng(0))
+    optimizer = make(name)
     n = len(optimizer.ask())
     run = minimise(sphere, optimizer, Termination(budget=n), reserve=1)
     with pytest.raises(ValueError, match=rf"budget = {n} evaluations: at least {n + 1} are needed"):
@@ -160,13 +272,34 @@ def test_region_without_cost_is_avoided(name, beyond):
     def walled(x):
         return np.where(x[:, :1] > beyond, np.nan, x - centre)
 
-    watched = Watched(walled)
     start = np.where(np.arange(D) == 0, 0.3, MIDDLE)
-    last = run(name, watched, start=start)[-1]
-    for points in watched.batches:
-        assert np.all((points >= 0.0) & (points <= 1.0))
-    assert last.point[0] <= beyond
-    assert last.cost < 1e-3 * cost_at(walled, start)
+    last = []
+    for seed in SEEDS:
+        watched = Watched(walled)
+        last.append(run(name, watched, start=start, seed=seed)[-1])
+        assert_within_box(watched.batches, D)
+        assert last[-1].point[0] <= beyond
+    costs = [end.cost for end in last]
+    if name in IMPRECISE:
+        assert worst_of_most(costs) < cost_at(walled, start)
+    else:
+        assert worst_of_most(costs) < 1e-3 * cost_at(walled, start)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_points_without_cost_here_and_there_are_tolerated(name, value):
+    """The start among them: stripes of half the box in one component."""
+
+    def striped(x):
+        return np.where(np.floor(10.0 * x[:, :1]) % 2 == 1, value, valley(x))
+
+    watched = Watched(striped)
+    last = run(name, watched, termination=SHORT)[-1]
+    assert not np.any(np.isfinite(striped(MIDDLE[None])))
+    assert_within_box(watched.batches, D)
+    points = np.concatenate(watched.batches)
+    costs = np.sum(valley(points) ** 2, axis=1)[np.floor(10.0 * points[:, 0]) % 2 == 0]
+    assert last.cost == pytest.approx(np.min(costs), rel=1e-9)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -181,29 +314,56 @@ def test_constant_cost_is_tolerated(name):
     watched = Watched(np.ones_like)
     progress = run(name, watched, termination=SHORT)
     assert progress[-1].cost == D
-    for points in watched.batches:
-        assert np.all((points >= 0.0) & (points <= 1.0))
+    assert_within_box(watched.batches, D)
 
 
 def test_component_without_effect_is_tolerated(name):
     def blind(x):
         return x[:, 1:] - CENTRE[1:]
 
-    watched = Watched(blind)
-    last = run(name, watched)[-1]
-    assert last.cost < 1e-3 * cost_at(blind, MIDDLE)
-    for points in watched.batches:
-        assert np.all((points >= 0.0) & (points <= 1.0))
+    costs = []
+    for seed in SEEDS:
+        watched = Watched(blind)
+        costs.append(run(name, watched, seed=seed)[-1].cost)
+        assert_within_box(watched.batches, D)
+    fine = 1e-3 * cost_at(blind, MIDDLE)
+    assert worst_of_most(costs) < (best_of_random(blind) if name in IMPRECISE else fine)
 
 
 def test_cancelled_run_leaves_its_best(name):
     whole = run(name, valley, termination=SHORT)
     for stop in range(1, min(len(whole), 6)):
-        optimizer = ALGORITHMS[name](MIDDLE, np.random.default_rng(0))
-        *_, last = itertools.islice(minimise(valley, optimizer, SHORT), stop)
+        watched = Watched(valley)
+        optimizer = make(name, budget=SHORT.budget)
+        *_, last = itertools.islice(minimise(watched, optimizer, SHORT), stop)
+        assert len(watched.batches) == stop
         assert same(last, whole[stop - 1])
         assert np.isfinite(last.cost)
         assert np.all((last.point >= 0.0) & (last.point <= 1.0))
+
+
+def test_run_cancelled_during_a_batch_ends_with_it(name):
+    """However the flag comes to be set: another thread does it at the latest here."""
+    cancelled = threading.Event()
+    watched = Watched(valley)
+
+    def cancelled_in_the_third(points):
+        residuals = watched(points)
+        if len(watched.batches) == 3:
+            setter = threading.Thread(target=cancelled.set)
+            setter.start()
+            setter.join()
+        return residuals
+
+    last = None
+    for progress in minimise(cancelled_in_the_third, make(name), LONG):
+        last = progress
+        if cancelled.is_set():
+            break
+    assert len(watched.batches) == 3
+    assert last is not None
+    assert last.evaluations == sum(map(len, watched.batches))
+    assert last.cost == pytest.approx(cost_at(valley, last.point), rel=1e-9)
 
 
 def test_start_is_not_changed(name):
@@ -213,7 +373,7 @@ def test_start_is_not_changed(name):
 
 
 def test_says_whether_it_wants_smooth_residuals(name):
-    optimizer = ALGORITHMS[name](MIDDLE, np.random.default_rng(0))
+    optimizer = make(name)
     assert optimizer.uses_residuals in (True, False)
     assert optimizer.converged is False
     assert DEFAULT_ALGORITHM in ALGORITHMS
