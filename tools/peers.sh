@@ -39,5 +39,6 @@ if [[ ! -e $venv/.packages || $(<"$venv/.packages") != "$wanted" ]]; then
 fi
 exec 9<&-
 
-export PATH=$venv/bin:$PATH VIRTUAL_ENV=$venv PYTHONPATH=$root/ema_core:$root/ema_sim:$root/ema_monitor
+export PATH=$venv/bin:$PATH VIRTUAL_ENV=$venv
+export PYTHONPATH=$root/ema_core:$root/ema_sim:$root/ema_monitor:$root/ema_study
 exec "$@"

@@ -10,6 +10,7 @@ _COMMANDS: Final = (
     "calibrate",
     "estimate",
     "compare",
+    "thesis",
     "plot",
     "info",
     "up",

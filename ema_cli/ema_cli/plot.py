@@ -48,10 +48,10 @@ def plot(
     output: Path | None,
 ) -> None:
     """Draw the telemetry of BAG with its windows; with --window, also its fit and faults."""
-    output = output or bag.with_suffix(".png")
     if as_history and number is not None:
         raise click.UsageError("--history and --window exclude each other")
     with one_clear_line():
+        output = output or bag.with_suffix(".png")
         if as_history:
             draw_history(read_history(bag, source.actuator_id)).savefig(output, dpi=120)
             click.echo(f"{output}")

@@ -17,7 +17,6 @@ from ema_core.description import SAMPLE_PERIOD
 from ema_core.faults import (
     ECCENTRICITY,
     ECCENTRICITY_PHASE,
-    FAULT_NAMES,
     N_FAULTS,
     degrade,
     fault_vector,
@@ -30,6 +29,7 @@ from ema_monitor.trigger import WindowTrigger
 from ema_monitor.window import Window
 from ema_sim.actuator import SimulatedActuator, at_rest
 from ema_sim.sensors import Sensors
+from ema_study.cases import CASES
 
 CURRENT_NOISE: Final = 0.05
 """Standard deviation of the current sensor's noise [A]."""
@@ -40,25 +40,7 @@ RESOLUTIONS: Final = {"current": 0.005, "position": 1e-6, "speed": 0.05}
 PLANT_TOLERANCE: Final = 0.05
 """How far a plant's parameters are off at most, as a share of themselves [-]."""
 
-THESIS_FAULTS: Final[dict[str, dict[str, float]]] = {
-    "friction low": {"friction": 0.25},
-    "friction high": {"friction": 0.75},
-    "backlash low": {"backlash": 9 / 99},
-    "backlash high": {"backlash": 74 / 99},
-    "short circuit low": {"short_circuit_a": 0.2},
-    "short circuit high": {"short_circuit_a": 0.7},
-    "eccentricity low": {"eccentricity": 0.25},
-    "eccentricity high": {"eccentricity": 0.75},
-    "gain low": {"gain": 0.25},
-    "gain high": {"gain": 0.75},
-    "multiple": dict(
-        zip(
-            FAULT_NAMES,
-            (0.0068, 0.0, 9.19e-3, 0.0013, 8.6e-4, 0.0111, 0.627, 0.38038),
-            strict=True,
-        )
-    ),
-}
+THESIS_FAULTS: Final = {name: case.faults for name, case in CASES.items()}
 """The thesis's ten single faults and its multiple one."""
 
 DETECTABLE: Final = tuple(n for n in range(N_FAULTS) if n != ECCENTRICITY_PHASE)

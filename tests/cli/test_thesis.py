@@ -1,0 +1,116 @@
+"""``ema thesis``: the study from the command line, small, and interrupted."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+
+import pandas as pd
+import pytest
+
+from ema_cli import thesis as command
+from ema_study.plan import Job
+
+JOBS = [
+    Job("fast", table, algorithm, case, "low", run, "floor_corrected", 10, 3)
+    for table, algorithm, case in (
+        (12, "pso", "friction low"),
+        (13, "de", "friction low"),
+        (13, "de_thesis", "friction low"),
+    )
+    for run in (1, 2)
+]
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """A study of six short runs, without the timing of executors."""
+    plans = []
+
+    def plan(model, runs, *, with_trials):
+        plans.append((model, runs, with_trials))
+        return [job for job in JOBS if job.run <= runs]
+
+    monkeypatch.setattr(command, "plan", plan)
+    monkeypatch.setattr(command, "_timing", lambda folder, models: pd.DataFrame())
+    return plans
+
+
+def test_study_leaves_runs_tables_and_report(ema, tmp_path, small):
+    folder = tmp_path / "study"
+    result = ema("thesis", "-o", folder, "--runs", "2", "--executor", "serial")
+    assert result.exit_code == 0, result.output
+    runs = pd.read_csv(folder / "runs.csv")
+    assert sorted(zip(runs["table"], runs["algorithm"], runs["run"], strict=True)) == sorted(
+        (job.table, job.algorithm, job.run) for job in JOBS
+    )
+    assert "error_percent" in runs.columns
+    assert len(json.loads((folder / "runs.json").read_text())) == len(JOBS)
+    assert (folder / "tables" / "table_12.csv").exists()
+    assert "</html>" in (folder / "report.html").read_text()
+    assert "6 runs in" in result.output
+    assert "pso" in result.output
+
+
+def test_what_is_there_is_not_run_again(ema, tmp_path, small, monkeypatch):
+    folder = tmp_path / "study"
+    assert ema("thesis", "-o", folder, "--runs", "1", "--executor", "serial").exit_code == 0
+    before = (folder / "runs.jsonl").read_text()
+    result = ema("thesis", "-o", folder, "--runs", "2", "--executor", "serial")
+    assert result.exit_code == 0, result.output
+    assert f"3 of {len(JOBS)} runs are there already" in result.output
+    after = (folder / "runs.jsonl").read_text()
+    assert after.startswith(before)
+    assert len(after.splitlines()) == len(JOBS)
+
+
+def test_quick_is_two_runs_without_table_8(ema, tmp_path, small):
+    result = ema("thesis", "-o", tmp_path / "study", "--quick", "--executor", "serial")
+    assert result.exit_code == 0, result.output
+    assert small == [("fast", command.QUICK_RUNS, False)]
+
+
+def test_models_add_up(ema, tmp_path, small):
+    arguments = ("--model", "thesis", "--model", "fast", "--model", "thesis", "--runs", "1")
+    ema("thesis", "-o", tmp_path / "study", *arguments, "--executor", "serial")
+    assert [model for model, _, _ in small] == ["thesis", "fast"]
+
+
+def test_folder_of_other_numerics_is_refused(ema, tmp_path, small):
+    folder = tmp_path / "study"
+    ema("thesis", "-o", folder, "--runs", "1", "--executor", "serial")
+    path = folder / "runs.jsonl"
+    path.write_text(path.read_text().replace('{"version": "', '{"version": "x'))
+    result = ema("thesis", "-o", folder, "--runs", "1", "--executor", "serial")
+    assert result.exit_code == 1
+    assert "other models or algorithms" in result.stderr
+    assert "give another folder" in result.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("executor", ["processes", "threads"])
+def test_interrupted_study_keeps_its_runs_and_goes_on(tmp_path, executor):
+    """As Ctrl-C does: the signal goes to the whole process group."""
+    folder = tmp_path / "study"
+    study = subprocess.Popen(
+        ["ema", "thesis", "-o", folder, "--quick", "--executor", executor],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    runs = folder / "runs.jsonl"
+    deadline = time.monotonic() + 60.0
+    while not (runs.exists() and runs.read_text().count("\n") >= 2):
+        assert time.monotonic() < deadline
+        assert study.poll() is None
+        time.sleep(0.1)
+    os.killpg(study.pid, signal.SIGINT)
+    output, _ = study.communicate(timeout=60.0)
+    assert study.returncode == 1
+    assert "Traceback" not in output
+    assert "the same command goes on from there" in output
+    done = runs.read_text().splitlines()
+    assert len(done) >= 2
+    assert all(json.loads(line)["algorithm"] for line in done)
