@@ -1,0 +1,178 @@
+"""The thesis's tables beside ours, from complete, incomplete and no runs."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ema_study.cases import SINGLE_FAULTS
+from ema_study.printed_runs import PRINTED, printed_runs
+from ema_study.printed_tables import SUM, TOTAL
+from ema_study.reliability import reliability_coefficients
+from ema_study.sources import FAST_MODEL, PRINTED_RUNS, THESIS_MODEL, with_own_code
+from ema_study.tables import study_tables, write_tables
+
+from .synthetic_runs import synthetic_runs
+
+NUMBERS = list(range(8, 62))
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return pd.concat([synthetic_runs("fast", 3), synthetic_runs("thesis", 2)], ignore_index=True)
+
+
+@pytest.fixture(scope="module")
+def tables(runs):
+    return {table.number: table for table in study_tables(runs)}
+
+
+def sources_of(table):
+    return list(table.frame.columns.unique("source"))
+
+
+def as_if_ours():
+    """Return the printed runs as if the fast model had made them."""
+    return printed_runs().assign(model="fast", rule="floor_corrected")
+
+
+def test_all_tables_are_there_in_order(tables):
+    assert list(tables) == NUMBERS
+
+
+def test_printed_runs_stand_beside_ours(tables):
+    frame = tables[12].frame
+
+    assert sources_of(tables[12]) == [PRINTED, THESIS_MODEL, FAST_MODEL]
+    assert frame.loc["1", (PRINTED, "k7")] == 0.9263
+    assert frame.loc["truth", (PRINTED, "k1")] == 0.25
+    assert frame.loc["mean as printed", (PRINTED, "time [s]")] == 1662
+    assert np.isnan(frame.loc["4", (FAST_MODEL, "error [%]")])
+
+
+def test_mean_and_deviation_are_those_of_the_runs_shown(tables, runs):
+    of_table = runs[(runs["table"] == 12) & (runs["model"] == "fast")]
+    column = tables[12].frame[FAST_MODEL, "error [%]"]
+
+    assert column["mean"] == pytest.approx(of_table["error_percent"].mean())
+    assert column["standard deviation"] == pytest.approx(of_table["error_percent"].std())
+    assert len(of_table) == 3
+
+
+def test_the_thesis_code_stands_under_the_algorithm_that_it_means(tables, runs):
+    own = with_own_code(FAST_MODEL)
+    of_table = runs[(runs["table"] == 13) & (runs["model"] == "fast")]
+    errors = of_table[of_table["algorithm"] == "de_thesis"].set_index("run")["error_percent"]
+    errors = errors[~errors.index.duplicated(keep="first")]
+
+    assert own not in sources_of(tables[11])
+    assert own in sources_of(tables[13])
+    assert tables[13].frame.loc["2", (own, "error [%]")] == pytest.approx(errors[2])
+    assert tables[57].frame[own, "error [%]"].dropna().index.unique("algorithm").tolist() == [
+        "de",
+        "gwo",
+    ]
+
+
+def test_runs_under_the_printed_rule_stay_out(runs):
+    printed_rule = runs["rule"] == "printed"
+    spoiled = runs.assign(error_percent=runs["error_percent"].where(~printed_rule, 1e6))
+
+    assert printed_rule.any()
+    for table in study_tables(spoiled):
+        errors = table.frame.select_dtypes("number")
+        assert not (errors.abs() > 5e5).any(axis=None)
+
+
+def test_overviews_of_the_printed_runs_are_as_printed_but_for_two_cells(tables):
+    for number, column, tolerance in ((58, "eccentricity", 0.006), (59, "short circuit", 1.0)):
+        frame = tables[number].frame
+        faults = [fault.replace("_", " ") for fault in SINGLE_FAULTS]
+        cells = frame.drop(index=("mean", ""))
+        off = (cells[PRINTED][faults] - cells[PRINTED_RUNS][faults]).abs() > tolerance
+        assert off.sum().sum() == 1
+        assert off[column].sum() == 1
+
+
+def test_tables_60_and_61_of_the_same_runs_are_the_same_for_any_model():
+    tables = {table.number: table.frame for table in study_tables(as_if_ours())}
+
+    for number in (19, 58, 60):
+        cells: dict[Any, list[float]] = tables[number].to_dict("list")
+        ours = {what: cells[source, what] for source, what in cells if source == FAST_MODEL}
+        assert ours
+        for what, of_column in ours.items():
+            np.testing.assert_array_equal(of_column, cells[PRINTED_RUNS, what])
+
+
+def test_table_61_is_given_mixed_and_from_either_study(tables):
+    frame = tables[61].frame
+    mixed = frame[f"{PRINTED_RUNS}, times of table 56, errors of 57"]["RC [%]"]
+    precision = frame[f"{PRINTED_RUNS}, table 57"]["RC [%]"]
+
+    assert mixed["pso"] == pytest.approx(frame.loc["pso", (PRINTED, "RC [%]")], abs=0.05)
+    assert mixed.idxmax() == "pso"
+    assert precision.idxmax() == "de"
+
+
+def test_reliability_coefficient_follows_its_formula():
+    products = pd.Series({"ga": 1.0, "pso": 2.0, "de": 3.0, "gwo": 4.0})
+
+    assert reliability_coefficients(products).tolist() == pytest.approx([90.0, 80.0, 70.0, 60.0])
+    products["gwo"] = np.nan
+    assert reliability_coefficients(products).isna().all()
+
+
+@pytest.mark.parametrize("missing", ["all", "most", "one algorithm"])
+def test_tables_of_incomplete_runs_have_empty_cells(missing, runs):
+    fewer = {
+        "all": pd.DataFrame(),
+        "most": runs[(runs["table"] == 20) & (runs["run"] == 1) & (runs["model"] == "fast")],
+        "one algorithm": runs[(runs["algorithm"] != "pso") & (runs["model"] == "fast")],
+    }[missing]
+
+    tables = {table.number: table for table in study_tables(fewer)}
+
+    assert list(tables) == NUMBERS
+    assert (FAST_MODEL in sources_of(tables[58])) == (missing != "all")
+    if missing != "all":
+        coefficients = tables[60].frame[FAST_MODEL].filter(like="RC")
+        assert np.isnan(coefficients.to_numpy()).all()
+        total = tables[58].frame[FAST_MODEL][TOTAL]
+        assert np.isnan(total["pso", "low"])
+        assert np.isnan(total["ga", "low"]) == (missing == "most")
+        assert f"{FAST_MODEL} " in tables[58].notes[-1]
+
+
+def test_trials_show_that_the_speed_per_evaluation_stayed(tables):
+    frame = tables[8].frame
+    speed = frame[PRINTED]["evaluations per second"]
+
+    assert speed[6] == pytest.approx(speed[7], rel=0.01)
+    assert frame[FAST_MODEL]["population"].dropna().tolist()[-1] == 50
+    assert np.isnan(speed[1])
+
+
+def test_written_tables_can_be_read_again(tables, tmp_path):
+    paths = write_tables(tables.values(), tmp_path / "new" / "tables")
+
+    assert [path.name for path in paths] == [
+        *(f"table_{number:02d}.csv" for number in NUMBERS),
+        "tables.json",
+    ]
+    csv = pd.read_csv(paths[NUMBERS.index(60)], index_col=0)
+    products = tables[60].frame[PRINTED_RUNS, "total, time x error [s.%]"]
+    assert csv.loc[SUM, "printed runs: total, time x error [s.%]"] == pytest.approx(
+        products[SUM], rel=1e-6
+    )
+    objects = json.loads(paths[-1].read_text(encoding="utf-8"))
+    table_12 = objects[NUMBERS.index(12)]
+    assert table_12["columns"][0] == [PRINTED, "k1"]
+    assert table_12["index"] == {
+        "names": ["run"],
+        "rows": [[row] for row in tables[12].frame.index],
+    }
+    assert table_12["data"][1][:2] == [0.2478, 0.0001]
+    assert table_12["data"][0][8] is None
