@@ -1,0 +1,199 @@
+"""Figures of chapter 4: responses, noise, and reference against monitor."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ema_core.description import SAMPLE_PERIOD
+from ema_monitor.residual import BAND_S, band_limited
+from ema_study.figures_style import FAULT_NAMES, severity_colours, tidy
+from ema_study.responses import (
+    COMMANDS,
+    COMPARED,
+    NOISE_GAINS,
+    SEVERITIES,
+    Comparison,
+    chirp_comparison,
+    noisy_response,
+    reference_responses,
+    step_comparison,
+    times,
+    uncalibrated_comparison,
+)
+from ema_study.sources import MODEL_LABELS
+
+_DETAILS: Final = {"step": (0.005, 0.06), "chirp": (0.30, 0.40)}
+"""Stretch that is shown once more by command, enlarged [s]."""
+
+_START: Final = (0.009, 0.02)
+"""That of backlash under the step, which shows at the start alone [s]."""
+
+_MODEL_STYLES: Final = {
+    "fast": {"color": "#0072b2", "lw": 1.1},
+    "thesis": {"color": "#d55e00", "lw": 1.1, "ls": (0, (4, 1.5))},
+}
+_REFERENCE: Final = {"color": "0.1", "lw": 0.8}
+_COMMAND: Final = {"color": "0.45", "lw": 1.0, "ls": (0, (2, 2))}
+
+
+class _Row(NamedTuple):
+    column: str
+    label: str
+    scale: float
+
+
+_ROWS: Final = {
+    "step": (
+        _Row("position", "user position [rad]", 1.0),
+        _Row("speed", "motor speed [rad/s]", 1.0),
+        _Row("current", "current [A]", 1.0),
+    ),
+    "chirp": (
+        _Row("position", "user position [mrad]", 1e3),
+        _Row("speed", "motor speed [rad/s]", 1.0),
+        _Row("current", "current [A]", 1.0),
+    ),
+}
+
+
+def draw_responses(fault: str, command: str) -> Figure:
+    """Return position, speed and current for growing degrees of a fault.
+
+    Parameters
+    ----------
+    fault
+        One of ``ema_study.responses.SEVERITIES``.
+    command
+        One of ``ema_study.responses.COMMANDS``.
+    """
+    responses = reference_responses(fault, command)
+    colours = severity_colours(len(responses))
+    figure = Figure(figsize=(9.0, 7.5), layout="constrained")
+    panels = figure.subplots(3, 2, width_ratios=[1.6, 1.0], sharex="col")
+    commanded = np.concatenate([[0.0], COMMANDS[command].sample(SAMPLE_PERIOD)])
+    for (column, label, scale), row in zip(_ROWS[command], panels, strict=True):
+        for axes in row:
+            tidy(axes)
+            # The mildest last, so that the worst does not cover it.
+            for response, colour in reversed([*zip(responses.values(), colours, strict=True)]):
+                values = scale * getattr(response, column)
+                axes.plot(times(len(response)), values, color=colour, lw=1.0)
+        row[0].set_ylabel(label)
+        starts = fault == "backlash" and command == "step"
+        _enlarge(row[1], *(_START if starts else _DETAILS[command]))
+        if column == "position" and command == "chirp":
+            for axes in row:
+                axes.plot(times(len(commanded)), scale * commanded, **_COMMAND)
+    for axes in panels[-1]:
+        axes.set_xlabel("time [s]")
+    handles = [
+        Line2D([], [], color=colour, lw=2.0, label=label)
+        for label, colour in zip(responses, colours, strict=True)
+    ]
+    if command == "chirp":
+        handles.append(Line2D([], [], label="command", **_COMMAND))
+    figure.suptitle(f"{FAULT_NAMES[fault].capitalize()}, {command}", fontsize="large")
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def draw_noise() -> Figure:
+    """Return the current under the chirp with more and more noise on its reference."""
+    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
+    panels = figure.subplots(len(NOISE_GAINS), 2, width_ratios=[1.6, 1.0], sharex="col")
+    for gain, row in zip(NOISE_GAINS, panels, strict=True):
+        current = noisy_response(gain).current
+        for axes in row:
+            tidy(axes)
+            axes.plot(times(len(current)), current, color="#0072b2", lw=0.7)
+        row[0].set_title(f"K = {gain:g}" if gain else "no noise", fontsize="medium", loc="left")
+        row[0].set_ylabel("current [A]")
+        _enlarge(row[1], *_DETAILS["chirp"])
+    for axes in panels[-1]:
+        axes.set_xlabel("time [s]")
+    return figure
+
+
+def draw_comparison(fault: str) -> Figure:
+    """Return the currents of reference and monitors, healthy and faulty, and what they differ by.
+
+    Parameters
+    ----------
+    fault
+        One of ``ema_study.responses.COMPARED``.
+    """
+    healthy, faulty = chirp_comparison("none"), chirp_comparison(fault)
+    named = f"{FAULT_NAMES[fault]}, {COMPARED[fault].label}"
+    return _draw_comparisons({"healthy": healthy, named: faulty})
+
+
+def draw_step_comparison() -> Figure:
+    """Return the currents of reference and monitors under the step (figure 4.6)."""
+    doubled = SEVERITIES["friction"].index(COMPARED["friction"])
+    return _draw_comparisons(
+        {"nominal friction": step_comparison(0), "friction doubled": step_comparison(doubled)}
+    )
+
+
+def draw_calibration() -> Figure:
+    """Return the healthy currents before the row of differences is added (figure 6.4)."""
+    return _draw_comparisons(
+        {
+            "healthy, before calibration": uncalibrated_comparison(),
+            "healthy, calibrated": chirp_comparison("none"),
+        }
+    )
+
+
+def _draw_comparisons(comparisons: dict[str, Comparison]) -> Figure:
+    figure = Figure(figsize=(9.0, 1.0 + 3.6 * len(comparisons)), layout="constrained")
+    panels = figure.subplots(
+        2 * len(comparisons), 1, sharex=True, height_ratios=[2.0, 1.0] * len(comparisons)
+    )
+    lowers = panels[1::2]
+    for upper, lower, (title, comparison) in zip(
+        panels[::2], lowers, comparisons.items(), strict=True
+    ):
+        _draw_currents(upper, comparison)
+        _draw_differences(lower, comparison)
+        upper.set_title(title, fontsize="medium", loc="left")
+    widest = max(0.1, *(abs(limit) for axes in lowers for limit in axes.get_ylim()))
+    for axes in lowers:
+        axes.set_ylim(-widest, widest)
+    panels[-1].set_xlabel("time [s]")
+    handles = [Line2D([], [], label="reference", **_REFERENCE)]
+    handles += [
+        Line2D([], [], label=f"monitor, {MODEL_LABELS[model]}", **style)
+        for model, style in _MODEL_STYLES.items()
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def _draw_currents(axes: Axes, comparison: Comparison) -> None:
+    tidy(axes)
+    t = times(len(comparison.reference) + 1)[1:]
+    for model, current in comparison.monitor.items():
+        axes.plot(t, current, **_MODEL_STYLES[model])
+    axes.plot(t, comparison.reference, **_REFERENCE)
+    axes.set_ylabel("current [A]")
+
+
+def _draw_differences(axes: Axes, comparison: Comparison) -> None:
+    tidy(axes)
+    for model, current in comparison.monitor.items():
+        missed = band_limited(comparison.reference - current, SAMPLE_PERIOD)
+        axes.plot(BAND_S / 2.0 * np.arange(1, len(missed) + 1), missed, **_MODEL_STYLES[model])
+    axes.set_ylabel("reference −\nmonitor [A]", fontsize="small")
+
+
+def _enlarge(axes: Axes, low: float, high: float) -> None:
+    """Show a stretch of a panel, with the vertical limits of what is in it."""
+    lines = [np.array(line.get_xydata()) for line in axes.get_lines()]
+    inside = np.concatenate([xy[(xy[:, 0] >= low) & (xy[:, 0] <= high), 1] for xy in lines])
+    margin = 0.05 * float(np.ptp(inside))
+    axes.set_xlim(low, high)
+    axes.set_ylim(inside.min() - margin, inside.max() + margin)

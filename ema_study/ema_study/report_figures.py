@@ -1,0 +1,202 @@
+"""Figures of the report with their captions."""
+
+import base64
+import io
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from ema_study.figures_bars import ERROR, TIME, draw_multiple_fault, draw_single_faults
+from ema_study.figures_convergence import COSTS, ERRORS, draw_convergence
+from ema_study.figures_estimates import draw_estimates, draw_phases_of_gwo
+from ema_study.figures_responses import (
+    draw_calibration,
+    draw_comparison,
+    draw_noise,
+    draw_responses,
+    draw_step_comparison,
+)
+from ema_study.figures_style import FAULT_NAMES, counted
+from ema_study.responses import COMMANDS, SEVERITIES
+from ema_study.sources import MODEL_LABELS
+
+_DPI: Final = 150
+
+_RESPONSE_FIGURES: Final = {
+    ("friction", "step"): "4.3 to 4.5",
+    ("friction", "chirp"): "4.7 to 4.9",
+    ("backlash", "step"): "4.14 and 4.15",
+    ("backlash", "chirp"): "4.16 to 4.18",
+    ("short_circuit", "step"): "4.22 to 4.24",
+    ("short_circuit", "chirp"): "4.26 to 4.28",
+    ("eccentricity", "step"): "4.35 to 4.37",
+    ("eccentricity", "chirp"): "4.38 and 4.39",
+    ("gain", "step"): "4.43",
+    ("gain", "chirp"): "4.44 to 4.46",
+}
+_COMPARISON_FIGURES: Final = {
+    "friction": "4.10",
+    "backlash": "4.19",
+    "short_circuit": "4.29",
+    "eccentricity": "4.40",
+    "gain": "4.47",
+}
+
+
+class Picture(NamedTuple):
+    """A figure as a PNG, its file name without ending, and its caption."""
+
+    name: str
+    caption: str
+    png: bytes
+
+    @property
+    def uri(self) -> str:
+        """The PNG as a data URI."""
+        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+
+    def save(self, folder: Path) -> Path:
+        """Write the PNG to a folder."""
+        path = folder / f"{self.name}.png"
+        path.write_bytes(self.png)
+        return path
+
+
+def bar_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
+    """Yield mean error and time by algorithm and fault.
+
+    Parameters
+    ----------
+    runs
+        Runs of all sources, the printed ones with ``model`` "printed".
+    """
+    yield _picture(
+        "errors",
+        "Mean error of the ten runs of each algorithm on each single fault (figure 7.1); whiskers: "
+        "one standard deviation. Each row has its own scale.",
+        draw_single_faults(runs, ERROR),
+    )
+    yield _picture(
+        "times",
+        "Mean time of a run (figure 7.2), logarithmic; whiskers: one standard deviation.",
+        draw_single_faults(runs, TIME),
+    )
+    yield _picture(
+        "multiple_fault",
+        "Mean error and time on the multiple fault (tables 56 and 57); whiskers: one standard "
+        "deviation.",
+        draw_multiple_fault(runs),
+    )
+
+
+def convergence_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
+    """Yield the courses of cost and error with each model that has runs.
+
+    Parameters
+    ----------
+    runs
+        Our runs.
+    """
+    models = set(counted(runs)["model"])
+    for model, label in MODEL_LABELS.items():
+        if model not in models:
+            continue
+        yield _picture(
+            f"costs_{model}",
+            f"Lowest cost after each generation with the {label}: median over runs, thin lines the "
+            "runs. A run that has stopped keeps its last value. The axis of generations is "
+            "logarithmic beyond 20.",
+            draw_convergence(runs, model, COSTS),
+        )
+        yield _picture(
+            f"courses_of_errors_{model}",
+            f"Error of the best point after each generation with the {label}.",
+            draw_convergence(runs, model, ERRORS),
+        )
+
+
+def estimate_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
+    """Yield what the runs found.
+
+    Parameters
+    ----------
+    runs
+        Runs of all sources.
+    """
+    yield _picture(
+        "estimates",
+        "Estimate of the faulty component, a dot a run. Hollow dots: DE and GWO as the thesis "
+        "wrote them.",
+        draw_estimates(runs),
+    )
+    yield _picture(
+        "phases_of_gwo",
+        "GWO's estimates of k7, the direction of the eccentricity, in all faults. The black bar on "
+        "the left counts those that are exactly 0: the thesis's code starts its leaders there.",
+        draw_phases_of_gwo(runs),
+    )
+
+
+@cache
+def response_pictures() -> tuple[Picture, ...]:
+    """Return the responses to step and chirp for each fault."""
+    return tuple(
+        _picture(
+            f"{fault}_{command}",
+            f"{FAULT_NAMES[fault].capitalize()}, {command} (figures "
+            f"{_RESPONSE_FIGURES[fault, command]}). Right: a stretch enlarged.",
+            draw_responses(fault, command),
+        )
+        for fault in SEVERITIES
+        for command in COMMANDS
+    )
+
+
+@cache
+def noise_pictures() -> tuple[Picture, ...]:
+    """Return the responses with noise."""
+    return (
+        _picture(
+            "noise",
+            "Current under the chirp with white noise on the reference current (figure 4.50); the "
+            "noise is held for 1 µs, its seed is fixed.",
+            draw_noise(),
+        ),
+    )
+
+
+@cache
+def comparison_pictures() -> tuple[Picture, ...]:
+    """Return the currents of reference and monitors."""
+    return (
+        _picture(
+            "calibration",
+            "What the models differ by on the healthy actuator, which the calibration takes away "
+            "(figure 6.4). Differences are shown without the ripple above 1 kHz.",
+            draw_calibration(),
+        ),
+        *(
+            _picture(
+                f"{fault}_monitor",
+                f"Reference and monitor, {FAULT_NAMES[fault]} (figure {figure}).",
+                draw_comparison(fault),
+            )
+            for fault, figure in _COMPARISON_FIGURES.items()
+        ),
+        _picture(
+            "step_monitor",
+            "Reference and monitor under the step, for which the monitors are not calibrated "
+            "(figure 4.6).",
+            draw_step_comparison(),
+        ),
+    )
+
+
+def _picture(name: str, caption: str, figure: Figure) -> Picture:
+    with io.BytesIO() as file:
+        figure.savefig(file, format="png", dpi=_DPI)
+        return Picture(name, caption, file.getvalue())

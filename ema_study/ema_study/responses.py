@@ -1,0 +1,186 @@
+"""Responses of the thesis's chapter 4: the reference, and the monitor beside it."""
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.commands import THESIS_CHIRP, Command
+from ema_core.description import SAMPLE_PERIOD
+from ema_core.faults import fault_vector, healthy_faults
+from ema_core.telemetry import Telemetry
+from ema_monitor.objective import Objective
+from ema_monitor.window import Window
+from ema_sim.actuator import SimulatedActuator
+from ema_study.models import FITNESS, MODELS, calibration, reference_window
+
+COMMANDS: Final = {"step": Command("step", amplitude=1.0), "chirp": THESIS_CHIRP}
+"""Commands by name: 1 rad at 0.01 s, and 5 mrad from 0 to 15 Hz (its table 3)."""
+
+NOISE_SEED: Final = 2018
+NOISE_GAINS: Final = (0.0, 1.0, 10.0, 100.0)
+"""K_noise of figure 4.50, and none."""
+
+
+class Severity(NamedTuple):
+    """A degree of a fault: how it is called, and the components that are not healthy."""
+
+    label: str
+    faults: Mapping[str, float]
+
+
+SEVERITIES: Final[dict[str, tuple[Severity, ...]]] = {
+    "friction": tuple(
+        Severity(f"{factor:g} × nominal", {"friction": (factor - 1.0) / 2.0})
+        for factor in (1.0, 1.5, 2.0, 2.5, 3.0)
+    ),
+    "backlash": tuple(
+        Severity(f"{factor} × nominal", {"backlash": (factor - 1) / 99})
+        for factor in (1, 2, 10, 50, 100)
+    ),
+    # Without any turns left, the inductance is none and the current has no limit.
+    "short_circuit": tuple(
+        Severity(f"{percent} % of A bypassed", {"short_circuit_a": percent / 100})
+        for percent in (0, 25, 50, 75, 99)
+    ),
+    "eccentricity": tuple(
+        Severity(f"ζ = {zeta:g}", {"eccentricity": zeta}) for zeta in (0.0, 0.25, 0.5, 0.75, 1.0)
+    ),
+    "gain": tuple(
+        Severity(f"{factor:g} × nominal", {"gain": factor - 0.5})
+        for factor in (0.5, 0.75, 1.0, 1.25, 1.5)
+    ),
+}
+"""Growing degrees of each fault (figures 4.3 to 4.46), by kind."""
+
+COMPARED: Final[dict[str, Severity]] = {
+    "friction": SEVERITIES["friction"][2],
+    "backlash": SEVERITIES["backlash"][3],
+    "short_circuit": SEVERITIES["short_circuit"][1],
+    "eccentricity": SEVERITIES["eccentricity"][2],
+    "gain": SEVERITIES["gain"][4],
+}
+"""Degrees with which reference and monitor are compared (figures 4.10, 4.19, 4.29, 4.40, 4.47)."""
+
+
+class Comparison(NamedTuple):
+    """Currents of reference and monitor in one window, each ``(n,)`` [A].
+
+    ``monitor`` holds the current by the name of the model.
+    """
+
+    reference: NDArray[np.float64]
+    monitor: dict[str, NDArray[np.float64]]
+
+
+def times(samples: int) -> NDArray[np.float64]:
+    """Return the times of samples, the first at 0, ``(samples,)`` [s]."""
+    return np.arange(samples, dtype=np.float64) * SAMPLE_PERIOD
+
+
+@cache
+def reference_response(fault: str, severity: int, command: str) -> Telemetry:
+    """Run the reference from rest, the motor centred in its play.
+
+    Parameters
+    ----------
+    fault, severity
+        Kind of fault, and place in its ``SEVERITIES``.
+    command
+        One of ``COMMANDS``.
+
+    Returns
+    -------
+    Telemetry
+        Samples from time 0 on.
+    """
+    return _run(SimulatedActuator(), SEVERITIES[fault][severity].faults, command)
+
+
+def reference_responses(fault: str, command: str) -> dict[str, Telemetry]:
+    """Return the responses to a command by the label of the fault's degree.
+
+    Parameters
+    ----------
+    fault, command
+        Kind of fault, one of ``SEVERITIES``, and one of ``COMMANDS``.
+    """
+    return {
+        severity.label: reference_response(fault, i, command)
+        for i, severity in enumerate(SEVERITIES[fault])
+    }
+
+
+@cache
+def noisy_response(noise_gain: float) -> Telemetry:
+    """Run the healthy reference through the chirp with white noise on its reference current.
+
+    Parameters
+    ----------
+    noise_gain
+        K_noise; the noise is held for 1 us.
+    """
+    rng = np.random.default_rng(NOISE_SEED)
+    return _run(SimulatedActuator(noise_gain=noise_gain, rng=rng), {}, "chirp")
+
+
+@cache
+def chirp_comparison(fault: str) -> Comparison:
+    """Compare reference and calibrated monitors under the chirp.
+
+    Parameters
+    ----------
+    fault
+        One of ``COMPARED``; "none" for the healthy actuator.
+    """
+    faults = fault_vector({} if fault == "none" else COMPARED[fault].faults)
+    window = reference_window(faults)
+    monitor = {}
+    for model in MODELS:
+        objective = Objective(window, calibration(model), FITNESS, cartesian=False)
+        monitor[model] = objective.expect(faults[None], np.zeros(1)).current[0]
+    return Comparison(window.current, monitor)
+
+
+@cache
+def step_comparison(severity: int) -> Comparison:
+    """Compare reference and monitors under the step with a degree of friction (figure 4.6).
+
+    Parameters
+    ----------
+    severity
+        Place in the ``SEVERITIES`` of friction.
+
+    Notes
+    -----
+    The monitors have the structure that the calibration found. Its row of differences belongs to
+    the chirp alone and is left out.
+    """
+    window = Window(reference_response("friction", severity, "step"), play=0.0)
+    faults = fault_vector(SEVERITIES["friction"][severity].faults)
+    return Comparison(
+        window.current,
+        {
+            model: calibration(model).model().respond(window, faults, 0.0).current[0]
+            for model in MODELS
+        },
+    )
+
+
+@cache
+def uncalibrated_comparison() -> Comparison:
+    """Compare reference and monitors before the row of differences is added (figure 6.4)."""
+    window = reference_window(healthy_faults())
+    return Comparison(
+        window.current,
+        {model: window.current - calibration(model).correction for model in MODELS},
+    )
+
+
+def _run(actuator: SimulatedActuator, faults: Mapping[str, float], command: str) -> Telemetry:
+    actuator.faults = fault_vector(faults)
+    return actuator.advance(
+        np.concatenate([[0.0], COMMANDS[command].sample(actuator.sample_period)])
+    )

@@ -1,0 +1,50 @@
+"""Runs of the study that were never made, for tables and figures that need many."""
+
+import math
+
+import numpy as np
+import pandas as pd
+
+from ema_study.cases import CASES
+from ema_study.plan import plan
+from ema_study.record import Record, as_frame
+
+FLOOR = 0.02
+THRESHOLD = 0.021
+
+
+def synthetic_runs(model: str, runs: int) -> pd.DataFrame:
+    """Return runs of the whole plan whose estimates are the truth and some noise."""
+    rng = np.random.default_rng(1)
+    records = []
+    for job in plan(model, runs):
+        truth = CASES[job.case].truth
+        estimate = np.clip(truth + rng.normal(0.0, 0.02, truth.size), 0.0, 0.99)
+        generations = int(rng.integers(5, 12))
+        fall = np.exp(-np.arange(generations + 1) / 2.0)
+        records.append(
+            Record(
+                model=model,
+                table=job.table,
+                algorithm=job.algorithm,
+                fault=CASES[job.case].fault,
+                level=job.level,
+                run=job.run,
+                rule=job.rule,
+                population=job.population,
+                max_generations=job.max_generations,
+                seed=job.seed,
+                truth=truth.tolist(),
+                estimate=estimate.tolist(),
+                error_percent=float(rng.uniform(1.0, 4.0)),
+                cost=FLOOR + float(fall[-1]),
+                cost_at_truth=FLOOR,
+                threshold=math.nan if job.rule == "all_generations" else THRESHOLD,
+                generations=generations,
+                evaluations=50 * (generations + 1),
+                time_s=float(rng.uniform(0.5, 1.5)),
+                costs=(FLOOR + fall).tolist(),
+                errors_percent=(2.0 + 80.0 * fall).tolist(),
+            )
+        )
+    return as_frame(records)

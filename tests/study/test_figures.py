@@ -1,0 +1,207 @@
+"""Figures of the study: what they show is what the runs say."""
+
+import base64
+import io
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.patches import Rectangle
+
+from ema_study.figures_bars import ERROR, TIME, draw_multiple_fault, draw_single_faults
+from ema_study.figures_convergence import COSTS, ERRORS, draw_convergence, median_course
+from ema_study.figures_estimates import draw_estimates, draw_phases_of_gwo
+from ema_study.figures_responses import (
+    draw_calibration,
+    draw_comparison,
+    draw_noise,
+    draw_responses,
+    draw_step_comparison,
+)
+from ema_study.figures_style import COLOURS, DASHES, SOURCES, counted, severity_colours
+from ema_study.printed_runs import printed_runs
+from ema_study.report_figures import bar_pictures, noise_pictures
+from ema_study.responses import NOISE_GAINS, reference_response, reference_responses
+
+from .synthetic_runs import FLOOR, THRESHOLD, synthetic_runs
+
+EMPTY = pd.DataFrame()
+
+
+@pytest.fixture(scope="module")
+def ours():
+    return pd.concat([synthetic_runs("fast", 3), synthetic_runs("thesis", 2)], ignore_index=True)
+
+
+@pytest.fixture(scope="module")
+def everything(ours):
+    return pd.concat([printed_runs(), ours], ignore_index=True)
+
+
+def panel(figure, title):
+    [axes] = [axes for axes in figure.axes if axes.get_title() == title]
+    return axes
+
+
+def ys(line):
+    return np.asarray(line.get_ydata(), dtype=float)
+
+
+def rectangles(axes):
+    return [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+
+
+def bars(axes, colour, hatch=""):
+    """Heights of the bars of one source from left to right."""
+    patches = [
+        patch
+        for patch in rectangles(axes)
+        if to_hex(patch.get_facecolor()) == colour and (patch.get_hatch() or "") == hatch
+    ]
+    return [patch.get_height() for patch in sorted(patches, key=lambda patch: patch.get_x())]
+
+
+@pytest.mark.parametrize("quantity", [ERROR, TIME])
+def test_bars_are_the_means_over_runs(everything, quantity):
+    figure = draw_single_faults(everything, quantity)
+    faults = ["friction", "backlash", "short_circuit", "eccentricity", "gain"]
+    for source in SOURCES:
+        for algorithm, level in (("de", "low"), ("gwo", "high")):
+            name = algorithm + source.suffix
+            runs = everything[
+                (everything.model == source.model)
+                & (everything.algorithm == name)
+                & (everything.level == level)
+                & everything.table.between(11, 54)
+                & (everything["rule"] != "printed")
+            ]
+            expected = runs.groupby("fault")[quantity.column].mean().loc[faults]
+            axes = panel(figure, f"{algorithm.upper()}, {level}")
+            np.testing.assert_allclose(bars(axes, source.colour, source.hatch), expected)
+
+
+def test_printed_bars_are_those_of_table_58(everything):
+    axes = panel(draw_single_faults(everything, ERROR), "PSO, low")
+    printed = [0.930, 0.294, 0.863, 1.013, 0.452]
+    np.testing.assert_allclose(bars(axes, SOURCES[0].colour), printed, atol=0.0015)
+
+
+def test_whiskers_are_a_standard_deviation_and_stay_positive_on_a_log_axis(everything):
+    runs = everything[(everything.model == "printed") & (everything.table == 50)]
+    axes = panel(draw_single_faults(everything, TIME), "GWO, low")
+    paths = [path for whiskers in axes.collections for path in whiskers.get_paths()]
+    tops = [np.max(path.vertices, axis=0)[1] for path in paths]
+    lows = [np.min(path.vertices, axis=0)[1] for path in paths]
+    assert any(np.isclose(tops, runs.time_s.mean() + runs.time_s.std()))
+    assert min(lows) > 0.0
+
+
+def test_multiple_fault_shows_both_studies(everything):
+    figure = draw_multiple_fault(everything)
+    runs = printed_runs().query("table == 56").groupby("algorithm").error_percent.mean()
+    axes = figure.axes[0]
+    assert axes.get_title() == "study of speed"
+    np.testing.assert_allclose(bars(axes, SOURCES[0].colour), runs.loc[["ga", "pso", "de", "gwo"]])
+
+
+def test_demonstration_of_the_printed_rule_is_not_counted(ours):
+    assert (ours["rule"] == "printed").any()
+    kept = counted(ours)
+    assert not (kept["rule"] == "printed").any()
+    assert kept.table.min() == 11
+    assert set(kept.family) == {"ga", "pso", "de", "gwo"}
+
+
+def test_median_course_keeps_the_last_value_of_stopped_runs():
+    assert median_course([[8.0, 4.0], [6.0, 5.0, 1.0], [7.0, 3.0, 2.0]]).tolist() == [7.0, 4.0, 2.0]
+
+
+def test_convergence_shows_runs_medians_and_both_limits(ours):
+    figure = draw_convergence(ours, "fast", COSTS)
+    figure.savefig(io.BytesIO(), dpi=20)
+    axes = panel(figure, "friction, high")
+    # Three runs of six algorithms, their medians, and two lines across.
+    assert len(axes.lines) == 6 * 3 + 6 + 2
+    levels = [ys(line)[0] for line in axes.lines[-2:]]
+    assert levels == [FLOOR, THRESHOLD]
+    mine = ours[
+        (ours.model == "fast") & (ours.table == 16) & (ours.algorithm == "pso")
+    ].costs.tolist()
+    drawn = [line for line in axes.lines if line.get_color() == COLOURS["pso"]]
+    np.testing.assert_allclose(ys(drawn[-1]), median_course(mine))
+
+
+def test_convergence_has_a_panel_for_each_fault_that_was_run(ours):
+    some = ours[ours.fault.isin(["gain", "backlash"])]
+    assert len(draw_convergence(some, "fast", ERRORS).axes) == 4
+
+
+def test_estimates_show_every_run_of_single_faults_once(everything):
+    figure = draw_estimates(everything)
+    chosen = everything[everything.table.between(11, 54) & (everything["rule"] != "printed")]
+    dots = [line for axes in figure.axes for line in axes.lines if line.get_marker() == "o"]
+    assert sum(len(ys(line)) for line in dots) == len(chosen)
+    truths = [ys(axes.lines[0])[0] for axes in figure.axes]
+    expected = [0.25, 0.75, 9 / 99, 74 / 99, 0.2, 0.7, 0.25, 0.75, 0.25, 0.75]
+    np.testing.assert_allclose(truths, expected)
+
+
+def test_histogram_counts_the_exact_zeros_of_printed_gwo(everything):
+    figure = draw_phases_of_gwo(everything)
+    axes = panel(figure, "printed in the thesis: 69 of 120 exactly 0")
+    assert rectangles(axes)[-1].get_height() == 69
+    assert sum(patch.get_height() for patch in rectangles(axes)) == 120
+
+
+def test_response_figure_holds_the_responses():
+    figure = draw_responses("short_circuit", "chirp")
+    figure.savefig(io.BytesIO(), dpi=20)
+    position, _, speed, _, current, _ = figure.axes
+    worst = reference_response("short_circuit", -1, "chirp")
+    np.testing.assert_array_equal(ys(speed.lines[0]), worst.speed)
+    np.testing.assert_array_equal(ys(current.lines[0]), worst.current)
+    np.testing.assert_allclose(ys(position.lines[0]), 1e3 * worst.position)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == [*reference_responses("short_circuit", "chirp"), "command"]
+
+
+def test_pictures_of_a_report_are_rendered():
+    [noise] = noise_pictures()
+    assert noise.png.startswith(b"\x89PNG")
+    assert base64.b64decode(noise.uri.partition(",")[2]) == noise.png
+    [*bars_of_printed] = bar_pictures(printed_runs())
+    names = [picture.name for picture in bars_of_printed]
+    assert names == ["errors", "times", "multiple_fault"]
+    assert all(len(picture.png) > 10_000 for picture in bars_of_printed)
+
+
+def test_noise_figure_has_a_row_for_each_gain():
+    assert len(draw_noise().axes) == 2 * len(NOISE_GAINS)
+
+
+def test_comparisons_show_two_monitors_and_what_they_miss():
+    for figure in (draw_comparison("gain"), draw_step_comparison(), draw_calibration()):
+        figure.savefig(io.BytesIO(), dpi=20)
+        upper, lower, *_ = figure.axes
+        assert (len(upper.lines), len(lower.lines)) == (3, 2)
+
+
+def test_algorithms_and_degrees_are_told_apart():
+    assert len(set(COLOURS.values())) == len(COLOURS) == len(DASHES)
+    assert len(set(map(str, DASHES.values()))) == len(DASHES)
+    weights = np.array([0.299, 0.587, 0.114])
+    # In grey, too: each degree is darker than the one before.
+    greys = [weights @ np.array(colour[:3]) for colour in severity_colours(5)]
+    assert np.all(np.diff(greys) < -0.05)
+
+
+def test_figures_without_any_runs_say_so():
+    for figure in (
+        draw_single_faults(EMPTY, TIME),
+        draw_multiple_fault(EMPTY),
+        draw_convergence(EMPTY, "fast", COSTS),
+    ):
+        assert all(axes.texts[0].get_text() == "no runs" for axes in figure.axes)
+    draw_phases_of_gwo(EMPTY).savefig(io.BytesIO(), dpi=20)
+    draw_estimates(EMPTY).savefig(io.BytesIO(), dpi=20)

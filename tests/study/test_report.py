@@ -1,0 +1,253 @@
+"""The report of the study: one page that stands alone, whatever runs there are."""
+
+import io
+import math
+from html.parser import HTMLParser
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+
+from ema_study.agreement import agreement
+from ema_study.report import SECTIONS, write_report
+from ema_study.report_sentences import (
+    agreement_sentences,
+    completeness,
+    printed_rule_sentences,
+    ranking_sentences,
+    reasons,
+)
+from ema_study.report_tables import html_table, narrowed, significant
+from ema_study.tables import study_tables
+
+from .synthetic_runs import FLOOR, synthetic_runs
+
+SETTINGS = {"seed": "<script>alert(1)</script>", "machine": "x & y"}
+TIMING = pd.DataFrame(
+    {
+        "algorithm": "de",
+        "how": ["serial", "processes"],
+        "seconds": [3.14159, 1.6],
+        "speedup": [1, 2],
+    }
+)
+
+
+class Page(HTMLParser):
+    """A page read strictly: every element that is opened is closed, in order."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.tags, self.ids, self.links, self.sources, self.texts = [], [], [], [], []
+        self._open = []
+        self.feed(path.read_text(encoding="utf-8"))
+        self.close()
+        assert not self._open
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        if tag not in ("meta", "img", "br"):
+            self._open.append(tag)
+        values = dict(attrs)
+        self.ids += [values["id"]] if "id" in values else []
+        self.links += [values["href"]] if "href" in values else []
+        self.sources += [values["src"]] if "src" in values else []
+
+    def handle_endtag(self, tag):
+        assert self._open.pop() == tag, self.getpos()
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.texts).split())
+
+
+@pytest.fixture(scope="module")
+def ours():
+    thesis = synthetic_runs("thesis", 1).query("fault == 'friction'")
+    return pd.concat([synthetic_runs("fast", 2), thesis], ignore_index=True)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _same_picture_for_all():
+    """Draw every figure, but render one blank one in place of all: the figures' tests render."""
+    with io.BytesIO() as file:
+        Figure(figsize=(1, 1)).savefig(file, format="png", dpi=20)
+        blank = file.getvalue()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", lambda figure, file, **options: file.write(blank))
+        yield
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory, ours):
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "report.html").write_text("an older report")
+    return write_report(folder, ours, TIMING, SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def page(written):
+    return Page(written)
+
+
+def test_page_needs_nothing_beside_it(written, page):
+    assert not {"script", "link", "iframe", "object"} & set(page.tags)
+    assert all(link.startswith("#") and link[1:] in page.ids for link in page.links)
+    assert page.sources
+    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    text = written.read_text(encoding="utf-8")
+    assert "url(" not in text
+    assert "@import" not in text
+    assert written.stat().st_size < 15e6
+
+
+def test_every_section_is_there_and_in_the_contents(page):
+    assert page.links == [f"#{anchor}" for anchor in SECTIONS]
+    assert len(set(page.ids)) == len(page.ids)
+    for title in SECTIONS.values():
+        assert page.text.count(title) >= 2
+
+
+def test_every_table_of_the_thesis_folds_out(page, ours):
+    tables = study_tables(ours)
+    assert [name for name in page.ids if name.startswith("table-")] == [
+        f"table-{table.number}" for table in tables
+    ]
+    assert {table.number for table in tables} >= {8, 9, 11, 54, 56, 57, 58, 59, 60, 61}
+    assert page.tags.count("details") == len(tables)
+
+
+def test_figures_are_saved_as_they_are_shown(written, page):
+    names = [name.removeprefix("figure-") for name in page.ids if name.startswith("figure-")]
+    saved = written.parent / "figures"
+    assert sorted(path.stem for path in saved.iterdir()) == sorted(names)
+    assert len(names) == len(page.sources)
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in saved.iterdir())
+
+
+def test_texts_are_escaped(page):
+    assert "<script>alert(1)</script>" in page.text
+    assert "x & y" in page.text
+
+
+def test_timing_is_shown_with_three_digits(page):
+    assert "3.14 1" in page.text
+    assert "Not measured" not in page.text
+
+
+@pytest.mark.parametrize(
+    "runs",
+    [
+        pd.DataFrame(),
+        synthetic_runs("fast", 1).iloc[:3],
+        synthetic_runs("thesis", 1).query("rule == 'printed'"),
+    ],
+    ids=["none", "three", "demonstrations alone"],
+)
+def test_report_copes_with_what_is_missing_and_says_so(tmp_path, runs):
+    page = Page(write_report(tmp_path, runs, None, {}))
+    assert page.links == [f"#{anchor}" for anchor in SECTIONS]
+    assert "Not measured" in page.text
+    for row in completeness(runs).itertuples():
+        assert f"{row.model} {row.runs}" in page.text
+    assert not {"nan", "None", "NaN"} & set(page.text.split())
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (2633.0, "2,630"),
+        (999.6, "1,000"),
+        (1.2, "1.20"),
+        (0.0123456, "0.0123"),
+        (-45.678, "-45.7"),
+        (0.00001234, "1.23e-05"),
+        (0.0, "0"),
+        (math.inf, "inf"),
+    ],
+)
+def test_three_significant_digits(value, text):
+    assert significant(value) == text
+
+
+def test_columns_are_written_by_their_names():
+    frame = pd.DataFrame(
+        {
+            ("printed", "k2"): [0.0041],
+            ("printed", "error [%]"): [2.4987],
+            ("printed", "time [s]"): [394.44],
+            ("printed", "generations"): [200.0],
+            ("ours", "within"): [np.True_],
+            ("ours", "runs"): [np.int64(10)],
+            ("ours", "unknown"): [None],
+            ("ours", "cost"): [math.nan],
+        }
+    )
+    html = html_table(frame)
+    for cell in ("0.0041", "2.50", "394", "200", "yes", "10", ""):
+        assert f"<td>{cell}</td>" in html
+    assert "None" not in html
+    assert "nan" not in html.lower()
+
+
+def test_long_texts_are_kept_whole_and_escaped():
+    long = "a < b and " * 30 + "so on"
+    html = html_table(pd.DataFrame({"reason": [long]}), index=False)
+    assert long.replace("<", "&lt;") in html
+
+
+def test_wide_tables_have_their_sources_below_each_other():
+    sources = ("printed", "fast model")
+    wide = pd.concat({name: pd.DataFrame(np.ones((2, 11))) for name in sources}, axis=1)
+    wide.columns.names = ["source", "quantity"]
+    narrow = narrowed(wide)
+    assert narrow.shape == (4, 11)
+    assert list(narrow.index.unique("source")) == list(sources)
+    assert narrowed(wide.iloc[:, :5]).shape == (2, 5)
+
+
+def test_missing_runs_are_named_by_table(ours):
+    lacking = ours[(ours.model != "fast") | ~ours.table.isin([12, 13, 14, 16])]
+    table = completeness(lacking).set_index("model").loc["fast model"].to_dict()
+    # There are two of the thesis's ten runs of each case: every table with runs lacks some.
+    tables = str(table["tables that lack runs"]).split(", ")
+    assert table["runs"] == (lacking.model == "fast").sum()
+    assert tables[0] == "9 to 18"
+    whole = completeness(synthetic_runs("fast", 10)).set_index("model").loc["fast model"].to_dict()
+    assert whole["tables that lack runs"] == "none"
+    assert whole["runs"] == whole["of the full study"]
+
+
+def test_sentences_count_what_they_say(ours):
+    found = agreement(ours)
+    within = found["fast model", "within"].dropna().astype(bool)
+    [of_fast] = [one for one in agreement_sentences(found) if "fast model" in one]
+    assert f"in {within.sum()} of {len(within)} faults" in of_fast
+    outside = found["fast model"].loc[within.index[~within]]
+    above = outside["mean error [%]"] > found["printed"].loc[outside.index, "highest error [%]"]
+    assert above.any()
+    assert f"above in {above.sum()}: {above.index[above][0]}" in of_fast
+    assert ("below" in of_fast) == (not above.all())
+    assert len(reasons(found)) == sum(
+        (~found[name, "within"].dropna().astype(bool)).sum()
+        for name in ("fast model", "thesis's model")
+    )
+    under = ours[(ours["rule"] == "printed") & (ours.model == "fast")]
+    assert under.cost.min() > FLOOR
+    [sentence] = list(printed_rule_sentences(ours[ours.model == "fast"]))
+    assert f"0 of {len(under)} runs" in sentence
+
+
+def test_thesis_ranks_as_its_table_58():
+    [sentence] = list(ranking_sentences(pd.DataFrame()))
+    assert "PSO 1.23 %, GA 2.98 %, DE 3.16 %, GWO 3.56 %" in sentence
+    assert "fastest is DE with 867 s" in sentence
+
+
+def test_model_without_runs_is_named(ours):
+    only_fast = ours[ours.model == "fast"]
+    assert any("no runs" in one for one in agreement_sentences(agreement(only_fast)))
