@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from typing import Final
 
@@ -17,7 +18,7 @@ from ema_study.models import MODELS
 from ema_study.plan import RUNS, Job, plan
 from ema_study.record import Record, as_frame
 from ema_study.report import write_report
-from ema_study.store import RunStore
+from ema_study.store import RunStore, numerics_version
 from ema_study.tables import study_tables, write_tables
 from ema_study.timing import time_executors
 
@@ -43,14 +44,12 @@ _TIMING = "timing.csv"
     default=["fast"],
     show_default=True,
     type=click.Choice(list(MODELS)),
-    help="Monitor model: the shipped one, or the thesis's own at 1 us, 15 times slower.",
+    help="Monitor model: the shipped one, or the thesis's own at 1 us, 20 times slower.",
 )
 @click.option(
     "--runs",
-    default=RUNS,
-    show_default=True,
     type=click.IntRange(1, 1000),
-    help="Runs of each algorithm and fault.",
+    help=f"Runs of each algorithm and fault; {RUNS} by default.",
 )
 @click.option("--quick", is_flag=True, help=f"{QUICK_RUNS} runs each, without table 8.")
 @click.option(
@@ -59,7 +58,7 @@ _TIMING = "timing.csv"
     default="processes",
     show_default=True,
     type=click.Choice(EXECUTORS),
-    help="Runs side by side in processes or threads, or one by one on all cores.",
+    help="Runs side by side in processes or threads, or one by one; each on one core.",
 )
 @click.option(
     "--workers",
@@ -69,7 +68,7 @@ _TIMING = "timing.csv"
 def thesis(
     folder: Path,
     models: tuple[str, ...],
-    runs: int,
+    runs: int | None,
     quick: bool,
     kind: str,
     workers: int | None,
@@ -79,18 +78,18 @@ def thesis(
     Stop it with Ctrl-C at any time: the same command goes on from there. Further models and runs
     add to the folder.
     """
-    workers = workers or all_cores()
-    runs = QUICK_RUNS if quick else runs
-    jobs = [
-        job for model in dict.fromkeys(models) for job in plan(model, runs, with_trials=not quick)
-    ]
-    with one_clear_line():
-        store = RunStore(folder)
+    if quick and runs is not None:
+        raise click.UsageError("--quick and --runs exclude each other")
+    if kind == "serial" and workers is not None:
+        raise click.UsageError("--executor serial and --workers exclude each other")
+    workers = 1 if kind == "serial" else workers or all_cores()
+    runs = runs or (QUICK_RUNS if quick else RUNS)
+    models = tuple(dict.fromkeys(models))
+    jobs = [job for model in models for job in plan(model, runs, with_trials=not quick)]
+    with one_clear_line(), RunStore(folder) as store:
         missing = store.missing(jobs)
-        if len(missing) < len(jobs):
-            click.echo(
-                f"{folder}: {len(jobs) - len(missing)} of {len(jobs)} runs are there already"
-            )
+        if there := len(jobs) - len(missing):
+            click.echo(f"{folder}: {there} of {len(jobs)} runs are there already")
         started = time.perf_counter()
         try:
             _run(missing, store, kind, workers)
@@ -101,7 +100,13 @@ def thesis(
                 f"stopped with {there} of {len(jobs)} runs in {folder}; the same command goes on "
                 "from there"
             ) from None
+        except BrokenExecutor as error:
+            raise click.ClickException(
+                f"a worker was killed ({error}); the runs so far are in {folder}, the same command "
+                "goes on from there"
+            ) from error
         minutes = (time.perf_counter() - started) / 60.0
+        click.echo("writing tables, figures and report")
         store.export()
         frame = as_frame(store.records)
         write_tables(study_tables(frame), folder / "tables")
@@ -111,7 +116,7 @@ def thesis(
             timing,
             {
                 "models": ", ".join(sorted(set(frame["model"]))),
-                "executor": f"{kind}, {1 if kind == 'serial' else workers} at once",
+                "executor": f"{kind}, {workers} runs at once, each on one core",
                 "cores": str(all_cores()),
                 "last sitting": f"{len(missing)} runs and the timing in {minutes:.1f} min",
             },
@@ -133,14 +138,16 @@ def _run(jobs: Sequence[Job], store: RunStore, kind: str, workers: int) -> None:
 def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:
     """Return the timing of executors with each model, measured where it has not been yet."""
     path = folder / _TIMING
-    timing = pd.read_csv(path) if path.exists() else pd.DataFrame({"model": []})
+    timing = pd.read_csv(path) if path.exists() else pd.DataFrame({"model": [], "version": []})
+    timing = timing[timing["version"] == numerics_version()]
     for model in models:
         if model not in set(timing["model"]):
             with progress_bar() as progress:
                 progress.add_task("timing", total=None, state=f"serial and parallel, {model} model")
-                timing = pd.concat([timing, time_executors(model)], ignore_index=True)
+                measured = time_executors(model).assign(version=numerics_version())
+            timing = pd.concat([timing, measured], ignore_index=True)
             timing.to_csv(path, index=False)
-    return timing
+    return timing.drop(columns="version")
 
 
 def _in_words(record: Record) -> str:

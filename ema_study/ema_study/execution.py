@@ -15,8 +15,8 @@ from ema_study.record import Record
 from ema_study.run import run_job
 
 EXECUTORS: Final = ("processes", "threads", "serial")
-"""Executors on this machine: several runs at once in processes or in threads, each on one core, or
-one run after the other, each on all cores."""
+"""Executors on this machine: several runs at once, in processes or in threads, or one by one. Each
+run has one core, so that its time does not depend on the executor."""
 
 
 def all_cores() -> int:
@@ -33,7 +33,7 @@ def local_executor(kind: str, workers: int) -> Iterator[Executor]:
     kind
         One of ``EXECUTORS``.
     workers
-        How many runs at once, each on one core; a single one is on all cores. "serial" has one.
+        How many runs at once; "serial" has one.
 
     Raises
     ------
@@ -44,20 +44,17 @@ def local_executor(kind: str, workers: int) -> Iterator[Executor]:
         raise ValueError(f"executor {kind!r} is unknown; known: {', '.join(EXECUTORS)}")
     if workers < 1:
         raise ValueError(f"workers = {workers}: expected at least 1")
-    if kind == "serial":
-        workers = 1
-    cores = 1 if workers > 1 else None
     if kind == "processes":
         # Forked children would inherit locks of threads that they do not have.
         context = multiprocessing.get_context("spawn")
         cancelled = context.Event()
         executor: Executor = ProcessPoolExecutor(
-            workers, context, initializer=_prepare, initargs=(cancelled.is_set, cores)
+            workers, context, initializer=_prepare, initargs=(cancelled.is_set,)
         )
     else:
         cancelled = threading.Event()
-        executor = ThreadPoolExecutor(workers)
-        _prepare(cancelled.is_set, cores)
+        executor = ThreadPoolExecutor(1 if kind == "serial" else workers)
+        _prepare(cancelled.is_set)
     try:
         yield executor
     except BaseException:
@@ -82,11 +79,11 @@ def execute(jobs: Iterable[Job], executor: Executor) -> Iterator[Record]:
     """
     # An interrupt of the terminal goes to all processes. Those that are started here inherit the
     # mask, so that it ends the study in one place only.
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         futures = [executor.submit(_run, job) for job in jobs]
     finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     try:
         for future in as_completed(futures):
             yield future.result()
@@ -102,10 +99,10 @@ def _never() -> bool:
 _is_cancelled: Callable[[], bool] = _never
 
 
-def _prepare(is_cancelled: Callable[[], bool], cores: int | None) -> None:
+def _prepare(is_cancelled: Callable[[], bool]) -> None:
     global _is_cancelled
     _is_cancelled = is_cancelled
-    limit_cores(cores)
+    limit_cores(1)
 
 
 def _run(job: Job) -> Record:

@@ -37,7 +37,8 @@ class Problem(NamedTuple):
     truth
         Fault vector of the reference, ``(8,)``.
     cost_at_truth
-        What the true fault vector costs: no search can be expected to get far below it [A^2.s].
+        What the true fault vector costs [A^2.s]. Where the model describes the fault, no search
+        gets far below it.
     """
 
     objective: Objective

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from ema_study.cases import CASES, LEVELS, MULTIPLE
+from ema_study.stop_rules import uncounted_populations
 
 POPULATION: Final = 50
 GENERATIONS: Final = 200
@@ -92,8 +93,8 @@ class Job:
 
     @property
     def budget(self) -> int:
-        """Largest number of evaluations; the starting population is not a generation."""
-        return self.population * (self.max_generations + 1)
+        """Largest number of evaluations, those of the starting population included."""
+        return self.population * (self.max_generations + uncounted_populations(self.algorithm))
 
 
 def plan(model: str, runs: int, *, with_trials: bool = True) -> list[Job]:

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from ema_core.faults import N_FAULTS
@@ -33,6 +34,8 @@ class Record:
         Name of the stop rule.
     population, max_generations
         Of the optimizer.
+    settings
+        Further settings of the optimizer, by name.
     seed
         Of its random numbers.
     truth, estimate
@@ -42,11 +45,12 @@ class Record:
     cost, cost_at_truth
         Of estimate and truth [A^2.s].
     threshold
-        Cost at which the rule may stop [A^2.s]; NaN where it knows none.
+        Cost at which the rule may stop [A^2.s]; None where it knows none.
     generations, evaluations
-        How many were made; the generation of the start is not counted, as in the thesis.
+        How many were made; as in the thesis, the starting population counts as a generation of GWO
+        only.
     time_s
-        Time of the run [s].
+        Time of the run on one core [s].
     costs, errors_percent
         Lowest cost so far [A^2.s] and the error of its point [%] after each generation, from the
         start on.
@@ -61,13 +65,14 @@ class Record:
     rule: str
     population: int
     max_generations: int
+    settings: dict[str, float]
     seed: int
     truth: list[float]
     estimate: list[float]
     error_percent: float
     cost: float
     cost_at_truth: float
-    threshold: float
+    threshold: float | None
     generations: int
     evaluations: int
     time_s: float
@@ -84,6 +89,7 @@ def as_frame(records: Iterable[Record]) -> pd.DataFrame:
     for record in records:
         row = asdict(record)
         truth, estimate = row.pop("truth"), row.pop("estimate")
+        row["threshold"] = np.nan if record.threshold is None else record.threshold
         row |= dict(zip([f"true_{k}" for k in K], truth, strict=True))
         row |= dict(zip(K, estimate, strict=True))
         rows.append(row)

@@ -1,6 +1,5 @@
 """One run of the study."""
 
-import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -15,7 +14,12 @@ from ema_study.cases import CASES
 from ema_study.models import problem
 from ema_study.plan import Job
 from ema_study.record import Record
-from ema_study.stop_rules import Threshold, ThresholdAndStall, stop_rule
+from ema_study.stop_rules import (
+    Threshold,
+    ThresholdAndStall,
+    stop_rule,
+    uncounted_populations,
+)
 
 
 class CancelledError(Exception):
@@ -43,6 +47,7 @@ def run_job(job: Job, cancelled: Callable[[], bool] = lambda: False) -> Record:
     start = rng.random(objective.dimension)
     optimizer = ALGORITHMS[job.algorithm](start, rng, Hints(budget=job.budget), **own)
     stop = stop_rule(job.rule, job.algorithm, job.level, job.budget, floor)
+    uncounted = uncounted_populations(job.algorithm)
     costs, errors = [], []
     faults, evaluations = truth, 0
     started = time.perf_counter()
@@ -53,7 +58,8 @@ def run_job(job: Job, cancelled: Callable[[], bool] = lambda: False) -> Record:
         evaluations = progress.evaluations
         costs.append(float(f"{progress.cost:.6g}"))
         errors.append(round(estimation_error(faults, truth), 4))
-        if progress.generation > job.max_generations:
+        # GA does not evaluate its elite again, so that its budget would last for more.
+        if progress.generation - uncounted == job.max_generations:
             break
     time_s = time.perf_counter() - started
     return Record(
@@ -66,14 +72,15 @@ def run_job(job: Job, cancelled: Callable[[], bool] = lambda: False) -> Record:
         rule=job.rule,
         population=job.population,
         max_generations=job.max_generations,
+        settings=dict(job.settings),
         seed=job.seed,
         truth=truth.tolist(),
         estimate=faults.tolist(),
         error_percent=errors[-1],
         cost=costs[-1],
         cost_at_truth=floor,
-        threshold=stop.threshold if isinstance(stop, Threshold | ThresholdAndStall) else math.nan,
-        generations=len(costs) - 1,
+        threshold=stop.threshold if isinstance(stop, Threshold | ThresholdAndStall) else None,
+        generations=len(costs) - uncounted,
         evaluations=evaluations,
         time_s=time_s,
         costs=costs,

@@ -1,28 +1,56 @@
 """The folder of a study: its runs, one a line, so that it can be interrupted at any time."""
 
+import fcntl
 import hashlib
 import json
 import os
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from functools import cache
-from inspect import getsourcefile
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, Self
 
-import ema_core
-import ema_monitor
-import ema_sim
-from ema_study import cases, models, plan, run, stop_rules
+import numba
+import numpy as np
+
 from ema_study.plan import Job
 from ema_study.record import Record, as_frame
 
 _RUNS: Final = "runs.jsonl"
+_LOCK: Final = ".lock"
 _VERSION: Final = "version"
+
+_NUMERICS: Final = (
+    "ema_core",
+    "ema_sim.actuator",
+    "ema_sim.motor",
+    "ema_sim.reference",
+    "ema_monitor.alignment",
+    "ema_monitor.calibration",
+    "ema_monitor.coordinates",
+    "ema_monitor.cores",
+    "ema_monitor.drives",
+    "ema_monitor.fitness",
+    "ema_monitor.healthy_fit",
+    "ema_monitor.model",
+    "ema_monitor.model_kernel",
+    "ema_monitor.objective",
+    "ema_monitor.optimizers",
+    "ema_monitor.residual",
+    "ema_monitor.window",
+    "ema_study.cases",
+    "ema_study.models",
+    "ema_study.plan",
+    "ema_study.record",
+    "ema_study.run",
+    "ema_study.stop_rules",
+)
+"""Packages and modules that a run depends on."""
 
 
 class RunStore:
-    """Runs of a study in a folder.
+    """Runs of a study in a folder, for one process at a time.
 
     Each run is a line of ``runs.jsonl``, on disk before the next one is told of. A line that was
     cut off by the end of a process is dropped when the folder is opened again.
@@ -35,8 +63,8 @@ class RunStore:
     Raises
     ------
     ValueError
-        When its runs were made by other models or algorithms than the present ones, or it is
-        damaged.
+        When another process has it open, its runs were made by other models or algorithms than the
+        present ones, or it is damaged.
     OSError
         When it cannot be written.
     """
@@ -45,23 +73,27 @@ class RunStore:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
         self._path = folder / _RUNS
-        self.records: list[Record] = []
-        lines = self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []
-        complete = [line for line in lines if line.endswith(b"\n")]
-        for number, line in enumerate(complete, 1):
-            try:
-                content = json.loads(line)
-                version = content.pop(_VERSION)
-                self.records.append(Record(**content))
-            except (AttributeError, KeyError, TypeError, ValueError) as error:
-                raise ValueError(f"{self._path} is damaged in line {number}: {error}") from error
-            if version != numerics_version():
-                raise ValueError(
-                    f"{self._path} holds runs of other models or algorithms than the present "
-                    f"ones (version {version}, expected {numerics_version()}): give another folder"
-                )
-        if len(complete) < len(lines):
-            os.truncate(self._path, sum(map(len, complete)))
+        self._lock = (folder / _LOCK).open("w")
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            self._lock.close()
+            raise ValueError(f"{folder} is in use by another study") from error
+        try:
+            self.records = self._read()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the folder to others."""
+        self._lock.close()
 
     def missing(self, jobs: Iterable[Job]) -> list[Job]:
         """Return the jobs that have no run yet."""
@@ -70,7 +102,7 @@ class RunStore:
 
     def add(self, record: Record) -> None:
         """Write a run to disk."""
-        line = json.dumps({_VERSION: numerics_version(), **asdict(record)}) + "\n"
+        line = json.dumps({_VERSION: numerics_version(), **asdict(record)}, allow_nan=False) + "\n"
         with self._path.open("a") as file:
             file.write(line)
             file.flush()
@@ -85,14 +117,49 @@ class RunStore:
             self.folder / "runs.csv", index=False
         )
 
+    def _read(self) -> list[Record]:
+        lines = self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []
+        complete = [line for line in lines if line.endswith(b"\n")]
+        records = []
+        for number, line in enumerate(complete, 1):
+            where = f"{self._path}, line {number}"
+            content = _content(line, where)
+            version = content.pop(_VERSION)
+            if version != numerics_version():
+                raise ValueError(
+                    f"{where} is a run of other models or algorithms than the present ones "
+                    f"(version {version}, expected {numerics_version()}): give another folder"
+                )
+            records.append(Record(**content))
+        if len(complete) < len(lines):
+            os.truncate(self._path, sum(map(len, complete)))
+        return records
+
+
+def _content(line: bytes, where: str) -> dict[str, Any]:
+    try:
+        content = json.loads(line)
+    except ValueError as error:
+        raise ValueError(f"{where} is damaged: {error}") from error
+    expected = {_VERSION, *(field.name for field in fields(Record))}
+    if not isinstance(content, dict) or _VERSION not in content:
+        raise ValueError(f"{where} is damaged: expected a run with its version")
+    if content[_VERSION] == numerics_version() and set(content) != expected:
+        wrong = ", ".join(sorted(set(content) ^ expected))
+        raise ValueError(f"{where} is damaged: missing or unknown: {wrong}")
+    return content
+
 
 @cache
 def numerics_version() -> str:
-    """Return a digest of all sources that a run may depend on."""
-    digest = hashlib.sha256()
-    sources = [Path(getsourcefile(m) or "") for m in (cases, models, plan, run, stop_rules)]
-    for package in (ema_core, ema_sim, ema_monitor):
-        sources += sorted(Path(package.__path__[0]).rglob("*.py"))
-    for source in sources:
-        digest.update(source.read_bytes())
+    """Return a digest of all sources that a run depends on, and of the libraries below them."""
+    digest = hashlib.sha256(f"{np.__version__} {numba.__version__}".encode())
+    for name in _NUMERICS:
+        spec = find_spec(name)
+        if spec is None or spec.origin is None:
+            raise RuntimeError(f"module {name} has no source")
+        source = Path(spec.origin)
+        is_package = spec.submodule_search_locations is not None
+        for path in sorted(source.parent.rglob("*.py")) if is_package else [source]:
+            digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

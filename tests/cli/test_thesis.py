@@ -5,12 +5,14 @@ import os
 import signal
 import subprocess
 import time
+from concurrent.futures import BrokenExecutor
 
 import pandas as pd
 import pytest
 
 from ema_cli import thesis as command
 from ema_study.plan import Job
+from ema_study.store import RunStore
 
 JOBS = [
     Job("fast", table, algorithm, case, "low", run, "floor_corrected", 10, 3)
@@ -25,7 +27,7 @@ JOBS = [
 
 @pytest.fixture
 def small(monkeypatch):
-    """A study of six short runs, without the timing of executors."""
+    """A study of six short runs, without the timing of executors; its report takes seconds."""
     plans = []
 
     def plan(model, runs, *, with_trials):
@@ -35,6 +37,11 @@ def small(monkeypatch):
     monkeypatch.setattr(command, "plan", plan)
     monkeypatch.setattr(command, "_timing", lambda folder, models: pd.DataFrame())
     return plans
+
+
+@pytest.fixture
+def without_report(monkeypatch):
+    monkeypatch.setattr(command, "write_report", lambda folder, *_: folder / "report.html")
 
 
 def test_study_leaves_runs_tables_and_report(ema, tmp_path, small):
@@ -53,7 +60,7 @@ def test_study_leaves_runs_tables_and_report(ema, tmp_path, small):
     assert "pso" in result.output
 
 
-def test_what_is_there_is_not_run_again(ema, tmp_path, small, monkeypatch):
+def test_what_is_there_is_not_run_again(ema, tmp_path, small, without_report):
     folder = tmp_path / "study"
     assert ema("thesis", "-o", folder, "--runs", "1", "--executor", "serial").exit_code == 0
     before = (folder / "runs.jsonl").read_text()
@@ -65,19 +72,19 @@ def test_what_is_there_is_not_run_again(ema, tmp_path, small, monkeypatch):
     assert len(after.splitlines()) == len(JOBS)
 
 
-def test_quick_is_two_runs_without_table_8(ema, tmp_path, small):
+def test_quick_is_two_runs_without_table_8(ema, tmp_path, small, without_report):
     result = ema("thesis", "-o", tmp_path / "study", "--quick", "--executor", "serial")
     assert result.exit_code == 0, result.output
     assert small == [("fast", command.QUICK_RUNS, False)]
 
 
-def test_models_add_up(ema, tmp_path, small):
+def test_models_add_up(ema, tmp_path, small, without_report):
     arguments = ("--model", "thesis", "--model", "fast", "--model", "thesis", "--runs", "1")
     ema("thesis", "-o", tmp_path / "study", *arguments, "--executor", "serial")
     assert [model for model, _, _ in small] == ["thesis", "fast"]
 
 
-def test_folder_of_other_numerics_is_refused(ema, tmp_path, small):
+def test_folder_of_other_numerics_is_refused(ema, tmp_path, small, without_report):
     folder = tmp_path / "study"
     ema("thesis", "-o", folder, "--runs", "1", "--executor", "serial")
     path = folder / "runs.jsonl"
@@ -86,6 +93,40 @@ def test_folder_of_other_numerics_is_refused(ema, tmp_path, small):
     assert result.exit_code == 1
     assert "other models or algorithms" in result.stderr
     assert "give another folder" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--quick", "--runs", "5"), "--quick and --runs exclude each other"),
+        (("--executor", "serial", "--workers", "4"), "--workers exclude each other"),
+        (("--runs", "0"), "--runs"),
+        (("--model", "slow"), "'slow'"),
+        (("--executor", "cluster"), "'cluster'"),
+    ],
+)
+def test_wrong_usage_is_refused(ema, tmp_path, small, arguments, message):
+    result = ema("thesis", "-o", tmp_path / "study", *arguments)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert not (tmp_path / "study").exists()
+
+
+def test_folder_in_use_is_refused(ema, tmp_path, small):
+    with RunStore(tmp_path):
+        result = ema("thesis", "-o", tmp_path, "--executor", "serial")
+    assert result.exit_code == 1
+    assert "is in use by another study" in result.stderr
+
+
+def test_killed_worker_is_told_in_a_line(ema, tmp_path, small, monkeypatch):
+    def execute(jobs, executor):
+        raise BrokenExecutor("a process ended abruptly")
+
+    monkeypatch.setattr(command, "execute", execute)
+    result = ema("thesis", "-o", tmp_path, "--executor", "serial")
+    assert result.exit_code == 1
+    assert "a worker was killed (a process ended abruptly)" in result.stderr
 
 
 @pytest.mark.slow

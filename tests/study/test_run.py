@@ -25,7 +25,7 @@ SHORT = Job(
 
 
 def fields(record):
-    return {k: v for k, v in record.__dict__.items() if k != "time_s"} | {"threshold": None}
+    return {k: v for k, v in record.__dict__.items() if k != "time_s"}
 
 
 def test_same_job_makes_the_same_run():
@@ -51,7 +51,11 @@ def test_record_tells_the_run():
 def test_no_algorithm_passes_its_generations(algorithm):
     record = run_job(replace(SHORT, algorithm=algorithm))
     assert record.generations == 8
-    assert record.evaluations <= 20 * 9
+    # The thesis's grey wolves count the starting pack, the others do not.
+    populations = 8 if algorithm.startswith("gwo") else 9
+    assert len(record.costs) == populations
+    elites = 1 if algorithm == "ga" else 0
+    assert record.evaluations == 20 * populations - elites * (populations - 1)
 
 
 def test_starting_population_is_random_as_in_the_thesis():
@@ -67,13 +71,15 @@ def test_stop_rule_ends_the_run():
     job = next(j for j in plan("fast", 1) if (j.table, j.algorithm) == (56, "pso"))
     record = run_job(job)
     assert record.generations < 100
-    assert record.costs[-1] <= record.threshold < record.costs[-2]
-    assert record.threshold == pytest.approx(1e-3 + record.cost_at_truth)
+    threshold = 1e-3 + record.cost_at_truth
+    assert record.threshold == pytest.approx(threshold)
+    assert record.costs[-1] <= threshold < record.costs[-2]
 
 
 def test_settings_reach_the_optimizer():
     """CR = 0 takes one component of the donor only."""
     slow = run_job(replace(SHORT, settings=(("F", 0.5), ("CR", 0.0))))
+    assert slow.settings == {"F": 0.5, "CR": 0.0}
     assert slow.costs[-1] != run_job(SHORT).costs[-1]
 
 
@@ -103,10 +109,11 @@ def test_calibration_makes_the_healthy_cost_zero(model):
 def test_thesis_model_finds_the_thesis_bias_of_large_friction():
     """Its PSO found 0.736 to 0.739 for 0.75; near there lies the lowest cost."""
     objective, truth, floor = problem("thesis", "friction high")
-    k = np.tile(truth, (8, 1))
-    k[:, 0] = np.linspace(0.72, 0.755, 8)
+    k = np.tile(truth, (16, 1))
+    k[:, 0] = np.linspace(0.72, 0.765, 16)
     costs = np.sum(objective.residuals(k) ** 2, axis=1)
-    assert 0.725 <= k[np.argmin(costs), 0] <= 0.745
+    # Along friction alone, and the PWM makes the cost rough: to one step of the grid.
+    assert k[np.argmin(costs), 0] == pytest.approx(0.7375, abs=0.003)
     assert np.min(costs) < floor
 
 

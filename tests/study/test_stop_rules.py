@@ -30,10 +30,16 @@ def test_threshold_alone_stops_at_once():
 def test_threshold_and_stall_waits_for_both_and_for_20_generations():
     falling = [10.0 ** -(n / 4.0) for n in range(40)]
     still = falling + [falling[-1]] * 3
-    assert stops_at(ThresholdAndStall(1, 1e-3, 1e-12), falling) is None
-    assert stops_at(ThresholdAndStall(1, 1e-3, 1e-12), still) == 40
-    assert stops_at(ThresholdAndStall(1, 1e-12, 1e-12), still) is None
-    assert stops_at(ThresholdAndStall(1, 1e-3, 1e-12), [1e-4] * 40) == 21
+    assert stops_at(ThresholdAndStall(1, 1e-3, 1e-12, 1), falling) is None
+    assert stops_at(ThresholdAndStall(1, 1e-3, 1e-12, 1), still) == 40
+    assert stops_at(ThresholdAndStall(1, 1e-12, 1e-12, 1), still) is None
+
+
+@pytest.mark.parametrize(("algorithm", "populations"), [("de", 22), ("gwo", 21)])
+def test_first_generation_to_stop_at_is_the_21st(algorithm, populations):
+    """GWO's first pack is its first generation, DE's first population is none."""
+    rule = stop_rule("printed", algorithm, "low", 1, FLOOR)
+    assert stops_at(rule, [1e-4] * 40) == populations - 1
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """The folder of a study: nothing that was run is lost, nothing stale is mixed in."""
 
 import json
+import subprocess
+import sys
 
 import pandas as pd
 import pytest
@@ -20,49 +22,85 @@ def records():
     return [run_job(job) for job in JOBS]
 
 
-def filled(folder, records):
-    store = RunStore(folder)
-    for record in records:
-        store.add(record)
-    return store
+def fill(folder, records):
+    with RunStore(folder) as store:
+        for record in records:
+            store.add(record)
+
+
+def reopened(folder):
+    with RunStore(folder) as store:
+        return store
 
 
 def test_runs_come_back_as_they_were(tmp_path, records):
-    filled(tmp_path, records[:2])
-    again = RunStore(tmp_path)
-    # repr: the threshold is not a number in these runs.
-    assert repr(again.records) == repr(records[:2])
+    fill(tmp_path, records[:2])
+    again = reopened(tmp_path)
+    assert again.records == records[:2]
     assert again.missing(JOBS) == JOBS[2:]
 
 
 def test_cut_line_is_dropped_and_run_again(tmp_path, records):
-    filled(tmp_path, records[:2])
+    fill(tmp_path, records[:2])
     path = tmp_path / "runs.jsonl"
     path.write_bytes(path.read_bytes()[:-40])
-    again = RunStore(tmp_path)
-    assert again.missing(JOBS) == JOBS[1:]
-    again.add(records[1])
-    assert len(RunStore(tmp_path).records) == 2
+    assert reopened(tmp_path).missing(JOBS) == JOBS[1:]
+    fill(tmp_path, records[1:2])
+    assert reopened(tmp_path).records == records[:2]
 
 
-def test_damaged_line_is_named(tmp_path, records):
-    filled(tmp_path, records[:2])
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("{", "Expecting property name"),
+        ("{}", "expected a run with its version"),
+        ("[]", "expected a run with its version"),
+        ('{"version": "%s", "cost": 1.0, "rust": 2}', "missing or unknown: .*algorithm.*rust"),
+    ],
+)
+def test_damaged_line_is_named(tmp_path, records, line, message):
+    fill(tmp_path, records[:2])
     path = tmp_path / "runs.jsonl"
     lines = path.read_text().splitlines()
-    path.write_text("\n".join(["{}", *lines[1:]]) + "\n")
-    with pytest.raises(ValueError, match=r"runs\.jsonl is damaged in line 1"):
+    line = line.replace("%s", store_module.numerics_version())
+    path.write_text("\n".join([lines[0], line]) + "\n")
+    with pytest.raises(ValueError, match=rf"runs\.jsonl, line 2 is damaged: {message}"):
         RunStore(tmp_path)
+    # And the folder is free again.
+    path.write_text(lines[0] + "\n")
+    assert reopened(tmp_path).records == records[:1]
+
+
+def test_folder_is_for_one_study_at_a_time(tmp_path):
+    with RunStore(tmp_path), pytest.raises(ValueError, match="is in use by another study"):
+        RunStore(tmp_path)
+    reopened(tmp_path)
+
+
+def test_version_covers_all_that_a_run_imports():
+    script = "import sys, ema_study.run; print(*(m for m in sys.modules if m.startswith('ema_')))"
+    answer = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    imported = set(answer.stdout.split()) - {"ema_sim", "ema_monitor", "ema_study"}
+    covered = store_module._NUMERICS
+    packages = tuple(f"{name}." for name in covered)
+    assert {m for m in imported if m not in covered and not m.startswith(packages)} == set()
+    assert set(covered) <= imported
 
 
 def test_runs_of_other_numerics_are_refused(tmp_path, records, monkeypatch):
-    filled(tmp_path, records[:1])
+    fill(tmp_path, records[:1])
     monkeypatch.setattr(store_module, "numerics_version", lambda: "another")
     with pytest.raises(ValueError, match=r"other models or algorithms .* expected another"):
         RunStore(tmp_path)
 
 
 def test_export_has_every_run(tmp_path, records):
-    filled(tmp_path, records).export()
+    with RunStore(tmp_path) as store:
+        for record in records:
+            store.add(record)
+        store.export()
     table = pd.read_csv(tmp_path / "runs.csv")
     assert table["run"].tolist() == [1, 2, 3]
     assert table["error_percent"].tolist() == [r.error_percent for r in records]

@@ -88,7 +88,9 @@ class ThesisGreyWolf:
     than both and less than delta replaces delta. Beta and delta may so stay at zero, which draws
     the wolves there; a component that is zero in a wolf and its leaders is zero ever after.
 
-    ``a`` is lower than in ``GreyWolf`` by what it falls in a generation.
+    ``a`` is lower than in ``GreyWolf`` by what it falls in a generation. Appendix B as transcribed
+    has the digit 1 where the generation l must stand, which would keep ``a`` at 1.99; it is read
+    as the letter.
 
     Parameters
     ----------

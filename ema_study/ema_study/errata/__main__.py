@@ -5,9 +5,9 @@ from ema_study.errata import errata
 _HEAD = """\
 # Errata of the thesis
 
-Slips of the thesis that this project follows, each with what shows it. `make errata` writes this page
-anew; the figures are computed from the thesis's 500 printed runs and from the models. The numbers of
-equations, tables, sections and appendices are the thesis's.
+Slips of the thesis that this project follows, each with what shows it. `make errata` writes this
+page anew; the figures are computed from the thesis's 500 printed runs and from the models. The
+numbers of equations, tables, sections and appendices are the thesis's.
 
 | where | printed | found | evidence |
 |---|---|---|---|"""
