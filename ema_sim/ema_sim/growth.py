@@ -5,25 +5,15 @@ number of hours by its exact solution, so that the length of the steps does not 
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import FAULT_NAMES, FAULTS, Fault, fault_vector
+from ema_core.growth_laws import LAWS, increment
 from ema_core.quantity import check_quantities, quantity, text
-
-LAWS: Final = (
-    "constant",
-    "linear",
-    "exponential",
-    "archard",
-    "self_heating",
-    "power",
-    "drift",
-)
 
 
 @dataclass(frozen=True)
@@ -154,51 +144,9 @@ def _grown(fault: Fault, growth: Growth, k: float, hours: float, rng: np.random.
         step = growth.rate * hours + growth.noise * math.sqrt(hours) * rng.standard_normal()
         return min(max(k + step, 0.0), fault.highest)
     side = math.copysign(1.0, k - fault.healthy if k != fault.healthy else growth.rate)
-    increment = _INCREMENTS[growth.law](
-        abs(k - fault.healthy), abs(growth.rate), growth.shape, hours
+    step = float(
+        increment(growth.law, abs(k - fault.healthy), abs(growth.rate), growth.shape, hours)
     )
     if growth.noise > 0.0:
-        increment *= math.exp(growth.noise * rng.standard_normal())
-    return min(max(k + side * increment, 0.0), fault.highest)
-
-
-def _exp(exponent: float) -> float:
-    """Return the exponential, of exponents beyond the range of numbers a very large one."""
-    return math.exp(min(exponent, 700.0))
-
-
-def _linear(x: float, a: float, b: float, u: float) -> float:
-    return a * u
-
-
-def _exponential(x: float, a: float, x_0: float, u: float) -> float:
-    return (x + x_0) * math.expm1(min(a * u, 700.0))
-
-
-def _archard(x: float, a: float, b: float, u: float) -> float:
-    if b == 0.0:
-        return a * u
-    return (1.0 / b + x) * math.expm1(min(a * b * u, 700.0))
-
-
-def _self_heating(x: float, a: float, b: float, u: float) -> float:
-    if b == 0.0:
-        return a * u
-    # It reaches infinity within the time 1 / (a b exp(b x)).
-    spent = a * b * u * _exp(b * x)
-    return -math.log1p(-spent) / b if spent < 1.0 else math.inf
-
-
-def _power(x: float, c: float, p: float, u: float) -> float:
-    age = x ** (1.0 / p) + u / c
-    return _exp(p * math.log(age)) - x
-
-
-_INCREMENTS: Final[Mapping[str, Callable[[float, float, float, float], float]]] = {
-    "linear": _linear,
-    "exponential": _exponential,
-    "archard": _archard,
-    "self_heating": _self_heating,
-    "power": _power,
-}
-"""Increment of x over ``u`` hours, from x, the amount of ``rate``, and ``shape``."""
+        step *= math.exp(growth.noise * rng.standard_normal())
+    return min(max(k + side * step, 0.0), fault.highest)

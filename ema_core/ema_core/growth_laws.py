@@ -1,0 +1,133 @@
+"""The laws by which faults grow with service life, solved exactly, for arrays of any shape.
+
+u is service hours, x >= 0 the distance of a component from its healthy value. ``rate`` is a [1/h],
+of the power law its time scale c [h]; ``shape`` is the second figure b, x_0 or p [-].
+
+============  ==================  ============================================================
+law           equation            stands for
+============  ==================  ============================================================
+constant      dx/du = 0           no growth
+linear        dx/du = a           wear at a steady load
+exponential   dx/du = a (x + x0)  damage that feeds on itself, as dry friction in a worn screw
+archard       dx/du = a (1 + bx)  Archard's wear law with impacts that grow with the play
+self_heating  dx/du = a e^(bx)    insulation ageing (Arrhenius) sped up by the heat of the short
+power         x = (u / c)^p       bearing wear
+drift         dx = a du + s dW    drift and diffusion; here its mean
+============  ==================  ============================================================
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+LAWS: Final = (
+    "constant",
+    "linear",
+    "exponential",
+    "archard",
+    "self_heating",
+    "power",
+    "drift",
+)
+
+_LARGEST: Final = 700.0
+"""Exponent up to which an exponential is within the range of numbers [-]."""
+
+
+def increment(
+    law: str, x: ArrayLike, rate: ArrayLike, shape: ArrayLike, hours: ArrayLike
+) -> NDArray[np.float64]:
+    """Return by how much a fault grows without process noise.
+
+    Parameters
+    ----------
+    law
+        One of ``LAWS``.
+    x
+        Distance from healthy at the start [-].
+    rate
+        Rate a [1/h], of ``power`` its time scale c [h].
+    shape
+        Second figure of the law [-]; ignored where there is none.
+    hours
+        Hours in service, at least 0 [h].
+
+    Returns
+    -------
+    numpy.ndarray
+        Increment of x [-], in the common shape; infinite where it grows beyond all bounds.
+
+    Raises
+    ------
+    ValueError
+        When the law is unknown.
+    """
+    x, rate, shape, u = (np.asarray(item, dtype=np.float64) for item in (x, rate, shape, hours))
+    with np.errstate(all="ignore"):
+        if law == "constant":
+            return np.zeros(np.broadcast(x, rate, shape, u).shape)
+        if law in ("linear", "drift"):
+            return rate * u + np.zeros(np.broadcast(x, shape).shape)
+        if law == "exponential":
+            return (x + shape) * np.expm1(np.minimum(rate * u, _LARGEST))
+        if law == "archard":
+            grown = (1.0 / shape + x) * np.expm1(np.minimum(rate * shape * u, _LARGEST))
+            return np.where(shape == 0.0, rate * u, grown)
+        if law == "self_heating":
+            # It reaches infinity within the time 1 / (a b exp(b x)).
+            spent = rate * shape * u * np.exp(np.minimum(shape * x, _LARGEST))
+            grown = np.where(spent < 1.0, -np.log1p(-spent) / shape, np.inf)
+            return np.where(shape == 0.0, rate * u, grown)
+        if law == "power":
+            age = x ** (1.0 / shape) + u / rate
+            return np.where(age > 0.0, np.exp(np.minimum(shape * np.log(age), _LARGEST)), 0.0) - x
+    raise _unknown(law)
+
+
+def hours_until(
+    law: str, x: ArrayLike, rate: ArrayLike, shape: ArrayLike, limit: ArrayLike
+) -> NDArray[np.float64]:
+    """Return the hours until a fault first reaches a limit, without process noise.
+
+    Parameters
+    ----------
+    law, x, rate, shape
+        As of ``increment``.
+    limit
+        Distance from healthy at which life ends [-].
+
+    Returns
+    -------
+    numpy.ndarray
+        Hours [h], in the common shape; 0 where the limit is passed, infinite where it never is.
+
+    Raises
+    ------
+    ValueError
+        When the law is unknown.
+    """
+    x, rate, shape, limit = (np.asarray(item, dtype=np.float64) for item in (x, rate, shape, limit))
+    with np.errstate(all="ignore"):
+        straight = (limit - x) / rate
+        if law == "constant":
+            hours = np.full(np.broadcast(x, rate, shape, limit).shape, np.inf)
+        elif law in ("linear", "drift"):
+            hours = straight + np.zeros(shape.shape)
+        elif law == "exponential":
+            hours = np.log((limit + shape) / (x + shape)) / rate
+        elif law == "archard":
+            bent = np.log1p(shape * (limit - x) / (1.0 + shape * x)) / (rate * shape)
+            hours = np.where(shape == 0.0, straight, bent)
+        elif law == "self_heating":
+            bent = -np.exp(-shape * x) * np.expm1(-shape * (limit - x)) / (rate * shape)
+            hours = np.where(shape == 0.0, straight, bent)
+        elif law == "power":
+            hours = rate * (limit ** (1.0 / shape) - x ** (1.0 / shape))
+        else:
+            raise _unknown(law)
+    return np.where(x >= limit, 0.0, hours)
+
+
+def _unknown(law: str) -> ValueError:
+    return ValueError(f"law = {law!r} is unknown; known: {', '.join(LAWS)}")

@@ -1,0 +1,108 @@
+"""Whether a remaining useful life may be told, and what it is."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.prediction import Life, Prognosis, assumption_of
+from ema_monitor.prognosis.settings import COMPONENTS, TrackerSettings
+
+_ONE_SIDED_95: Final = 1.645
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a verdict rests on, ``(7,)`` each.
+
+    Attributes
+    ----------
+    hours
+        Service hour of the latest test [h], a number.
+    tests
+        Number of tests.
+    span
+        Hours over which the component has been observed [h].
+    mean, sigma
+        Signed distance from healthy [-].
+    growing
+        Whether it is taken to grow.
+    """
+
+    hours: float
+    tests: NDArray[np.intp]
+    span: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    growing: NDArray[np.bool_]
+
+
+def prognosis_of(
+    hours: NDArray[np.float64],
+    evidence: Evidence,
+    limits: HealthLimits,
+    settings: TrackerSettings,
+    duty: float,
+) -> Prognosis:
+    """Return what may be told of samples of lives.
+
+    Parameters
+    ----------
+    hours
+        Samples of each component's life under the duty [h], ``(7, n)``.
+    evidence
+        What they rest on.
+    limits
+        Where life ends.
+    settings
+        Horizon.
+    duty
+        Future use relative to that of the past [-].
+    """
+    components: dict[str, Life] = {}
+    samples: dict[str, NDArray[np.float64]] = {}
+    for number, name in enumerate(COMPONENTS):
+        limit = limits.of(name)
+        criterion = f"{name} limit {limit:g}" + (" from 0.5" if name == "gain" else "")
+        own = hours[number]
+        lower = abs(evidence.mean[number]) - _ONE_SIDED_95 * evidence.sigma[number]
+        if evidence.tests[number] and lower > limit:
+            own = np.zeros_like(own)
+            reason = ""
+        else:
+            reason = _ignorance(number, own * duty, evidence, settings)
+        known = not reason
+        components[name] = (
+            Life.of_samples(own, criterion) if known else Life.unknown(criterion, reason)
+        )
+        samples[name] = own if known else np.full_like(own, np.inf)
+    every = np.stack(list(samples.values()))
+    first = every.min(axis=0)
+    known_names = [name for name, life in components.items() if life.known]
+    if known_names:
+        counts = np.bincount(every.argmin(axis=0), minlength=len(COMPONENTS))
+        dominant = COMPONENTS[int(counts.argmax())]
+        overall = Life.of_samples(first, components[dominant].criterion)
+    else:
+        dominant = ""
+        reasons = sorted({life.reason for life in components.values()})
+        overall = Life.unknown("first fault limit", "; ".join(reasons))
+    return Prognosis(
+        evidence.hours, components, overall, dominant, first, samples, duty, assumption_of(duty)
+    )
+
+
+def _ignorance(
+    number: int, past_hours: NDArray[np.float64], evidence: Evidence, settings: TrackerSettings
+) -> str:
+    """Return why no life can be told of a component; empty when it can."""
+    if not evidence.tests[number]:
+        return "no test yet"
+    if not evidence.growing[number]:
+        return "no significant growth"
+    horizon = min(settings.horizon_hours, settings.horizon_factor * float(evidence.span[number]))
+    if np.median(past_hours) > horizon:
+        return f"limit not within the horizon of {horizon:.0f} h"
+    return ""

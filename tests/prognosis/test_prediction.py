@@ -1,0 +1,189 @@
+"""Remaining useful life: first passage, duty, horizon, and the future of the faults."""
+
+import numpy as np
+import pytest
+
+from ema_core.faults import FAULT_NAMES, HIGHEST
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.bank import Bank
+from ema_monitor.prognosis.cells import grid
+from ema_monitor.prognosis.forecast import draw, futures, lives
+from ema_monitor.prognosis.settings import COMPONENTS, NOMINAL_LAWS, KnownLaw, TrackerSettings
+from ema_monitor.prognosis.tracker import Tracker
+from ema_sim.growth import Growth, grow
+
+from .tracked_lives import feed, observed, of
+
+LIMITS = HealthLimits()
+
+
+def sharp_bank(law: str, rate: float, shape: float, x: float, name: str = "backlash") -> Bank:
+    """Return a bank that is sure of a law, its rate and the level of a component."""
+    settings = TrackerSettings(
+        laws={**NOMINAL_LAWS, name: KnownLaw(law, rate, 0.05, shape, diffusion=1e-3)}
+    )
+    cells = grid(LIMITS, settings)
+    bank = Bank(cells, settings)
+    of_it = np.flatnonzero(cells.component == COMPONENTS.index(name))
+    nearest = of_it[np.argmin(np.abs(np.log(np.maximum(cells.rate[of_it], 1e-12) / rate)))]
+    bank.weight[of_it] = 0.0
+    bank.weight[nearest] = 1.0
+    bank.mean[:] = cells.side * x
+    bank.variance[:] = 0.0
+    return bank
+
+
+@pytest.mark.parametrize(
+    ("law", "rate", "shape", "x"),
+    [
+        ("archard", 3e-4, 3.0, 0.25),
+        ("exponential", 2e-3, 0.05, 0.2),
+        ("self_heating", 3e-4, 3.0, 0.2),
+        ("power", 2000.0, 1.6, 0.2),
+        ("linear", 5e-4, 0.0, 0.3),
+        ("drift", 3e-4, 0.0, 0.3),
+    ],
+)
+def test_first_passage_follows_that_of_simulated_growth(law, rate, shape, x):
+    bank = sharp_bank(law, rate, shape, x)
+    rng = np.random.default_rng(0)
+    sample = draw(bank, 4000, rng)
+    number = COMPONENTS.index("backlash")
+    # The same rates as the cell holds, so that the noise alone is compared.
+    predicted = lives(sample, rng)[number]
+    cell_rate = float(bank.cells.rate[sample.cell[number, 0]])
+    # The tracker's rate is that of the mean growth, the simulator's that of the median.
+    mean_factor = np.exp(0.3**2 / 2)
+    if law == "drift":
+        growth = Growth(law, cell_rate, noise=1e-3)
+    elif law == "power":
+        growth = Growth(law, cell_rate * mean_factor, shape, 0.3)
+    else:
+        growth = Growth(law, cell_rate / mean_factor, shape, 0.3)
+    passed = [hours_to_half(growth, x, rng) for _ in range(150)]
+    # Four standard errors of the median of 150, 1.25 / sqrt(150) each, and half an interval.
+    spread = float(np.std(passed))
+    assert np.median(predicted) == pytest.approx(np.median(passed), abs=0.41 * spread + 5.0)
+    assert np.std(predicted) == pytest.approx(spread, rel=0.3)
+
+
+def hours_to_half(growth: Growth, x: float, rng: np.random.Generator) -> float:
+    """Return the hours in which a backlash grows to 0.5 in tests every 10 h [h]."""
+    before, after, hours = x, x, 0.0
+    while after < 0.5:
+        before = after
+        after = float(grow({"backlash": before}, {"backlash": growth}, hours, 10.0, rng)[1])
+        hours += 10.0
+    return hours - 10.0 * (after - 0.5) / (after - before)
+
+
+def test_futures_pass_the_limit_when_the_lives_end():
+    bank = sharp_bank("archard", 3e-4, 3.0, 0.25)
+    rng = np.random.default_rng(1)
+    sample = draw(bank, 4000, rng)
+    number = COMPONENTS.index("backlash")
+    ends = lives(sample, rng)[number]
+    hours = np.array([0.0, 200.0, 300.0, 350.0, 400.0])
+    values = futures(sample, hours, rng)[:, number]
+    np.testing.assert_allclose(values[0], 0.25)
+    for at, share in zip(hours, (values >= 0.5).mean(axis=1), strict=True):
+        # Two binomial shares of 4,000 samples, four standard errors, and the first order.
+        assert share == pytest.approx(np.mean(ends <= at), abs=0.05)
+
+
+def tracked() -> Tracker:
+    tracker = Tracker()
+    growth = {
+        "friction": Growth("exponential", 2.5e-3, 0.05, 0.3),
+        "backlash": Growth("linear", 2e-4, noise=0.3),
+    }
+    feed(tracker, growth, 600.0, np.random.default_rng(2))
+    return tracker
+
+
+@pytest.fixture(scope="module")
+def tracker() -> Tracker:
+    return tracked()
+
+
+def test_lives_scale_with_one_over_duty(tracker):
+    one, double = tracker.predict(), tracker.predict(duty=2.0)
+    np.testing.assert_allclose(double.samples, one.samples / 2.0)
+    assert double.overall.hours_50 == pytest.approx(one.overall.hours_50 / 2.0)
+    assert double.duty == 2.0
+    assert one.assumption == "future use as in the past"
+    assert "2 times" in double.assumption
+    np.testing.assert_allclose(
+        tracker.futures([100.0], duty=2.0), tracker.futures([200.0]), atol=1e-12
+    )
+
+
+def test_overall_life_is_the_earliest_of_the_components(tracker):
+    told = tracker.predict()
+    every = np.stack([told.component_samples[name] for name in COMPONENTS])
+    np.testing.assert_array_equal(told.samples, every.min(axis=0))
+    assert told.dominant_fault == "friction"
+    known = [life for life in told.components.values() if life.known]
+    assert len(known) == 2
+    assert told.overall.hours_50 <= min(life.hours_50 for life in known)
+    assert told.overall.hours_05 < told.overall.hours_50 < told.overall.hours_95
+    assert told.overall.criterion == "friction limit 0.5"
+    assert told.components["gain"].reason == "no significant growth"
+
+
+def test_nothing_is_told_before_any_test():
+    told = Tracker().predict()
+    assert not told.overall.known
+    assert told.overall.reason == "no test yet"
+    assert np.isnan(told.hours)
+
+
+def test_fault_beyond_its_limit_has_no_life_left():
+    tracker = Tracker()
+    for i in range(6):
+        tracker.update(observed(10.0 * i, {"short_circuit_c": 0.4}))
+    told = tracker.predict()
+    assert told.dominant_fault == "short_circuit_c"
+    assert (told.overall.hours_05, told.overall.hours_95) == (0.0, 0.0)
+
+
+def test_life_beyond_the_horizon_is_not_told():
+    settings = TrackerSettings(horizon_hours=300.0)
+    growth = {"backlash": Growth("linear", 3e-4)}
+    one, other = Tracker(settings=settings), Tracker()
+    for tracker in (one, other):
+        feed(tracker, growth, 500.0, np.random.default_rng(3))
+    assert other.predict().overall.hours_50 > 300.0
+    assert "horizon of 300 h" in one.predict().overall.reason
+
+
+def test_fan_starts_at_the_present_and_widens(tracker):
+    fan = tracker.fan([0.0, 50.0, 200.0, 400.0])
+    friction = fan.values["friction"]
+    assert friction.shape == (5, 4)
+    assert set(fan.values) == set(COMPONENTS)
+    assert friction[2, 0] == pytest.approx(of(tracker, "friction").value, abs=1e-3)
+    assert np.all(np.diff(friction, axis=0) >= 0.0)
+    assert np.all(np.diff(friction, axis=1) >= 0.0)
+    assert np.all(np.diff(friction[-1] - friction[0]) > 0.0)
+
+
+def test_futures_are_fault_vectors_within_their_range(tracker):
+    vectors = tracker.futures([0.0, 1e5], n=50)
+    assert vectors.shape == (2, 50, 8)
+    assert np.all((vectors >= 0.0) & (vectors <= HIGHEST))
+    assert np.all(vectors[1, :, 0] == 1.0)
+    assert np.all(vectors[..., FAULT_NAMES.index("eccentricity_phase")] == 0.5)
+
+
+@pytest.mark.parametrize("duty", [0.0, -1.0, np.nan, np.inf])
+def test_impossible_duty_is_refused(tracker, duty):
+    for ask in (tracker.predict, lambda duty: tracker.futures([1.0], duty=duty)):
+        with pytest.raises(ValueError, match="expected a number above 0"):
+            ask(duty=duty)
+
+
+@pytest.mark.parametrize("hours", [[-1.0], [2.0, 1.0], [np.nan]])
+def test_impossible_future_hours_are_refused(tracker, hours):
+    with pytest.raises(ValueError, match="ascending numbers of at least 0"):
+        tracker.futures(hours)

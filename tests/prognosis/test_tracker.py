@@ -1,0 +1,224 @@
+"""The tracker: level, rate, law, onset, and what a test does not tell of."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ema_core.faults import FAULT_NAMES
+from ema_core.growth_laws import hours_until, increment
+from ema_monitor.prognosis.near_healthy import near_healthy_update
+from ema_monitor.prognosis.settings import NOMINAL_LAWS, KnownLaw, TrackerSettings
+from ema_monitor.prognosis.tracker import Tracker
+from ema_sim.growth import Growth
+
+from .tracked_lives import SIGMA, feed, observed, of
+
+
+def known() -> Tracker:
+    return Tracker(settings=TrackerSettings(laws=NOMINAL_LAWS))
+
+
+@pytest.mark.parametrize(
+    ("name", "growth", "until"),
+    [
+        ("friction", Growth("exponential", 2e-3, 0.05), 800.0),
+        ("backlash", Growth("archard", 3e-4, 3.0), 700.0),
+        ("short_circuit_b", Growth("self_heating", 1.5e-4, 6.0), 600.0),
+        ("eccentricity", Growth("power", 2000.0, 1.6), 1000.0),
+    ],
+)
+def test_rate_of_a_life_without_noise_is_found(name, growth, until):
+    tracker = known()
+    _, faults = feed(tracker, {name: growth}, until, None)
+    item, truth = of(tracker, name), float(faults[FAULT_NAMES.index(name)])
+    rate = float(increment(growth.law, truth, growth.rate, growth.shape, 1.0))
+    assert item.value == pytest.approx(truth, abs=SIGMA)
+    # Half a cell of the grid is 2.7 %.
+    assert item.trend == pytest.approx(rate, rel=0.05)
+    assert abs(item.trend - rate) < 3.0 * item.trend_sigma
+
+
+def test_life_without_noise_is_predicted_exactly_to_the_grid():
+    tracker = known()
+    _, faults = feed(tracker, {"backlash": Growth("archard", 3e-4, 3.0)}, 600.0, None)
+    truth = float(hours_until("archard", faults[1], 3e-4, 3.0, 0.5))
+    life = tracker.predict().components["backlash"]
+    assert life.hours_50 == pytest.approx(truth, rel=0.05)
+    assert life.hours_05 < truth < life.hours_95
+
+
+@pytest.mark.parametrize(
+    ("law", "growth"),
+    [
+        ("exponential", Growth("exponential", 3e-3, 0.02)),
+        ("self_heating", Growth("self_heating", 1.5e-4, 6.0)),
+        ("power", Growth("power", 1200.0, 2.0)),
+        ("linear", Growth("linear", 4e-4)),
+    ],
+)
+def test_probability_of_laws_favours_the_true_one(law, growth):
+    tracker = Tracker()
+    feed(tracker, {"backlash": growth}, 900.0, np.random.default_rng(3))
+    laws = of(tracker, "backlash").laws
+    assert sum(laws.values()) == pytest.approx(1.0)
+    # Archard's law holds the linear one as its limit, and power the curves of other laws.
+    assert laws[law] > 1.0 / 6.0
+    assert laws["constant"] < 1e-3
+
+
+def test_growth_that_begins_late_is_found_when_it_begins():
+    tracker = Tracker()
+    growth = {"short_circuit_a": Growth("self_heating", 3e-4, 6.0, onset=500.0)}
+    rng = np.random.default_rng(4)
+    feed(tracker, growth, 500.0, rng)
+    assert of(tracker, "short_circuit_a").growing_probability < 0.5
+    assert not tracker.predict().overall.known
+    feed(tracker, growth, 700.0, rng, after=500.0)
+    assert of(tracker, "short_circuit_a").growing_probability > 0.999
+    assert tracker.predict().dominant_fault == "short_circuit_a"
+
+
+def test_change_of_rate_is_learned_in_a_few_tests():
+    tracker = Tracker()
+    rng = np.random.default_rng(10)
+    feed(tracker, {"backlash": Growth("linear", 2e-4, onset=1000.0)}, 1000.0, rng)
+    for i in range(1, 9):
+        tracker.update(observed(1000.0 + 10.0 * i, {"backlash": 0.015 * i}, rng))
+    assert of(tracker, "backlash").trend == pytest.approx(1.5e-3, rel=0.3)
+
+
+@pytest.mark.parametrize("two_sided", [False, True])
+@pytest.mark.parametrize("mean", [-0.004, 0.0, 0.004, 0.01])
+def test_being_near_healthy_updates_as_bayes_rule_does(mean, two_sided):
+    sd, sigma = 0.003, 0.002
+    x = np.linspace(mean - 10 * sd, mean + 10 * sd, 40_001)
+    below = np.array([0.5 * math.erfc((v - 2 * sigma) / sigma / math.sqrt(2)) for v in x])
+    if two_sided:
+        below -= np.array([0.5 * math.erfc((v + 2 * sigma) / sigma / math.sqrt(2)) for v in x])
+    weight = np.exp(-0.5 * ((x - mean) / sd) ** 2) * below
+    expected = np.average(x, weights=weight)
+    spread = np.average((x - expected) ** 2, weights=weight)
+    means, variances, told = np.array([mean]), np.array([sd**2]), np.empty(1)
+    near_healthy_update(means, variances, np.array([sigma**2]), np.array([two_sided]), told)
+    assert means[0] == pytest.approx(expected, abs=1e-8)
+    assert variances[0] == pytest.approx(spread, rel=1e-4)
+    total = weight.sum() * (x[1] - x[0]) / (sd * math.sqrt(2 * math.pi))
+    assert told[0] == pytest.approx(math.log(total), abs=1e-4)
+
+
+def test_unobservable_component_stays_unknown_and_the_others_do_not_mind():
+    one, other = Tracker(), Tracker()
+    rng = np.random.default_rng(5)
+    for i in range(30):
+        seen = observed(10.0 * i, {"friction": 0.1 + 0.002 * i}, rng)
+        one.update(seen)
+        hidden = observed(10.0 * i, seen.faults, unobservable=["gain"])
+        other.update(hidden)
+    assert np.isnan(of(other, "gain").value)
+    assert np.isnan(of(other, "gain").trend)
+    assert of(other, "gain").tests == 0
+    assert other.predict().components["gain"].reason == "no test yet"
+    assert of(other, "friction") == of(one, "friction")
+
+
+def test_component_unobservable_for_a_while_grows_less_certain():
+    tracker = Tracker()
+    feed(tracker, {"friction": Growth("linear", 1e-3)}, 200.0, np.random.default_rng(6))
+    before = of(tracker, "friction")
+    for hours in (210.0, 220.0, 230.0, 240.0):
+        tracker.update(observed(hours, {"friction": 0.9}, unobservable=["friction"]))
+    after = of(tracker, "friction")
+    assert after.sigma > before.sigma
+    assert after.value == pytest.approx(before.value + 0.04, abs=0.01)
+    assert after.tests == before.tests
+
+
+def test_component_put_back_to_healthy_is_not_taken_for_exactly_healthy():
+    tracker = Tracker()
+    for i in range(40):
+        tracker.update(observed(10.0 * i, {"friction": 1.5 * SIGMA}))
+    item = of(tracker, "friction")
+    assert abs(item.value) < 2.5 * SIGMA
+    assert item.sigma > 0.3 * SIGMA
+    # A value just above what is put back to healthy is then no surprise.
+    assert tracker.update(observed(400.0, {"friction": 2.5 * SIGMA})) == []
+
+
+def test_errors_in_common_are_told_from_growth():
+    # Two errors with a correlation of .95, of which one component is known to be constant.
+    rng = np.random.default_rng(7)
+    covariance = SIGMA**2 * np.eye(8)
+    covariance[0, 1] = covariance[1, 0] = 0.95 * SIGMA**2
+    aware, blind = Tracker(), Tracker()
+    for i in range(60):
+        error = rng.multivariate_normal(np.zeros(8), covariance)
+        test = observed(10.0 * i, {"friction": 0.1 + 1e-3 * i, "backlash": 0.2})
+        faults = np.where(np.arange(8) < 2, test.faults + error, test.faults)
+        plain = test.covariance
+        for tracker, told in ((aware, covariance), (blind, plain)):
+            tracker.update(type(test)(test.hours, faults, told, test.unobservable))
+    assert of(aware, "friction").sigma < 0.8 * of(blind, "friction").sigma
+    assert of(aware, "friction").value == pytest.approx(0.159, abs=3e-3)
+
+
+def test_gain_is_followed_to_either_side():
+    for sign in (-1.0, 1.0):
+        tracker = Tracker()
+        growth = {"gain": Growth("linear", sign * 3e-4)}
+        feed(tracker, growth, 500.0, np.random.default_rng(8))
+        item = of(tracker, "gain")
+        assert item.value == pytest.approx(0.5 + sign * 0.15, abs=2 * SIGMA)
+        assert item.trend * sign > 2e-4
+        truth = 0.1 / 3e-4
+        assert tracker.predict().components["gain"].hours_50 == pytest.approx(truth, rel=0.3)
+
+
+def test_irregular_intervals_and_missing_tests_need_no_word():
+    regular, irregular = known(), known()
+    growth = {"friction": Growth("exponential", 2e-3, 0.05)}
+    feed(regular, growth, 700.0, None)
+    x = 0.0
+    hours = 0.0
+    for step in [10.0, 30.0, 5.0, 15.0, 60.0] * 6 + [10.0] * 10:
+        x += float(increment("exponential", x, 2e-3, 0.05, step))
+        hours += step
+        if hours <= 700.0:
+            irregular.update(observed(hours, {"friction": x}))
+    one, other = regular.predict().overall, irregular.predict().overall
+    assert other.hours_50 + irregular.hours == pytest.approx(one.hours_50 + regular.hours, rel=0.03)
+
+
+def test_replay_of_the_history_restores_a_tracker():
+    growth = {"eccentricity": Growth("power", 1500.0, 1.6, 0.3)}
+    one, other = Tracker(seed=9), Tracker(seed=9)
+    for tracker in (one, other):
+        feed(tracker, growth, 500.0, np.random.default_rng(9))
+    assert one.components()[5] == other.components()[5]
+    first, second = one.predict(), other.predict()
+    assert first.overall.known
+    np.testing.assert_array_equal(first.samples, second.samples)
+    np.testing.assert_array_equal(first.samples, one.predict().samples)
+
+
+def test_tests_must_come_in_order():
+    tracker = Tracker()
+    tracker.update(observed(50.0, {}))
+    with pytest.raises(ValueError, match="hours = 40 h: expected at least those of the latest"):
+        tracker.update(observed(40.0, {}))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Tracker(seed=-1), "seed = -1"),
+        (lambda: TrackerSettings(laws={"rust": KnownLaw()}), "unknown fault 'rust'"),
+        (lambda: TrackerSettings(samples=1), "samples = 1 -"),
+        (lambda: KnownLaw("constant"), "law = 'constant' is unknown"),
+        (lambda: KnownLaw("power"), "shape = 0: law power"),
+        (lambda: KnownLaw("exponential"), "shape = 0: law exponential"),
+    ],
+)
+def test_impossible_settings_are_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()

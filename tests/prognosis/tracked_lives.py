@@ -1,0 +1,59 @@
+"""Tests of lives as an estimator would report them, for the tests of the tracker."""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import FAULT_NAMES, HIGHEST, fault_vector, healthy_faults
+from ema_monitor.prognosis.events import Event
+from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.tracker import TrackedFault, Tracker
+from ema_sim.growth import Growth, grow
+
+SIGMA = 0.003
+PHASE = FAULT_NAMES.index("eccentricity_phase")
+
+
+def observed(
+    hours: float,
+    faults: Mapping[str, float] | NDArray[np.float64],
+    rng: np.random.Generator | None = None,
+    sigma: float = SIGMA,
+    unobservable: Iterable[str] = (),
+) -> Observation:
+    """Return a test of some faults; what lies within two sigma of healthy is put back to it."""
+    faults = fault_vector(faults)
+    if rng is not None:
+        faults = np.clip(faults + sigma * rng.standard_normal(8), 0.0, HIGHEST)
+    healthy = healthy_faults()
+    faults = np.where(np.abs(faults - healthy) < 2.0 * sigma, healthy, faults)
+    hidden = np.array([name in unobservable for name in FAULT_NAMES])
+    hidden[PHASE] = True
+    return Observation(hours, faults, sigma**2 * np.eye(8), hidden)
+
+
+def feed(
+    tracker: Tracker,
+    growths: Mapping[str, Growth],
+    until: float,
+    rng: np.random.Generator | None,
+    faults: Mapping[str, float] | None = None,
+    every: float = 10.0,
+    after: float = 0.0,
+) -> tuple[list[Event], NDArray[np.float64]]:
+    """Grow faults, test them every few hours and return events and the last true faults."""
+    k = fault_vector(faults or {})
+    noise = np.random.default_rng(1)
+    events: list[Event] = []
+    hours = after
+    while hours + every <= until:
+        k = grow(k, growths, hours, every, noise)
+        hours += every
+        events += tracker.update(observed(hours, k, rng))
+    return events, k
+
+
+def of(tracker: Tracker, name: str) -> TrackedFault:
+    """Return what a tracker knows of a component."""
+    return next(item for item in tracker.components() if item.name == name)
