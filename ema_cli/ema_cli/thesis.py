@@ -13,6 +13,7 @@ from rich.table import Table
 
 from ema_cli.errors import one_clear_line
 from ema_cli.progress import progress_bar
+from ema_study.averages import single_fault_runs
 from ema_study.execution import EXECUTORS, all_cores, execute, local_executor
 from ema_study.models import MODELS
 from ema_study.plan import RUNS, Job, plan
@@ -159,8 +160,7 @@ def _in_words(record: Record) -> str:
 
 def _print_summary(frame: pd.DataFrame) -> None:
     """Print mean error and time of each algorithm over the single faults."""
-    single = frame[frame["level"].isin(("low", "high")) & (frame["table"] > 10)]
-    single = single[single["rule"] != "printed"]
+    single = single_fault_runs(frame)
     table = Table(
         "model", "algorithm", "level", "runs", "error %", "generations", "time s", title="means"
     )

@@ -39,7 +39,11 @@ class Structure(NamedTuple):
 
 
 def calibrate(
-    windows: Iterable[Window], description: ActuatorDescription, form: str = "fast"
+    windows: Iterable[Window],
+    description: ActuatorDescription,
+    form: str = "fast",
+    *,
+    structural: bool = True,
 ) -> Calibration:
     """Calibrate the monitor model on healthy windows of one actuator.
 
@@ -52,6 +56,8 @@ def calibrate(
     form
         Form of the monitor model. The structural figures are fitted for the "fast" form only: the
         thesis's calibration, which goes with the "source" form, is the correction alone.
+    structural
+        Whether to fit the structural figures, where the form has them; else the correction is all.
 
     Raises
     ------
@@ -70,7 +76,7 @@ def calibrate(
     dt = h / math.ceil(h / FORMS[form] - 1e-6)
     parameters = description.parameters
     structure = Structure(0.0, 1.0, 1.0)
-    if form == "fast":
+    if structural and form == "fast":
         structure = _fit_structure(healthy, parameters, dt)
     missed = _missed(healthy, unit_model(parameters, form, dt, *structure))
     correction, speed_correction = np.mean(missed, axis=0)

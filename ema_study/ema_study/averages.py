@@ -1,19 +1,17 @@
 """Means over runs, in the arrangements of the thesis's overviews."""
 
-from typing import Final
-
 import pandas as pd
 
 from ema_study.cases import LEVELS, SINGLE_FAULTS
 from ema_study.plan import ALGORITHMS
 from ema_study.printed_tables import MEAN, SIGMA, TOTAL
-
-_SINGLE_FAULT_TABLES: Final = (11, 54)
+from ema_study.sources import counted
 
 
 def single_fault_runs(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs of tables 11 to 54."""
-    return runs[runs["table"].between(*_SINGLE_FAULT_TABLES)]
+    """Return the runs of tables 11 to 54 that count."""
+    runs = counted(runs)
+    return runs[runs["fault"].isin(SINGLE_FAULTS)]
 
 
 def overview_of(runs: pd.DataFrame, quantity: str) -> pd.DataFrame:
@@ -34,7 +32,19 @@ def overview_of(runs: pd.DataFrame, quantity: str) -> pd.DataFrame:
     """
     means = single_fault_runs(runs).groupby(["algorithm", "level", "fault"])[quantity].mean()
     rows = pd.MultiIndex.from_product([ALGORITHMS, LEVELS], names=["algorithm", "level"])
-    table = means.unstack("fault").reindex(index=rows, columns=list(SINGLE_FAULTS)).astype(float)
+    cells = means.unstack("fault").reindex(index=rows, columns=list(SINGLE_FAULTS))
+    return with_margins(cells.astype(float))
+
+
+def with_margins(cells: pd.DataFrame) -> pd.DataFrame:
+    """Return an overview of its cells alone: with total, deviation and the row of means.
+
+    Parameters
+    ----------
+    cells
+        Means by algorithm and level (rows) and fault (columns).
+    """
+    table = cells.copy()
     table[TOTAL], table[SIGMA] = (
         table.mean(axis=1, skipna=False),
         table.std(axis=1, skipna=False),

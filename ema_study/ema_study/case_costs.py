@@ -16,11 +16,13 @@ def truth_and_healthy_costs(model: str, case: str) -> tuple[float, float]:
         One of ``ema_study.models.MODELS``.
     case
         One of ``ema_study.cases.CASES``.
-
-    Notes
-    -----
-    A model that describes a fault fits the reference better with the fault than without.
     """
     objective, _, at_truth = problem(model, case)
     [residuals] = objective.residuals(objective.encode(healthy_faults())[None])
     return at_truth, float(residuals @ residuals)
+
+
+def describes(model: str, case: str) -> bool:
+    """Return whether a model describes a case: its true faults cost less than the healthy ones."""
+    at_truth, at_healthy = truth_and_healthy_costs(model, case)
+    return at_truth < at_healthy

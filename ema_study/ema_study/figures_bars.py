@@ -13,13 +13,14 @@ from ema_study.figures_style import (
     ALGORITHM_NAMES,
     FAULT_NAMES,
     LEVEL_NAMES,
-    SOURCES,
-    Source,
-    counted,
+    STYLES,
     in_order,
+    present_sources,
     tidy,
+    with_family,
 )
 from ema_study.plan import ALGORITHMS
+from ema_study.sources import Source, of_source
 
 _MULTIPLE_LEVELS: Final = ("fast_stop", "stall_stop")
 
@@ -39,8 +40,8 @@ TIME: Final = Quantity("time_s", "time [s]", True)
 def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
     """Return bars of the mean by fault, a row an algorithm and a column a level.
 
-    Whiskers are a standard deviation up and down; on a logarithmic axis they are not drawn below
-    a tenth of the mean.
+    Whiskers are a standard deviation up and down, where there are several runs; on a logarithmic
+    axis they are not drawn below a tenth of the mean.
 
     Parameters
     ----------
@@ -49,7 +50,7 @@ def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
     quantity
         ``ERROR`` or ``TIME``.
     """
-    chosen = counted(runs)
+    chosen = with_family(runs)
     chosen = chosen[chosen.fault.isin(SINGLE_FAULTS)]
     sources = present_sources(chosen)
     figure = Figure(figsize=(9.0, 10.0), layout="constrained")
@@ -76,7 +77,7 @@ def draw_multiple_fault(runs: pd.DataFrame) -> Figure:
     runs
         As for `draw_single_faults`.
     """
-    chosen = counted(runs)
+    chosen = with_family(runs)
     chosen = chosen[chosen.fault == MULTIPLE]
     sources = present_sources(chosen)
     figure = Figure(figsize=(9.0, 5.6), layout="constrained")
@@ -92,17 +93,6 @@ def draw_multiple_fault(runs: pd.DataFrame) -> Figure:
     return figure
 
 
-def present_sources(runs: pd.DataFrame) -> list[Source]:
-    """Return the sources that runs come from, in order."""
-    present = set(zip(runs["model"], runs["algorithm"].map(source_suffix), strict=True))
-    return [source for source in SOURCES if (source.model, source.suffix) in present]
-
-
-def source_suffix(algorithm: str) -> str:
-    """Return what an algorithm's name ends with where it is the thesis's own code."""
-    return "_thesis" if algorithm.endswith("_thesis") else ""
-
-
 def _draw(
     axes: Axes,
     runs: pd.DataFrame,
@@ -116,30 +106,37 @@ def _draw(
     axes.set_xlim(-0.5, len(order) - 0.5)
     if quantity.log:
         axes.set_yscale("log")
-    own = runs.algorithm.map(source_suffix)
     # Only what this panel has takes room.
-    shown = [one for one in sources if ((runs.model == one.model) & (own == one.suffix)).any()]
+    shown = [one for one in sources if len(of_source(runs, one))]
     if not shown:
         axes.text(0.5, 0.5, "no runs", transform=axes.transAxes, ha="center", color="0.4")
         return
     width = 0.8 / len(shown)
     for n, source in enumerate(shown):
-        part = runs[(runs.model == source.model) & (own == source.suffix)]
+        style = STYLES[source.label]
+        part = of_source(runs, source)
         grouped = part.groupby(group, observed=True)[quantity.column].agg(["mean", "std"])
         names = in_order(grouped.index, order)
         places = np.array([order.index(name) for name in names]) + (n + 0.5) * width - 0.4
         mean = grouped["mean"].loc[names].to_numpy()
-        std = np.nan_to_num(grouped["std"].loc[names].to_numpy())
-        axes.bar(places, mean, 0.92 * width, color=source.colour, hatch=source.hatch,
+        std = grouped["std"].loc[names].to_numpy()
+        axes.bar(places, mean, 0.92 * width, color=style.colour, hatch=style.hatch,
                  edgecolor="white", lw=0.3)  # fmt: skip
         down = np.minimum(std, 0.9 * mean if quantity.log else mean)
-        axes.errorbar(places, mean, np.array([down, std]), fmt="none", ecolor="0.15",
-                      elinewidth=0.8, capsize=1.5, capthick=0.8)  # fmt: skip
+        several = np.isfinite(std)  # a single run has no deviation
+        axes.errorbar(places[several], mean[several], np.array([down, std])[:, several],
+                      fmt="none", ecolor="0.15", elinewidth=0.8, capsize=1.5,
+                      capthick=0.8)  # fmt: skip
 
 
 def _legend(figure: Figure, sources: list[Source]) -> None:
     handles = [
-        Patch(facecolor=one.colour, hatch=one.hatch, edgecolor="white", label=one.label)
+        Patch(
+            facecolor=STYLES[one.label].colour,
+            hatch=STYLES[one.label].hatch,
+            edgecolor="white",
+            label=one.label,
+        )
         for one in sources
     ]
     if handles:

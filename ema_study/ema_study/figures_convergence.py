@@ -18,10 +18,10 @@ from ema_study.figures_style import (
     DASHES,
     FAULT_NAMES,
     LEVEL_NAMES,
-    counted,
     in_order,
     tidy,
 )
+from ema_study.sources import counted
 
 _AT_TRUTH: Final = {"color": "0.1", "lw": 1.0, "ls": "-"}
 _THRESHOLD: Final = {"color": "0.1", "lw": 1.0, "ls": ":"}

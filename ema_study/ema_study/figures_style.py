@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from ema_study.plan import VARIANTS
 from ema_study.printed_runs import PRINTED
 from ema_study.sources import ALGORITHM_NAMES as PLAIN_NAMES
-from ema_study.sources import FAST_MODEL, THESIS_MODEL, with_own_code
+from ema_study.sources import SOURCES, Source, counted, of_source, with_own_code
 from ema_study.stop_rules import family_of
 
 ALGORITHM_NAMES: Final = PLAIN_NAMES | {
@@ -55,44 +55,36 @@ DASHES: Final = {
 """Dashes of algorithms, to tell them apart in print."""
 
 
-class Source(NamedTuple):
-    """Where results come from: a model, and whether the thesis's own code searched."""
+class Style(NamedTuple):
+    """Colour and hatch of what comes from a source."""
 
-    model: str
-    suffix: str
-    label: str
     colour: str
     hatch: str
 
 
-SOURCES: Final = (
-    Source(PRINTED, "", "printed in the thesis", "#9a9a9a", ""),
-    Source("thesis", "_thesis", with_own_code(THESIS_MODEL), "#d55e00", "////"),
-    Source("thesis", "", THESIS_MODEL, "#d55e00", ""),
-    Source("fast", "_thesis", with_own_code(FAST_MODEL), "#0072b2", "////"),
-    Source("fast", "", FAST_MODEL, "#0072b2", ""),
-)
-"""Sources in the order in which their bars stand."""
+STYLES: Final = {
+    source.label: Style(colour, "////" if source.own_code else "")
+    for source in SOURCES
+    for colour in [{PRINTED: "#9a9a9a", "thesis": "#d55e00", "fast": "#0072b2"}[source.model]]
+}
+"""Styles by label of the source."""
 
 
-def counted(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs that statistics are made of, with the ``family`` of their algorithm.
-
-    Those are the thesis's tables 11 to 57 without the demonstrations of the printed stop rule.
+def with_family(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the runs that count, with the ``family`` of their algorithm.
 
     Parameters
     ----------
     runs
         Runs of any models; may be empty, even of columns.
     """
-    needed = ("model", "table", "algorithm", "fault", "level")
-    if runs.empty or not set(needed) <= set(runs.columns):
-        return pd.DataFrame(columns=[*needed, "family"])
-    chosen = runs.table.ge(11)
-    if "rule" in runs:
-        chosen &= runs.rule.ne("printed")
-    kept = runs[chosen]
-    return kept.assign(family=kept.algorithm.map(family_of))
+    chosen = counted(runs)
+    return chosen.assign(family=chosen["algorithm"].map(family_of))
+
+
+def present_sources(runs: pd.DataFrame) -> list[Source]:
+    """Return the sources that runs come from, in order."""
+    return [source for source in SOURCES if len(of_source(runs, source))]
 
 
 def in_order(names: Iterable[Any], order: Iterable[str]) -> list[str]:

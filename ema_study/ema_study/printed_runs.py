@@ -7,6 +7,7 @@ from typing import Final
 import pandas as pd
 
 from ema_study.plan import GENERATIONS, POPULATION
+from ema_study.stop_rules import uncounted_populations
 
 PRINTED: Final = "printed"
 """Name of the thesis where a model's name is expected."""
@@ -17,7 +18,13 @@ def _read() -> pd.DataFrame:
     with (files("ema_study") / "thesis_runs.csv").open(encoding="utf-8") as file:
         runs = pd.read_csv(file)
     runs["note"] = runs["note"].fillna("")
-    return runs.assign(model=PRINTED, population=POPULATION, max_generations=GENERATIONS)
+    uncounted = runs["algorithm"].map(uncounted_populations)
+    return runs.assign(
+        model=PRINTED,
+        population=POPULATION,
+        max_generations=GENERATIONS,
+        evaluations=POPULATION * (runs["generations"] + uncounted),
+    )
 
 
 def printed_runs() -> pd.DataFrame:
@@ -28,7 +35,9 @@ def printed_runs() -> pd.DataFrame:
     pandas.DataFrame
         Columns as of ``ema_study.record.as_frame``, as far as the thesis prints them: model
         (always "printed"), table, algorithm, fault, level, run, population, max_generations,
-        true_k1 to true_k8, k1 to k8, error_percent, generations, time_s [s], and note.
+        true_k1 to true_k8, k1 to k8, error_percent, generations, time_s [s], and note; and
+        evaluations, which follow: populations of 50, that of the start included, which GWO alone
+        counts as a generation.
 
     Notes
     -----

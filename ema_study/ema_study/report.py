@@ -8,6 +8,7 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ema_study.agreement import agreement, time_per_10000_windows
+from ema_study.causes import STEPS, causes_table, modulation_table
 from ema_study.claims import claims_table
 from ema_study.errata import errata
 from ema_study.error_forms import reproduction
@@ -121,6 +122,9 @@ def _tables(runs: pd.DataFrame, timing: pd.DataFrame | None) -> dict[str, Any]:
         "completeness": completeness(runs),
         "agreement": of_agreement.drop(columns="reason", level=1, errors="ignore"),
         "reasons": reasons(of_agreement),
+        "causes": causes_table(),
+        "steps": STEPS,
+        "modulation": modulation_table(),
         "window_times": time_per_10000_windows(runs),
         "timing": timing,
         "reliability": [table for table in of_study if table.number in _RELIABILITY_TABLES],

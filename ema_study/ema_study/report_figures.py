@@ -10,6 +10,8 @@ from typing import Final, NamedTuple
 import pandas as pd
 from matplotlib.figure import Figure
 
+from ema_study.averages import single_fault_runs
+from ema_study.cases import MULTIPLE
 from ema_study.figures_bars import ERROR, TIME, draw_multiple_fault, draw_single_faults
 from ema_study.figures_convergence import COSTS, ERRORS, draw_convergence
 from ema_study.figures_estimates import draw_estimates, draw_phases_of_gwo
@@ -20,9 +22,9 @@ from ema_study.figures_responses import (
     draw_responses,
     draw_step_comparison,
 )
-from ema_study.figures_style import FAULT_NAMES, counted
+from ema_study.figures_style import FAULT_NAMES, present_sources
 from ema_study.responses import COMMANDS, SEVERITIES
-from ema_study.sources import MODEL_LABELS
+from ema_study.sources import MODEL_LABELS, counted, of_source
 
 _DPI: Final = 150
 
@@ -74,21 +76,23 @@ def bar_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
     runs
         Runs of all sources, the printed ones with ``model`` "printed".
     """
+    single = _whiskers(single_fault_runs(runs))
+    multiple = counted(runs)
+    multiple = multiple[multiple["fault"] == MULTIPLE]
     yield _picture(
         "errors",
-        "Mean error of the ten runs of each algorithm on each single fault (figure 7.1); whiskers: "
-        "one standard deviation. Each row has its own scale.",
+        f"Mean error of each algorithm on each single fault (figure 7.1). {single} Each row has "
+        "its own scale.",
         draw_single_faults(runs, ERROR),
     )
     yield _picture(
         "times",
-        "Mean time of a run (figure 7.2), logarithmic; whiskers: one standard deviation.",
+        f"Mean time of a run (figure 7.2), logarithmic. {single}",
         draw_single_faults(runs, TIME),
     )
     yield _picture(
         "multiple_fault",
-        "Mean error and time on the multiple fault (tables 56 and 57); whiskers: one standard "
-        "deviation.",
+        f"Mean error and time on the multiple fault (tables 56 and 57). {_whiskers(multiple)}",
         draw_multiple_fault(runs),
     )
 
@@ -101,20 +105,20 @@ def convergence_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
     runs
         Our runs.
     """
-    models = set(counted(runs)["model"])
+    runs = counted(runs)
     for model, label in MODEL_LABELS.items():
-        if model not in models:
+        of_model = runs[runs["model"] == model]
+        if of_model.empty:
             continue
         yield _picture(
             f"costs_{model}",
-            f"Lowest cost after each generation with the {label}: median over runs, thin lines the "
-            "runs. A run that has stopped keeps its last value. The axis of generations is "
-            "logarithmic beyond 20.",
+            f"Lowest cost after each generation with the {label}{_courses(of_model)} A run that "
+            "has stopped keeps its last value. The axis of generations is logarithmic beyond 20.",
             draw_convergence(runs, model, COSTS),
         )
         yield _picture(
             f"courses_of_errors_{model}",
-            f"Error of the best point after each generation with the {label}.",
+            f"Error of the best point after each generation with the {label}{_courses(of_model)}",
             draw_convergence(runs, model, ERRORS),
         )
 
@@ -129,8 +133,8 @@ def estimate_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
     """
     yield _picture(
         "estimates",
-        "Estimate of the faulty component, a dot a run. Hollow dots: DE and GWO as the thesis "
-        "wrote them.",
+        f"Estimate of the faulty component, a dot a run. {_numbers(single_fault_runs(runs))} "
+        "Hollow dots: DE and GWO as the thesis wrote them.",
         draw_estimates(runs),
     )
     yield _picture(
@@ -194,6 +198,42 @@ def comparison_pictures() -> tuple[Picture, ...]:
             draw_step_comparison(),
         ),
     )
+
+
+def _group_sizes(runs: pd.DataFrame) -> "dict[str, pd.Series[int]]":
+    """Return how many runs each algorithm has on each fault and level, by label of the source."""
+    return {
+        source.label: of_source(runs, source).groupby(["algorithm", "fault", "level"]).size()
+        for source in present_sources(runs)
+    }
+
+
+def _numbers(runs: pd.DataFrame) -> str:
+    """Return a sentence on how many runs of each source there are of an algorithm on a fault."""
+    counts = "; ".join(f"{label} {_range(sizes)}" for label, sizes in _group_sizes(runs).items())
+    return f"Runs of each algorithm on each fault: {counts or 'none'}."
+
+
+def _whiskers(runs: pd.DataFrame) -> str:
+    """Return that sentence, and one on the whiskers where there are some."""
+    several = any(sizes.max() > 1 for sizes in _group_sizes(runs).values())
+    return _numbers(runs) + (" Whiskers: one standard deviation." if several else "")
+
+
+def _courses(runs: pd.DataFrame) -> str:
+    """Return what the lines of a figure of convergence are."""
+    sizes = runs.groupby(["algorithm", "fault", "level"]).size()
+    if sizes.max() == 1:
+        return ", a single run of each algorithm on each fault."
+    return (
+        f": median over the {_range(sizes)} runs of each algorithm on each fault, thin lines the "
+        "runs."
+    )
+
+
+def _range(sizes: "pd.Series[int]") -> str:
+    low, high = int(sizes.min()), int(sizes.max())
+    return str(low) if low == high else f"{low} to {high}"
 
 
 def _picture(name: str, caption: str, figure: Figure) -> Picture:

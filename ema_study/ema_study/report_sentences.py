@@ -5,7 +5,7 @@ from typing import Final
 
 import pandas as pd
 
-from ema_study.cases import SINGLE_FAULTS
+from ema_study.averages import single_fault_runs
 from ema_study.claims import claims
 from ema_study.plan import RUNS, plan
 from ema_study.printed_runs import PRINTED
@@ -55,7 +55,7 @@ def ranking_sentences(runs: pd.DataFrame) -> Iterator[str]:
         Our runs; may be empty.
     """
     for label, frame in by_source(runs).items():
-        single = frame[frame["fault"].isin(SINGLE_FAULTS) & (frame["table"] > 10)]
+        single = single_fault_runs(frame)
         if single.empty:
             continue
         # Each fault and level counts alike, however many runs it has.
@@ -90,14 +90,17 @@ def agreement_sentences(agreement: pd.DataFrame) -> Iterator[str]:
         if errors.empty:
             yield f"There are no particle swarm runs with the {label}."
             continue
-        printed = agreement[PRINTED].loc[errors.index]
-        lower = errors.index[errors < printed["lowest error [%]"].astype(float)]
-        higher = errors.index[errors > printed["highest error [%]"].astype(float)]
+        printed = agreement[PRINTED].loc[errors.index, "mean error [%]"].astype(float)
+        ours = agreement[label].loc[errors.index]
+        outside = ~ours["within"].to_numpy(dtype=bool)
+        is_lower = (errors < printed).to_numpy()
+        lower, higher = errors.index[outside & is_lower], errors.index[outside & ~is_lower]
         within = len(errors) - len(lower) - len(higher)
         yield (
             f"With the {label}, the mean error of PSO lies within the range of the thesis's ten "
             f"runs in {within} of {len(errors)} faults{_named('below', lower)}"
             f"{_named('above', higher)}."
+            f"{_single_runs(ours['runs'].tolist())}"
         )
 
 
@@ -147,6 +150,12 @@ def claims_sentence() -> str:
         f"Of {len(found)} claims of chapter 4 that can be measured, our responses bear out "
         f"{sum(claim.agrees for claim in found)}."
     )
+
+
+def _single_runs(numbers: list[int]) -> str:
+    """Return in how many faults what is called a mean is a single run; empty for none."""
+    single = numbers.count(1)
+    return f" {single} of the {len(numbers)} means are of a single run." if single else ""
 
 
 def _named(where: str, faults: pd.Index) -> str:

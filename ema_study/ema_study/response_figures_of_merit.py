@@ -17,6 +17,9 @@ AMPLITUDE: Final = COMMANDS["chirp"].amplitude
 STEP_START: Final = COMMANDS["step"].start_time
 """When the step comes [s]."""
 
+START_S: Final = 0.05
+"""How long the start of the response to a step is taken to last [s]."""
+
 STRETCH_S: Final = 0.1
 """Over how long currents are compared [s]."""
 
@@ -45,6 +48,23 @@ def ripple(values: NDArray[np.float64]) -> float:
     n = round(_RIPPLE_S / SAMPLE_PERIOD) | 1
     middle = values[n // 2 : len(values) - n // 2]
     return rms(middle - np.convolve(values, np.full(n, 1.0 / n), mode="valid"))
+
+
+def lags(nominal: Telemetry, faulty: Telemetry) -> NDArray[np.float64]:
+    """Return by what share of the nominal position a rising position falls short of it [-].
+
+    Where the nominal one has not moved yet, there is nothing to fall short of.
+    """
+    moved = nominal.position > 0.0
+    short = np.zeros(len(nominal))
+    short[moved] = 1.0 - faulty.position[moved] / nominal.position[moved]
+    return short
+
+
+def start_and_rest(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the first 50 ms behind the step, and what comes after them."""
+    first, behind = (round(t / SAMPLE_PERIOD) for t in (STEP_START, STEP_START + START_S))
+    return values[first:behind], values[behind:]
 
 
 def standstill(response: Telemetry) -> float:

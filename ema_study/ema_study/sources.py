@@ -1,6 +1,6 @@
 """Where runs come from: the thesis, or our models, each with and without the thesis's own code."""
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import pandas as pd
 
@@ -19,8 +19,10 @@ MODEL_LABELS: Final = {"thesis": THESIS_MODEL, "fast": FAST_MODEL}
 ALGORITHM_NAMES: Final = {"ga": "GA", "pso": "PSO", "de": "DE", "gwo": "GWO"}
 """What the algorithms are called, in the order of the tables."""
 
-_BY_VARIANT = {variant: algorithm for algorithm, variant in VARIANTS.items()}
-_FIRST_TABLE_OF_RUNS = 9
+_FIRST_TABLE_OF_RUNS: Final = 9
+_FIRST_COMPARISON: Final = 11
+_NEEDED: Final = ("model", "table", "algorithm", "fault", "level")
+_BY_VARIANT: Final = {variant: algorithm for algorithm, variant in VARIANTS.items()}
 
 
 def with_own_code(label: str) -> str:
@@ -28,17 +30,50 @@ def with_own_code(label: str) -> str:
     return f"{label}, thesis's code"
 
 
-def statistical(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs that belong to tables 9 to 57.
+class Source(NamedTuple):
+    """Where runs come from: the thesis or a model, and whether the thesis's own code searched."""
 
-    The trials of table 8 do not, nor do the runs that show that the printed threshold is never met.
+    model: str
+    own_code: bool
+    label: str
+
+
+SOURCES: Final = (
+    Source(PRINTED, False, PRINTED),
+    *(
+        Source(model, own_code, with_own_code(label) if own_code else label)
+        for model, label in MODEL_LABELS.items()
+        for own_code in (False, True)
+    ),
+)
+"""All sources, in the order of tables and figures."""
+
+
+def counted(runs: pd.DataFrame, first_table: int = _FIRST_COMPARISON) -> pd.DataFrame:
+    """Return the runs that statistics are made of: those of tables 11 to 57.
+
+    The trials of table 8 are none of them, nor are those of DE (tables 9 and 10), nor the runs
+    that show that the printed threshold is never met.
+
+    Parameters
+    ----------
+    runs
+        Runs of any models; may be empty, even of columns.
+    first_table
+        Another table to begin with, e.g. 9 where DE's trials are to be shown.
     """
-    if runs.empty:
-        return runs
-    of_tables = runs["table"] >= _FIRST_TABLE_OF_RUNS
+    if runs.empty or not set(_NEEDED) <= set(runs.columns):
+        return pd.DataFrame(columns=list(_NEEDED))
+    chosen = runs["table"] >= first_table
     if "rule" in runs:
-        of_tables &= runs["rule"] != "printed"
-    return runs[of_tables]
+        chosen &= runs["rule"] != "printed"
+    return runs[chosen]
+
+
+def of_source(runs: pd.DataFrame, source: Source) -> pd.DataFrame:
+    """Return the runs of a model whose search was, or was not, the thesis's own code."""
+    own_code = runs["algorithm"].isin(list(_BY_VARIANT))
+    return runs[(runs["model"] == source.model) & (own_code == source.own_code)]
 
 
 def by_source(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -56,19 +91,20 @@ def by_source(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
         everywhere; where the thesis's code runs DE and GWO, GA and PSO are the same as without,
         and "own_code" tells which is which.
     """
+    ours = counted(runs, _FIRST_TABLE_OF_RUNS)
+    ours = ours[ours["algorithm"].isin([*ALGORITHMS, *_BY_VARIANT])]
     sources = {PRINTED: printed_runs().assign(own_code=False)}
-    ours = statistical(runs)
-    if ours.empty:
-        return sources
-    own_code = ours["algorithm"].isin(list(_BY_VARIANT))
-    ours = ours.assign(algorithm=ours["algorithm"].replace(_BY_VARIANT), own_code=own_code)
-    ours = ours[ours["algorithm"].isin(ALGORITHMS)]
-    for model, label in MODEL_LABELS.items():
-        of_model = ours[ours["model"] == model]
-        plain = of_model[~of_model["own_code"]]
-        if not plain.empty:
-            sources[label] = plain
-        if of_model["own_code"].any():
-            shared = ~of_model["algorithm"].isin(list(VARIANTS))
-            sources[with_own_code(label)] = of_model[of_model["own_code"] | shared]
+    for source in SOURCES[1:]:
+        found = of_source(ours, source)
+        if found.empty:
+            continue
+        if source.own_code:
+            shared = (ours["model"] == source.model) & ~ours["algorithm"].isin(
+                [*VARIANTS, *_BY_VARIANT]
+            )
+            found = pd.concat([found, ours[shared]]).sort_index()
+        sources[source.label] = found.assign(
+            algorithm=found["algorithm"].replace(_BY_VARIANT),
+            own_code=found["algorithm"].isin(list(_BY_VARIANT)),
+        )
     return sources

@@ -1,15 +1,13 @@
 """What the thesis's four algorithms achieved, from its tables 11 to 57."""
 
-import csv
-import statistics
-from collections.abc import Iterable
-from importlib import resources
 from typing import Final, NamedTuple
 
-RUNS: Final = resources.files("ema_study") / "thesis_runs.csv"
-"""All 500 runs that the thesis prints."""
+from ema_study.cases import CASES, MULTIPLE
+from ema_study.plan import ALGORITHMS
+from ema_study.printed_runs import printed_runs
+from ema_study.sources import counted
 
-ALGORITHMS: Final = ("ga", "pso", "de", "gwo")
+_PRECISION_STUDY: Final = "stall_stop"
 
 MEAN_LOW_PERCENT: Final = 0.71
 """Mean error of its best algorithm, particle swarm, over the five small faults [%]."""
@@ -26,9 +24,6 @@ LONGEST_TIME_S: Final = 2900.0
 SWARM_TIME_S: Final = 2600.0
 """Time of 200 generations of 50 particles [s]."""
 
-_FIRST_COMPARISON = 11
-_PRECISION_STUDY = "stall_stop"
-
 
 class Result(NamedTuple):
     """Mean error of an algorithm's ten runs [%] and their mean time [s]."""
@@ -42,29 +37,19 @@ def results() -> dict[str, dict[str, Result]]:
 
     The multiple case is that of its study of precision.
     """
-    runs: dict[str, dict[str, list[Result]]] = {}
-    with RUNS.open() as file:
-        for row in csv.DictReader(file):
-            if int(row["table"]) < _FIRST_COMPARISON:
-                continue
-            if row["fault"] != "multiple":
-                case = f"{row['fault'].replace('_', ' ')} {row['level']}"
-            elif row["level"] == _PRECISION_STUDY:
-                case = "multiple"
-            else:
-                continue
-            run = Result(float(row["error_percent"]), float(row["time_s"]))
-            runs.setdefault(case, {}).setdefault(row["algorithm"], []).append(run)
-    return {
-        case: {name: _mean(items) for name, items in by_algorithm.items()}
-        for case, by_algorithm in runs.items()
-    }
+    runs = counted(printed_runs())
+    found: dict[str, dict[str, Result]] = {}
+    for name, case in CASES.items():
+        level = _PRECISION_STUDY if name == MULTIPLE else case.level
+        of_case = runs[(runs["fault"] == case.fault) & (runs["level"] == level)]
+        means = of_case.groupby("algorithm")[list(Result._fields)].mean().to_dict("index")
+        found[name] = {
+            algorithm: Result(means[algorithm]["error_percent"], means[algorithm]["time_s"])
+            for algorithm in ALGORITHMS
+        }
+    return found
 
 
 def best_percent(by_algorithm: dict[str, Result]) -> float:
     """Return the error of the best algorithm of a case [%]."""
     return min(result.error_percent for result in by_algorithm.values())
-
-
-def _mean(runs: Iterable[Result]) -> Result:
-    return Result(*(statistics.fmean(column) for column in zip(*runs, strict=True)))

@@ -149,6 +149,17 @@ def test_source_form_has_corrections_only(healthy_windows, description):
     assert rms(calibration.correction) > 0.05
 
 
+def test_fast_form_can_be_calibrated_by_corrections_alone(healthy_windows, description):
+    window = healthy_windows[0]
+    calibration = calibrate([window], description, structural=False)
+    assert calibration.lift == 0.0
+    assert (calibration.friction_scale, calibration.inertia_scale) == (1.0, 1.0)
+    assert expected(calibration, window) == pytest.approx(seen(window), abs=1e-11)
+    # What the fit explains by lift and friction is left to the corrections.
+    fitted = calibrate([window], description)
+    assert rms(calibration.correction) > 1.2 * rms(fitted.correction)
+
+
 @pytest.mark.parametrize("windows", [2, 8])
 def test_healthy_rms_is_that_of_another_window(healthy_windows, description, windows):
     sigma = 0.3

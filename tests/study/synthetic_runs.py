@@ -1,13 +1,12 @@
 """Runs of the study that were never made, for tables and figures that need many."""
 
-import math
-
 import numpy as np
 import pandas as pd
 
 from ema_study.cases import CASES
 from ema_study.plan import plan
 from ema_study.record import Record, as_frame
+from ema_study.stop_rules import uncounted_populations
 
 FLOOR = 0.02
 THRESHOLD = 0.021
@@ -21,7 +20,8 @@ def synthetic_runs(model: str, runs: int) -> pd.DataFrame:
         truth = CASES[job.case].truth
         estimate = np.clip(truth + rng.normal(0.0, 0.02, truth.size), 0.0, 0.99)
         generations = int(rng.integers(5, 12))
-        fall = np.exp(-np.arange(generations + 1) / 2.0)
+        populations = generations + uncounted_populations(job.algorithm)
+        fall = np.exp(-np.arange(populations) / 2.0)
         records.append(
             Record(
                 model=model,
@@ -33,15 +33,16 @@ def synthetic_runs(model: str, runs: int) -> pd.DataFrame:
                 rule=job.rule,
                 population=job.population,
                 max_generations=job.max_generations,
+                settings=dict(job.settings),
                 seed=job.seed,
                 truth=truth.tolist(),
                 estimate=estimate.tolist(),
                 error_percent=float(rng.uniform(1.0, 4.0)),
                 cost=FLOOR + float(fall[-1]),
                 cost_at_truth=FLOOR,
-                threshold=math.nan if job.rule == "all_generations" else THRESHOLD,
+                threshold=None if job.rule == "all_generations" else THRESHOLD,
                 generations=generations,
-                evaluations=50 * (generations + 1),
+                evaluations=50 * populations,
                 time_s=float(rng.uniform(0.5, 1.5)),
                 costs=(FLOOR + fall).tolist(),
                 errors_percent=(2.0 + 80.0 * fall).tolist(),

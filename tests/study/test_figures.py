@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from ema_study.figures_bars import ERROR, TIME, draw_multiple_fault, draw_single_faults
@@ -19,10 +20,11 @@ from ema_study.figures_responses import (
     draw_responses,
     draw_step_comparison,
 )
-from ema_study.figures_style import COLOURS, DASHES, SOURCES, counted, severity_colours
+from ema_study.figures_style import COLOURS, DASHES, STYLES, severity_colours, with_family
 from ema_study.printed_runs import printed_runs
-from ema_study.report_figures import bar_pictures, noise_pictures
+from ema_study.report_figures import bar_pictures, convergence_pictures, noise_pictures
 from ema_study.responses import NOISE_GAINS, reference_response, reference_responses
+from ema_study.sources import SOURCES
 
 from .synthetic_runs import FLOOR, THRESHOLD, synthetic_runs
 
@@ -68,7 +70,7 @@ def test_bars_are_the_means_over_runs(everything, quantity):
     faults = ["friction", "backlash", "short_circuit", "eccentricity", "gain"]
     for source in SOURCES:
         for algorithm, level in (("de", "low"), ("gwo", "high")):
-            name = algorithm + source.suffix
+            name = algorithm + ("_thesis" if source.own_code else "")
             runs = everything[
                 (everything.model == source.model)
                 & (everything.algorithm == name)
@@ -78,13 +80,13 @@ def test_bars_are_the_means_over_runs(everything, quantity):
             ]
             expected = runs.groupby("fault")[quantity.column].mean().loc[faults]
             axes = panel(figure, f"{algorithm.upper()}, {level}")
-            np.testing.assert_allclose(bars(axes, source.colour, source.hatch), expected)
+            np.testing.assert_allclose(bars(axes, *STYLES[source.label]), expected)
 
 
 def test_printed_bars_are_those_of_table_58(everything):
     axes = panel(draw_single_faults(everything, ERROR), "PSO, low")
     printed = [0.930, 0.294, 0.863, 1.013, 0.452]
-    np.testing.assert_allclose(bars(axes, SOURCES[0].colour), printed, atol=0.0015)
+    np.testing.assert_allclose(bars(axes, STYLES["printed"].colour), printed, atol=0.0015)
 
 
 def test_whiskers_are_a_standard_deviation_and_stay_positive_on_a_log_axis(everything):
@@ -97,17 +99,49 @@ def test_whiskers_are_a_standard_deviation_and_stay_positive_on_a_log_axis(every
     assert min(lows) > 0.0
 
 
+def test_captions_state_the_runs_there_are_and_whiskers_only_where_there_are_some(
+    ours, everything, monkeypatch
+):
+    monkeypatch.setattr(Figure, "savefig", lambda figure, file, **options: None)
+    [errors, _, multiple] = [picture.caption for picture in bar_pictures(everything)]
+    single = everything[(everything.run == 1) & (everything.table > 10)]
+    [alone, *_] = [picture.caption for picture in bar_pictures(single)]
+    [courses, *_] = [picture.caption for picture in convergence_pictures(ours)]
+    [of_one, *_] = [
+        picture.caption for picture in convergence_pictures(single[single.model == "fast"])
+    ]
+
+    numbers = "printed 10; thesis's model 2; thesis's model, thesis's code 2; fast model 3"
+    assert numbers in errors
+    assert numbers in multiple
+    assert "Whiskers" in errors
+    assert "printed 1; thesis's model 1" in alone
+    assert "Whiskers" not in alone
+    assert "median over the 2 runs" in courses
+    assert "a single run" in of_one
+
+
+def test_a_single_run_has_no_whisker(everything):
+    single = everything[everything.run == 1]
+    axes = panel(draw_single_faults(single, ERROR), "PSO, low")
+
+    assert len(rectangles(axes)) > 10
+    assert not [path for whiskers in axes.collections for path in whiskers.get_paths()]
+
+
 def test_multiple_fault_shows_both_studies(everything):
     figure = draw_multiple_fault(everything)
     runs = printed_runs().query("table == 56").groupby("algorithm").error_percent.mean()
     axes = figure.axes[0]
     assert axes.get_title() == "study of speed"
-    np.testing.assert_allclose(bars(axes, SOURCES[0].colour), runs.loc[["ga", "pso", "de", "gwo"]])
+    np.testing.assert_allclose(
+        bars(axes, STYLES["printed"].colour), runs.loc[["ga", "pso", "de", "gwo"]]
+    )
 
 
 def test_demonstration_of_the_printed_rule_is_not_counted(ours):
     assert (ours["rule"] == "printed").any()
-    kept = counted(ours)
+    kept = with_family(ours)
     assert not (kept["rule"] == "printed").any()
     assert kept.table.min() == 11
     assert set(kept.family) == {"ga", "pso", "de", "gwo"}
@@ -149,7 +183,7 @@ def test_estimates_show_every_run_of_single_faults_once(everything):
 
 def test_histogram_counts_the_exact_zeros_of_printed_gwo(everything):
     figure = draw_phases_of_gwo(everything)
-    axes = panel(figure, "printed in the thesis: 69 of 120 exactly 0")
+    axes = panel(figure, "printed: 69 of 120 exactly 0")
     assert rectangles(axes)[-1].get_height() == 69
     assert sum(patch.get_height() for patch in rectangles(axes)) == 120
 

@@ -44,6 +44,14 @@ def test_columns_are_those_of_our_runs():
     assert set(printed["level"]) == set(ours["level"])
 
 
+def test_starting_population_is_evaluated_on_top_of_the_generations_but_for_gwo():
+    runs = printed_runs()
+    on_top = runs["evaluations"] / 50 - runs["generations"]
+
+    assert set(on_top[runs["algorithm"] == "gwo"]) == {0}
+    assert set(on_top[runs["algorithm"] != "gwo"]) == {1}
+
+
 def test_a_change_of_the_runs_stays_with_who_made_it():
     runs = printed_runs()
     runs.loc[:, "time_s"] = 0

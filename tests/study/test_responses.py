@@ -7,13 +7,16 @@ import pytest
 
 from ema_core.parameters import ActuatorParameters, constants
 from ema_study.claims import claims, claims_table
+from ema_study.claims.claim import range_agrees
 from ema_study.response_figures_of_merit import (
     deviations,
+    lags,
     phase_a_is_fed,
     reversal_delays,
     ripple,
     rise_time,
     standstill,
+    start_and_rest,
     steady,
 )
 from ema_study.responses import (
@@ -217,9 +220,39 @@ def test_every_claim_has_a_figure_of_chapter_4_or_6_and_a_measure():
         ("4.15", "speed and current", True),
         ("4.18", "70 to 100 %", True),
         ("4.40", "7 % at the start", False),
+        # It does not reach the claimed 12 %, so it is not the claimed range.
+        ("4.6", "2 to 12 %", False),
+        ("4.14", "only the start", True),
         ("4.43", "not affected", True),
     ],
 )
 def test_claims_that_physics_decides(figure, words, agrees):
     [claim] = [one for one in claims() if one.figure == figure and words in one.claim]
     assert claim.agrees is agrees
+
+
+@pytest.mark.parametrize(
+    ("found", "agrees"),
+    [
+        ([1.0, 6.0, 3.0], True),
+        ([2.0, 7.5, 3.0], True),  # a point above 1, a quarter above 6
+        ([2.1, 6.0, 3.0], False),
+        ([1.0, 4.4, 3.0], False),
+        ([1.0, 7.6, 3.0], False),
+    ],
+)
+def test_a_claimed_range_is_judged_by_both_of_its_ends(found, agrees):
+    assert range_agrees(np.array(found), (1.0, 6.0)) is agrees
+
+
+def test_lag_is_the_share_that_is_missing_and_none_before_the_motion():
+    healthy, worst = (reference_response("backlash", i, "step") for i in (0, -1))
+    short = lags(healthy, worst)
+    at_start, later = start_and_rest(short)
+
+    moving = healthy.position > 0.0
+    assert not short[~moving].any()
+    # It stands until half of its play is passed, then lacks that, ever less of the way.
+    assert at_start.max() == pytest.approx(1.0)
+    assert np.all(np.diff(later) < 0.0)
+    assert short[-1] == pytest.approx(1.0 - worst.position[-1] / healthy.position[-1])

@@ -5,6 +5,7 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ema_core.telemetry import Telemetry
 from ema_study.response_figures_of_merit import AMPLITUDE, deviations
@@ -13,6 +14,10 @@ from ema_study.sources import MODEL_LABELS
 
 ALIKE_PERCENT: Final = 5.0
 """Signals that differ by less than this part of the amplitude count as not affected [%]."""
+
+AGREEING_SHARE: Final = 0.25
+AGREEING_POINTS: Final = 1.0
+"""A figure is the claimed one within this share of it [-] or these points of percent [%]."""
 
 NOMINAL_PERCENT: Final = 10.0
 """Currents that differ by less than this count as nominal [%]."""
@@ -68,10 +73,28 @@ def position_claim(fault: str, figure: str) -> Claim:
     )
 
 
-def monitor_claim(figure: str, fault: str, claim: str, most_percent: float) -> Claim:
+def agrees_with(found: float, claimed: float) -> bool:
+    """Return whether a percentage is the claimed one, within a quarter or one point."""
+    return bool(abs(found - claimed) <= max(AGREEING_SHARE * claimed, AGREEING_POINTS))
+
+
+def range_agrees(found: NDArray[np.float64], claimed: tuple[float, float]) -> bool:
+    """Return whether percentages go from one end of a claimed range to the other."""
+    lowest, highest = float(found.min()), float(found.max())
+    return agrees_with(lowest, claimed[0]) and agrees_with(highest, claimed[1])
+
+
+def monitor_claim(
+    figure: str, fault: str, claim: str, holds: Callable[[NDArray[np.float64]], bool]
+) -> Claim:
     """Return a claim of how closely the monitor follows the reference.
 
-    It agrees where the thesis's model differs by no more than ``most_percent`` in any 0.1 s.
+    Parameters
+    ----------
+    figure, fault, claim
+        As of `Claim`.
+    holds
+        Whether it holds of the differences of the thesis's model in each 0.1 s [%].
     """
     comparison = chirp_comparison(fault)
     by_model = {
@@ -79,11 +102,16 @@ def monitor_claim(figure: str, fault: str, claim: str, most_percent: float) -> C
         for model, current in comparison.monitor.items()
     }
     found = "; ".join(
-        f"{row.min():.1f} to {row.max():.1f} % ({MODEL_LABELS[model]})"
+        f"{', '.join(f'{value:.1f}' for value in row)} % ({MODEL_LABELS[model]})"
         for model, row in by_model.items()
     )
-    agrees = bool(by_model["thesis"].max() <= most_percent)
-    return Claim(figure, fault, "chirp", claim, found, agrees)
+    ours = f"in each 0.1 s {found}"
+    return Claim(figure, fault, "chirp", claim, ours, holds(by_model["thesis"]))
+
+
+def follows_closely(found: NDArray[np.float64]) -> bool:
+    """Return whether a monitor follows "very well": alike in each 0.1 s."""
+    return bool(found.max() <= ALIKE_PERCENT)
 
 
 def _position_effect(fault: str) -> float:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ema_core.description import ActuatorDescription
-from ema_study.case_costs import truth_and_healthy_costs
+from ema_study.case_costs import describes, truth_and_healthy_costs
 from ema_study.cases import CASES
 from ema_study.errata.erratum import Erratum
 from ema_study.error_forms import FORMS, HIGH_BACKLASHES, reproduction
@@ -164,15 +164,20 @@ def _true_backlash() -> Erratum:
 
 
 def _threshold() -> Erratum:
-    costs = [problem("thesis", name).cost_at_truth for name in CASES]
-    above = sum(cost > THRESHOLD for cost in costs)
+    costs = {name: problem("thesis", name).cost_at_truth for name in CASES}
+    described = [cost for name, cost in costs.items() if describes("thesis", name)]
+    others = {name: cost for name, cost in costs.items() if not describes("thesis", name)}
+    above = sum(cost > THRESHOLD for cost in described)
+    misfits = ", ".join(f"{name} {cost:.4f}" for name, cost in others.items())
     return Erratum(
         "Section 7.1",
         "cost falls to about 5e-4; 1e-3 stops the search",
-        "not with our reference: at the true faults, the best that a search is to find, the PWM "
-        "ripple costs more",
-        f"with the thesis's model, {above} of {len(costs)} cases cost more than 1e-3 at the truth: "
-        f"{min(costs):.4f} to {max(costs):.4f} A^2.s.",
+        "not with our reference: the PWM ripple, which no model repeats, leaves more than that at "
+        "the true faults, near which the best lies that a search can find",
+        f"with the thesis's model the true faults cost {min(described):.4f} to "
+        f"{max(described):.4f} A^2.s, above 1e-3 in {above} of {len(described)} cases. Left out "
+        f"are those in which they cost more than the healthy ones ({misfits} A^2.s): that is the "
+        "misfit of eq. 4.24, not the ripple.",
     )
 
 

@@ -1,16 +1,17 @@
 """Every mean and deviation that the thesis prints, checked against its own runs."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import pandas as pd
 
-from ema_study.averages import fault_means_of, overview_of
+from ema_study.averages import fault_means_of, overview_of, with_margins
 from ema_study.cases import SINGLE_FAULTS
 from ema_study.plan import ALGORITHMS
 from ema_study.printed_runs import printed_runs
 from ema_study.printed_tables import (
+    MEAN,
     OVERVIEWS,
     SIGMA,
     SUM,
@@ -27,7 +28,7 @@ from ema_study.reliability import (
     PRECISION_STUDY,
     SPEED_STUDY,
     multiple_fault_reliability,
-    single_fault_reliability,
+    reliability_of_overviews,
 )
 
 # Half a digit of a run's figure: what the mean over runs may be off by [%, s].
@@ -72,13 +73,43 @@ class Comparison(NamedTuple):
         return abs(self.printed - self.recomputed) > self.rounding * (1.0 + 1e-9)
 
 
-def comparisons() -> Iterator[Comparison]:
-    """Yield every printed mean, deviation, product and coefficient beside what its runs give."""
+class WrongMean(NamedTuple):
+    """A mean of table 58 or 59 that is not that of its runs, which ``table_of_runs`` lists."""
+
+    table: int
+    algorithm: str
+    level: str
+    fault: str
+    printed: float
+    recomputed: float
+    table_of_runs: int
+
+    @property
+    def cell(self) -> str:
+        """Which mean it is, in words."""
+        return f"{self.algorithm.upper()}, {self.fault.replace('_', ' ')} {self.level}"
+
+    @property
+    def unit(self) -> str:
+        """Its unit."""
+        return _UNITS[OVERVIEWS[self.table]]
+
+
+def comparisons(overviews: Mapping[int, pd.DataFrame] | None = None) -> Iterator[Comparison]:
+    """Yield every printed mean, deviation, product and coefficient beside what its runs give.
+
+    Parameters
+    ----------
+    overviews
+        What tables 58 and 59 are taken to be, by number; by default what the runs give.
+    """
     runs = printed_runs()
+    if overviews is None:
+        overviews = _overviews_of_runs()
     yield from _beside_the_runs(runs)
     yield from _summaries(runs)
-    yield from _overviews(runs)
-    yield from _single_fault_reliability(runs)
+    yield from _overviews(overviews)
+    yield from _single_fault_reliability(overviews)
     yield from _multiple_fault_reliability(runs)
     yield from _deviations(runs)
 
@@ -93,6 +124,39 @@ def printed_means_that_differ() -> pd.DataFrame:
     """
     rows = [one for one in comparisons() if one.differs]
     return pd.DataFrame(rows, columns=list(Comparison._fields)).sort_values("table", kind="stable")
+
+
+def wrong_means() -> list[WrongMean]:
+    """Return the means of tables 58 and 59 that are not those of their runs."""
+    ours = _overviews_of_runs()
+    tables = printed_runs().groupby(["algorithm", "level", "fault"])["table"].max()
+    found = []
+    for table, quantity in OVERVIEWS.items():
+        half = _HALF_OF_RUN[quantity] + _HALF_OF_OVERVIEW[quantity]
+        recomputed = _cells(ours[table][list(SINGLE_FAULTS)].drop(index=(MEAN, "")))
+        printed = _cells(overview(table))
+        found += [
+            WrongMean(table, algorithm, level, fault, there, mean, int(tables[cell]))
+            for cell, mean in recomputed.items()
+            for (algorithm, level, fault), there in [(cell, printed[cell])]
+            if abs(there - mean) > half
+        ]
+    return found
+
+
+def overviews_with(wrong: Iterable[WrongMean]) -> dict[int, pd.DataFrame]:
+    """Return tables 58 and 59 of the runs, by number, but for some means as printed."""
+    cells = {
+        table: ours[list(SINGLE_FAULTS)].drop(index=(MEAN, ""))
+        for table, ours in _overviews_of_runs().items()
+    }
+    for one in wrong:
+        cells[one.table].loc[(one.algorithm, one.level), one.fault] = one.printed
+    return {table: with_margins(means) for table, means in cells.items()}
+
+
+def _overviews_of_runs() -> dict[int, pd.DataFrame]:
+    return {table: overview_of(printed_runs(), name) for table, name in OVERVIEWS.items()}
 
 
 def _cells(frame: pd.DataFrame) -> dict[Any, Any]:
@@ -118,9 +182,9 @@ def _mean(table: int, row: str, quantity: str, printed: float, recomputed: float
     return Comparison(table, cell, _UNITS[quantity], printed, recomputed, half)
 
 
-def _overviews(runs: pd.DataFrame) -> Iterator[Comparison]:
+def _overviews(overviews: Mapping[int, pd.DataFrame]) -> Iterator[Comparison]:
     for table, quantity in OVERVIEWS.items():
-        ours = _cells(overview_of(runs, quantity))
+        ours = _cells(overviews[table])
         for (algorithm, level, column), printed in _cells(overview(table)).items():
             if math.isnan(printed):
                 continue
@@ -136,10 +200,10 @@ def _overviews(runs: pd.DataFrame) -> Iterator[Comparison]:
             )
 
 
-def _single_fault_reliability(runs: pd.DataFrame) -> Iterator[Comparison]:
-    ours, printed = _cells(single_fault_reliability(runs)), _cells(reliability_single())
-    errors = overview_of(runs, "error_percent").groupby(level="algorithm").mean()
-    times = overview_of(runs, "time_s").groupby(level="algorithm").mean()
+def _single_fault_reliability(overviews: Mapping[int, pd.DataFrame]) -> Iterator[Comparison]:
+    ours = _cells(reliability_of_overviews(overviews[59], overviews[58]))
+    printed = _cells(reliability_single())
+    errors, times = (overviews[table].groupby(level="algorithm").mean() for table in (58, 59))
     shares = _HALF_OF_RUN["error_percent"] / errors + _HALF_OF_RUN["time_s"] / times
     for fault in (*SINGLE_FAULTS, TOTAL):
         yield from _reliability(

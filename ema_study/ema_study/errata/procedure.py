@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from ema_core.faults import ECCENTRICITY_PHASE
+from ema_study.averages import single_fault_runs
 from ema_study.cases import CASES, MULTIPLE
 from ema_study.errata.erratum import Erratum
 from ema_study.error_forms import FORMS
@@ -36,7 +37,16 @@ def procedure_errata() -> Iterator[Erratum]:
     )
     yield _de_bounds(runs)
     yield _de_partners()
+    yield Erratum(
+        "Appendix A",
+        "the loop is to end once the best individual has all but stopped moving: the counter is "
+        "set to its last value",
+        "that ends no for loop of Matlab",
+        "the loop takes its next value all the same. The line may have been meant for a while "
+        "loop, or be a slip of the transcribed text that we have.",
+    )
     yield _gwo_leaders(runs)
+    yield _gwo_schedule(runs)
     yield _gwo_collapse(runs)
     yield Erratum(
         "Appendix B",
@@ -100,20 +110,46 @@ def _gwo_leaders(runs: pd.DataFrame) -> Erratum:
     )
 
 
+def _gwo_schedule(runs: pd.DataFrame) -> Erratum:
+    gwo = single_fault_runs(runs)
+    gwo = gwo[gwo["algorithm"] == "gwo"]
+    stopped = int((gwo["generations"] < GENERATIONS).sum())
+    return Erratum(
+        "Appendix B",
+        "a is 2 - 1 * (2 / Max_iter), and the best cost of every generation goes to place 1 of its "
+        "list; the stop rule is commented out",
+        "the generation, the letter l, for the digit 1 in both; the stop rule was on in the runs",
+        f"as printed a stays at {2 - 2 / GENERATIONS:.2f} and never falls to 0, as Mirjalili's "
+        "2 - l * (2 / Max_iter) does and the comment beside it says; the loop counts l, and the "
+        "commented stop rule still reads place l - 1 of that list. "
+        f"{stopped} of the {len(gwo)} runs of GWO on single faults ended before {GENERATIONS} "
+        "generations, which nothing in the printed code lets them. Letter and digit may have been "
+        "mistaken in the transcribed text that we have, not in the thesis.",
+    )
+
+
 def _gwo_collapse(runs: pd.DataFrame) -> Erratum:
     low = runs[runs["table"] == 41]
     lost = low[low["error_percent"] > 20.0]
     at_zero = int(((lost["k6"] == 0.0) & (lost["k7"] == 0.0)).sum())
+    by_algorithm = runs["algorithm"]
+    zeros = (runs["k7"] == 0.0).groupby(by_algorithm).agg(["sum", "size"])
+    of_phase = ", ".join(
+        f"{name.upper()} {zeros.loc[name, 'sum']} of {zeros.loc[name, 'size']}"
+        for name in ALGORITHMS
+    )
     components = [k for k in K if k not in ("k7", "k8")]
-    zeros = (runs[components] == 0.0).mean(axis=1).groupby(runs["algorithm"]).mean()
-    shares = ", ".join(f"{name.upper()} {100 * zeros[name]:.0f} %" for name in ALGORITHMS)
+    shares = (runs[components] == 0.0).mean(axis=1).groupby(by_algorithm).mean()
+    of_others = ", ".join(f"{name.upper()} {100 * shares[name]:.0f} %" for name in ALGORITHMS)
     return Erratum(
         "Sections 7.2.4, 7.3 (GWO)",
         "GWO errs by a quarter perhaps because of a local minimum, and in general since it "
         "explores more than it exploits",
         "its wolves collapse onto the zero vector at which its leaders start",
         f"{at_zero} of the {len(lost)} runs of table 41 with more than 20 % have k6 = k7 = 0 "
-        f"exactly. Of all components k1 to k6, printed as 0.0000: {shares}.",
+        "exactly. It is k7 that tells, whose true value is nowhere 0; runs in which it is exactly "
+        f"0: {of_phase}. k1 to k6 are mostly healthy, so that a good search ends at their bound, "
+        f"too; of these components are exactly 0: {of_others}.",
     )
 
 

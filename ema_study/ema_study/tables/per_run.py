@@ -12,6 +12,7 @@ from ema_study.record import K
 from ema_study.reliability import PRECISION_STUDY, SPEED_STUDY
 from ema_study.sources import ALGORITHM_NAMES
 from ema_study.tables.study_table import StudyTable
+from ema_study.tables.threshold_notes import threshold_notes
 
 QUANTITIES: Final = {
     **{k: k for k in K},
@@ -65,7 +66,8 @@ def per_run_table(number: int, sources: dict[str, pd.DataFrame]) -> StudyTable:
     )
     if len(algorithms) == 1:
         frame = frame.droplevel("algorithm")
-    return StudyTable(number, _title(number, of_table[PRINTED]), frame, [_counts(of_table)])
+    notes = [_counts(of_table), *threshold_notes(number, of_table)]
+    return StudyTable(number, _title(number, of_table[PRINTED]), frame, notes)
 
 
 def _of_table(number: int, runs: pd.DataFrame) -> pd.DataFrame:

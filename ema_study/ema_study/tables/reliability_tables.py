@@ -12,6 +12,7 @@ from ema_study.reliability import (
 )
 from ema_study.tables.study_table import StudyTable
 from ema_study.tables.summaries import computed, run_counts, side_by_side
+from ema_study.tables.threshold_notes import threshold_summary
 
 _UNITS = {
     "time x error": "time x error [s.%]",
@@ -38,9 +39,8 @@ def single_fault_table(sources: dict[str, pd.DataFrame]) -> StudyTable:
     for label, block in blocks.items():
         names = [f"{fault.replace('_', ' ')}, {_UNITS[what]}" for fault, what in block.columns]
         flat[label] = block.set_axis(names, axis=1)
-    return StudyTable(
-        60, "Reliability coefficient, single faults", side_by_side(flat), [run_counts(sources)]
-    )
+    notes = [run_counts(sources), *threshold_summary(sources)]
+    return StudyTable(60, "Reliability coefficient, single faults", side_by_side(flat), notes)
 
 
 def multiple_fault_table(sources: dict[str, pd.DataFrame]) -> StudyTable:

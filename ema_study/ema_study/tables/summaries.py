@@ -7,6 +7,7 @@ from ema_study.printed_runs import PRINTED
 from ema_study.printed_tables import OVERVIEWS, SIGMA, SUMMARIES, TOTAL, fault_means, overview
 from ema_study.sources import PRINTED_RUNS
 from ema_study.tables.study_table import StudyTable
+from ema_study.tables.threshold_notes import threshold_summary
 
 _MEANS = {"time_s": "mean time [s]", "error_percent": "mean error [%]"}
 
@@ -26,7 +27,8 @@ def fault_summary(number: int, sources: dict[str, pd.DataFrame]) -> StudyTable:
     for label, runs in computed(sources).items():
         blocks[label] = fault_means_of(runs, fault).rename(columns=_MEANS)
     title = f"{fault.replace('_', ' ').capitalize()}, mean over the algorithms"
-    return StudyTable(number, title, side_by_side(blocks), [run_counts(sources, [fault])])
+    notes = [run_counts(sources, [fault]), *threshold_summary(sources, fault)]
+    return StudyTable(number, title, side_by_side(blocks), notes)
 
 
 def overview_table(number: int, sources: dict[str, pd.DataFrame]) -> StudyTable:
@@ -51,6 +53,7 @@ def overview_table(number: int, sources: dict[str, pd.DataFrame]) -> StudyTable:
     notes = [
         f"{TOTAL.capitalize()} and {SIGMA} are those of the five means to the left.",
         run_counts(sources),
+        *threshold_summary(sources),
     ]
     title = f"{what} by algorithm, level and fault"
     return StudyTable(number, title, side_by_side(blocks), notes)
