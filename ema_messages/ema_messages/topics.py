@@ -17,12 +17,14 @@ from ema_interfaces.msg import (
     FaultVectorStamped,
     Health,
     TelemetryBlock,
+    Usage,
 )
 
 TELEMETRY: Final = "telemetry"
 DESCRIPTION: Final = "actuator_description"
 SIMULATED_FAULTS: Final = "simulated_faults"
 JOINT_STATES: Final = "joint_states"
+USAGE: Final = "usage"
 FAULT_ESTIMATE: Final = "fault_estimate"
 HEALTH: Final = "health"
 
@@ -52,3 +54,8 @@ MONITOR_TOPICS: Final = {
     HEALTH: (Health, LATCHED),
 }
 """What a monitor publishes: message class and quality of service by topic."""
+
+USAGE_TOPICS: Final = {
+    USAGE: (Usage, LATCHED),
+}
+"""What whoever counts service life publishes: message class and quality of service by topic."""

@@ -1,6 +1,7 @@
 """Health of an actuator from an estimate: levels, index and grade (docs/faults.md)."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -88,7 +89,7 @@ class Health:
     Attributes
     ----------
     level
-        Worst of the faults; ``STALE`` when there is nothing to go by.
+        Worst of faults and requirements; ``STALE`` when there is nothing to go by.
     health_index
         Least of 1 - share over the faults, clipped to [0, 1] [-].
     severity
@@ -101,6 +102,8 @@ class Health:
         Health as to each fault.
     reason
         What is unknown, and why; empty when nothing is.
+    requirements
+        Health as to each required performance; empty when none is watched.
     """
 
     level: int
@@ -110,9 +113,29 @@ class Health:
     dominant_fault: str
     faults: tuple[FaultHealth, ...] = field(default=())
     reason: str = ""
+    requirements: tuple[FaultHealth, ...] = field(default=())
 
 
-def assess(estimate: Estimate, limits: HealthLimits) -> Health:
+@dataclass(frozen=True)
+class Tracked:
+    """What all tests together tell of a fault.
+
+    Attributes
+    ----------
+    value, sigma
+        Value and its standard deviation [-].
+    doubtful
+        Whether the latest test tells of another value, which is held back until the next.
+    """
+
+    value: float
+    sigma: float
+    doubtful: bool = False
+
+
+def assess(
+    estimate: Estimate, limits: HealthLimits, tracked: Mapping[str, Tracked] | None = None
+) -> Health:
     """Return the health that a valid estimate tells of.
 
     Parameters
@@ -121,6 +144,9 @@ def assess(estimate: Estimate, limits: HealthLimits) -> Health:
         What was found in a window.
     limits
         Where life ends.
+    tracked
+        What it and the tests before it tell together, by component; of others, and when None,
+        the estimate holds.
 
     Raises
     ------
@@ -132,20 +158,23 @@ def assess(estimate: Estimate, limits: HealthLimits) -> Health:
     WARN when the lower 95 % bound of a fault passes a share of its limit, ERROR when its value
     passes the limit. The direction of eccentricity is no fault. The confidence is the share of
     the faults that are observable, less as the goodness of fit goes from half its limit to
-    the limit.
+    the limit. A value that is held back until the next test, and would by itself give WARN or
+    ERROR, gives WARN.
     """
     if not estimate.valid:
         raise ValueError(f"no health without a valid estimate: {estimate.reason}")
     faults = tuple(
-        _assess_fault(number, estimate, limits)
+        _assess_fault(number, estimate, limits, (tracked or {}).get(fault.name))
         for number, fault in enumerate(FAULTS)
         if fault.name != "eccentricity_phase"
     )
     known = [item for item in faults if item.level != STALE]
-    unknown = [item.name for item in faults if item.level == STALE]
-    worst = max(known, key=lambda item: (item.level, item.share), default=None)
+    unseen = {
+        fault.name for fault, hidden in zip(FAULTS, estimate.unobservable, strict=True) if hidden
+    }
+    unknown = [item.name for item in faults if item.name in unseen]
+    worst = _worst(faults)
     alarmed = worst is not None and worst.level != OK
-    severity = 1 + int(np.searchsorted(_GRADES, worst.share, "right")) if worst and alarmed else 0
     limit = estimate.goodness_limit
     # Nothing is known of the fit where the calibration does not tell its scatter.
     goodness = np.nan_to_num(estimate.goodness_of_fit, nan=limit)
@@ -153,8 +182,8 @@ def assess(estimate: Estimate, limits: HealthLimits) -> Health:
     return Health(
         level=worst.level if worst else STALE,
         health_index=float(np.clip(1.0 - max((i.share for i in known), default=np.nan), 0.0, 1.0)),
-        severity=severity,
-        confidence=float(fit) * len(known) / len(faults),
+        severity=_grade(worst),
+        confidence=float(fit) * (1.0 - len(unknown) / len(faults)),
         dominant_fault=worst.name if worst and alarmed else "",
         faults=faults,
         reason="; ".join(
@@ -169,19 +198,51 @@ def assess(estimate: Estimate, limits: HealthLimits) -> Health:
     )
 
 
-def _assess_fault(number: int, estimate: Estimate, limits: HealthLimits) -> FaultHealth:
+def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> Health:
+    """Return health with that as to required performances: the worse level and grade hold.
+
+    Parameters
+    ----------
+    health
+        By the faults.
+    requirements
+        As to each requirement.
+    """
+    worst = _worst(requirements)
+    if worst is None:
+        return replace(health, requirements=requirements)
+    level = worst.level if health.level == STALE else max(health.level, worst.level)
+    severity = max(health.severity, _grade(worst))
+    return replace(health, level=level, severity=severity, requirements=requirements)
+
+
+def _worst(items: tuple[FaultHealth, ...]) -> FaultHealth | None:
+    """Return the worst of those that are known."""
+    known = [item for item in items if item.level != STALE]
+    return max(known, key=lambda item: (item.level, item.share), default=None)
+
+
+def _grade(worst: FaultHealth | None) -> int:
+    if worst is None or worst.level == OK:
+        return 0
+    return 1 + int(np.searchsorted(_GRADES, worst.share, "right"))
+
+
+def _assess_fault(
+    number: int, estimate: Estimate, limits: HealthLimits, tracked: Tracked | None
+) -> FaultHealth:
     fault, value = FAULTS[number], float(estimate.faults[number])
     sigma = float(estimate.sigma[number])
-    distance, limit = abs(value - fault.healthy), limits.of(fault.name)
+    is_unknown = bool(estimate.unobservable[number])
+    alone = STALE if is_unknown else _level(fault.name, value - fault.healthy, sigma, limits)
+    level = alone
+    if tracked is not None:
+        value, sigma = tracked.value, tracked.sigma
+        level = _level(fault.name, value - fault.healthy, sigma, limits)
+        if tracked.doubtful and alone in (WARN, ERROR):
+            level = max(level, WARN)
+    limit = limits.of(fault.name)
     is_lower = value < fault.healthy
-    if estimate.unobservable[number]:
-        level = STALE
-    elif distance > limit:
-        level = ERROR
-    elif distance - ONE_SIDED_95 * sigma > limits.warn_share * limit:
-        level = WARN
-    else:
-        level = OK
     return FaultHealth(
         fault.name,
         level,
@@ -189,5 +250,14 @@ def _assess_fault(number: int, estimate: Estimate, limits: HealthLimits) -> Faul
         sigma,
         fault.healthy + (-limit if is_lower else limit),
         is_lower,
-        distance / limit,
+        abs(value - fault.healthy) / limit,
     )
+
+
+def _level(fault_name: str, difference: float, sigma: float, limits: HealthLimits) -> int:
+    distance, limit = abs(difference), limits.of(fault_name)
+    if distance > limit:
+        return ERROR
+    if distance - ONE_SIDED_95 * sigma > limits.warn_share * limit:
+        return WARN
+    return OK

@@ -1,6 +1,6 @@
 """Estimates and health as messages."""
 
-from typing import Final
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,11 @@ from ema_interfaces.msg import Health as HealthMessage
 from ema_messages.faults import faults_to_message
 from ema_messages.stamps import stamp_to_message
 from ema_monitor.estimate import Estimate
-from ema_monitor.health import Health
+from ema_monitor.health import FaultHealth
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.prediction import Life
+from ema_monitor.prognosis.requirements import RequirementLimits
 from ema_monitor.window import MIN_TRAVEL
-
-_NO_PROGNOSIS: Final = "no prognosis is made"
 
 
 def estimate_to_message(
@@ -71,19 +72,13 @@ def _bits(components: NDArray[np.bool_]) -> int:
     return int(np.packbits(components, bitorder="little")[0])
 
 
-def health_to_message(
-    health: Health, stamp_ns: int, windows: int, description: ActuatorDescription
-) -> HealthMessage:
-    """Return health as a message; the remaining useful life in it is unknown.
+def health_to_message(outlook: Outlook, description: ActuatorDescription) -> HealthMessage:
+    """Return health and remaining life as a message.
 
     Parameters
     ----------
-    health
-        The health.
-    stamp_ns
-        End of the window on which it rests [ns].
-    windows
-        Test windows seen so far.
+    outlook
+        What there is to say.
     description
         The actuator.
 
@@ -92,51 +87,59 @@ def health_to_message(
     ValueError
         When the stamp is out of range.
     """
+    health, lives = outlook.health, (outlook.rul_faults, outlook.rul_requirements, outlook.rul)
+    rul_faults, rul_requirements, rul = (_life(life, outlook) for life in lives)
     message = HealthMessage(
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
         level=health.level,
-        health_index=health.health_index,
+        health_index=float(health.health_index),
         severity=health.severity,
-        confidence=health.confidence,
-        dominant_fault=health.dominant_fault,
-        rul_faults=_unknown_life(""),
-        rul_requirements=_unknown_life(""),
-        rul=_unknown_life(""),
-        flight_hours=float("nan"),
-        cycles=windows,
-        duty=1.0,
-        assumption="future use is like that of the past",
-        reason=health.reason,
+        confidence=float(health.confidence),
+        dominant_fault=outlook.dominant,
+        faults=[_item(item, "1", outlook) for item in health.faults],
+        requirements=[
+            _item(item, RequirementLimits.unit(item.name), outlook) for item in health.requirements
+        ],
+        rul_faults=rul_faults,
+        rul_requirements=rul_requirements,
+        rul=rul,
+        flight_hours=float(outlook.hours),
+        cycles=int(outlook.cycles),
+        duty=float(outlook.duty),
+        assumption=outlook.assumption,
+        events=list(outlook.events),
+        reason="; ".join(dict.fromkeys(filter(None, [health.reason, outlook.rul.reason]))),
     )
-    message.header.stamp = stamp_to_message(stamp_ns)
-    message.faults = [
-        FaultHealthMessage(
-            name=item.name,
-            level=item.level,
-            value=item.value,
-            sigma=item.sigma,
-            limit=item.limit,
-            limit_is_lower=item.limit_is_lower,
-            trend=float("nan"),
-            unit="1",
-            rul=_unknown_life(f"{item.name} limit {item.limit:g}"),
-        )
-        for item in health.faults
-    ]
+    message.header.stamp = stamp_to_message(outlook.stamp_ns)
     return message
 
 
-def _unknown_life(criterion: str) -> RemainingUsefulLife:
-    nan = float("nan")
+def _item(item: FaultHealth, unit: str, outlook: Outlook) -> FaultHealthMessage:
+    return FaultHealthMessage(
+        name=item.name,
+        level=item.level,
+        value=float(item.value),
+        sigma=float(item.sigma),
+        limit=float(item.limit),
+        limit_is_lower=bool(item.limit_is_lower),
+        trend=float(outlook.trends.get(item.name, math.nan)),
+        unit=unit,
+        rul=_life(outlook.lives.get(item.name, outlook.rul), outlook),
+    )
+
+
+def _life(life: Life, outlook: Outlook) -> RemainingUsefulLife:
+    """Return a life as a message; a test cycle is made every so many flight hours."""
+    per_cycle = outlook.hours_per_cycle
     return RemainingUsefulLife(
-        known=False,
-        hours_05=nan,
-        hours_50=nan,
-        hours_95=nan,
-        cycles_05=nan,
-        cycles_50=nan,
-        cycles_95=nan,
-        criterion=criterion,
-        reason=_NO_PROGNOSIS,
+        known=life.known,
+        hours_05=life.hours_05,
+        hours_50=life.hours_50,
+        hours_95=life.hours_95,
+        cycles_05=life.hours_05 / per_cycle,
+        cycles_50=life.hours_50 / per_cycle,
+        cycles_95=life.hours_95 / per_cycle,
+        criterion=life.criterion,
+        reason=life.reason,
     )

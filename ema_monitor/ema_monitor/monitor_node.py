@@ -20,12 +20,14 @@ from ema_messages.telemetry import telemetry_from_message
 from ema_monitor.calibration_store import CalibrationStore
 from ema_monitor.diagnosis import Search
 from ema_monitor.estimate import Estimate
-from ema_monitor.health import HealthLimits
 from ema_monitor.identification_thread import IdentificationThread
 from ema_monitor.last_faults import LastFaults
 from ema_monitor.monitor_calls import MonitorCalls
+from ema_monitor.monitor_messages import estimate_to_message
+from ema_monitor.monitor_prognosis import MonitorPrognosis
 from ema_monitor.monitor_settings import Files, Operation
 from ema_monitor.monitor_unit import Unit
+from ema_monitor.monitor_units import Units
 from ema_monitor.trigger import Defect, TriggerSettings
 from ema_monitor.watch import Found
 from ema_monitor.window import Window
@@ -58,9 +60,9 @@ class MonitorNode(ManagedNode):
         self.search = LiveSettings(self, Search)
         self.operation = LiveSettings(self, Operation)
         self._trigger = LiveSettings(self, TriggerSettings, on_change=self._restart)
-        self._limits = LiveSettings(self, HealthLimits, "limits.")
+        self._prognosis = MonitorPrognosis(self)
         declare(self, Files)
-        self._units: dict[str, Unit] = {}
+        self._units = Units()
         self._healths: dict[str, LifecyclePublisher] = {}
         self._last_faults = LastFaults()
         self._identification = self._make_identification()
@@ -84,6 +86,7 @@ class MonitorNode(ManagedNode):
         if described is not None:
             self._describe(described)
         self._calls = MonitorCalls(self)
+        self._prognosis.begin(files.history_folder)
         self._stale_timer = self.create_timer(_STALE_CHECK_S, self._check_freshness)
 
     def activate(self) -> None:
@@ -92,11 +95,11 @@ class MonitorNode(ManagedNode):
         self._identification = self._make_identification()
         self._identification.start()
         receiving = MutuallyExclusiveCallbackGroup()
+        heard = topics.ACTUATOR_TOPICS | topics.USAGE_TOPICS
         self._subscriptions_in_use = [
-            self.create_subscription(
-                topics.ACTUATOR_TOPICS[name][0], name, callback, qos, callback_group=receiving
-            )
+            self.create_subscription(heard[name][0], name, callback, qos, callback_group=receiving)
             for name, callback, qos in (
+                (topics.USAGE, self._receive_usage, topics.LATCHED_BY_MANY),
                 (topics.DESCRIPTION, self._receive_description, topics.LATCHED_BY_MANY),
                 (topics.TELEMETRY, self._receive_telemetry, topics.STREAM),
             )
@@ -116,6 +119,7 @@ class MonitorNode(ManagedNode):
     def clean_up(self) -> None:
         """Forget the actuators, and stop serving."""
         self._calls.destroy()
+        self._prognosis.end()
         self.destroy_timer(self._stale_timer)
         for publisher in (self._estimates, *self._healths.values()):
             self.destroy_lifecycle_publisher(publisher)
@@ -138,34 +142,13 @@ class MonitorNode(ManagedNode):
             message = "; ".join(remarks) or f"{len(self._units)} actuators watched"
             counts = {"windows dropped": self._identification.dropped}
             level = WARN if remarks else OK
+            tasks += self._prognosis.tasks()
             return [*tasks, Task("input", level, message, self.hardware_id, counts)]
 
     def unit(self, actuator_id: str) -> Unit:
-        """Return one of the actuators that are watched.
-
-        Parameters
-        ----------
-        actuator_id
-            Which; empty for the only one.
-
-        Raises
-        ------
-        ValueError
-            When it is not watched, not described, or there is a choice.
-        """
+        """Return one of the actuators that are watched: see ``Units.find``."""
         with self._lock:
-            watched = ", ".join(self._units) or "none"
-            if not actuator_id and len(self._units) != 1:
-                raise ValueError(f"actuator_id is empty: expected one of those watched: {watched}")
-            unit = next(iter(self._units.values())) if not actuator_id else None
-            unit = unit or self._units.get(actuator_id)
-            if unit is None:
-                raise ValueError(
-                    f"actuator_id = {actuator_id!r} is not watched; watched: {watched}"
-                )
-            if unit.watch.description is None:
-                raise ValueError(f"actuator {unit.actuator_id!r} has not been described")
-            return unit
+            return self._units.find(actuator_id)
 
     @contextmanager
     def arrivals(self) -> Iterator[SimpleQueue[Found]]:
@@ -203,6 +186,12 @@ class MonitorNode(ManagedNode):
                 self._sort(unit, unit.watch.reject(stamp_ns, str(error)))
             else:
                 self._sort(unit, unit.watch.feed(block))
+
+    def _receive_usage(self, message: Any) -> None:
+        if not message.actuator_id:
+            self._complain("", "usage without actuator_id")
+        elif wrong := self._prognosis.hear(message):
+            self._complain(message.actuator_id, wrong)
 
     def _unit_heard(self, actuator_id: str) -> Unit:
         if actuator_id not in self._units:
@@ -255,17 +244,19 @@ class MonitorNode(ManagedNode):
             lambda text: self.get_logger().error(text),
         )
 
-    def _conclude(self, found: Found, found_out: Estimate) -> None:
+    def _conclude(self, found: Found, estimate: Estimate) -> None:
+        self._estimates.publish(estimate_to_message(estimate, found.number, found.description))
+        now_ns = self.get_clock().now().nanoseconds
+        # Without the lock: telemetry must not wait for a prognosis.
+        outlook = self._prognosis.conclude(found, estimate)
         with self._lock:
-            now_ns = self.get_clock().now().nanoseconds
             unit = self._unit_heard(found.description.actuator_id)
-            estimate, health = unit.conclude(found, found_out, self._limits.value, now_ns)
-        self._estimates.publish(estimate)
+            health = unit.conclude(found, estimate, outlook, now_ns)
         if health is not None:
             self._healths[health.actuator_id].publish(health)
         if not estimate.valid:
             self.get_logger().warning(
-                f"{estimate.actuator_id}: window {estimate.window} has no valid estimate: "
+                f"{unit.actuator_id}: window {found.number} has no valid estimate: "
                 f"{estimate.reason}"
             )
         self.report()

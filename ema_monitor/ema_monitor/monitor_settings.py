@@ -23,6 +23,10 @@ class Files:
     actuator_file: str = text(
         "", "description of an actuator that does not describe itself on the topic; empty: none"
     )
+    history_folder: str = text(
+        "$ROS_HOME/ema/history",
+        "where the tests of each unit are kept; empty, and in simulated time: in memory only",
+    )
 
     def __post_init__(self) -> None:
         check_quantities(self)

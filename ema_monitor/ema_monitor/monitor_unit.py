@@ -4,18 +4,17 @@ from collections import deque
 from dataclasses import replace
 
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
-from ema_interfaces.msg import FaultEstimate
 from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.estimate import Estimate
-from ema_monitor.health import Health, HealthLimits, assess
-from ema_monitor.monitor_messages import estimate_to_message, health_to_message
+from ema_monitor.monitor_messages import health_to_message
+from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
 from ema_monitor.trigger import TriggerSettings
 from ema_monitor.watch import Found, Watch
 from ema_nodes.status import Task
 
 _STALE_PERIODS = 3.0
 _MOST_TOLD = 5
-_NOTHING_KNOWN = Health(STALE, float("nan"), 0, 0.0, "", reason="no valid estimate so far")
+_NOTHING_KNOWN = unknown_outlook("no valid estimate so far")
 
 
 class Unit:
@@ -50,7 +49,7 @@ class Unit:
         self._latency_s = float("nan")
         self._fresh_ns = now_ns
         self._judged: Found | None = None
-        self._health = _NOTHING_KNOWN
+        self._outlook = _NOTHING_KNOWN
         self._stale_told = False
 
     @property
@@ -80,9 +79,9 @@ class Unit:
         return is_news
 
     def conclude(
-        self, found: Found, estimate: Estimate, limits: HealthLimits, now_ns: int
-    ) -> tuple[FaultEstimate, HealthMessage | None]:
-        """Take note of an estimate and return what to publish: it, and health if it tells of any.
+        self, found: Found, estimate: Estimate, outlook: Outlook | None, now_ns: int
+    ) -> HealthMessage | None:
+        """Take note of an estimate and return the health to publish, if it tells of any.
 
         Parameters
         ----------
@@ -90,16 +89,15 @@ class Unit:
             The window.
         estimate
             What was found in it.
-        limits
-            Where life ends.
+        outlook
+            What there is to say after it; None when it is not valid.
         now_ns
             Time of the node's clock [ns].
         """
-        message = estimate_to_message(estimate, found.number, found.description)
-        if not estimate.valid:
+        if outlook is None:
             self._invalid += 1
             self.complain(f"window {found.number}: {estimate.reason}", found.number + 1)
-            return message, None
+            return None
         self._valid += 1
         while self._open_defects and self._open_defects[0][0] <= found.number:
             self._open_defects.popleft()
@@ -107,8 +105,8 @@ class Unit:
         self._stale_told = False
         self._judged = found
         self._latency_s = (now_ns - estimate.end_ns) * 1e-9
-        self._health = assess(estimate, limits)
-        return message, self._health_message()
+        self._outlook = outlook
+        return self._health_message()
 
     def grow_stale(self, expected_period_s: float, now_ns: int) -> HealthMessage | None:
         """Return the health to publish when it has just become stale.
@@ -129,7 +127,8 @@ class Unit:
         reason = f"no valid estimate for more than {_STALE_PERIODS * expected_period_s:g} s"
         if self._open_defects:
             reason += f"; {self.defects}"
-        self._health = replace(self._health, level=STALE, confidence=0.0, reason=reason)
+        health = replace(self._outlook.health, level=STALE, confidence=0.0, reason=reason)
+        self._outlook = replace(self._outlook, health=health, events=())
         return self._health_message()
 
     def tasks(self, waiting: int) -> list[Task]:
@@ -140,7 +139,7 @@ class Unit:
         waiting
             Windows of all actuators that wait for identification.
         """
-        watch, health = self.watch, self._health
+        watch, health, life = self.watch, self._outlook.health, self._outlook.rul
         if watch.description is None:
             level, message = ERROR, "no description of the actuator: the telemetry has to wait"
             message += f"; {self.defects}" if self._open_defects else ""
@@ -161,12 +160,18 @@ class Unit:
             "latency [s]": self._latency_s,
         }
         verdict = LEVEL_NAMES[health.level]
-        if health.dominant_fault:
-            verdict += f": {health.dominant_fault}"
+        if self._outlook.dominant:
+            verdict += f": {self._outlook.dominant}"
         if health.reason:
             verdict += f" ({health.reason})"
         figures = {"health index": health.health_index, "confidence": health.confidence}
-        figures |= {item.name: item.value for item in health.faults}
+        figures |= {
+            "flight hours [h]": self._outlook.hours,
+            "remaining life 5 % [h]": life.hours_05,
+            "remaining life 50 % [h]": life.hours_50,
+            "remaining life 95 % [h]": life.hours_95,
+        }
+        figures |= {item.name: item.value for item in (*health.faults, *health.requirements)}
         return [
             Task(f"{self.actuator_id} telemetry", level, message, self.hardware_id, counts),
             Task(f"{self.actuator_id} health", health.level, verdict, self.hardware_id, figures),
@@ -175,9 +180,7 @@ class Unit:
     def _health_message(self) -> HealthMessage | None:
         """Return the health after the window that was judged last."""
         if self._judged is not None:
-            found = self._judged
-            end_ns, cycles = found.window.end_ns, found.number + 1
-            return health_to_message(self._health, end_ns, cycles, found.description)
+            return health_to_message(self._outlook, self._judged.description)
         if self.watch.description is not None:
-            return health_to_message(self._health, 0, 0, self.watch.description)
+            return health_to_message(self._outlook, self.watch.description)
         return None

@@ -13,7 +13,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from ema_core.quantity import check_quantities, flag, quantity, text
-from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, TelemetryBlock
+from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, TelemetryBlock, Usage
 from ema_nodes.managed_node import ManagedNode
 from ema_nodes.run import run
 from ema_nodes.settings import declare, read
@@ -27,7 +27,7 @@ from ema_recording.schema import check_schema
 _CLOCK: Final = "/clock"
 _TELEMETRY: Final = type_name(TelemetryBlock)
 _ACTUATOR_TYPES: Final = frozenset(
-    map(type_name, (TelemetryBlock, ActuatorDescription, FaultVectorStamped, JointState))
+    map(type_name, (TelemetryBlock, ActuatorDescription, FaultVectorStamped, JointState, Usage))
 )
 _MANY_SOURCES: Final = frozenset(("/diagnostics", "/rosout", "/parameter_events", "/tf"))
 _POLL_S: Final = 0.05

@@ -194,7 +194,7 @@ def test_folder_that_is_not_empty_is_refused(tmp_path):
 
 def test_faults_that_are_shown_are_those_that_grow():
     path = Path(get_package_share_directory("ema_bringup"), "config", "demo.yaml")
-    [actuator] = yaml.safe_load(path.read_text()).values()
+    actuator = yaml.safe_load(path.read_text())["/**/actuator"]
     assert tuple(actuator["ros__parameters"]["growth"]) == SHOWN
 
 

@@ -130,6 +130,7 @@ def test_killed_worker_is_told_in_a_line(ema, tmp_path, small, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize("executor", ["processes", "threads"])
 def test_interrupted_study_keeps_its_runs_and_goes_on(tmp_path, executor):
     """As Ctrl-C does: the signal goes to the whole process group."""
@@ -142,7 +143,8 @@ def test_interrupted_study_keeps_its_runs_and_goes_on(tmp_path, executor):
         start_new_session=True,
     )
     runs = folder / "runs.jsonl"
-    deadline = time.monotonic() + 60.0
+    # Three processes import and load kernels first, on whatever cores are left.
+    deadline = time.monotonic() + 180.0
     while not (runs.exists() and runs.read_text().count("\n") >= 2):
         assert time.monotonic() < deadline
         assert study.poll() is None

@@ -8,7 +8,14 @@ import pytest
 from ema_core.faults import FAULT_NAMES, FAULTS, fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_monitor.estimate import GOODNESS_LIMIT, Estimate, Settings, refusal
-from ema_monitor.health import ONE_SIDED_95, FaultHealth, HealthLimits, assess
+from ema_monitor.health import (
+    ONE_SIDED_95,
+    FaultHealth,
+    HealthLimits,
+    Tracked,
+    assess,
+    with_requirements,
+)
 
 LIMITS = HealthLimits()
 SIGMA = 0.01
@@ -163,3 +170,46 @@ def test_impossible_limit_is_refused_by_name(name: str):
         HealthLimits(**{name: 0.0})
     with pytest.raises(ValueError, match=name):
         HealthLimits(**{name: 1.5})
+
+
+def test_tracked_value_takes_the_place_of_the_estimate():
+    made = estimate({"friction": 0.3, "backlash": 0.2}, unknown=("friction",))
+    health = assess(made, LIMITS, {"friction": Tracked(0.6, 0.01), "gain": Tracked(0.2, 0.01)})
+    items = {item.name: item for item in health.faults}
+    assert (items["friction"].value, items["friction"].level) == (0.6, ERROR)
+    assert (items["gain"].value, items["gain"].level) == (0.2, ERROR)
+    assert (items["gain"].limit, items["gain"].limit_is_lower) == (0.25, True)
+    assert items["backlash"].value == 0.2
+    assert (health.level, health.health_index, health.severity) == (ERROR, 0.0, 4)
+    # The window says nothing of friction, whatever those before it said.
+    assert "friction" in health.reason
+    assert health.confidence == pytest.approx(6 / 7)
+
+
+@pytest.mark.parametrize(("found", "level"), [(0.05, OK), (0.3, WARN), (0.9, WARN)])
+def test_value_that_is_held_back_warns_if_it_would_by_itself(found: float, level: int):
+    made = estimate({"friction": found})
+    health = assess(made, LIMITS, {"friction": Tracked(0.05, 0.01, doubtful=True)})
+    [item] = [item for item in health.faults if item.name == "friction"]
+    assert (item.value, item.level) == (0.05, level)
+
+
+@pytest.mark.parametrize(
+    ("friction", "share", "level", "severity"),
+    [(0.0, 0.1, OK, 0), (0.0, 0.6, WARN, 2), (0.0, 1.2, ERROR, 4), (0.45, 0.3, WARN, 3)],
+)
+def test_worse_of_faults_and_requirements_holds(
+    friction: float, share: float, level: int, severity: int
+):
+    own = ERROR if share > 1.0 else WARN if share > 0.2 else OK
+    required = (FaultHealth("bandwidth", own, 20.0, 0.1, 12.0, True, share),)
+    health = with_requirements(assess(estimate({"friction": friction}), LIMITS), required)
+    assert (health.level, health.severity) == (level, severity)
+    assert health.requirements == required
+    assert health.health_index == pytest.approx(1.0 - friction / 0.5)
+
+
+def test_requirement_that_nothing_is_known_of_changes_nothing():
+    required = (FaultHealth("bandwidth", STALE, 20.0, np.nan, 12.0, True, 0.5),)
+    health = assess(estimate(), LIMITS)
+    assert with_requirements(health, required).level == health.level

@@ -74,7 +74,12 @@ class Graph:
         rclpy.shutdown(context=self._context)
 
     def start(self, name: str, **parameters: Any) -> None:
-        """Start a node with parameters; a dot in a name is written as two underscores."""
+        """Start a node with parameters; a dot in a name is written as two underscores.
+
+        A monitor keeps no history unless told where.
+        """
+        if name == "monitor":
+            parameters = {"history_folder": "''", **parameters}
         package = PACKAGES[name]
         program = Path(get_package_prefix(package)) / "lib" / package / f"{name}_node"
         given = [f"{key.replace('__', '.')}:={value}" for key, value in parameters.items()]

@@ -79,7 +79,7 @@ class MonitorSession:
         self.probe = Node("probe", context=context, namespace="/ema")
         self._publishers = {
             name: self.probe.create_publisher(message_class, name, qos)
-            for name, (message_class, qos) in topics.ACTUATOR_TOPICS.items()
+            for name, (message_class, qos) in (topics.ACTUATOR_TOPICS | topics.USAGE_TOPICS).items()
         }
         for name, (message_class, qos) in topics.MONITOR_TOPICS.items():
             self.subscribe(message_class, name, qos)
@@ -237,6 +237,8 @@ class MonitorSession:
             executor.shutdown(5.0)
         if self.node.state == "active":
             self.node.trigger_deactivate()
+        if self.node.state == "inactive":
+            self.node.trigger_cleanup()
         self.probe.destroy_node()
 
 
@@ -246,11 +248,13 @@ def monitor(
 ) -> Iterator[MonitorSession]:
     """A monitor with these parameters, brought up unless told otherwise.
 
-    One that lives while others come and go has to be apart from them.
+    One that lives while others come and go has to be apart from them. It keeps no history unless
+    told so: all sources begin at the same stamp.
     """
     context = Context()
     context.init(domain_id=1 + (int(os.environ["ROS_DOMAIN_ID"]) + 50 * apart - 1) % 101)
-    overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
+    given = {"history_folder": "", **(parameters or {})}
+    overrides = [Parameter(name, value=value) for name, value in given.items()]
     node = MonitorNode(context=context, parameter_overrides=overrides)
     session = MonitorSession(context, node)
     try:

@@ -1,0 +1,207 @@
+"""The prognosis of each unit that a monitor watches: settings, histories, topic and service."""
+
+from __future__ import annotations
+
+import os
+import threading
+import traceback
+from collections import defaultdict, deque
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from ema_core.description import ActuatorDescription
+from ema_core.levels import OK, WARN
+from ema_core.parameters import ActuatorParameters
+from ema_interfaces.srv import PredictRemainingLife
+from ema_messages.stamps import stamp_from_message
+from ema_monitor.estimate import Estimate
+from ema_monitor.health import HealthLimits
+from ema_monitor.monitor_messages import health_to_message
+from ema_monitor.prognosis.history import History, history_path
+from ema_monitor.prognosis.outlook import Outlook, outlook_of_one
+from ema_monitor.prognosis.prognosis_settings import PrognosisSettings, duty_of
+from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.requirements import RequirementLimits
+from ema_monitor.prognosis.settings import TrackerSettings
+from ema_monitor.prognosis.usage import Count, Service
+from ema_monitor.watch import Found
+from ema_nodes.executor import WaitingCallbackGroup
+from ema_nodes.settings import LiveSettings
+from ema_nodes.status import Task
+
+if TYPE_CHECKING:
+    from ema_monitor.monitor_node import MonitorNode
+
+_MOST_COUNTS: Final = 100
+
+
+class MonitorPrognosis:
+    """What a monitor knows of the growth of faults, unit by unit.
+
+    Parameters
+    ----------
+    node
+        The monitor; gets the parameters.
+    """
+
+    def __init__(self, node: MonitorNode) -> None:
+        self._node = node
+        self._limits = LiveSettings(node, HealthLimits, "limits.")
+        self._requirements = LiveSettings(node, RequirementLimits, "requirements.")
+        self._tracker = LiveSettings(node, TrackerSettings, "tracker.")
+        self._service = LiveSettings(node, Service)
+        self._folder: Path | None = None
+        self._making = threading.Lock()
+        self._units: dict[tuple[str, str], Prognostics] = {}
+        self._current: dict[str, Prognostics] = {}
+        self._counts: defaultdict[str, deque[Count]] = defaultdict(
+            lambda: deque(maxlen=_MOST_COUNTS)
+        )
+        self._told: dict[tuple[str, str], str] = {}
+
+    @property
+    def settings(self) -> PrognosisSettings:
+        """What prognoses rest on, as it is now."""
+        return PrognosisSettings(
+            self._limits.value, self._requirements.value, self._tracker.value, self._service.value
+        )
+
+    def begin(self, history_folder: str) -> None:
+        """Keep histories in a folder from now on, and serve.
+
+        Parameters
+        ----------
+        history_folder
+            The folder; empty for memory alone, as always in simulated time: a bag that is
+            replayed must not mix with the tests of the living.
+        """
+        in_sim_time = bool(self._node.get_parameter("use_sim_time").value)
+        self._folder = _folder(history_folder) if history_folder and not in_sim_time else None
+        self._call = self._node.create_service(
+            PredictRemainingLife,
+            "~/predict_remaining_life",
+            self._predict,
+            callback_group=WaitingCallbackGroup(),
+        )
+
+    def end(self) -> None:
+        """Stop serving, and let go of the histories."""
+        self._node.destroy_service(self._call)
+        with self._making:
+            for prognostics in self._units.values():
+                prognostics.history.close()
+            self._units.clear()
+            self._current.clear()
+            self._counts.clear()
+            self._told.clear()
+
+    def hear(self, message: Any) -> str:
+        """Take note of counted use; return what is wrong with it, empty when nothing.
+
+        Parameters
+        ----------
+        message
+            ``ema_interfaces/msg/Usage``.
+        """
+        # One that its sender did not stamp was read just now.
+        now_ns = self._node.get_clock().now().nanoseconds
+        stamp_ns = stamp_from_message(message.header.stamp) or now_ns
+        try:
+            count = Count(stamp_ns, message.flight_hours, message.cycles)
+        except ValueError as error:
+            return f"usage is impossible: {error}"
+        self._counts[message.actuator_id].append(count)
+        if message.actuator_id in self._current:
+            self._current[message.actuator_id].tell(count)
+        return ""
+
+    def conclude(self, found: Found, estimate: Estimate) -> Outlook | None:
+        """Take a test, and return what there is to say after it; None when it is not valid.
+
+        Parameters
+        ----------
+        found
+            Its window.
+        estimate
+            What was found in it.
+        """
+        description, settings = found.description, self.settings
+        try:
+            prognostics = self._of(description)
+            outlook = prognostics.take(estimate, self._parameters(description), settings)
+        except Exception as error:
+            # What fails here must cost neither the estimate nor the alarm.
+            reason = f"the prognosis failed: {error!r}"
+            self._node.get_logger().error(
+                f"{description.actuator_id}: {reason}\n{traceback.format_exc()}"
+            )
+            return outlook_of_one(estimate, settings.limits, reason) if estimate.valid else None
+        self._tell_problem(description, prognostics)
+        for event in outlook.events if outlook else ():
+            if event != prognostics.history.problem:
+                self._node.get_logger().warning(f"{description.actuator_id}: {event}")
+        return outlook
+
+    def tasks(self) -> list[Task]:
+        """Return how each history fares."""
+        return [
+            Task(
+                f"{actuator_id} history",
+                WARN if prognostics.history.problem else OK,
+                prognostics.history.problem or f"{len(prognostics.history.entries)} tests",
+                serial_number,
+                {"file": prognostics.history.path or "none, in memory only"},
+            )
+            for (actuator_id, serial_number), prognostics in list(self._units.items())
+        ]
+
+    def _of(self, description: ActuatorDescription) -> Prognostics:
+        unit = (description.actuator_id, description.serial_number)
+        with self._making:
+            if unit not in self._units:
+                path = history_path(self._folder, *unit) if self._folder else None
+                made = Prognostics(History(*unit, path), self.settings)
+                before = self._current.get(description.actuator_id)
+                self._units[unit] = self._current[description.actuator_id] = made
+                # What was counted while another unit was in this place is not of this one.
+                tests = before.history.entries if before else []
+                for count in list(self._counts[description.actuator_id]):
+                    if not tests or count.stamp_ns > tests[-1].stamp_ns:
+                        made.tell(count)
+                self._tell_problem(description, made)
+            self._current[description.actuator_id] = self._units[unit]
+            return self._units[unit]
+
+    def _parameters(self, description: ActuatorDescription) -> ActuatorParameters | None:
+        calibration = self._node.store.of(description)
+        return None if isinstance(calibration, str) else calibration.model().parameters
+
+    def _tell_problem(self, description: ActuatorDescription, prognostics: Prognostics) -> None:
+        problem, actuator_id = prognostics.history.problem, description.actuator_id
+        unit = (actuator_id, description.serial_number)
+        if problem and self._told.get(unit) != problem:
+            self._node.get_logger().error(f"{actuator_id}: {problem}")
+        self._told[unit] = problem
+
+    def _predict(
+        self, request: PredictRemainingLife.Request, response: PredictRemainingLife.Response
+    ) -> PredictRemainingLife.Response:
+        try:
+            unit = self._node.unit(request.actuator_id)
+            settings = duty_of(self.settings, request.duty)
+            description = unit.watch.description
+            if description is None:
+                raise ValueError(f"actuator {unit.actuator_id!r} has not been described")
+            prognostics = self._of(description)
+            outlook = prognostics.outlook(self._parameters(description), settings)
+        except (ValueError, OSError) as error:
+            response.success, response.message = False, str(error)
+        else:
+            response.success, response.message = True, ""
+            response.health = health_to_message(outlook, description)
+        return response
+
+
+def _folder(text: str) -> Path:
+    ros_home = os.environ.get("ROS_HOME") or "~/.ros"
+    return Path(os.path.expandvars(text.replace("$ROS_HOME", ros_home))).expanduser()

@@ -1,0 +1,135 @@
+"""What is said of an actuator after a test: its health, and how long it will last."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from ema_core.levels import STALE
+from ema_monitor.estimate import Estimate
+from ema_monitor.health import Health, HealthLimits, assess
+from ema_monitor.prognosis.prediction import Life, assumption_of
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """Health and remaining life of an actuator.
+
+    Attributes
+    ----------
+    stamp_ns
+        Stamp of the test on which it rests [ns].
+    hours
+        Service hours at that test [h]; NaN when unknown.
+    cycles
+        Test cycles up to it.
+    hours_per_cycle
+        Flight hours from a test cycle to the next [h]; NaN when unknown.
+    health
+        Levels, index and grade.
+    trends
+        Growth by fault and by requirement [its unit per flight hour]; what is not named is
+        unknown.
+    lives
+        Remaining life until each fault, and each requirement, reaches its limit, by name; what is
+        not named is as unknown as ``rul``.
+    rul_faults, rul_requirements, rul
+        Until the first fault does, the first requirement, and the earlier of both.
+    dominant
+        Fault or requirement that ends life first; the worst fault when none is known to end it,
+        empty when none gives a warning.
+    duty
+        Growth of the faults in a future flight hour, relative to a past one [-].
+    assumption
+        What is assumed of future use, in words.
+    events
+        What the latest test revealed, in words.
+    """
+
+    stamp_ns: int
+    hours: float
+    cycles: int
+    hours_per_cycle: float
+    health: Health
+    trends: Mapping[str, float]
+    lives: Mapping[str, Life]
+    rul_faults: Life
+    rul_requirements: Life
+    rul: Life
+    dominant: str
+    duty: float
+    assumption: str
+    events: tuple[str, ...]
+
+
+def unknown_outlook(reason: str) -> Outlook:
+    """Return what is said before any test.
+
+    Parameters
+    ----------
+    reason
+        Why nothing is known.
+    """
+    life = Life.unknown("", reason)
+    return Outlook(
+        stamp_ns=0,
+        hours=math.nan,
+        cycles=0,
+        hours_per_cycle=math.nan,
+        health=Health(STALE, math.nan, 0, 0.0, "", reason=reason),
+        trends={},
+        lives={},
+        rul_faults=life,
+        rul_requirements=life,
+        rul=life,
+        dominant="",
+        duty=1.0,
+        assumption=assumption_of(1.0),
+        events=(),
+    )
+
+
+def outlook_of_one(estimate: Estimate, limits: HealthLimits, reason: str) -> Outlook:
+    """Return what a valid estimate tells by itself.
+
+    Parameters
+    ----------
+    estimate
+        What was found in a window.
+    limits
+        Where life ends.
+    reason
+        Why nothing more is known.
+    """
+    health = assess(estimate, limits)
+    return replace(
+        unknown_outlook(reason),
+        stamp_ns=estimate.end_ns,
+        health=health,
+        dominant=health.dominant_fault,
+    )
+
+
+def earlier(one: Life, other: Life) -> Life:
+    """Return the life that ends with the first of two.
+
+    Each quantile is the lesser of both: the faults that end the one life are those that end the
+    other, so that both are long or both short. The criterion is that of the lesser median.
+
+    Parameters
+    ----------
+    one, other
+        Lives of the same actuator.
+    """
+    if not (one.known and other.known):
+        if one.known or other.known:
+            return one if one.known else other
+        reasons = dict.fromkeys(filter(None, [one.reason, other.reason]))
+        return Life.unknown("the first fault limit or requirement", "; ".join(reasons))
+    first = one if one.hours_50 <= other.hours_50 else other
+    return Life(
+        True,
+        min(one.hours_05, other.hours_05),
+        first.hours_50,
+        min(one.hours_95, other.hours_95),
+        first.criterion,
+    )

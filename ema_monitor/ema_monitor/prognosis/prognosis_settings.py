@@ -1,0 +1,48 @@
+"""What a prognosis rests on."""
+
+from dataclasses import dataclass, field, replace
+
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.requirements import RequirementLimits
+from ema_monitor.prognosis.settings import TrackerSettings
+from ema_monitor.prognosis.usage import Service
+
+
+@dataclass(frozen=True)
+class PrognosisSettings:
+    """What a prognosis rests on.
+
+    Attributes
+    ----------
+    limits
+        Where the life of a fault ends.
+    requirements
+        What must still be performed.
+    tracker
+        What is assumed of growth.
+    service
+        What is assumed of use.
+    """
+
+    limits: HealthLimits = field(default_factory=HealthLimits)
+    requirements: RequirementLimits = field(default_factory=RequirementLimits)
+    tracker: TrackerSettings = field(default_factory=TrackerSettings)
+    service: Service = field(default_factory=Service)
+
+
+def duty_of(settings: PrognosisSettings, duty: float) -> PrognosisSettings:
+    """Return settings with another duty.
+
+    Parameters
+    ----------
+    settings
+        The others.
+    duty
+        Growth of the faults in a future flight hour, relative to a past one [-].
+
+    Raises
+    ------
+    ValueError
+        When the duty is outside its range; the message names it.
+    """
+    return replace(settings, service=replace(settings.service, duty=duty))

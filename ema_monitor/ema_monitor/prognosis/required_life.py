@@ -1,0 +1,153 @@
+"""How long an actuator goes on to perform as required, by what its tracker tells."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import FAULT_NAMES, HIGHEST
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.health import FaultHealth
+from ema_monitor.prognosis.prediction import Life, Prognosis
+from ema_monitor.prognosis.requirements import REQUIREMENTS, RequirementLimits, Requirements
+from ema_monitor.prognosis.requirements_life import OVERALL, life_by_requirements
+from ema_monitor.prognosis.settings import TrackerSettings
+from ema_monitor.prognosis.tracker import TrackedFault, Tracker
+
+_SAMPLES: Final = 200
+_TIMES: Final = 33
+# How far to look beyond the life that the fault limits leave.
+_BEYOND: Final = 2.0
+
+
+@dataclass(frozen=True)
+class RequiredLife:
+    """Health, growth and remaining life as to the requirements.
+
+    Attributes
+    ----------
+    healths
+        As to each requirement; empty when none can be watched.
+    trends
+        Growth of each performance by name [its unit per flight hour].
+    lives
+        Remaining life under each requirement, by name.
+    overall
+        Until the first of them fails.
+    dominant
+        That requirement; empty when none is known to fail.
+    """
+
+    healths: tuple[FaultHealth, ...]
+    trends: Mapping[str, float]
+    lives: Mapping[str, Life]
+    overall: Life
+    dominant: str
+
+    @classmethod
+    def unknown(cls, reason: str, healths: tuple[FaultHealth, ...] = ()) -> "RequiredLife":
+        """Return a life of which no figure can be given."""
+        lives = {name: Life.unknown(name, reason) for name in REQUIREMENTS}
+        return cls(healths, {}, lives, Life.unknown(OVERALL, reason), "")
+
+
+@lru_cache(maxsize=256)
+def requirements_of(
+    parameters: ActuatorParameters, limits: RequirementLimits
+) -> Requirements | str:
+    """Return the requirements of a unit, or why they cannot be watched.
+
+    The first call for a unit takes some seconds, others none.
+
+    Parameters
+    ----------
+    parameters
+        Those of the unit.
+    limits
+        What is required.
+    """
+    try:
+        return Requirements(parameters, limits)
+    except ValueError as error:
+        return f"requirements cannot be watched: {error}"
+
+
+def required_life(
+    requirements: Requirements,
+    healths: tuple[FaultHealth, ...],
+    faults: NDArray[np.float64],
+    tracker: Tracker,
+    prognosis: Prognosis,
+    settings: TrackerSettings,
+    observed_hours: float,
+) -> RequiredLife:
+    """Return how long the requirements are met.
+
+    Only components whose own life is known go on to grow; the others stay as they are now.
+
+    Parameters
+    ----------
+    requirements
+        What is required.
+    healths
+        As to each of them.
+    faults
+        Fault vector now, ``(8,)``.
+    tracker, prognosis
+        What is known of the growth, and how long the fault limits are kept.
+    settings
+        Horizon.
+    observed_hours
+        Hours over which the actuator has been observed [h].
+    """
+    known = {name for name, life in prognosis.components.items() if life.known}
+    grows = np.array([name in known for name in FAULT_NAMES])
+    if not grows.any() and all(item.share <= 1.0 for item in healths):
+        return RequiredLife.unknown("no significant growth", healths)
+    duty = prognosis.duty
+    horizon = min(settings.horizon_hours, settings.horizon_factor * observed_hours) / duty
+    longest = prognosis.overall.hours_95
+    if 0.0 < longest < np.inf:
+        horizon = min(horizon, _BEYOND * longest)
+    # More times near now, where they count most.
+    hours = max(horizon, 1.0) * np.linspace(0.0, 1.0, _TIMES) ** 2
+    paths = np.swapaxes(tracker.futures(hours, _SAMPLES, duty), 0, 1)
+    paths[..., ~grows] = faults[~grows]
+    told = life_by_requirements(requirements, paths, hours)
+    overall = told.overall
+    if told.dominant:
+        overall = replace(overall, criterion=told.lives[told.dominant].criterion)
+    return RequiredLife(
+        healths,
+        _trends(requirements, faults, grows, tracker.components()),
+        told.lives,
+        overall,
+        told.dominant,
+    )
+
+
+def _trends(
+    requirements: Requirements,
+    faults: NDArray[np.float64],
+    grows: NDArray[np.bool_],
+    tracked: tuple[TrackedFault, ...],
+) -> dict[str, float]:
+    """Return how fast each performance changes, by a difference along the growth of the faults."""
+    trend = {item.name: item.trend for item in tracked}
+    slope = np.array([trend.get(name, 0.0) for name in FAULT_NAMES])
+    slope[~grows] = 0.0
+    fastest = np.abs(slope).max()
+    if fastest == 0.0:
+        return {}
+    # Far enough for the model's own scatter not to count.
+    hours = 0.02 / fastest
+    points = np.clip([faults - hours * slope, faults + hours * slope], 0.0, HIGHEST)
+    taken = np.abs(points[1] - points[0]).max() / fastest
+    performance = requirements.model.performance(points)
+    return {
+        name: float((values[1] - values[0]) / taken)
+        for name, values in performance._asdict().items()
+    }

@@ -1,0 +1,367 @@
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ema_cli.known_laws import KnownLawType
+from ema_cli.life_bag import write_test
+from ema_cli.life_tests import simulated_tests
+from ema_cli.prognosis_figure import draw_course
+from ema_cli.prognosis_table import as_values, prognosis_message
+from ema_cli.source_options import Source
+from ema_cli.true_life import true_remaining_life
+from ema_cli.unit_course import Course, follow
+from ema_cli.unit_record import UnitRecord, read_unit
+from ema_core.description import ActuatorDescription
+from ema_core.faults import FAULT_NAMES, fault_vector
+from ema_messages.faults import StampedFaults
+from ema_monitor.calibration import Calibration
+from ema_monitor.estimate import Estimate
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.prognostics import PrognosisSettings
+from ema_monitor.prognosis.requirements import RequirementLimits
+from ema_monitor.prognosis.settings import NOMINAL_LAWS, TrackerSettings
+from ema_monitor.prognosis.tracker import Tracker
+from ema_monitor.prognosis.usage import Count, Service
+from ema_sim.lives import Life
+
+SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
+INTERVAL_H = 10.0
+TESTS = 10
+RATE = 0.02
+"""Growth of friction in the recorded life [1/h / 10 h]: 0.02 a test."""
+NS_PER_HOUR = 3_600_000_000_000
+
+
+@pytest.fixture(scope="module")
+def life_folder(tmp_path_factory) -> Path:
+    """Bags of ten tests, 10 h apart, in which friction grows by 0.02 from test to test."""
+    folder = tmp_path_factory.mktemp("life")
+    hours = np.arange(1, TESTS + 1) * np.float64(INTERVAL_H)
+    faults = np.array([fault_vector({"friction": 0.1 + RATE * i}) for i in range(TESTS)])
+    life = Life("friction", {}, hours, faults, ("good",) * TESTS, math.inf)
+    description = ActuatorDescription()
+    tests = simulated_tests(life, description, np.random.default_rng(0), lambda: False)
+    for test in tests:
+        # Names whose order is not that of the tests.
+        write_test(folder / f"{TESTS - test.number:02d}.mcap", test, description)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def told(ema, life_folder):
+    picture = life_folder.parent / "told.png"
+    result = ema("prognose", life_folder, "--json", "-o", picture)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert picture.stat().st_size > 20_000
+    return json.loads(result.stdout)
+
+
+def source(actuator_id: str | None = None) -> Source:
+    return Source(actuator_id, None, 1e-6, 0.05, None)
+
+
+def estimate_of(hours: float, seed: int | None = None, **faults: float) -> Estimate:
+    """Estimate at a service hour; with a seed it errs by a standard deviation of 0.003."""
+    k = fault_vector(faults)
+    if seed is not None:
+        rng = np.random.default_rng([seed, round(hours)])
+        k = np.clip(k + 0.003 * rng.standard_normal(8) * (k != fault_vector({})), 0.0, 0.99)
+    end_ns = round(hours * NS_PER_HOUR)
+    unobservable = np.array([name == "eccentricity_phase" for name in FAULT_NAMES])
+    return Estimate(
+        end_ns - 500_000_000,
+        end_ns,
+        "least_squares",
+        0,
+        "some-calibration",
+        k,
+        np.where(np.outer(unobservable, unobservable), np.nan, 0.003**2 * np.eye(8)),
+        unobservable,
+        play=-1.0,
+        fitness=0.01,
+        goodness_of_fit=1.0,
+        goodness_limit=3.5,
+        excitation=0.01,
+        evaluations=200,
+        computing_time_s=0.05,
+        valid=True,
+        reason="",
+    )
+
+
+def course_of(
+    estimates: list[Estimate],
+    settings: PrognosisSettings | None = None,
+    *,
+    counted: bool = True,
+    truths: list[StampedFaults] | None = None,
+) -> Course:
+    counts = [Count(one.end_ns, one.end_ns / NS_PER_HOUR, 0) for one in estimates]
+    record = UnitRecord(ActuatorDescription(), [], counts if counted else [], truths or [], [])
+    parameters = Calibration.builtin().model().parameters
+    return follow(record, estimates, parameters, settings or PrognosisSettings())
+
+
+def growing(rate: float, tests: int, seed: int | None = None) -> list[Estimate]:
+    return [
+        estimate_of(hours, seed, friction=0.05 + rate * hours)
+        for hours in INTERVAL_H * np.arange(1, tests + 1)
+    ]
+
+
+def test_folder_is_read_in_the_order_of_stamps_and_its_usage_is_heard(told):
+    assert [test["flight_hours"] for test in told["tests"]] == pytest.approx(
+        list(INTERVAL_H * np.arange(1, TESTS + 1))
+    )
+    assert told["flight_hours"] == pytest.approx(INTERVAL_H * TESTS)
+    assert told["cycles"] == TESTS
+    friction = next(item for item in told["faults"] if item["name"] == "friction")
+    # The estimator errs by 0.3 % of the range here.
+    assert friction["value"] == pytest.approx(0.28, abs=0.01)
+    assert friction["trend"] == pytest.approx(RATE / INTERVAL_H, rel=0.15)
+
+
+def test_steady_growth_is_told_to_reach_the_limit_when_it_does(told):
+    # Friction of 0.28 that grows by 0.002 /h reaches 0.5 in 110 h, if it goes on as straight as it
+    # has; the laws that bend upwards end sooner.
+    life = next(item for item in told["faults"] if item["name"] == "friction")["rul"]
+    assert life["known"]
+    assert life["hours_05"] < 110.0 < life["hours_95"]
+    assert life["hours_50"] == pytest.approx(110.0, rel=0.25)
+    assert life["cycles_50"] == pytest.approx(life["hours_50"] / INTERVAL_H)
+    assert told["rul"]["hours_50"] <= told["rul_faults"]["hours_50"]
+
+
+def test_json_is_the_health_message_and_every_test(told):
+    fields = set(as_values(prognosis_message(course_of(growing(1e-3, 1)))))
+    assert set(told) == fields | {"tests"}
+    assert [item["name"] for item in told["faults"]] == [
+        name for name in FAULT_NAMES if name != "eccentricity_phase"
+    ]
+    assert [item["name"] for item in told["requirements"]] == [
+        "tracking_error", "bandwidth", "free_play", "torque_margin",
+    ]  # fmt: skip
+    assert all(test["valid"] for test in told["tests"])
+    assert told["assumption"] == "future use as in the past"
+
+
+def test_figures_are_those_of_the_tracker_fed_by_hand():
+    estimates = growing(2e-3, 25, seed=1)
+    course = course_of(estimates)
+    tracker = Tracker(HealthLimits(), TrackerSettings())
+    for one in estimates:
+        tracker.update(Observation.of(one, one.end_ns / NS_PER_HOUR))
+    prognosis, said = tracker.predict(), course.outlooks[-1]
+    assert said.rul_faults == prognosis.overall
+    assert dict(said.lives)["friction"] == prognosis.components["friction"]
+    assert prognosis.components["friction"].known
+    assert course.tracker().predict().overall == prognosis.overall
+
+
+def test_known_law_and_limit_are_what_the_tracker_goes_by():
+    settings = PrognosisSettings(
+        HealthLimits(friction=0.3),
+        tracker=TrackerSettings(laws={"friction": NOMINAL_LAWS["friction"]}),
+    )
+    estimates = growing(2e-3, 12, seed=2)
+    tracker = Tracker(settings.limits, settings.tracker)
+    for one in estimates:
+        tracker.update(Observation.of(one, one.end_ns / NS_PER_HOUR))
+    assert course_of(estimates, settings).outlooks[-1].rul_faults == tracker.predict().overall
+
+
+def test_futures_leave_out_what_the_prognosis_leaves_out():
+    estimates = growing(2e-3, 20, seed=7)
+    # A count that went back, and a test that came twice.
+    counts = [Count(one.end_ns, one.end_ns / NS_PER_HOUR, 0) for one in estimates]
+    counts[8] = Count(counts[8].stamp_ns, 30.0, 0)
+    estimates.insert(12, estimates[11])
+    record = UnitRecord(ActuatorDescription(), [], counts, [], [])
+    parameters = Calibration.builtin().model().parameters
+    course = follow(record, estimates, parameters, PrognosisSettings())
+    assert course.tracker().updates == 19
+    assert course.tracker().predict().overall == course.outlooks[-1].rul_faults
+
+
+def test_twice_the_duty_leaves_half_the_life_until_the_fault_limit():
+    estimates = growing(2e-3, 20, seed=3)
+    usual = course_of(estimates).outlooks[-1].rul_faults
+    twice = course_of(estimates, PrognosisSettings(service=Service(duty=2.0))).outlooks[-1]
+    assert twice.rul_faults.hours_50 == pytest.approx(0.5 * usual.hours_50, rel=1e-9)
+
+
+def test_without_service_hours_no_life_is_told_and_the_reason_is():
+    said = course_of(growing(2e-3, 12, seed=4), counted=False).outlooks[-1]
+    for life in (said.rul, said.rul_faults, said.rul_requirements):
+        assert not life.known
+        assert "service hours are unknown" in life.reason
+
+
+def test_hours_per_cycle_stand_in_for_counted_hours():
+    settings = PrognosisSettings(service=Service(hours_per_cycle=INTERVAL_H))
+    estimates = growing(2e-3, 20, seed=5)
+    assert (
+        course_of(estimates, settings, counted=False).outlooks[-1].rul_faults
+        == course_of(estimates).outlooks[-1].rul_faults
+    )
+
+
+def test_truth_is_the_hour_at_which_the_first_limit_is_crossed():
+    # Friction of 0.05 + 0.0031 u reaches 0.5 at 145.16 h, between two tests; it fails none of the
+    # default requirements.
+    estimates = growing(3.1e-3, 17)
+    truths = [StampedFaults(e.start_ns, "flap", i, e.faults) for i, e in enumerate(estimates)]
+    course = course_of(estimates, truths=truths)
+    left = true_remaining_life(course)
+    hours = np.array([outlook.hours for outlook in course.outlooks])
+    assert left == pytest.approx(np.maximum(0.45 / 3.1e-3 - hours, 0.0), abs=1e-6)
+    # Healthy, 0.65 of the torque is left unused: a requirement of 0.6 ends life sooner.
+    strict = PrognosisSettings(requirements=RequirementLimits(torque_margin=0.6))
+    sooner = true_remaining_life(course_of(estimates, strict, truths=truths))
+    assert 0.0 < sooner[0] < left[0] - INTERVAL_H
+
+
+def test_end_that_is_known_from_elsewhere_is_counted_from_each_test():
+    estimates = growing(5e-4, 4)
+    truths = [StampedFaults(e.start_ns, "flap", i, e.faults) for i, e in enumerate(estimates)]
+    course = course_of(estimates, truths=truths)
+    assert np.isnan(true_remaining_life(course)).all()
+    assert true_remaining_life(course, 100.0) == pytest.approx([90.0, 80.0, 70.0, 60.0])
+
+
+@pytest.mark.parametrize("counted", [True, False])
+def test_picture_shows_what_ends_life_and_what_happened(tmp_path, counted):
+    estimates = growing(1.5e-3, 14, seed=6)
+    estimates += [
+        estimate_of(140.0 + INTERVAL_H * i, 6, friction=0.02 + 1.5e-3 * INTERVAL_H * i)
+        for i in range(1, 13)
+    ]
+    course = course_of(estimates, counted=counted)
+    figure = draw_course(course)
+    labels = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert {"estimate, 90 %", "tracked", "limit"} <= labels
+    assert ("event" in labels) == counted
+    assert ("predicted, median" in labels) == counted or not counted
+    title = figure.axes[0].get_title(loc="left")
+    assert ("service hours are unknown" in title) == (not counted)
+    figure.savefig(tmp_path / "picture.png")
+
+
+def test_table_tells_each_fault_and_requirement_and_both_ends_of_life(ema, life_folder):
+    result = ema("prognose", life_folder, "--duty", "2")
+    assert result.exit_code == 0
+    for words in (
+        "friction", "backlash", "bandwidth", "torque_margin", "by faults", "by requirements",
+        "the earlier", "health index", "duty 2", "flight hours 100", "10 valid of 10 tests",
+    ):  # fmt: skip
+        assert words in result.stdout
+
+
+@pytest.fixture
+def written(life_folder, tmp_path) -> Callable[..., Path]:
+    """Write one test of another unit to a bag."""
+
+    def write(name: str, hours: float = 1.0, **changes: str) -> Path:
+        life = Life("", {}, np.array([hours]), fault_vector({})[None], ("good",), math.inf)
+        description = replace(ActuatorDescription(), **changes)
+        [test] = simulated_tests(life, description, np.random.default_rng(0), lambda: False)
+        write_test(tmp_path / name, test, description)
+        return tmp_path / name
+
+    return write
+
+
+def test_reason_that_holds_for_all_is_told_once_and_how_to_mend_it(ema, written):
+    result = ema("prognose", written("one.mcap"), "--limit", "friction=0.4")
+    assert result.exit_code == 0
+    # One test tells no growth: each row has its own reason.
+    assert "no significant growth" in " ".join(result.stdout.split())
+    silent = ema("prognose", SAMPLE)
+    assert silent.exit_code == 0
+    assert "--hours-per-cycle" in silent.stderr
+    assert silent.stdout.count("nothing was heard on topic usage") == 1
+
+
+def test_two_actuators_are_refused_by_name_unless_one_is_chosen(ema, written):
+    one, other = written("one.mcap"), written("other.mcap", 2.0, actuator_id="rudder")
+    result = ema("prognose", one, other)
+    assert result.exit_code == 1
+    error = result.stderr.strip().splitlines()[-1]
+    for part in (str(one), str(other), "'rudder'", "--actuator-id"):
+        assert part in error
+    record = read_unit([one, other], source("rudder"))
+    assert record.description.actuator_id == "rudder"
+    assert len(record.windows) == 1
+    assert "passed over" in record.remarks[0]
+
+
+def test_two_serial_numbers_are_two_units(written):
+    one, other = written("one.mcap"), written("other.mcap", 2.0, serial_number="0002")
+    with pytest.raises(ValueError, match=r"serial number .*'0002': a prognosis is of one unit"):
+        read_unit([one, other], source())
+
+
+def test_two_bags_of_the_same_stamp_are_refused(written):
+    one, other = written("one.mcap"), written("other.mcap")
+    with pytest.raises(ValueError, match="which test came first"):
+        read_unit([one, other], source())
+    # The same bag twice is one.
+    assert len(read_unit([one, one], source()).windows) == 1
+
+
+def test_impossible_usage_is_told_and_not_used(tmp_path):
+    life = Life("", {}, np.array([1.0]), fault_vector({})[None], ("good",), math.inf)
+    description = ActuatorDescription()
+    [test] = simulated_tests(life, description, np.random.default_rng(0), lambda: False)
+    write_test(tmp_path / "one.mcap", replace(test, hours=-1.0), description)
+    record = read_unit([tmp_path], source())
+    assert record.counts == []
+    assert "flight_hours = -1 h: expected a number of at least 0" in record.remarks[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "parts"),
+    [
+        (("--duty", "0"), 1, ("duty", "0", "0.001")),
+        (("--duty", "nan"), 1, ("duty", "nan")),
+        (("--hours-per-cycle", "-1"), 1, ("hours_per_cycle", "-1", "h")),
+        (("--known-law", "rust=linear"), 2, ("'rust'", "friction")),
+        (("--known-law", "friction=square"), 2, ("'square'", "exponential")),
+        (("--known-law", "friction=linear"), 2, ("friction", "exponential", "RATE")),
+        (("--known-law", "friction=linear:fast"), 2, ("'friction=linear:fast'", "RATE")),
+        (("--known-law", "friction=power:1:0"), 2, ("shape", "exponent")),
+        (("--known-law", "friction=linear:1:2:3"), 2, ("3 figures",)),
+        (("--limit", "rust=1"), 1, ("'rust'", "friction", "bandwidth")),
+        (("--limit", "friction=2"), 1, ("friction", "2", "1")),
+        (("--end-hours", "-1"), 2, ("--end-hours", "-1")),
+    ],
+)
+def test_wrong_usage_is_one_line(ema, arguments, code, parts):
+    result = ema("prognose", "missing.mcap", *arguments)
+    assert result.exit_code == code
+    error = result.stderr.strip().splitlines()[-1]
+    for part in parts:
+        assert part in error
+
+
+def test_missing_bag_and_empty_folder_are_named(ema, tmp_path):
+    missing = ema("prognose", tmp_path / "missing.mcap")
+    assert (missing.exit_code, "missing.mcap" in missing.stderr) == (1, True)
+    empty = ema("prognose", tmp_path)
+    assert empty.exit_code == 1
+    assert f"{tmp_path}: this folder holds no bag" in empty.stderr
+
+
+def test_law_with_figures_is_taken_as_given():
+    fault, law = KnownLawType().convert("gain=drift:2e-4:3e-3", None, None)
+    assert (fault, law.law, law.rate, law.diffusion) == ("gain", "drift", 2e-4, 3e-3)
+    assert KnownLawType().convert("friction=exponential", None, None) == (
+        "friction",
+        NOMINAL_LAWS["friction"],
+    )

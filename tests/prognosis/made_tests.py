@@ -1,0 +1,47 @@
+"""Estimates of tests as a monitor would find them, without a monitor."""
+
+import numpy as np
+
+from ema_core.faults import FAULT_NAMES, N_FAULTS, fault_vector
+from ema_monitor.estimate import Estimate, Settings, refusal
+
+FIRST_NS = 1_700_000_000_000_000_000
+PERIOD_NS = 10_000_000_000
+SIGMA = 0.004
+PHASE = FAULT_NAMES.index("eccentricity_phase")
+
+
+def made_test(
+    number: int, *, valid: bool = True, seed: int | None = None, **faults: float
+) -> Estimate:
+    """The estimate of test ``number``; with a seed it errs by a standard deviation of 0.004."""
+    end_ns = FIRST_NS + number * PERIOD_NS
+    if not valid:
+        return refusal(end_ns - 500_000_000, end_ns, Settings(), "", "a gap of 3 samples")
+    k = fault_vector(faults)
+    if seed is not None:
+        errors = SIGMA * np.random.default_rng([seed, number]).standard_normal(N_FAULTS)
+        k = np.clip(k + np.where([name in faults for name in FAULT_NAMES], errors, 0.0), 0.0, 0.99)
+    unobservable = np.zeros(N_FAULTS, dtype=bool)
+    unobservable[PHASE] = True
+    covariance = SIGMA**2 * np.eye(N_FAULTS)
+    covariance[PHASE], covariance[:, PHASE] = np.nan, np.nan
+    return Estimate(
+        end_ns - 500_000_000,
+        end_ns,
+        "least_squares",
+        0,
+        "some-calibration",
+        k,
+        covariance,
+        unobservable,
+        play=-1.0,
+        fitness=0.01,
+        goodness_of_fit=1.0,
+        goodness_limit=3.5,
+        excitation=0.01,
+        evaluations=200,
+        computing_time_s=0.05,
+        valid=True,
+        reason="",
+    )

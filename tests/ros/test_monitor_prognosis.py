@@ -1,0 +1,373 @@
+"""Remaining useful life as other nodes see it: health, usage, the service and the history."""
+
+import math
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
+from ema_core.telemetry import Telemetry
+from ema_interfaces.msg import Health, Usage
+from ema_interfaces.srv import PredictRemainingLife
+from ema_messages import topics
+from ema_messages.stamps import stamp_to_message
+from ema_monitor.prognosis.prognostics import Prognostics
+from ema_recording.actuator_bag import SimulatedActuatorBag
+from ema_recording.writer import BagWriter
+from ema_sim.actuator import SimulatedActuator
+
+from .graph import Graph
+from .monitor_session import CYCLE, FLAP, MonitorSession, monitor
+from .spinning import wait_for
+
+OK, WARN, ERROR, STALE = 0, 1, 2, 3
+SERVICE = "/ema/monitor/predict_remaining_life"
+TESTS = 14
+HOURS = 10.0
+
+
+def friction(number: int) -> float:
+    """At the limit of 0.5 in test 32."""
+    return 0.05 * math.expm1(0.0075 * HOURS * number)
+
+
+@pytest.fixture(scope="module")
+def cycles() -> list[Telemetry]:
+    """Test cycles of an actuator whose friction grows, each in one block."""
+    actuator = SimulatedActuator()
+    blocks = []
+    for number in range(TESTS + 2):
+        actuator.faults = fault_vector({"friction": friction(number)})
+        blocks.append(actuator.advance(CYCLE.samples))
+    return blocks
+
+
+def live(session: MonitorSession, cycles: list[Telemetry]) -> list[Health]:
+    """Let an actuator test itself again and again; return the health after each test."""
+    told = len(session.healths())
+    for number, block in enumerate(cycles, 1):
+        session.feed([block])
+        session.until(lambda number=number: len(session.healths()) >= told + number)
+    return session.healths()[told:]
+
+
+def plain(message: Any) -> Any:
+    """A message in words that tell every figure to the last bit; NaN is equal to itself."""
+    return str(message)
+
+
+def predict(session: MonitorSession, duty: float, actuator_id: str = "") -> Any:
+    request = PredictRemainingLife.Request(actuator_id=actuator_id, duty=duty)
+    return session.call(PredictRemainingLife, SERVICE, request)
+
+
+def use(session: MonitorSession, hours: float, stamp_ns: int, cycles: int = 0) -> None:
+    session.send(topics.USAGE, count(hours, stamp_ns, cycles))
+
+
+def count(hours: float, stamp_ns: int, cycles: int = 0) -> Usage:
+    message = Usage(actuator_id="flap", flight_hours=hours, cycles=cycles)
+    message.header.stamp = stamp_to_message(stamp_ns)
+    return message
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("histories")
+
+
+@pytest.fixture(scope="module")
+def session(cycles: list[Telemetry], folder: Path) -> Iterator[MonitorSession]:
+    """A monitor that has followed an actuator over its tests."""
+    with monitor({"hours_per_cycle": HOURS, "history_folder": str(folder)}, apart=True) as running:
+        running.describe()
+        live(running, cycles[:TESTS])
+        yield running
+
+
+@pytest.fixture(scope="module")
+def health(session: MonitorSession) -> Health:
+    return session.healths()[TESTS - 1]
+
+
+def test_health_tells_how_long_it_will_last(health: Health):
+    truth = math.log(11.0) / 0.0075 - HOURS * (TESTS - 1)
+    [item] = [item for item in health.faults if item.name == "friction"]
+    for life in (item.rul, health.rul_faults):
+        assert life.known, life.reason
+        assert life.hours_05 < truth < life.hours_95
+        assert life.cycles_50 == pytest.approx(life.hours_50 / HOURS)
+        assert (life.criterion, life.reason) == ("friction limit 0.5", "")
+    assert health.rul.known
+    assert health.rul.hours_50 <= health.rul_faults.hours_50
+    assert health.rul.cycles_05 == pytest.approx(health.rul.hours_05 / HOURS)
+    assert (health.flight_hours, health.cycles, health.duty) == (HOURS * TESTS, TESTS, 1.0)
+    assert health.assumption
+    assert health.dominant_fault in ("friction", *(item.name for item in health.requirements))
+
+
+def test_health_tells_growth_and_what_is_not_known(health: Health):
+    items = {item.name: item for item in health.faults}
+    now = friction(TESTS - 1)
+    assert items["friction"].value == pytest.approx(now, abs=0.02)
+    assert items["friction"].trend == pytest.approx(0.0075 * (now + 0.05), rel=0.4)
+    assert items["friction"].sigma > 0.0
+    assert not items["gain"].rul.known
+    assert items["gain"].rul.reason == "no significant growth"
+    assert np.isnan([items["gain"].rul.hours_50, items["gain"].rul.cycles_50]).all()
+
+
+def test_health_tells_of_required_performances_in_their_units(health: Health):
+    items = {item.name: item for item in health.requirements}
+    units = {name: item.unit for name, item in items.items()}
+    assert units == {
+        "tracking_error": "rad",
+        "bandwidth": "Hz",
+        "free_play": "rad",
+        "torque_margin": "1",
+    }
+    assert items["bandwidth"].limit_is_lower
+    assert items["bandwidth"].limit == 12.0
+    assert items["bandwidth"].value > 20.0
+    # Friction grows, and takes torque.
+    assert items["torque_margin"].trend < 0.0
+
+
+def test_status_carries_life_and_history(session: MonitorSession, folder: Path):
+    history = session.until_told("flap history", f"{TESTS} tests", b"\x00")
+    [file] = folder.iterdir()
+    assert {item.key: item.value for item in history.values}["file"] == str(file)
+    life = session.until_told("flap health", f": {session.healths()[-1].dominant_fault}")
+    values = {item.key: float(item.value) for item in life.values}
+    assert values["remaining life 50 % [h]"] == pytest.approx(
+        session.healths()[-1].rul.hours_50, rel=1e-4
+    )
+    assert values["flight hours [h]"] == HOURS * TESTS
+
+
+def test_service_tells_life_at_another_duty_and_changes_nothing(
+    session: MonitorSession, health: Health
+):
+    now, twice = predict(session, 1.0).health, predict(session, 2.0, "flap").health
+    expected = health.rul_faults.hours_50 / 2
+    assert twice.duty == 2.0
+    assert twice.rul_faults.hours_50 == pytest.approx(expected)
+    assert twice.rul_faults.cycles_50 == pytest.approx(expected / HOURS)
+    assert twice.assumption != now.assumption
+    told = [plain(replaced(message)) for message in (now, health)]
+    assert told[0] == told[1]
+    assert len(session.healths()) == TESTS
+
+
+def replaced(message: Health) -> Health:
+    """The message without events, which are told once."""
+    message.events = []
+    return message
+
+
+@pytest.mark.parametrize(
+    ("request_", "texts"),
+    [
+        ((0.0, ""), ["duty = 0 -", "[0.001, 1000]"]),
+        ((-2.0, ""), ["duty = -2 -", "[0.001, 1000]"]),
+        ((math.nan, ""), ["duty = nan", "[0.001, 1000]"]),
+        ((1.0, "rudder"), ["rudder", "not watched", "flap"]),
+    ],
+)
+def test_service_refuses_what_is_impossible_by_name(
+    session: MonitorSession, request_: tuple[float, str], texts: list[str]
+):
+    answer = predict(session, *request_)
+    assert not answer.success
+    assert all(text in answer.message for text in texts), answer.message
+
+
+def test_impossible_settings_of_prognosis_are_refused_by_name(session: MonitorSession):
+    wanted = {
+        "duty": 0.0,
+        "hours_per_cycle": -1.0,
+        "requirements.bandwidth": -1.0,
+        "tracker.process_noise": 9.0,
+        "history_folder": "elsewhere",
+    }
+    for name, value in wanted.items():
+        [answer] = session.set_parameter_values({name: value})
+        assert not answer.successful, name
+        assert name in answer.reason or "read-only" in answer.reason
+
+
+def test_restart_goes_on_where_the_history_ends(cycles: list[Telemetry], folder: Path, session):
+    """Of what the first monitor left in the file alone, while that one still runs."""
+    copy = folder.with_name("copied")
+    copy.mkdir()
+    [file] = folder.iterdir()
+    (copy / file.name).write_bytes(file.read_bytes())
+    with monitor({"hours_per_cycle": HOURS, "history_folder": str(copy)}) as restarted:
+        restarted.describe()
+        restarted.until_told("flap telemetry", "no telemetry so far")
+        before = predict(restarted, 1.0)
+        assert before.success, before.message
+        assert plain(replaced(before.health)) == plain(replaced(session.healths()[TESTS - 1]))
+        [after] = live(restarted, cycles[TESTS : TESTS + 1])
+        assert (after.flight_hours, after.cycles) == (HOURS * (TESTS + 1), TESTS + 1)
+        assert after.rul.known
+        assert after.rul_faults.hours_50 == pytest.approx(
+            before.health.rul_faults.hours_50 - HOURS, rel=0.3
+        )
+
+
+def test_second_monitor_of_a_unit_leaves_the_history_alone(
+    cycles: list[Telemetry], folder: Path, session: MonitorSession
+):
+    [file] = folder.iterdir()
+    content = file.read_bytes()
+    with monitor({"hours_per_cycle": HOURS, "history_folder": str(folder)}) as second:
+        second.describe()
+        live(second, cycles[:1])
+        second.until_told("flap history", "in use by another monitor", b"\x01")
+    assert file.read_bytes() == content
+
+
+def test_corrupted_history_is_told_in_health_and_status(cycles: list[Telemetry], tmp_path: Path):
+    file = tmp_path / "flap+SIM-0001.jsonl"
+    file.write_text("not a history\n")
+    with monitor({"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}) as session:
+        session.describe()
+        first, second = live(session, cycles[:2])
+        session.until_told("flap history", "set aside", b"\x01")
+    assert any("set aside" in event for event in first.events)
+    assert (second.cycles, second.events) == (2, [])
+    assert (tmp_path / "flap+SIM-0001.set_aside_1.jsonl").read_text() == "not a history\n"
+
+
+def test_hours_are_those_of_the_usage_topic(cycles: list[Telemetry]):
+    ends = [int(block.stamps_ns[-1]) for block in cycles]
+    with monitor() as session:
+        session.describe()
+        [first] = live(session, cycles[:1])
+        assert math.isnan(first.flight_hours)
+        assert "usage" in first.reason
+        assert "hours_per_cycle" in first.rul.reason
+        # One that is read only later does not count for this test; nor what is impossible.
+        for hours, stamp_ns in ((123.0, ends[0]), (-5.0, ends[0] + 1), (999.0, ends[1])):
+            use(session, hours, stamp_ns, cycles=40)
+        session.until_told("flap telemetry", "flight_hours = -5 h")
+        [second] = live(session, cycles[1:2])
+        assert (second.flight_hours, second.cycles) == (123.0, 40)
+
+
+def test_latched_usage_is_heard_by_a_monitor_that_comes_later(cycles: list[Telemetry]):
+    with monitor(up=False) as session:
+        use(session, 50.0, 1)
+        session.bring_up()
+        session.describe()
+        # The count may come after the first test.
+        told = live(session, cycles[:3])
+        assert told[-1].flight_hours == 50.0
+
+
+def test_unit_that_is_exchanged_begins_a_history_of_its_own(
+    cycles: list[Telemetry], tmp_path: Path
+):
+    other = replace(FLAP, serial_number="SIM-0002")
+    given = {"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}
+    with monitor(given) as session:
+        session.describe()
+        live(session, cycles[:2])
+        session.describe(other)
+        session.feed(cycles[2:3])
+        # The shipped calibration belongs to the first one.
+        session.until_told("flap telemetry", "SIM-0002")
+        answer = predict(session, 1.0)
+        assert "no history yet" in answer.message
+        session.describe()
+        [back] = live(session, cycles[3:4])
+        assert (back.serial_number, back.cycles) == ("SIM-0001", 3)
+
+
+def test_telemetry_is_received_while_a_prognosis_is_made(
+    cycles: list[Telemetry], monkeypatch: pytest.MonkeyPatch
+):
+    begun, go_on = threading.Event(), threading.Event()
+    threads = []
+    take = Prognostics.take
+
+    def slow(self: Prognostics, *args: Any) -> Any:
+        threads.append(threading.current_thread().name)
+        begun.set()
+        assert go_on.wait(10.0)
+        return take(self, *args)
+
+    monkeypatch.setattr(Prognostics, "take", slow)
+    with monitor() as session:
+        session.describe()
+        session.feed(cycles[:1])
+        assert begun.wait(10.0)
+        try:
+            session.feed([cycles[1].part(0, 5000)])
+            wait_for(lambda: session.node.unit("flap").watch.blocks == 2, "the second block")
+            assert not session.healths()
+        finally:
+            go_on.set()
+        session.until(session.healths)
+    # What the end cuts off is refused by who ends it.
+    assert threads[0] == "identification"
+
+
+def test_prognosis_that_fails_costs_neither_estimate_nor_alarm(
+    cycles: list[Telemetry], monkeypatch: pytest.MonkeyPatch
+):
+    def fail(*_: Any) -> Any:
+        raise FloatingPointError("made up")
+
+    monkeypatch.setattr(Prognostics, "take", fail)
+    with monitor({"hours_per_cycle": HOURS}) as session:
+        session.describe()
+        [health] = live(session, cycles[TESTS + 1 :])
+        assert [estimate.valid for estimate in session.estimates()] == [True]
+        assert (health.level, health.dominant_fault) == (WARN, "friction")
+        assert "made up" in health.rul.reason
+        assert "made up" in health.reason
+        assert health.header.stamp == session.estimates()[0].window_end
+
+
+@pytest.mark.slow
+def test_replayed_bag_gives_the_health_of_the_live_monitor(cycles: list[Telemetry], tmp_path: Path):
+    """Usage included; and leaves the history of the living as it is."""
+    n = 8
+    path, living = tmp_path / "tests.mcap", tmp_path / "living"
+    tests = [[b.part(i, min(i + 500, len(b))) for i in range(0, len(b), 500)] for b in cycles[:n]]
+    counts = [count(HOURS * (number + 3), tests[number][0].stamp_ns) for number in range(n)]
+    writer = BagWriter(path)
+    usage = f"{topics.NAMESPACE}/{topics.USAGE}"
+    writer.add_topic(usage, Usage, topics.LATCHED)
+    with SimulatedActuatorBag(writer, ActuatorDescription()) as recording:
+        for told, parts in zip(counts, tests, strict=True):
+            stamp_ns = parts[0].stamp_ns
+            writer.write(usage, told, stamp_ns, stamp_ns)
+            for part in parts:
+                recording.write_block(part, 0.0)
+    with monitor({"history_folder": str(living)}) as session:
+        session.describe()
+        for number, (told, parts) in enumerate(zip(counts, tests, strict=True), 1):
+            session.send(topics.USAGE, told)
+            session.feed(parts)
+            session.until(lambda number=number: len(session.healths()) >= number)
+        expected = session.healths()
+    [file] = living.iterdir()
+    content = file.read_bytes()
+    with Graph() as graph:
+        graph.start("monitor", use_sim_time=True, history_folder=living)
+        graph.wait_for(lambda: graph.status, "the monitor")
+        graph.start("player", bag=path, rate=3.0, actuator_only=True)
+        graph.wait_for(lambda: len(graph.healths) >= n, "the health after each test", 60.0)
+        assert graph.status["monitor: flap history"][2]["file"] == "none, in memory only"
+    assert [plain(item) for item in graph.healths] == [plain(item) for item in expected]
+    assert file.read_bytes() == content
+    assert [item.flight_hours for item in expected] == [HOURS * (i + 3) for i in range(n)]
