@@ -4,12 +4,12 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-# Wheels only, so that nothing is compiled; empy comes as a (plain Python) source.
+# Wheels only, so that nothing is compiled; empy and fastdtw, which progpy needs, come as sources.
 export UV_SYSTEM_CERTS=1 UV_CUSTOM_COMPILE_COMMAND='make lock'
 options=("$@")
 compile() {
     .venv/bin/uv pip compile --quiet --python-platform x86_64-manylinux_2_28 \
-        --only-binary :all: --no-binary empy --python-version "$@"
+        --only-binary :all: --no-binary empy --no-binary fastdtw --python-version "$@"
 }
 
 # lock FILE INPUT...: what the oldest Python can use, the newer ones can. Resolve for it, then let

@@ -7,9 +7,11 @@ import click
 
 _COMMANDS: Final = (
     "simulate",
+    "lives",
     "calibrate",
     "estimate",
     "compare",
+    "prognose",
     "thesis",
     "plot",
     "info",

@@ -2,14 +2,15 @@
 
     python tests/benchmarks/summary.py
 
-Reads accuracy.json, kernels.json, live.json and fleet.json beside this file, as `make bench` writes
-them; prints the table, writes it to summary.json, and fails when a target is missed.
+Reads accuracy.json, kernels.json, live.json, fleet.json and prognosis.json beside this file, as
+`make bench` writes them; prints the table, writes it to summary.json, and fails when a target is missed.
 """
 
 import json
 from pathlib import Path
 from typing import Any, Final
 
+import prognosis_tables
 import targets
 from rich.console import Console
 from tables import target_table
@@ -92,6 +93,7 @@ def main() -> None:
         "kernels": kernel_rows,
         "live": live_rows,
         "fleet": fleet_rows,
+        "prognosis": prognosis_tables.rows,
     }
     rows: list[Row] = []
     for name, rows_of in parts.items():

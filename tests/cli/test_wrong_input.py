@@ -249,5 +249,5 @@ def test_numbers_may_be_written_without_a_point(ema, tmp_path):
 
 def test_installed_command_answers():
     result = subprocess.run(["ema", "--help"], capture_output=True, text=True, check=True)
-    for name in ("simulate", "calibrate", "estimate", "compare", "thesis", "plot", "info"):
+    for name in ("simulate", "lives", "calibrate", "estimate", "compare", "thesis", "plot", "info"):
         assert name in result.stdout

@@ -8,6 +8,7 @@ from typing import Final
 from ema_core.faults import FAULT_NAMES
 from ema_core.growth_laws import LAWS
 from ema_core.quantity import check_quantities, quantity, text
+from ema_core.typical_growth import TYPICAL
 
 COMPONENTS: Final = tuple(name for name in FAULT_NAMES if name != "eccentricity_phase")
 """Components that are tracked: a direction is no fault."""
@@ -53,16 +54,16 @@ class KnownLaw:
             raise ValueError("shape = 0: law exponential needs an x_0 above 0 to begin at all")
 
 
+def _nominal(component: str) -> KnownLaw:
+    kind = "short_circuit" if component.startswith("short_circuit") else component
+    typical = TYPICAL[kind]
+    if typical.law == "drift":
+        return KnownLaw(typical.law, typical.rate, diffusion=typical.diffusion)
+    return KnownLaw(typical.law, typical.rate, shape=typical.shape)
+
+
 NOMINAL_LAWS: Final[Mapping[str, KnownLaw]] = MappingProxyType(
-    {
-        "friction": KnownLaw("exponential", 2e-3, shape=0.05),
-        "backlash": KnownLaw("archard", 3e-4, shape=3.0),
-        "short_circuit_a": KnownLaw("self_heating", 1.5e-4, shape=6.0),
-        "short_circuit_b": KnownLaw("self_heating", 1.5e-4, shape=6.0),
-        "short_circuit_c": KnownLaw("self_heating", 1.5e-4, shape=6.0),
-        "eccentricity": KnownLaw("power", 2000.0, shape=1.6),
-        "gain": KnownLaw("drift", 1.5e-4, diffusion=1e-3),
-    }
+    {component: _nominal(component) for component in COMPONENTS}
 )
 """Laws and median rates of the simulated lives, for a tracker that knows the law."""
 

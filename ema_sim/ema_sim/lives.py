@@ -1,0 +1,279 @@
+"""Simulated lives: faults grow from new until one of them reaches its limit.
+
+One fault dominates; it follows its law at the rate of this actuator, drawn about that of the type.
+The others follow theirs in a time that runs five times as slowly. Tests come at a fixed interval;
+some are missing, and some windows are spoiled by noise of the current sensor or by a gap.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import (
+    ECCENTRICITY_PHASE,
+    FAULT_NAMES,
+    FAULTS,
+    SHORT_CIRCUITS,
+    healthy_faults,
+)
+from ema_core.quantity import check_quantities, quantity
+from ema_sim.growth import Growth, grow
+from ema_core.typical_growth import TYPICAL, TypicalGrowth
+
+Window = Literal["good", "noisy", "gap", "missing"]
+"""What became of a test's window."""
+
+NOISE_OF_SPOILED: Final = 1.0
+"""Standard deviation of the current sensor's noise in a noisy window [A]."""
+
+_MOST_DRAWS: Final = 1000
+
+
+@dataclass(frozen=True)
+class LifeSettings:
+    """How lives are drawn.
+
+    A life that would be shorter or longer than the settings allow is drawn anew; that of a
+    repaired actuator is counted from its repair.
+
+    Raises
+    ------
+    ValueError
+        When a figure is outside its range, or no length is allowed.
+    """
+
+    interval_hours: float = quantity(10.0, "h", 0.01, 1e4, "service hours from test to test")
+    process_noise: float = quantity(0.3, "-", 0.0, 3.0, "sigma of an increment's lognormal factor")
+    others_share: float = quantity(0.2, "-", 0.0, 1.0, "rate of the others, of their own")
+    missing_share: float = quantity(0.1, "-", 0.0, 0.9, "share of tests that are missing")
+    spoiled_share: float = quantity(0.03, "-", 0.0, 1.0, "share of windows that are spoiled")
+    least_tests: int = quantity(60, "-", 1, 10_000, "shortest life, in tests")
+    most_tests: int = quantity(200, "-", 1, 10_000, "longest life, in tests")
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        if self.least_tests > self.most_tests:
+            raise ValueError(
+                f"least_tests = {self.least_tests}: expected at most most_tests = {self.most_tests}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Life:
+    """A life, test by test.
+
+    Attributes
+    ----------
+    dominant
+        Component that ends it; empty in a life without growth.
+    growths
+        Growth by component.
+    hours
+        Service hours of the tests, the missing ones included, ``(n,)`` [h].
+    faults
+        True fault vectors at them, ``(n, 8)``.
+    windows
+        What became of each window.
+    end_hours
+        Service hour at which a fault reaches its limit [h]; infinite in a life without growth.
+    repair_hours
+        Service hour of the first test after the repair [h]; NaN without one.
+    """
+
+    dominant: str
+    growths: Mapping[str, Growth]
+    hours: NDArray[np.float64]
+    faults: NDArray[np.float64]
+    windows: tuple[Window, ...]
+    end_hours: float
+    repair_hours: float = math.nan
+
+
+def run_to_failure(
+    limits: Mapping[str, float],
+    rng: np.random.Generator,
+    kind: str | None = None,
+    settings: LifeSettings | None = None,
+    *,
+    with_repair: bool = False,
+) -> Life:
+    """Draw the life of a new actuator until a fault reaches its limit.
+
+    Parameters
+    ----------
+    limits
+        Largest distance from healthy of each component but the direction of eccentricity [-].
+    rng
+        Random numbers of everything.
+    kind
+        Dominant fault, of ``TYPICAL``; drawn when None.
+    settings
+        How lives are drawn.
+    with_repair
+        Whether the dominant fault is put back to healthy once, a fifth to a half of the longest
+        life's tests after the start.
+
+    Raises
+    ------
+    ValueError
+        When a limit is missing, the kind is unknown, or no life is as long as it should be.
+    """
+    settings = settings or LifeSettings()
+    _check(limits, kind)
+    for _ in range(_MOST_DRAWS):
+        chosen = kind or str(rng.choice(list(TYPICAL)))
+        life = _grown_old(limits, rng, chosen, settings, with_repair=with_repair)
+        if life is not None:
+            return life
+    raise ValueError(
+        f"none of {_MOST_DRAWS} lives was from {settings.least_tests} to {settings.most_tests} "
+        f"tests long, {settings.interval_hours:g} h apart"
+    )
+
+
+def constant_life(
+    limits: Mapping[str, float], rng: np.random.Generator, settings: LifeSettings | None = None
+) -> Life:
+    """Draw a life in which no fault grows.
+
+    Parameters
+    ----------
+    limits, rng, settings
+        As of ``run_to_failure``.
+
+    Raises
+    ------
+    ValueError
+        When a limit is missing.
+
+    Notes
+    -----
+    Each component is as likely healthy as at a constant value of up to 60 % of its limit, at most
+    one phase having a short circuit.
+    """
+    settings = settings or LifeSettings()
+    _check(limits, None)
+    tests = int(rng.integers(settings.least_tests, settings.most_tests, endpoint=True))
+    k = _new_actuator(rng)
+    shorted = int(rng.choice(SHORT_CIRCUITS))
+    for number, fault in enumerate(FAULTS):
+        side = rng.choice([-1.0, 1.0]) if fault.healthy > 0.0 else 1.0
+        value = fault.healthy + side * 0.6 * rng.random() * limits.get(fault.name, 0.0)
+        is_worn = rng.random() < 0.5
+        if number == ECCENTRICITY_PHASE or (number in SHORT_CIRCUITS and number != shorted):
+            continue
+        if is_worn:
+            k[number] = value
+    hours = _hours(tests, settings)
+    return Life("", {}, hours, np.tile(k, (tests, 1)), _windows(tests, rng, settings), math.inf)
+
+
+def _check(limits: Mapping[str, float], kind: str | None) -> None:
+    for name in FAULT_NAMES:
+        if name != "eccentricity_phase" and not limits.get(name, 0.0) > 0.0:
+            raise ValueError(f"limit of {name} = {limits.get(name)!r}: expected a number above 0")
+    if kind is not None and kind not in TYPICAL:
+        raise ValueError(f"dominant fault {kind!r} is unknown; known: {', '.join(TYPICAL)}")
+
+
+def _new_actuator(rng: np.random.Generator) -> NDArray[np.float64]:
+    k = healthy_faults()
+    k[ECCENTRICITY_PHASE] = rng.random()
+    return k
+
+
+def _hours(n: int, settings: LifeSettings) -> NDArray[np.float64]:
+    return np.arange(n, dtype=np.float64) * np.float64(settings.interval_hours)
+
+
+def _windows(n: int, rng: np.random.Generator, settings: LifeSettings) -> tuple[Window, ...]:
+    spoiled = settings.spoiled_share / 2.0
+    taken = 1.0 - settings.missing_share
+    kinds: tuple[Window, ...] = ("missing", "noisy", "gap", "good")
+    shares = (1.0 - taken, taken * spoiled, taken * spoiled)
+    picked = np.searchsorted(np.cumsum(shares), rng.random(n), side="right")
+    return tuple(kinds[number] for number in picked)
+
+
+def _drawn_growth(
+    typical: TypicalGrowth, rng: np.random.Generator, share: float, settings: LifeSettings
+) -> Growth:
+    """Return the growth of one actuator, in a time that runs at a share of its own."""
+    rate = typical.rate * math.exp(typical.rate_sigma * rng.standard_normal())
+    onset = typical.latest_onset * rng.random()
+    side = float(rng.choice([-1.0, 1.0]))
+    if share == 0.0:
+        return Growth()
+    if typical.law == "power":
+        return Growth(
+            "power", rate / share, typical.shape, noise=settings.process_noise, onset=onset
+        )
+    if typical.law == "drift":
+        diffusion = typical.diffusion * math.sqrt(share)
+        return Growth("drift", side * rate * share, noise=diffusion, onset=onset)
+    return Growth(
+        typical.law, rate * share, typical.shape, noise=settings.process_noise, onset=onset
+    )
+
+
+def _grown_old(
+    limits: Mapping[str, float],
+    rng: np.random.Generator,
+    kind: str,
+    settings: LifeSettings,
+    *,
+    with_repair: bool,
+) -> Life | None:
+    """Return a life, or None when it is too short or too long."""
+    phase = FAULT_NAMES[int(rng.choice(SHORT_CIRCUITS))]
+    names = {name: phase if name == "short_circuit" else name for name in TYPICAL}
+    dominant = names[kind]
+    growths = {
+        names[name]: _drawn_growth(
+            typical, rng, 1.0 if name == kind else settings.others_share, settings
+        )
+        for name, typical in TYPICAL.items()
+    }
+    longest, step = settings.most_tests, settings.interval_hours
+    repair = int(rng.integers(longest // 5, longest // 2)) if with_repair else 0
+    column = FAULT_NAMES.index(dominant)
+    reach = np.array([limits.get(name, math.inf) for name in FAULT_NAMES])
+    reach[ECCENTRICITY_PHASE] = math.inf
+    faults = [_new_actuator(rng)]
+    for number in range(repair + longest):
+        if with_repair and number + 1 == repair:
+            faults[-1][column] = FAULTS[column].healthy
+        after = grow(faults[-1], growths, number * step, step, rng)
+        first, share = _first_passing(faults[-1], after, reach)
+        if not math.isfinite(share):
+            faults.append(after)
+            continue
+        if first != column or number + 1 < repair + settings.least_tests:
+            return None
+        n = len(faults)
+        return Life(
+            dominant,
+            growths,
+            _hours(n, settings),
+            np.array(faults),
+            _windows(n, rng, settings),
+            (number + share) * step,
+            (repair - 1) * step if with_repair else math.nan,
+        )
+    return None
+
+
+def _first_passing(
+    before: NDArray[np.float64], after: NDArray[np.float64], reach: NDArray[np.float64]
+) -> tuple[int, float]:
+    """Return which component passes its limit first, and after which share of a step if it does."""
+    was, distance = np.abs(before - healthy_faults()), np.abs(after - healthy_faults())
+    share = np.full(reach.shape, np.inf)
+    passing = distance >= reach
+    share[passing] = (reach - was)[passing] / (distance - was)[passing]
+    first = int(np.argmin(share))
+    return first, float(share[first])

@@ -1,0 +1,104 @@
+"""The lives that prognosis is scored on, and what the real estimator tells of their tests."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from cases import CURRENT_NOISE, RESOLUTIONS, Case
+from numpy.typing import NDArray
+from trials import ACTUATOR
+
+from ema_core.faults import FAULT_NAMES
+from ema_monitor.calibration import Calibration
+from ema_monitor.estimate import Estimate
+from ema_monitor.health import HealthLimits
+from ema_monitor.identification import identify
+from ema_monitor.trigger import WindowTrigger
+from ema_monitor.window import Window
+from ema_sim.lives import NOISE_OF_SPOILED, Life, constant_life, run_to_failure
+from ema_sim.sensors import Sensors
+from ema_core.typical_growth import TYPICAL
+
+SEED: Final = 20_186
+"""Root of the seeds of scored lives. Nothing was tuned on them."""
+
+LIMITS: Final[Mapping[str, float]] = {
+    name: HealthLimits().of(name) for name in FAULT_NAMES if name != "eccentricity_phase"
+}
+
+_GROWING, _CONSTANT, _REAL = range(3)
+
+
+@dataclass(frozen=True)
+class ScoredLife:
+    """A life by its number; ``rng`` gives a stream for everything else that is random in it."""
+
+    number: int
+    stream: int
+
+    @property
+    def kind(self) -> str:
+        """Dominant fault; empty in a constant life."""
+        return "" if self.stream == _CONSTANT else list(TYPICAL)[self.number % len(TYPICAL)]
+
+    def rng(self, purpose: int) -> np.random.Generator:
+        """Return the random numbers for a purpose."""
+        return np.random.default_rng([SEED, self.stream, self.number, purpose])
+
+    def life(self) -> Life:
+        """Return what happens in it."""
+        rng = self.rng(0)
+        if self.stream == _CONSTANT:
+            return constant_life(LIMITS, rng)
+        return run_to_failure(LIMITS, rng, self.kind)
+
+    def case(self, life: Life, test: int) -> Case:
+        """Return a test of it to simulate."""
+        seed = (SEED, self.stream, self.number, test)
+        return Case(tuple(life.faults[test].tolist()), seed)
+
+
+def growing(count: int) -> list[ScoredLife]:
+    """Return lives to failure, each kind of fault in turn."""
+    return [ScoredLife(number, _GROWING) for number in range(count)]
+
+
+def constant(count: int) -> list[ScoredLife]:
+    """Return lives without growth."""
+    return [ScoredLife(number, _CONSTANT) for number in range(count)]
+
+
+def real(count: int) -> list[ScoredLife]:
+    """Return lives to failure that are simulated and identified test by test."""
+    return [ScoredLife(number, _REAL) for number in range(count)]
+
+
+def estimate_of(
+    case: Case,
+    window: str,
+    calibration: Calibration,
+    previous: NDArray[np.float64] | None = None,
+) -> Estimate | None:
+    """Simulate a test and identify its faults; None where the monitor has no window to use.
+
+    Parameters
+    ----------
+    case
+        The test.
+    window
+        What becomes of its window, as of ``ema_sim.lives``.
+    calibration
+        Calibration on windows of such sensors.
+    previous
+        Faults of the last valid estimate, ``(8,)``, at which the search begins; cold when None.
+    """
+    if window in ("missing", "gap"):
+        return None
+    noise = NOISE_OF_SPOILED if window == "noisy" else CURRENT_NOISE
+    rng = np.random.default_rng([*case.seed, 1])
+    telemetry = Sensors(noise, RESOLUTIONS, rng).measure(case.telemetry())
+    [found] = WindowTrigger(ACTUATOR.parameters).feed(telemetry)
+    if not isinstance(found, Window):
+        return None
+    return identify(found, ACTUATOR, calibration, previous=previous)

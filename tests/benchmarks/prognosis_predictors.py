@@ -1,0 +1,185 @@
+"""What is scored: the tracker with laws known and unknown, beside a linear trend and an oracle."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from prognosis_lives import LIMITS
+
+from ema_core.faults import FAULT_NAMES, healthy_faults
+from ema_core.growth_laws import hours_until
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.settings import NOMINAL_LAWS, TrackerSettings
+from ema_monitor.prognosis.tracker import Tracker
+from ema_sim.growth import Growth
+from ema_sim.lives import Life, LifeSettings
+
+TREND_TESTS: Final = 20
+"""Latest estimates that the linear trend is fitted to."""
+
+_TREND_SIGMAS: Final = 3.0
+_TREND_SAMPLES: Final = 500
+_ORACLE_SAMPLES: Final = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Predictions:
+    """Predictions of the remaining useful life after each test, NaN where none is given.
+
+    Attributes
+    ----------
+    hours
+        Service hours of the tests, ``(n,)`` [h].
+    low, median, high
+        5, 50 and 95 % quantiles, ``(n,)`` each [h].
+    samples
+        Samples of the distribution, ``(n, m)`` [h].
+    seconds
+        Processor time from estimate to prediction, ``(n,)`` [s].
+    """
+
+    hours: NDArray[np.float64]
+    low: NDArray[np.float64]
+    median: NDArray[np.float64]
+    high: NDArray[np.float64]
+    samples: NDArray[np.float64]
+    seconds: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls,
+        observations: Sequence[Observation],
+        samples: Sequence[NDArray[np.float64] | None],
+        seconds: Sequence[float],
+    ) -> "Predictions":
+        """Return the predictions of samples, ``(m,)`` each, None where there is none."""
+        size = next((len(one) for one in samples if one is not None), 1)
+        rows = np.full((len(samples), size), np.nan)
+        for number, one in enumerate(samples):
+            if one is not None:
+                rows[number] = one
+        low, median, high = np.quantile(rows, [0.05, 0.5, 0.95], axis=1, method="inverted_cdf")
+        hours = np.array([observation.hours for observation in observations])
+        return cls(hours, low, median, high, rows, np.array(seconds))
+
+
+def _tracked(observations: Sequence[Observation], settings: TrackerSettings) -> Predictions:
+    tracker = Tracker(HealthLimits(), settings)
+    samples: list[NDArray[np.float64] | None] = []
+    seconds: list[float] = []
+    for observation in observations:
+        start = time.process_time()
+        tracker.update(observation)
+        prognosis = tracker.predict()
+        seconds.append(time.process_time() - start)
+        samples.append(prognosis.samples if prognosis.overall.known else None)
+    return Predictions.of(observations, samples, seconds)
+
+
+def law_known(_: Life, observations: Sequence[Observation]) -> Predictions:
+    """Return what the tracker predicts that is told laws and typical rates."""
+    return _tracked(observations, TrackerSettings(laws=NOMINAL_LAWS))
+
+
+def law_unknown(_: Life, observations: Sequence[Observation]) -> Predictions:
+    """Return what the tracker predicts as shipped."""
+    return _tracked(observations, TrackerSettings())
+
+
+def linear_trend(_: Life, observations: Sequence[Observation]) -> Predictions:
+    """Return where least squares lines through the latest estimates first cross a limit.
+
+    A component takes part once its slope is away from healthy by three standard errors; the
+    distribution is that of the line's two figures.
+    """
+    rng = np.random.default_rng(0)
+    samples: list[NDArray[np.float64] | None] = []
+    seconds: list[float] = []
+    for number in range(len(observations)):
+        start = time.process_time()
+        latest = observations[max(0, number + 1 - TREND_TESTS) : number + 1]
+        samples.append(_first_crossing(latest, rng))
+        seconds.append(time.process_time() - start)
+    return Predictions.of(observations, samples, seconds)
+
+
+def _first_crossing(
+    latest: Sequence[Observation], rng: np.random.Generator
+) -> NDArray[np.float64] | None:
+    """Return samples of the hours until the first limit; None where no component grows."""
+    if len(latest) < 5:
+        return None
+    hours = np.array([one.hours for one in latest]) - latest[-1].hours
+    away = np.array([one.faults for one in latest]) - healthy_faults()
+    hidden = np.array([one.unobservable for one in latest])
+    design = np.column_stack([np.ones_like(hours), hours])
+    covariance = np.linalg.inv(design.T @ design)
+    lives = np.full(_TREND_SAMPLES, np.inf)
+    for name, limit in LIMITS.items():
+        column = FAULT_NAMES.index(name)
+        if hidden[:, column].any():
+            continue
+        values = np.sign(np.mean(away[:, column]) or 1.0) * away[:, column]
+        line = covariance @ design.T @ values
+        scatter = np.sum((values - design @ line) ** 2) / (len(hours) - 2)
+        if not line[1] > _TREND_SIGMAS * np.sqrt(scatter * covariance[1, 1]) or line[1] == 0.0:
+            continue
+        drawn = rng.multivariate_normal(line, scatter * covariance, _TREND_SAMPLES)
+        rising = drawn[:, 1] > 0.0
+        until = np.full(_TREND_SAMPLES, np.inf)
+        until[rising] = np.maximum(limit - drawn[rising, 0], 0.0) / drawn[rising, 1]
+        lives = np.minimum(lives, until)
+    return lives if np.any(np.isfinite(lives)) else None
+
+
+def oracle(life: Life, observations: Sequence[Observation]) -> Predictions:
+    """Return what could be predicted at best: only the process noise of the future is unknown.
+
+    It knows the true faults, laws, rates and hours of onset. To first order in the noise of the
+    increments, the hours until a limit are inverse Gaussian; with drift they are exactly.
+    """
+    rng = np.random.default_rng(0)
+    samples: list[NDArray[np.float64] | None] = []
+    seconds: list[float] = []
+    for observation in observations:
+        start = time.process_time()
+        at = int(np.searchsorted(life.hours, observation.hours))
+        lives = np.full(_ORACLE_SAMPLES, np.inf)
+        for name, growth in life.growths.items():
+            away = life.faults[at, FAULT_NAMES.index(name)] - _healthy(name)
+            waiting = max(growth.onset - observation.hours, 0.0)
+            passage = _passage(growth, float(away), LIMITS[name], rng)
+            lives = np.minimum(lives, waiting + passage)
+        samples.append(lives if life.growths else None)
+        seconds.append(time.process_time() - start)
+    return Predictions.of(observations, samples, seconds)
+
+
+def _healthy(name: str) -> float:
+    return float(healthy_faults()[FAULT_NAMES.index(name)])
+
+
+def _passage(
+    growth: Growth, away: float, limit: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return samples of the hours of growth until a limit."""
+    if growth.law == "drift":
+        left = limit - np.sign(growth.rate) * away
+        rate = abs(growth.rate)
+        return rng.wald(left / rate, (left / growth.noise) ** 2, _ORACLE_SAMPLES)
+    needed = float(hours_until(growth.law, abs(away), growth.rate, growth.shape, limit))
+    mean = np.exp(0.5 * growth.noise**2)
+    variance = mean**2 * np.expm1(growth.noise**2) * LifeSettings().interval_hours
+    return rng.wald(needed / mean, needed**2 / variance, _ORACLE_SAMPLES)
+
+
+PREDICTORS: Final[Mapping[str, Callable[[Life, Sequence[Observation]], Predictions]]] = {
+    "law known": law_known,
+    "law unknown": law_unknown,
+    "linear trend": linear_trend,
+    "oracle": oracle,
+}

@@ -1,0 +1,163 @@
+"""``ema lives``: folders of bags and files of estimates, by seed, and what is refused."""
+
+import json
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ema_cli import lives as command
+from ema_core.faults import FAULT_NAMES
+from ema_monitor.health import HealthLimits
+from ema_recording.reader import Bag
+from ema_sim.lives import LifeSettings, constant_life, run_to_failure
+
+FEW = LifeSettings(interval_hours=150.0, least_tests=4, most_tests=14, spoiled_share=0.5)
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Lives of about seven tests, half of their windows spoiled."""
+
+    def run(limits, rng, kind, *, with_repair):
+        return run_to_failure(limits, rng, kind, FEW, with_repair=with_repair)
+
+    monkeypatch.setattr(command, "run_to_failure", run)
+    monkeypatch.setattr(
+        command, "constant_life", lambda limits, rng: constant_life(limits, rng, FEW)
+    )
+
+
+def test_life_is_a_folder_with_a_bag_a_test(ema, tmp_path, short):
+    folder = tmp_path / "lives"
+    result = ema("lives", "-o", folder, "--count", "2", "--fault", "backlash")
+    assert result.exit_code == 0, result.output
+    index = pd.read_csv(folder / "lives.csv")
+    assert list(index["life"]) == ["life_0000", "life_0001"]
+    assert set(index["dominant_fault"]) == {"backlash"}
+    limit = HealthLimits().backlash
+    for life in index.to_dict("records"):
+        bags = sorted((folder / life["life"]).iterdir())
+        assert len(bags) == life["tests"] - life["missing"]
+        stamps, values = [], []
+        for path in bags:
+            bag = Bag(path)
+            assert bag.damage == ""
+            messages = {
+                name: item.message
+                for name in ("usage", "simulated_faults")
+                for item in bag.messages([f"/ema/{name}"])
+            }
+            usage, truth = messages["usage"], messages["simulated_faults"]
+            number = int(path.stem.removeprefix("test_"))
+            assert usage.flight_hours == 150.0 * number
+            assert usage.cycles == number + 1
+            assert usage.header.stamp.sec == 3600 * usage.flight_hours
+            stamps.append(truth.header.stamp.sec)
+            values.append(truth.faults.backlash)
+        assert np.all(np.diff(stamps) > 0)
+        assert np.all(np.diff(values) > 0.0)
+        assert values[-1] < limit
+
+
+def test_test_bag_is_read_as_any_other(ema, tmp_path, short):
+    folder = tmp_path / "lives"
+    ema("lives", "-o", folder, "--fault", "friction", "--seed", "3")
+    last = sorted((folder / "life_0000").iterdir())[-1]
+    result = ema("info", last)
+    assert result.exit_code == 0
+    # A gap of three blocks takes 300 of them.
+    assert "17000 samples" in result.output or "16700 samples" in result.output
+
+
+def test_estimates_hold_truth_and_covariance(ema, tmp_path, short):
+    folder = tmp_path / "lives"
+    result = ema("lives", "-o", folder, "--fault", "friction", "--as", "estimates", "--seed", "2")
+    assert result.exit_code == 0, result.output
+    lines = [json.loads(line) for line in (folder / "life_0000.jsonl").read_text().splitlines()]
+    windows = {line["window"] for line in lines}
+    assert windows == {"good", "noisy", "gap"}
+    for line in lines:
+        assert set(line["truth"]) == set(FAULT_NAMES)
+        assert line["valid"] == (line["window"] == "good")
+        if line["window"] == "gap":
+            assert "gap of 300 samples" in line["reason"]
+        if line["valid"]:
+            sigma = np.sqrt(line["covariance"][0][0])
+            error = line["faults"]["friction"] - line["truth"]["friction"]
+            # The widest of a handful of errors; the estimator's floor is a few thousandths.
+            assert abs(error) < 5.0 * sigma + 2e-3
+
+
+def test_constant_lives_have_no_end(ema, tmp_path, short):
+    folder = tmp_path / "lives"
+    assert ema("lives", "-o", folder, "--constant", "--as", "estimates").exit_code == 0
+    index = pd.read_csv(folder / "lives.csv")
+    assert index["end_hours"].isna().all()
+    assert index["dominant_fault"].isna().all()
+
+
+def test_same_seed_same_lives_however_many(ema, tmp_path, short):
+    for name, count, seed in (("a", 1, 7), ("b", 2, 7), ("c", 1, 8)):
+        ema("lives", "-o", tmp_path / name, "--count", count, "--seed", seed, "--as", "estimates")
+    first, same, other = (
+        (tmp_path / name / "life_0000.jsonl").read_text() for name in ("a", "b", "c")
+    )
+    assert first == same
+    assert first != other
+
+
+def test_repair_is_told(ema, tmp_path, short):
+    folder = tmp_path / "lives"
+    ema("lives", "-o", folder, "--repair", "--fault", "gain", "--as", "estimates")
+    [life] = pd.read_csv(folder / "lives.csv").to_dict("records")
+    assert 0.0 < life["repair_hours"] < life["end_hours"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "parts"),
+    [
+        (("--count", "0"), 2, ("--count", "0")),
+        (("--seed", "-1"), 2, ("--seed", "-1")),
+        (("--fault", "rust"), 2, ("rust", "backlash", "short_circuit")),
+        (("--as", "csv"), 2, ("csv", "bags", "estimates")),
+        (("--constant", "--fault", "gain"), 2, ("--constant", "--fault")),
+        (("--constant", "--repair"), 2, ("--constant", "--repair")),
+    ],
+)
+def test_wrong_options_are_refused_before_anything_is_made(ema, tmp_path, arguments, code, parts):
+    result = ema("lives", "-o", tmp_path / "lives", *arguments)
+    assert result.exit_code == code
+    for part in parts:
+        assert part in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_existing_folder_is_kept(ema, tmp_path):
+    (tmp_path / "precious").write_text("x")
+    result = ema("lives", "-o", tmp_path)
+    assert result.exit_code == 1
+    assert str(tmp_path) in result.stderr
+    assert "is there already" in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["precious"]
+
+
+def test_interrupted_command_leaves_complete_lives_alone(tmp_path):
+    folder = tmp_path / "lives"
+    with subprocess.Popen(
+        ["ema", "lives", "-o", folder, "--count", "100"], stderr=subprocess.PIPE, text=True
+    ) as process:
+        deadline = time.monotonic() + 60.0
+        while len(list(folder.glob("life_0000.part/*"))) < 3:
+            if process.poll() is not None or time.monotonic() > deadline:
+                process.kill()
+                pytest.fail(f"no life came to be: {process.communicate()[1]}")
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert error.strip() == f"Error: stopped: 0 of 100 lives are in {folder}"
+    assert list(folder.iterdir()) == []
