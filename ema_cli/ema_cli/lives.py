@@ -18,9 +18,9 @@ from ema_cli.life_tests import LifeTest, simulated_tests
 from ema_cli.progress import progress_bar
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES
+from ema_core.typical_growth import TYPICAL
 from ema_monitor.health import HealthLimits
 from ema_sim.lives import Life, constant_life, run_to_failure
-from ema_core.typical_growth import TYPICAL
 
 INDEX: Final = "lives.csv"
 """File with a line about each life."""

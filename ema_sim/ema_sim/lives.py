@@ -21,8 +21,8 @@ from ema_core.faults import (
     healthy_faults,
 )
 from ema_core.quantity import check_quantities, quantity
-from ema_sim.growth import Growth, grow
 from ema_core.typical_growth import TYPICAL, TypicalGrowth
+from ema_sim.growth import Growth, grow
 
 Window = Literal["good", "noisy", "gap", "missing"]
 """What became of a test's window."""

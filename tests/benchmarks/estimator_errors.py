@@ -23,11 +23,11 @@ from rich.progress import Progress
 from trials import ACTUATOR, workers
 
 from ema_core.faults import N_FAULTS
+from ema_core.typical_growth import TYPICAL
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate
 from ema_monitor.healthy_fit import calibrate
 from ema_sim.lives import constant_life, run_to_failure
-from ema_core.typical_growth import TYPICAL
 
 FILE: Final = Path(__file__).with_name("estimator_errors.jsonl")
 SEED: Final = 20_185

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from trials import ACTUATOR
 
 from ema_core.faults import FAULT_NAMES
+from ema_core.typical_growth import TYPICAL
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate
 from ema_monitor.health import HealthLimits
@@ -18,7 +19,6 @@ from ema_monitor.trigger import WindowTrigger
 from ema_monitor.window import Window
 from ema_sim.lives import NOISE_OF_SPOILED, Life, constant_life, run_to_failure
 from ema_sim.sensors import Sensors
-from ema_core.typical_growth import TYPICAL
 
 SEED: Final = 20_186
 """Root of the seeds of scored lives. Nothing was tuned on them."""

@@ -23,9 +23,9 @@ from progpy.uncertain_data import UnweightedSamples  # pyright: ignore[reportMis
 
 from ema_core.faults import FAULT_NAMES, healthy_faults
 from ema_core.growth_laws import increment
+from ema_core.typical_growth import TYPICAL
 from ema_monitor.prognosis.observation import Observation
 from ema_sim.lives import Life, LifeSettings
-from ema_core.typical_growth import TYPICAL
 
 PARTICLES: Final = 1000
 SAMPLES: Final = 100

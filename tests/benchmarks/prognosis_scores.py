@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 from prognosis_predictors import Predictions
 
-from ema_monitor.prognosis import metrics
 from ema_core.typical_growth import TYPICAL
+from ema_monitor.prognosis import metrics
 
 LAMBDAS: Final = (0.25, 0.5, 0.75, 0.9)
 """Shares of the time from first prediction to end at which the cone is tested [-]."""

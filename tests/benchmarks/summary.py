@@ -3,7 +3,8 @@
     python tests/benchmarks/summary.py
 
 Reads accuracy.json, kernels.json, live.json, fleet.json and prognosis.json beside this file, as
-`make bench` writes them; prints the table, writes it to summary.json, and fails when a target is missed.
+`make bench` writes them; prints the table, writes it to summary.json, and fails when a target is
+missed.
 """
 
 import json

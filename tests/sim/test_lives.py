@@ -7,8 +7,8 @@ import pytest
 
 from ema_core.faults import FAULT_NAMES, healthy_faults
 from ema_core.growth_laws import hours_until
-from ema_sim.lives import LifeSettings, constant_life, run_to_failure
 from ema_core.typical_growth import TYPICAL
+from ema_sim.lives import LifeSettings, constant_life, run_to_failure
 
 LIMITS = {
     "friction": 0.5,
