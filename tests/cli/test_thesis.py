@@ -6,6 +6,7 @@ import signal
 import subprocess
 import time
 from concurrent.futures import BrokenExecutor
+from functools import partial
 
 import pandas as pd
 import pytest
@@ -141,6 +142,8 @@ def test_interrupted_study_keeps_its_runs_and_goes_on(tmp_path, executor):
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
+        # Where the tests run in the background, interrupts are ignored, which children inherit.
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     )
     runs = folder / "runs.jsonl"
     # Three processes import and load kernels first, on whatever cores are left.

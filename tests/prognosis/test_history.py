@@ -143,6 +143,7 @@ def test_corrupted_history_is_set_aside_whole_and_a_new_one_begun(path: Path, pl
         (b"\x00\x01\xff" * 300 + b"\n", "header"),
         (b"hours,friction\n10,0.1\n", "header"),
         (b"\n", "header"),
+        (b"\x00" * 5000, "no line of a history"),
     ],
 )
 def test_file_that_is_no_history_is_set_aside(path: Path, content: bytes, reason: str):
@@ -152,6 +153,26 @@ def test_file_that_is_no_history_is_set_aside(path: Path, content: bytes, reason
     assert found == []
     assert reason in problem
     assert path.with_name("flap.set_aside_1.jsonl").read_bytes() == content
+
+
+def test_damaged_end_is_left_out_and_the_file_kept_as_it_was(path: Path):
+    """As a loss of power leaves it: a stretch of zeros."""
+    spoiled = kept(path) + b"\x00" * 3000
+    path.write_bytes(spoiled)
+    found, problem = hours(path)
+    assert found == [0.0, 10.0, 20.0]
+    assert "damaged end" in problem
+    assert path.with_name("flap.set_aside_1.jsonl").read_bytes() == spoiled
+
+
+def test_what_another_monitor_wrote_since_is_not_overwritten(path: Path):
+    late = History(*UNIT, path)
+    written = kept(path)
+    late.append(entry(7))
+    late.close()
+    assert path.read_bytes() == written
+    assert "written by another monitor" in late.problem
+    assert [item.hours for item in late.entries] == [70.0]
 
 
 def test_history_of_another_unit_is_set_aside_and_none_is_overwritten(path: Path):

@@ -6,6 +6,7 @@ disk before the next, each with a checksum of its own.
 
 import fcntl
 import os
+import shutil
 from pathlib import Path
 from typing import BinaryIO, Final
 from urllib.parse import quote
@@ -13,6 +14,8 @@ from urllib.parse import quote
 from ema_monitor.prognosis.history_entry import Entry, as_line, from_line
 
 FORMAT: Final = "ema_history 1"
+
+_LONGEST_LINE: Final = 65_536
 
 
 class History:
@@ -81,7 +84,12 @@ class History:
         try:
             if self._file is None:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
-                self._take(self._path)
+                if self._take(self._path) and self._holds_unread():
+                    self._trouble = (
+                        f"the history {self._path} was written by another monitor since this one "
+                        "began; this one's is in memory only until it starts again"
+                    )
+                    self.close()
             if self._file is not None:
                 self._write(self._file)
         except OSError as error:
@@ -109,7 +117,10 @@ class History:
             return
         content = self._file.read()
         whole = content[: content.rfind(b"\n") + 1]
+        is_cut = _is_cut_line(content[len(whole) :])
         try:
+            if not whole and not is_cut:
+                raise ValueError("it holds no line of a history")
             header, *lines = whole.splitlines() or [b""]
             if whole:
                 self._check_header(header)
@@ -124,6 +135,17 @@ class History:
             )
             return
         self.entries, self._end = entries, len(whole)
+        if not is_cut:
+            aside = _free_name(path)
+            shutil.copy2(path, aside)
+            self._set_aside = (
+                f"the history {path} has a damaged end, which is left out; the file as it was is "
+                f"kept as {aside.name}"
+            )
+
+    def _holds_unread(self) -> bool:
+        """Return whether the file has more in it than was read of it."""
+        return self._file is not None and self._file.seek(0, os.SEEK_END) > self._end
 
     def _take(self, path: Path) -> bool:
         """Open the file for this process alone; return whether no other one has it."""
@@ -180,6 +202,11 @@ def history_path(folder: Path, actuator_id: str, serial_number: str) -> Path:
         The unit.
     """
     return folder / f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}.jsonl"
+
+
+def _is_cut_line(tail: bytes) -> bool:
+    """Return whether what follows the last whole line is the beginning of one, or nothing."""
+    return b"\0" not in tail and len(tail) < _LONGEST_LINE and tail[:1] in (b"", b"{")
 
 
 def _reason(error: Exception) -> str:
