@@ -280,8 +280,8 @@ def written(life_folder, tmp_path) -> Callable[..., Path]:
 def test_reason_that_holds_for_all_is_told_once_and_how_to_mend_it(ema, written):
     result = ema("prognose", written("one.mcap"), "--limit", "friction=0.4")
     assert result.exit_code == 0
-    # One test tells no growth: each row has its own reason.
-    assert "no significant growth" in " ".join(result.stdout.split())
+    # One test may be an outlier.
+    assert result.stdout.count("no test to rely on yet") == 1
     silent = ema("prognose", SAMPLE)
     assert silent.exit_code == 0
     assert "--hours-per-cycle" in silent.stderr

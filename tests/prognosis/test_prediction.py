@@ -134,7 +134,7 @@ def test_overall_life_is_the_earliest_of_the_components(tracker):
 def test_nothing_is_told_before_any_test():
     told = Tracker().predict()
     assert not told.overall.known
-    assert told.overall.reason == "no test yet"
+    assert told.overall.reason == "no test to rely on yet"
     assert np.isnan(told.hours)
 
 

@@ -285,7 +285,7 @@ class OfWideGain(Tracker):
 
     def futures(self, hours: ArrayLike, n: int = 500, duty: float = 1.0) -> NDArray[np.float64]:
         paths = super().futures(hours, n, duty)
-        paths[..., -1] = np.linspace(0.0, 1.0, n)
+        paths[1:, :, -1] = np.linspace(0.0, 1.0, n)
         return paths
 
 
@@ -295,6 +295,15 @@ def test_what_is_not_known_to_grow_ends_no_life(worn, monkeypatch: pytest.Monkey
     told = lived(60)[1][-1]
     assert told.rul_requirements == expected.rul_requirements
     assert told.lives == expected.lives
+
+
+def test_first_test_alone_ends_no_life():
+    """However bad: it may be an outlier, and the tracker waits for a second one that agrees."""
+    prognostics = Prognostics(History(*UNIT), TEN_HOURS)
+    told = prognostics.take(made_test(0, backlash=0.4), PARAMETERS, TEN_HOURS)
+    assert told is not None
+    assert not told.rul_requirements.known
+    assert "no test to rely on" in told.rul_requirements.reason
 
 
 def test_earlier_of_two_lives():

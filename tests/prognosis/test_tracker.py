@@ -118,7 +118,7 @@ def test_unobservable_component_stays_unknown_and_the_others_do_not_mind():
     assert np.isnan(of(other, "gain").value)
     assert np.isnan(of(other, "gain").trend)
     assert of(other, "gain").tests == 0
-    assert other.predict().components["gain"].reason == "no test yet"
+    assert other.predict().components["gain"].reason == "no test to rely on yet"
     assert of(other, "friction") == of(one, "friction")
 
 

@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import FAULT_NAMES, HIGHEST
+from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, HIGHEST
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.health import FaultHealth
+from ema_monitor.health import ONE_SIDED_95, FaultHealth
 from ema_monitor.prognosis.prediction import Life, Prognosis
 from ema_monitor.prognosis.requirements import REQUIREMENTS, RequirementLimits, Requirements
 from ema_monitor.prognosis.requirements_life import OVERALL, life_by_requirements
@@ -86,7 +86,8 @@ def required_life(
 ) -> RequiredLife:
     """Return how long the requirements are met.
 
-    Only components whose own life is known go on to grow; the others stay as they are now.
+    Only components whose own life is known go on to grow; the others stay as they may be now. Where
+    none grows, a life is told only if a requirement fails now at 95 % certainty.
 
     Parameters
     ----------
@@ -105,7 +106,9 @@ def required_life(
     """
     known = {name for name, life in prognosis.components.items() if life.known}
     grows = np.array([name in known for name in FAULT_NAMES])
-    if not grows.any() and all(item.share <= 1.0 for item in healths):
+    if not any(item.tests for item in tracker.components()):
+        return RequiredLife.unknown("no test to rely on yet", healths)
+    if not grows.any() and not any(map(_surely_fails, healths)):
         return RequiredLife.unknown("no significant growth", healths)
     duty = prognosis.duty
     horizon = min(settings.horizon_hours, settings.horizon_factor * observed_hours) / duty
@@ -115,7 +118,8 @@ def required_life(
     # More times near now, where they count most.
     hours = max(horizon, 1.0) * np.linspace(0.0, 1.0, _TIMES) ** 2
     paths = np.swapaxes(tracker.futures(hours, _SAMPLES, duty), 0, 1)
-    paths[..., ~grows] = faults[~grows]
+    paths[..., ~grows] = paths[:, :1, ~grows]
+    paths[..., ECCENTRICITY_PHASE] = faults[ECCENTRICITY_PHASE]
     told = life_by_requirements(requirements, paths, hours)
     overall = told.overall
     if told.dominant:
@@ -127,6 +131,11 @@ def required_life(
         overall,
         told.dominant,
     )
+
+
+def _surely_fails(item: FaultHealth) -> bool:
+    beyond = item.limit - item.value if item.limit_is_lower else item.value - item.limit
+    return beyond > ONE_SIDED_95 * item.sigma
 
 
 def _trends(

@@ -99,7 +99,7 @@ def _ignorance(
 ) -> str:
     """Return why no life can be told of a component; empty when it can."""
     if not evidence.tests[number]:
-        return "no test yet"
+        return "no test to rely on yet"
     if not evidence.growing[number]:
         return "no significant growth"
     horizon = min(settings.horizon_hours, settings.horizon_factor * float(evidence.span[number]))
