@@ -42,6 +42,15 @@ def test_processes_find_what_a_single_one_does(serial):
         assert results(execute(JOBS, executor)) == serial
 
 
+@pytest.fixture
+def interruptible():
+    """Where the tests run in the background, interrupts are ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_interrupt_gives_up_what_runs():
     """Without it, each of these would take minutes."""
     long = [
