@@ -100,6 +100,7 @@ def run_to_failure(
     settings: LifeSettings | None = None,
     *,
     with_repair: bool = False,
+    typical: Mapping[str, TypicalGrowth] = TYPICAL,
 ) -> Life:
     """Draw the life of a new actuator until a fault reaches its limit.
 
@@ -110,12 +111,14 @@ def run_to_failure(
     rng
         Random numbers of everything.
     kind
-        Dominant fault, of ``TYPICAL``; drawn when None.
+        Dominant fault, of ``typical``; drawn when None.
     settings
         How lives are drawn.
     with_repair
         Whether the dominant fault is put back to healthy once, a fifth to a half of the longest
         life's tests after the start.
+    typical
+        Growth in actuators of the type, by kind of fault.
 
     Raises
     ------
@@ -123,10 +126,10 @@ def run_to_failure(
         When a limit is missing, the kind is unknown, or no life is as long as it should be.
     """
     settings = settings or LifeSettings()
-    _check(limits, kind)
+    _check(limits, kind, typical)
     for _ in range(_MOST_DRAWS):
-        chosen = kind or str(rng.choice(list(TYPICAL)))
-        life = _grown_old(limits, rng, chosen, settings, with_repair=with_repair)
+        chosen = kind or str(rng.choice(list(typical)))
+        life = _grown_old(limits, rng, chosen, typical, settings, with_repair=with_repair)
         if life is not None:
             return life
     raise ValueError(
@@ -156,7 +159,7 @@ def constant_life(
     one phase having a short circuit.
     """
     settings = settings or LifeSettings()
-    _check(limits, None)
+    _check(limits)
     tests = int(rng.integers(settings.least_tests, settings.most_tests, endpoint=True))
     k = _new_actuator(rng)
     shorted = int(rng.choice(SHORT_CIRCUITS))
@@ -172,12 +175,16 @@ def constant_life(
     return Life("", {}, hours, np.tile(k, (tests, 1)), _windows(tests, rng, settings), math.inf)
 
 
-def _check(limits: Mapping[str, float], kind: str | None) -> None:
+def _check(
+    limits: Mapping[str, float],
+    kind: str | None = None,
+    typical: Mapping[str, TypicalGrowth] = TYPICAL,
+) -> None:
     for name in FAULT_NAMES:
         if name != "eccentricity_phase" and not limits.get(name, 0.0) > 0.0:
             raise ValueError(f"limit of {name} = {limits.get(name)!r}: expected a number above 0")
-    if kind is not None and kind not in TYPICAL:
-        raise ValueError(f"dominant fault {kind!r} is unknown; known: {', '.join(TYPICAL)}")
+    if kind is not None and kind not in typical:
+        raise ValueError(f"dominant fault {kind!r} is unknown; known: {', '.join(typical)}")
 
 
 def _new_actuator(rng: np.random.Generator) -> NDArray[np.float64]:
@@ -224,19 +231,20 @@ def _grown_old(
     limits: Mapping[str, float],
     rng: np.random.Generator,
     kind: str,
+    typical: Mapping[str, TypicalGrowth],
     settings: LifeSettings,
     *,
     with_repair: bool,
 ) -> Life | None:
     """Return a life, or None when it is too short or too long."""
     phase = FAULT_NAMES[int(rng.choice(SHORT_CIRCUITS))]
-    names = {name: phase if name == "short_circuit" else name for name in TYPICAL}
+    names = {name: phase if name == "short_circuit" else name for name in typical}
     dominant = names[kind]
     growths = {
         names[name]: _drawn_growth(
-            typical, rng, 1.0 if name == kind else settings.others_share, settings
+            growth, rng, 1.0 if name == kind else settings.others_share, settings
         )
-        for name, typical in TYPICAL.items()
+        for name, growth in typical.items()
     }
     longest, step = settings.most_tests, settings.interval_hours
     repair = int(rng.integers(longest // 5, longest // 2)) if with_repair else 0

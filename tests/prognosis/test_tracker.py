@@ -130,7 +130,8 @@ def test_component_unobservable_for_a_while_grows_less_certain():
         tracker.update(observed(hours, {"friction": 0.9}, unobservable=["friction"]))
     after = of(tracker, "friction")
     assert after.sigma > before.sigma
-    assert after.value == pytest.approx(before.value + 0.04, abs=0.01)
+    assert after.value == pytest.approx(before.value + 0.04, abs=2.0 * after.sigma)
+    assert after.sigma < 0.02
     assert after.tests == before.tests
 
 

@@ -1,12 +1,10 @@
 """The grid over laws, shapes and rates on which a tracker weighs how each component grows.
 
 A rate is stated by the hours T that the law takes from healthy to the limit, and a shape by the
-bend that it gives to the curve on the way, so that one grid serves components, limits and
-actuators of any kind. Of an unknown law all are equally probable, with any T from 50 h to
-30,000 h, log-uniform. These figures come from what a tracker can tell (faster growth ends within
-five tests, slower growth is beyond the horizon), not from the lives that it is tried on. Damage
-does not slow down and does not heal: shapes bend upwards, and drift with diffusion is a law only
-of a component that can leave its healthy value to either side.
+bend of its curve (``curves``), so that one grid serves components, limits and actuators of any
+kind. T is anything from 50 h to 30,000 h, log-uniform. These figures come from what a tracker can
+tell (faster growth ends within five tests, slower growth is beyond the horizon), not from the
+lives that it is tried on.
 """
 
 from dataclasses import dataclass
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 from ema_core.faults import FAULT_NAMES, FAULTS
 from ema_core.growth_laws import LAWS, hours_until
 from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.curves import Curve, curves_of
 from ema_monitor.prognosis.settings import COMPONENTS, KnownLaw, TrackerSettings
 
 N_RATES: Final = 121
@@ -27,17 +26,6 @@ RATE_SPACING: Final = float(np.log(LIFE_HOURS[1] / LIFE_HOURS[0]))
 """Distance of neighbouring rates in the logarithm [-]."""
 CONSTANT_PRIOR: Final = 0.5
 """Prior probability that a component does not grow [-]."""
-
-# Shapes, as multiples of the limit: b L and x_0 / L; p is a number by itself.
-_SHAPES: Final = {
-    "linear": (0.0,),
-    "archard": (0.75, 1.5, 3.0),
-    "exponential": (0.25, 0.12, 0.06, 0.03),
-    "self_heating": (0.75, 1.5, 3.0),
-    "power": (1.25, 1.5, 1.75, 2.0, 2.5, 3.0),
-}
-# Of drift: diffusion over 1,000 h as multiples of the limit.
-_DIFFUSIONS: Final = (0.05, 0.1, 0.2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,60 +70,47 @@ def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
     settings
         Laws that are known.
     """
+    by_law: dict[str, list[NDArray[np.float64]]] = {law: [] for law in LAWS}
+    for number, name in enumerate(COMPONENTS):
+        limit, known = limits.of(name), settings.laws.get(name)
+        still = [number, 1.0, 0.0, 0.0, 0.0, limit, CONSTANT_PRIOR]
+        by_law["constant"].append(np.array([still]).T)
+        for curve in curves_of(limit, known, two_sided=_is_two_sided(number)):
+            by_law[curve.law].append(_cells_of(curve, number, limit, known))
     slices: dict[str, slice] = {}
     parts: list[NDArray[np.float64]] = []
     n = 0
-    for law in LAWS:
-        start = n
-        for number, name in enumerate(COMPONENTS):
-            part = _cells_of(law, number, limits.of(name), settings.laws.get(name))
-            parts.append(part)
-            n += part.shape[1]
-        slices[law] = slice(start, n)
+    for law, of_it in by_law.items():
+        size = sum(part.shape[1] for part in of_it)
+        slices[law] = slice(n, n + size)
+        parts += of_it
+        n += size
     component, side, rate, shape, diffusion, limit, prior = np.concatenate(parts, axis=1)
     number = component.astype(np.intp)
     prior /= np.bincount(number, prior)[number]
     return Cells(slices, number, side, rate, shape, diffusion, limit, prior)
 
 
-def _cells_of(law: str, number: int, limit: float, known: KnownLaw | None) -> NDArray[np.float64]:
+def _cells_of(
+    curve: Curve, number: int, limit: float, known: KnownLaw | None
+) -> NDArray[np.float64]:
     """Return component, side, rate, shape, diffusion, limit and prior, ``(7, n)``."""
-    if law == "constant":
-        return np.array([[number, 1.0, 0.0, 0.0, 0.0, limit, CONSTANT_PRIOR]]).T
-    fault = FAULTS[FAULT_NAMES.index(COMPONENTS[number])]
-    sides = (1.0,) if fault.healthy == 0.0 else (-1.0, 1.0)
-    possible = known.law == law if known else law != "drift" or len(sides) == 2
-    if not possible:
-        return np.empty((7, 0))
-    share = 1.0 - CONSTANT_PRIOR
-    if known is not None:
-        figures = [(known.shape, known.diffusion if law == "drift" else 0.0)]
-    else:
-        figures = _figures(law, limit)
-        share /= len(LAWS) - (1 if len(sides) == 2 else 2)
+    # Hours of the law at rate 1: T is in proportion to 1 / a, and to c.
+    at_one = float(hours_until(curve.law, 0.0, 1.0, curve.shape, limit))
+    rate = LIFE_HOURS / at_one if curve.law == "power" else at_one / LIFE_HOURS
+    sides = (-1.0, 1.0) if _is_two_sided(number) else (1.0,)
+    prior = _rate_prior(rate, known) * (1.0 - CONSTANT_PRIOR) * curve.share / len(sides)
     parts = []
-    for shape, diffusion in figures:
-        # Hours of the law at rate 1: T is in proportion to 1 / a, and to c.
-        at_one = float(hours_until(law, 0.0, 1.0, shape, limit))
-        rate = LIFE_HOURS / at_one if law == "power" else at_one / LIFE_HOURS
-        prior = _rate_prior(rate, known) * share / (len(figures) * len(sides))
-        for side in sides:
-            row = np.empty((7, N_RATES))
-            row[:] = np.array([[number, side, 0.0, shape, diffusion, limit, 0.0]]).T
-            row[2], row[6] = rate, prior
-            parts.append(row)
+    for side in sides:
+        row = np.empty((7, N_RATES))
+        row[:] = np.array([[number, side, 0.0, curve.shape, curve.diffusion, limit, 0.0]]).T
+        row[2], row[6] = rate, prior
+        parts.append(row)
     return np.concatenate(parts, axis=1)
 
 
-def _figures(law: str, limit: float) -> list[tuple[float, float]]:
-    """Return shapes and diffusions."""
-    if law == "drift":
-        return [(0.0, share * limit / np.sqrt(1000.0)) for share in _DIFFUSIONS]
-    if law in ("archard", "self_heating"):
-        return [(bend / limit, 0.0) for bend in _SHAPES[law]]
-    if law == "exponential":
-        return [(bend * limit, 0.0) for bend in _SHAPES[law]]
-    return [(shape, 0.0) for shape in _SHAPES[law]]
+def _is_two_sided(number: int) -> bool:
+    return FAULTS[FAULT_NAMES.index(COMPONENTS[number])].healthy > 0.0
 
 
 def _rate_prior(rate: NDArray[np.float64], known: KnownLaw | None) -> NDArray[np.float64]:

@@ -58,8 +58,8 @@ def _nominal(component: str) -> KnownLaw:
     kind = "short_circuit" if component.startswith("short_circuit") else component
     typical = TYPICAL[kind]
     if typical.law == "drift":
-        return KnownLaw(typical.law, typical.rate, diffusion=typical.diffusion)
-    return KnownLaw(typical.law, typical.rate, shape=typical.shape)
+        return KnownLaw(typical.law, typical.rate, typical.rate_sigma, diffusion=typical.diffusion)
+    return KnownLaw(typical.law, typical.rate, typical.rate_sigma, shape=typical.shape)
 
 
 NOMINAL_LAWS: Final[Mapping[str, KnownLaw]] = MappingProxyType(

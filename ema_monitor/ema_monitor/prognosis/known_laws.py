@@ -1,0 +1,91 @@
+"""Growth laws that are known, as users write them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from ema_core.growth_laws import LAWS
+from ema_core.quantity import text
+from ema_monitor.prognosis.settings import COMPONENTS, NOMINAL_LAWS, KnownLaw
+
+FORM: Final = "LAW[:RATE[:SHAPE]]"
+
+
+@dataclass(frozen=True)
+class KnownLawTexts:
+    """Law of each kind of fault, ``LAW[:RATE[:SHAPE]]`` or empty where it is not known.
+
+    Raises
+    ------
+    ValueError
+        When a text is no law; the message begins with the kind of fault.
+    """
+
+    friction: str = text("", f"law by which it grows, {FORM}; empty: unknown")
+    backlash: str = text("", f"law by which it grows, {FORM}; empty: unknown")
+    short_circuit: str = text("", f"law by which each phase's grows, {FORM}; empty: unknown")
+    eccentricity: str = text("", f"law by which it grows, {FORM}; empty: unknown")
+    gain: str = text("", f"law by which it grows, {FORM}; empty: unknown")
+
+    def __post_init__(self) -> None:
+        self.laws()
+
+    def laws(self) -> Mapping[str, KnownLaw]:
+        """Return the law of each component whose law is known."""
+        laws = {}
+        for name in COMPONENTS:
+            kind = _kind(name)
+            written = getattr(self, kind)
+            try:
+                if written:
+                    laws[name] = known_law(name, written)
+            except ValueError as error:
+                raise ValueError(f"{kind} = {written!r}: {error}") from error
+        return laws
+
+
+def known_law(fault: str, written: str) -> KnownLaw:
+    """Return a law from how users write it.
+
+    Parameters
+    ----------
+    fault
+        Component of the fault vector.
+    written
+        ``LAW[:RATE[:SHAPE]]``: the law, its median rate a [1/h] (of ``power`` its c [h]) and its
+        second figure, x_0, b or p [-], of ``drift`` its s [1/sqrt(h)]. Without figures the law
+        must be the one of ``NOMINAL_LAWS``, whose figures are taken then.
+
+    Raises
+    ------
+    ValueError
+        When fault or law are unknown, or a figure is impossible.
+    """
+    if fault not in COMPONENTS:
+        raise ValueError(f"unknown fault {fault!r}; known: {', '.join(COMPONENTS)}")
+    law, *figures = written.split(":")
+    if law not in LAWS[1:]:
+        raise ValueError(f"unknown law {law!r} of {fault}; known: {', '.join(LAWS[1:])}")
+    nominal = NOMINAL_LAWS[fault]
+    if not figures:
+        if law != nominal.law:
+            raise ValueError(
+                f"{written!r}: the median rate of {fault} is known for law {nominal.law} only; "
+                f"give it as {FORM}"
+            )
+        return nominal
+    try:
+        if len(figures) > 2:
+            raise ValueError(f"{len(figures)} figures: expected at most two")
+        rate, *second = [float(figure) for figure in figures]
+        if not second:
+            return KnownLaw(law, rate)
+        if law == "drift":
+            return KnownLaw(law, rate, diffusion=second[0])
+        return KnownLaw(law, rate, shape=second[0])
+    except ValueError as error:
+        raise ValueError(f"law {written!r} of {fault}: {error}; expected {FORM}") from error
+
+
+def _kind(component: str) -> str:
+    return "short_circuit" if component.startswith("short_circuit") else component
