@@ -24,22 +24,21 @@ lint: setup ## style, types and import contracts
 demo: setup ## watch an actuator wear out: live table, bag and picture (DEMO_S=60 is its length)
 	@$(activate) && exec ema demo --duration $(DEMO_S)
 
-bench: setup ## all targets of speed and accuracy in one table; 25 minutes, writes JSON and plots
+bench: setup ## all targets of speed and accuracy in one table; 35 minutes, writes JSON and plots
 	$(activate) && cd tests/benchmarks && python kernels.py --json kernels.json
 	$(activate) && cd tests/benchmarks && python accuracy.py --json accuracy.json
 	$(activate) && cd tests/benchmarks && python goodness.py --json goodness.json
 	$(activate) && cd tests/benchmarks && python live.py --json live.json
 	$(activate) && cd tests/benchmarks && python fleet.py --json fleet.json
-	$(activate) && cd tests/benchmarks && python prognosis.py --json prognosis.json
+	tools/peers.sh python tests/benchmarks/prognosis.py --json tests/benchmarks/prognosis.json
 	$(activate) && cd tests/benchmarks && python plots.py
+	$(activate) && cd tests/benchmarks && python prognosis_plots.py
 	$(activate) && cd tests/benchmarks && python summary.py
 
-bench-peers: setup ## identification, optimizers and prognosis beside those of others; 15 minutes
+bench-peers: setup ## identification and optimizers beside those of others; 10 minutes
 	tools/peers.sh python tests/benchmarks/peers.py --json tests/benchmarks/peers.json
 	tools/peers.sh python tests/benchmarks/optimizer_peers.py \
 	    --json tests/benchmarks/optimizer_peers.json
-	tools/peers.sh python tests/benchmarks/prognosis_peers.py \
-	    --json tests/benchmarks/prognosis_peers.json
 
 calibration: setup ## the shipped calibration anew, after a change of either model
 	$(activate) && ema simulate --cycles 20 --force -o ros2_ws/build/healthy.mcap

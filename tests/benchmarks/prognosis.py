@@ -1,39 +1,79 @@
 """Accuracy and honesty of the remaining useful life over seeded lives to failure.
 
-    python tests/benchmarks/prognosis.py [--lives N] [--constant N] [--real N] [--json FILE]
+    tools/peers.sh python tests/benchmarks/prognosis.py [--lives N] [--constant N] [--repaired N]
+        [--otherwise N] [--real N] [--json FILE]
 
 Lives have estimates drawn with the measured errors of the estimator (estimator_errors.jsonl); those
 of --real are simulated and identified test by test. Their seeds are fixed, and nothing was tuned on
-them. The tracker knows the laws and typical rates, or no law at all; a linear trend through the
-latest estimates stands beside it, and an oracle to which only the noise of the future is unknown:
-more than that nobody can predict. Prints tables and writes JSON.
+them. The tracker knows the laws and typical rates, or no law at all; over lives of --otherwise,
+whose laws are not those of the type, what it is told is wrong. Beside it, on the same
+estimates and in the same process, stand a linear trend through the latest of them, NASA's progpy,
+and an oracle to which only the noise of the future is unknown: more than that nobody can predict.
+Prints tables and writes JSON.
 """
 
 import json
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import cases
 import click
 import numpy as np
 from exactness import HEALTHY_WINDOWS, noisy_window
 from prognosis_estimates import drawn
-from prognosis_lives import SEED, ScoredLife, constant, estimate_of, growing, real
-from prognosis_predictors import PREDICTORS
+from prognosis_lives import (
+    SEED,
+    ScoredLife,
+    constant,
+    estimate_of,
+    growing,
+    growing_otherwise,
+    real,
+    repaired,
+)
+from prognosis_predictors import (
+    PREDICTORS,
+    SETTINGS,
+    Predictor,
+    law_known,
+    law_unknown,
+    linear_trend,
+    oracle,
+)
 from prognosis_scores import LifeScore, by_kind
-from prognosis_tables import rows, score_table
+from prognosis_tables import show
+from prognosis_whole import Reports, reports, seconds
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from tables import target_table
 from trials import ACTUATOR, Workers, workers
 
 from ema_monitor.calibration import Calibration
 from ema_monitor.healthy_fit import calibrate
 from ema_monitor.prognosis.observation import Observation
 from ema_sim.lives import Life
+
+try:
+    from prognosis_progpy import accuracy_by_progpy, particle_filter
+except ImportError as error:
+    raise SystemExit(
+        f"prognosis.py compares with progpy ({error}); it is in the peers' environment: "
+        "tools/peers.sh python tests/benchmarks/prognosis.py"
+    ) from None
+
+METHODS: Final[Mapping[str, Predictor]] = {
+    "law known": law_known,
+    "law unknown": law_unknown,
+    "linear trend": linear_trend,
+    "progpy": particle_filter,
+    "oracle": oracle,
+}
+
+TIMED: Final = 10
+"""Lives whose updates with requirements are timed."""
 
 Scores = dict[str, LifeScore]
 
@@ -64,96 +104,166 @@ def score_real(job: InTheLoop) -> Scores:
     return _scores(job.scored, life, observations)
 
 
-def reports(scored: ScoredLife) -> dict[str, tuple[int, int]]:
-    """Return after how many tests of a constant life something is predicted, of how many."""
+def score_repaired(scored: ScoredLife) -> Scores:
+    """Score a life with drawn estimates from its repair on; progpy's filter knows of no repair."""
     life = scored.life()
     observations = drawn(scored, life)
+    left_hours = life.end_hours - life.repair_hours
     return {
-        name: (int(np.sum(np.isfinite(predict(life, observations).median))), len(observations))
+        name: LifeScore.of(
+            scored.kind,
+            scored.number,
+            left_hours,
+            predict(life, observations).since(life.repair_hours),
+        )
         for name, predict in PREDICTORS.items()
     }
 
 
-def _scores(scored: ScoredLife, life: Life, observations: Sequence[Observation]) -> Scores:
-    return {
-        name: LifeScore.of(scored.kind, scored.number, life.end_hours, predict(life, observations))
-        for name, predict in PREDICTORS.items()
-    }
+def score_otherwise(scored: ScoredLife) -> Scores:
+    """Score a life whose laws are not those of the type: what is told of them is wrong."""
+    life = scored.life()
+    made = _scores(scored, life, drawn(scored, life), PREDICTORS)
+    return {"wrong law" if name == "law known" else name: score for name, score in made.items()}
 
 
-def measure(pool: Workers, lives: int, constants: int, reals: int) -> dict[str, Any]:
+def trend_reports(scored: ScoredLife) -> Reports:
+    """Return what the linear trend tells of a constant life."""
+    life = scored.life()
+    made = linear_trend(life, drawn(scored, life))
+    return Reports(len(made.hours), int(np.sum(np.isfinite(made.median))), 0, 0)
+
+
+def _scores(
+    scored: ScoredLife,
+    life: Life,
+    observations: Sequence[Observation],
+    methods: Mapping[str, Predictor] = METHODS,
+) -> Scores:
+    result = {}
+    for name, predict in methods.items():
+        made = predict(life, observations)
+        result[name] = LifeScore.of(
+            scored.kind,
+            scored.number,
+            life.end_hours,
+            made,
+            accuracy_by_progpy(made, life.end_hours),
+        )
+    return result
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How many lives of each kind are scored."""
+
+    growing: int
+    constant: int
+    repaired: int
+    otherwise: int
+    real: int
+
+
+def measure(pool: Workers, sizes: Sizes) -> dict[str, Any]:
     """Return all figures."""
-    figures: dict[str, Any] = {"seed": SEED}
-    scores = pool.map("lives, drawn estimates", score_drawn, growing(lives))
-    figures["drawn"], figures["drawn_lives"] = _figures(scores)
-    told = pool.map("constant lives", reports, constant(constants))
-    figures["constant"] = {
-        name: {
-            "lives": constants,
-            "reported": sum(life[name][0] > 0 for life in told),
-            "tests_with_report": sum(life[name][0] for life in told),
-            "tests": sum(life[name][1] for life in told),
+    durations: dict[str, float] = {}
+    figures: dict[str, Any] = {"seed": SEED, "durations_s": durations}
+    with _timed("drawn", durations):
+        scores = pool.map("lives, drawn estimates", score_drawn, growing(sizes.growing))
+        figures["drawn"], figures["drawn_lives"] = _figures(scores)
+    with _timed("constant", durations):
+        lives = constant(sizes.constant)
+        told = pool.map("constant lives", reports, lives)
+        trends = pool.map("their linear trends", trend_reports, lives)
+        figures["constant"] = {
+            name: constant_figures([meets for meets, _ in told], [one[name] for _, one in told])
+            for name in SETTINGS
         }
-        for name in PREDICTORS
-    }
-    if reals:
-        healthy = cases.healthy(HEALTHY_WINDOWS, "calibration")
-        calibration = calibrate(pool.map("healthy windows", noisy_window, healthy), ACTUATOR)
-        jobs = [InTheLoop(scored, calibration) for scored in real(reals)]
-        scores = pool.map("lives in the loop", score_real, jobs)
-        figures["real"], figures["real_lives"] = _figures(scores)
+        figures["constant"]["linear trend"] = constant_figures([True] * len(lives), trends)
+    if sizes.repaired:
+        with _timed("repaired", durations):
+            scores = pool.map("lives with a repair", score_repaired, repaired(sizes.repaired))
+            figures["repaired"], figures["repaired_lives"] = _figures(scores)
+    if sizes.otherwise:
+        with _timed("otherwise", durations):
+            lives = growing_otherwise(sizes.otherwise)
+            scores = pool.map("lives by other laws", score_otherwise, lives)
+            figures["otherwise"], figures["otherwise_lives"] = _figures(scores)
+    if sizes.real:
+        with _timed("real", durations):
+            healthy = cases.healthy(HEALTHY_WINDOWS, "calibration")
+            calibration = calibrate(pool.map("healthy windows", noisy_window, healthy), ACTUATOR)
+            jobs = [InTheLoop(scored, calibration) for scored in real(sizes.real)]
+            scores = pool.map("lives in the loop", score_real, jobs)
+            figures["real"], figures["real_lives"] = _figures(scores)
+    with _timed("time", durations):
+        spent = pool.map("time with requirements", seconds, growing(TIMED))
+        later = np.concatenate([one[1:] for one in spent])
+        figures["whole_update"] = {
+            "lives": len(spent),
+            "median_s": float(np.median(later)),
+            "p95_s": float(np.quantile(later, 0.95)),
+            "first_median_s": float(np.median([one[0] for one in spent])),
+        }
     return figures
 
 
+def constant_figures(meets: Sequence[bool], told: Sequence[Reports]) -> dict[str, Any]:
+    """Return what was told of constant lives, each of which meets all requirements or not."""
+    wrong = [good and one.failing > 0 for good, one in zip(meets, told, strict=True)]
+    return {
+        "lives": len(told),
+        "reported": sum(
+            one.by_faults + one.by_requirements > 0 or failing
+            for one, failing in zip(told, wrong, strict=True)
+        ),
+        "by_faults": sum(one.by_faults > 0 for one in told),
+        "by_requirements": sum(one.by_requirements > 0 for one in told),
+        "wrongly_told_failing": sum(wrong),
+        "failing": sum(not good for good in meets),
+        "rightly_told_failing": sum(
+            one.failing > 0 and not good for good, one in zip(meets, told, strict=True)
+        ),
+        "tests": sum(one.tests for one in told),
+        "tests_with_report": sum(one.by_faults + one.by_requirements for one in told),
+    }
+
+
+@contextmanager
+def _timed(name: str, durations: dict[str, float]) -> Iterator[None]:
+    started = time.perf_counter()
+    yield
+    durations[name] = time.perf_counter() - started
+
+
 def _figures(scores: Sequence[Scores]) -> tuple[dict[str, Any], dict[str, Any]]:
-    of_each = {name: [life[name] for life in scores] for name in PREDICTORS}
+    of_each = {name: [life[name] for life in scores] for name in scores[0]}
     return (
         {name: by_kind(of_one) for name, of_one in of_each.items()},
-        {name: [score.as_json() for score in of_one] for name, of_one in of_each.items()},
+        {name: [asdict(score) for score in of_one] for name, of_one in of_each.items()},
     )
-
-
-def show(console: Console, figures: Mapping[str, Any]) -> None:
-    """Print the tables."""
-    console.print(score_table("lives to failure, drawn estimates", figures["drawn"]))
-    if "real" in figures:
-        console.print(score_table("simulator and estimator in the loop", figures["real"]))
-    console.print(
-        "CRA: mean of 1 - |r* - r| / r* over the tests in the second half of life, r the median of "
-        "the remaining useful life and r* the truth; no prediction counts 0. On time of event: the "
-        "same predictions by 1 - |r* - r| / EoL. a-l: lives in which at least half of the "
-        "probability is within 20 % of r* at that share of the time from the first prediction to "
-        "the end. covers: 90 % intervals that hold the truth, of all tests and of those in the "
-        "second half. horizon, convergence, first prediction: medians.\n"
-    )
-    for name, one in figures["constant"].items():
-        console.print(
-            f"{one['lives']} lives of constant faults, {name}: {one['reported']} with a life "
-            f"reported, after {one['tests_with_report']} of {one['tests']} tests"
-        )
-    console.print(target_table("prognosis", rows(figures)))
 
 
 @click.command()
 @click.option("--lives", default=300, show_default=True, type=click.IntRange(5))
 @click.option("--constant", "constants", default=100, show_default=True, type=click.IntRange(1))
+@click.option("--repaired", "repairs", default=50, show_default=True, type=click.IntRange(0))
+@click.option("--otherwise", default=100, show_default=True, type=click.IntRange(0))
 @click.option("--real", "reals", default=20, show_default=True, type=click.IntRange(0))
 @click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
-def main(lives: int, constants: int, reals: int, output: Path | None) -> None:
+def main(
+    lives: int, constants: int, repairs: int, otherwise: int, reals: int, output: Path | None
+) -> None:
     """Print the tables and write the JSON file."""
-    started = time.perf_counter()
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with (
         Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress,
         workers(progress) as pool,
     ):
-        figures = measure(pool, lives, constants, reals)
-    figures["duration_s"] = time.perf_counter() - started
-    console = Console(width=165)
-    show(console, figures)
-    console.print(f"{figures['duration_s']:.0f} s in all")
+        figures = measure(pool, Sizes(lives, constants, repairs, otherwise, reals))
+    show(Console(width=185), figures)
     if output:
-        output.write_text(json.dumps(figures, indent=1))
+        output.write_text(json.dumps(figures))
 
 
 if __name__ == "__main__":

@@ -21,6 +21,12 @@ from ema_sim.lives import Life, LifeSettings
 TREND_TESTS: Final = 20
 """Latest estimates that the linear trend is fitted to."""
 
+SETTINGS: Final[Mapping[str, TrackerSettings]] = {
+    "law known": TrackerSettings(laws=NOMINAL_LAWS),
+    "law unknown": TrackerSettings(),
+}
+"""What the tracker assumes in the two cases that are judged: laws and typical rates, or nothing."""
+
 _TREND_SIGMAS: Final = 3.0
 _TREND_SAMPLES: Final = 500
 _ORACLE_SAMPLES: Final = 1000
@@ -39,7 +45,7 @@ class Predictions:
     samples
         Samples of the distribution, ``(n, m)`` [h].
     seconds
-        Processor time from estimate to prediction, ``(n,)`` [s].
+        Processor time from estimate to prediction, ``(n,)`` [s]; NaN where nothing was computed.
     """
 
     hours: NDArray[np.float64]
@@ -66,6 +72,21 @@ class Predictions:
         hours = np.array([observation.hours for observation in observations])
         return cls(hours, low, median, high, rows, np.array(seconds))
 
+    def since(self, start_hours: float) -> "Predictions":
+        """Return those from a service hour [h] on, their hours counted from it."""
+        later = self.hours >= start_hours
+        return Predictions(
+            self.hours[later] - start_hours,
+            self.low[later],
+            self.median[later],
+            self.high[later],
+            self.samples[later],
+            self.seconds[later],
+        )
+
+
+Predictor = Callable[[Life, Sequence[Observation]], Predictions]
+
 
 def _tracked(observations: Sequence[Observation], settings: TrackerSettings) -> Predictions:
     tracker = Tracker(HealthLimits(), settings)
@@ -82,12 +103,12 @@ def _tracked(observations: Sequence[Observation], settings: TrackerSettings) -> 
 
 def law_known(_: Life, observations: Sequence[Observation]) -> Predictions:
     """Return what the tracker predicts that is told laws and typical rates."""
-    return _tracked(observations, TrackerSettings(laws=NOMINAL_LAWS))
+    return _tracked(observations, SETTINGS["law known"])
 
 
 def law_unknown(_: Life, observations: Sequence[Observation]) -> Predictions:
     """Return what the tracker predicts as shipped."""
-    return _tracked(observations, TrackerSettings())
+    return _tracked(observations, SETTINGS["law unknown"])
 
 
 def linear_trend(_: Life, observations: Sequence[Observation]) -> Predictions:
@@ -177,7 +198,7 @@ def _passage(
     return rng.wald(needed / mean, needed**2 / variance, _ORACLE_SAMPLES)
 
 
-PREDICTORS: Final[Mapping[str, Callable[[Life, Sequence[Observation]], Predictions]]] = {
+PREDICTORS: Final[Mapping[str, Predictor]] = {
     "law known": law_known,
     "law unknown": law_unknown,
     "linear trend": linear_trend,

@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from prognosis_predictors import Predictions
 
 from ema_core.typical_growth import TYPICAL
@@ -14,7 +15,13 @@ from ema_monitor.prognosis import metrics
 LAMBDAS: Final = (0.25, 0.5, 0.75, 0.9)
 """Shares of the time from first prediction to end at which the cone is tested [-]."""
 
+WITHOUT_DIFFUSION: Final = "without gain"
+"""Lives whose dominant fault is not a random walk."""
+
 JUDGED_LAMBDA: Final = 0.75
+
+SHARES: Final = tuple(np.linspace(0.1, 0.95, 18).round(2).tolist())
+"""Shares of the whole life at which relative accuracies are drawn [-]."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +42,13 @@ class LifeScore:
         The same without the last 5 % of life, where what remains goes to zero [-].
     cra_event_time
         That of the hour of failure over the second half of life, for comparison [-].
+    cra_by_progpy
+        The same by progpy's own function, of the mean and without tests that predict nothing; NaN
+        where it was not computed [-].
+    accuracy
+        Relative accuracy at each lambda [-].
+    accuracy_by_share
+        The same at each of ``SHARES`` of the whole life [-].
     unknown_share
         Share of the tests in the second half of life after which nothing is predicted [-].
     cone
@@ -60,6 +74,9 @@ class LifeScore:
     cra: float
     cra_to_95: float
     cra_event_time: float
+    cra_by_progpy: float
+    accuracy: tuple[float, ...]
+    accuracy_by_share: tuple[float, ...]
     unknown_share: float
     cone: tuple[float, ...]
     passed: tuple[bool, ...]
@@ -72,7 +89,14 @@ class LifeScore:
     seconds: float
 
     @classmethod
-    def of(cls, kind: str, number: int, end_hours: float, made: Predictions) -> "LifeScore":
+    def of(
+        cls,
+        kind: str,
+        number: int,
+        end_hours: float,
+        made: Predictions,
+        by_progpy: float = math.nan,
+    ) -> "LifeScore":
         """Score the predictions made in a life that ends at a service hour [h]."""
         hours, rul = made.hours, made.median
         known = np.isfinite(rul)
@@ -97,6 +121,15 @@ class LifeScore:
             cra=metrics.cumulative_relative_accuracy(hours, rul, end_hours),
             cra_to_95=metrics.cumulative_relative_accuracy(hours, rul, end_hours, 0.5, 0.95),
             cra_event_time=metrics.accuracy_on_event_time(hours[late], rul[late], end_hours),
+            cra_by_progpy=by_progpy,
+            accuracy=tuple(
+                metrics.relative_accuracy_at(hours, rul, end_hours, share, np.nan_to_num(first))
+                for share in LAMBDAS
+            ),
+            accuracy_by_share=tuple(
+                round(metrics.relative_accuracy_at(hours, rul, end_hours, share), 4)
+                for share in SHARES
+            ),
             unknown_share=float(np.mean(~known[late])),
             cone=tuple(test.probability for test in tests),
             passed=tuple(test.passed for test in tests),
@@ -106,12 +139,8 @@ class LifeScore:
             intervals=int(np.sum(there)),
             inside_late=int(np.sum(covered & late)),
             intervals_late=int(np.sum(there & late)),
-            seconds=float(np.median(made.seconds)),
+            seconds=float(np.nanmedian(made.seconds)),
         )
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the scores for the JSON file."""
-        return asdict(self)
 
 
 def summary(scores: Sequence[LifeScore]) -> dict[str, Any]:
@@ -127,17 +156,16 @@ def summary(scores: Sequence[LifeScore]) -> dict[str, Any]:
         count = sum(getattr(score, whole) for score in scores)
         return sum(getattr(score, part) for score in scores) / count if count else math.nan
 
-    passed = np.mean([score.passed for score in scores], axis=0)
     return {
         "lives": len(scores),
         "cra": mean("cra"),
         "cra_median": median("cra"),
         "cra_to_95": mean("cra_to_95"),
         "cra_event_time": mean("cra_event_time"),
+        "cra_by_progpy": mean("cra_by_progpy"),
+        "accuracy": _at_lambdas(np.mean([score.accuracy for score in scores], axis=0)),
         "unknown_share": mean("unknown_share"),
-        "alpha_lambda": {
-            f"{value:g}": float(rate) for value, rate in zip(LAMBDAS, passed, strict=True)
-        },
+        "alpha_lambda": _at_lambdas(np.mean([score.passed for score in scores], axis=0)),
         "coverage": share("inside", "intervals"),
         "coverage_late": share("inside_late", "intervals_late"),
         "horizon_share": median("horizon_share"),
@@ -147,9 +175,13 @@ def summary(scores: Sequence[LifeScore]) -> dict[str, Any]:
     }
 
 
+def _at_lambdas(values: NDArray[np.float64]) -> dict[str, float]:
+    return {f"{share:g}": float(value) for share, value in zip(LAMBDAS, values, strict=True)}
+
+
 def by_kind(scores: Sequence[LifeScore]) -> dict[str, dict[str, Any]]:
     """Return the figures of each kind of fault, then of all, without the one that diffuses too."""
     kinds = dict.fromkeys(score.kind for score in scores)
     parts = {kind: summary([s for s in scores if s.kind == kind]) for kind in kinds}
     smooth = [s for s in scores if not TYPICAL[s.kind].diffusion]
-    return {**parts, "all but gain": summary(smooth), "all": summary(scores)}
+    return {**parts, WITHOUT_DIFFUSION: summary(smooth), "all": summary(scores)}

@@ -99,7 +99,8 @@ def main() -> None:
     rows: list[Row] = []
     for name, rows_of in parts.items():
         rows += rows_of(json.loads((HERE / f"{name}.json").read_text()))
-    Console(width=120).print(target_table("targets", rows))
+    beside = f"thesis, or\n{prognosis_tables.BESIDE}"
+    Console(width=140).print(target_table("targets", rows, beside))
     content = [row._asdict() | {"met": None if row.met is None else bool(row.met)} for row in rows]
     (HERE / "summary.json").write_text(json.dumps(content, indent=2))
     missed = sum(row.met is False for row in rows)

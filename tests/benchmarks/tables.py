@@ -40,9 +40,9 @@ def show(console: Console, figures: dict[str, Any]) -> None:
         console.print(ablation_table(figures["ablation"]))
 
 
-def target_table(title: str, rows: list[Row]) -> Table:
-    """Return what was measured beside its targets and the thesis's figures."""
-    table = Table("what", "target", "measured", "met", "thesis", title=title)
+def target_table(title: str, rows: list[Row], beside: str = "thesis") -> Table:
+    """Return what was measured beside its targets and the figures of others, as named."""
+    table = Table("what", "target", "measured", "met", beside, title=title)
     for column in table.columns:
         column.no_wrap = True
     for row in rows:

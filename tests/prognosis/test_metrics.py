@@ -16,6 +16,7 @@ from ema_monitor.prognosis.metrics import (
     probability_within,
     prognostic_horizon,
     relative_accuracy,
+    relative_accuracy_at,
 )
 
 END = 1000.0
@@ -46,6 +47,24 @@ def test_proportional_error_is_the_relative_accuracy():
 def test_relative_accuracy_has_no_lower_bound_and_is_zero_without_a_prediction():
     values = relative_accuracy([30.0, np.nan, np.inf], [10.0, 10.0, 10.0])
     assert values == pytest.approx([-1.0, 0.0, 0.0])
+
+
+def test_relative_accuracy_at_a_share_is_that_of_the_prediction_then():
+    # Exact until 600 h, half of the truth from then on: lambda 0.5 of 200 h to 1000 h is 600 h.
+    rul = np.where(HOURS < 600.0, TRUTH, 0.5 * TRUTH)
+    assert relative_accuracy_at(HOURS, rul, END, 0.49, 200.0) == 1.0
+    assert relative_accuracy_at(HOURS, rul, END, 0.5, 200.0) == 0.5
+    assert relative_accuracy_at(HOURS, rul, END, 0.5) == 1.0
+
+
+def test_relative_accuracy_at_a_share_holds_the_latest_test_to_the_truth_when_it_was_made():
+    # The test at 700 h is the latest up to 790 h; 300 h remained, 330 h were told.
+    assert relative_accuracy_at([0.0, 700.0], [1.0, 330.0], END, 0.79) == pytest.approx(0.9)
+
+
+def test_relative_accuracy_without_a_prediction_is_zero_at_any_share():
+    assert relative_accuracy_at([500.0], [400.0], END, 0.4) == 0.0
+    assert relative_accuracy_at([500.0], [np.nan], END, 0.6) == 0.0
 
 
 def test_constant_bias_costs_the_mean_of_its_share():

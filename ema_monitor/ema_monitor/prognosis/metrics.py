@@ -160,11 +160,17 @@ def alpha_lambda(
     it was made.
     """
     times = np.asarray(hours, dtype=np.float64)
-    at = int(np.searchsorted(times, first_hours + share * (end_hours - first_hours), "right")) - 1
+    at = _latest(times, end_hours, share, first_hours)
     if at < 0:
         return AlphaLambda(False, 0.0, math.nan)
     value = float(np.asarray(probability)[at])
     return AlphaLambda(value >= beta, value, float(times[at]))
+
+
+def _latest(times: NDArray[np.float64], end_hours: float, share: float, first_hours: float) -> int:
+    """Return the latest prediction up to a share of the time to the end; -1 when there is none."""
+    until = first_hours + share * (end_hours - first_hours)
+    return int(np.searchsorted(times, until, "right")) - 1
 
 
 def relative_accuracy(rul: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
@@ -183,6 +189,29 @@ def relative_accuracy(rul: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
     """
     r, true = np.asarray(rul, dtype=np.float64), np.asarray(truth, dtype=np.float64)
     return np.where(np.isfinite(r), 1.0 - np.abs(true - r) / true, 0.0)
+
+
+def relative_accuracy_at(
+    hours: ArrayLike,
+    rul: ArrayLike,
+    end_hours: float,
+    share: float,
+    first_hours: float = 0.0,
+) -> float:
+    """Return the relative accuracy at a given share of the life [-]; 0 without a prediction.
+
+    Parameters
+    ----------
+    hours, end_hours, share, first_hours
+        As of ``alpha_lambda``, which judges the same prediction.
+    rul
+        Predicted remaining useful life [h], ``(n,)``; NaN where there is none.
+    """
+    times = np.asarray(hours, dtype=np.float64)
+    at = _latest(times, end_hours, share, first_hours)
+    if at < 0:
+        return 0.0
+    return float(relative_accuracy(np.asarray(rul)[at], end_hours - times[at]))
 
 
 def cumulative_relative_accuracy(

@@ -1,0 +1,130 @@
+"""The whole prognosis of a unit as a monitor makes it: fault limits, requirements and health."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from prognosis_estimates import drawn
+from prognosis_lives import ScoredLife
+from prognosis_predictors import SETTINGS
+
+from ema_monitor.calibration import Calibration
+from ema_monitor.estimate import Estimate
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
+from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.required_life import requirements_of
+from ema_monitor.prognosis.requirements import REQUIREMENTS, RequirementLimits, Requirements
+from ema_monitor.prognosis.settings import TrackerSettings
+from ema_monitor.prognosis.usage import Count
+
+_NS_PER_HOUR = 3_600_000_000_000
+
+
+@dataclass(frozen=True)
+class Reports:
+    """What is told of a life in which nothing grows.
+
+    Attributes
+    ----------
+    tests
+        Number of tests.
+    by_faults, by_requirements
+        After how many of them a remaining life is told, by fault limits and by requirements.
+    failing
+        After how many a requirement is said to fail already: the constant faults may be so large.
+    """
+
+    tests: int
+    by_faults: int
+    by_requirements: int
+    failing: int
+
+
+def reports(scored: ScoredLife) -> tuple[bool, dict[str, Reports]]:
+    """Return whether a constant life meets all requirements, and what is told of it by case."""
+    life = scored.life()
+    observations = drawn(scored, life)
+    reserves = _requirements().exact_reserves(REQUIREMENTS, life.faults[:1])
+    told = {}
+    for name, settings in SETTINGS.items():
+        outlooks, _ = _followed(observations, settings)
+        required = [outlook.rul_requirements for outlook in outlooks]
+        told[name] = Reports(
+            len(outlooks),
+            sum(outlook.rul_faults.known for outlook in outlooks),
+            sum(life.known and life.hours_50 > 0.0 for life in required),
+            sum(life.known and life.hours_50 == 0.0 for life in required),
+        )
+    return bool(np.all(reserves >= 0.0)), told
+
+
+def seconds(scored: ScoredLife) -> NDArray[np.float64]:
+    """Return the processor time from estimate to outlook of each test of a life, ``(n,)`` [s].
+
+    That of the first test contains what is computed once a unit.
+    """
+    observations = drawn(scored, scored.life())
+    # Compiled code is loaded once a process, by any unit.
+    _followed(observations[:1], TrackerSettings())
+    requirements_of.cache_clear()
+    _, spent = _followed(observations, TrackerSettings())
+    return np.array(spent)
+
+
+def _followed(
+    observations: Sequence[Observation], tracker: TrackerSettings
+) -> tuple[list[Outlook], list[float]]:
+    """Return what is said after each test, and its processor time [s]."""
+    calibration = Calibration.builtin()
+    settings = PrognosisSettings(tracker=tracker)
+    prognostics = Prognostics(History("flap", "drawn"), settings)
+    parameters = calibration.model().parameters
+    outlooks, spent = [], []
+    for cycle, observation in enumerate(observations, 1):
+        estimate = _estimate(observation, calibration)
+        start = time.process_time()
+        prognostics.tell(Count(estimate.end_ns, observation.hours, cycle))
+        outlook = prognostics.take(estimate, parameters, settings)
+        spent.append(time.process_time() - start)
+        if outlook is None:
+            raise RuntimeError(f"nothing is said of a valid estimate at {observation.hours:g} h")
+        outlooks.append(outlook)
+    return outlooks, spent
+
+
+def _requirements() -> Requirements:
+    found = requirements_of(Calibration.builtin().model().parameters, RequirementLimits())
+    if isinstance(found, str):
+        raise RuntimeError(found)
+    return found
+
+
+def _estimate(observation: Observation, calibration: Calibration) -> Estimate:
+    """Return a valid estimate that makes an observation; its stamp is the service hour."""
+    # Stamps begin after 0, which would be no time.
+    end_ns = round((observation.hours + 1.0) * _NS_PER_HOUR)
+    return Estimate(
+        start_ns=end_ns - 500_000_000,
+        end_ns=end_ns,
+        algorithm="drawn",
+        seed=0,
+        calibration_id=calibration.calibration_id,
+        faults=observation.faults,
+        covariance=observation.covariance,
+        unobservable=observation.unobservable,
+        play=-1.0,
+        fitness=0.01,
+        goodness_of_fit=1.0,
+        goodness_limit=3.5,
+        excitation=0.01,
+        evaluations=100,
+        computing_time_s=0.05,
+        valid=True,
+        reason="",
+        calibration_windows=calibration.windows,
+    )
