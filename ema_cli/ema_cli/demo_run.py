@@ -48,12 +48,9 @@ def run_demo(duration_s: float, output: Path | None, stop: StopRequest) -> None:
         When the folder cannot be written.
     """
     _choose_domain()
+    files = [parameter_file("simulated"), parameter_file("demo")]
     commands = {
-        node: [
-            str(program(node)),
-            *ros_arguments(node, parameter_files=[parameter_file("demo")]),
-        ]
-        for node in _NODES
+        node: [str(program(node)), *ros_arguments(node, parameter_files=files)] for node in _NODES
     }
     _refuse_if_occupied(stop)
     if stop:

@@ -44,7 +44,7 @@ def draw_course(course: Course, end_hours: float | None = None) -> Figure:
         Service hour at which a fault truly reached its limit, if that is after the last test [h].
     """
     last = course.outlooks[-1]
-    hours = np.array([outlook.hours for outlook in course.outlooks])
+    hours = course.hours
     in_hours = bool(np.isfinite(hours).any())
     place = hours if in_hours else np.array([float(item.cycles) for item in course.outlooks])
     truth = true_faults(course)
@@ -113,7 +113,7 @@ def _last_hour(course: Course, place: NDArray[np.float64]) -> float:
 
 
 def _fan(course: Course, end: float) -> Fan | None:
-    tracker, last = course.tracker(), course.outlooks[-1]
+    tracker, last = course.growth.tracker, course.outlooks[-1]
     ahead = end - last.hours
     if not tracker.updates or not ahead > 0.0:
         return None

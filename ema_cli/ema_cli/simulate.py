@@ -158,7 +158,7 @@ def simulate(
                     total=cycles * cycle.samples,
                     state=f"cycle {cycle.number + 1} of {cycles}",
                 )
-                recording.begin_cycle(cycle.number, cycle.faults)
+                recording.begin_cycle(cycle.number, cycle.faults, cycle.hours)
                 for block, torque in cycle.blocks:
                     if interrupted.is_set():
                         raise click.Abort

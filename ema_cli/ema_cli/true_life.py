@@ -42,7 +42,7 @@ def true_remaining_life(course: Course, end_hours: float | None = None) -> NDArr
     end_hours
         Service hour at which a fault reaches its limit, if that is after the last test [h].
     """
-    hours = np.array([outlook.hours for outlook in course.outlooks])
+    hours = course.hours
     share = _share_of_the_way(course, true_faults(course))
     known = np.isfinite(hours) & np.isfinite(share)
     left = np.full(len(hours), np.nan)

@@ -1,19 +1,21 @@
 """What is said of a unit after each of its tests, as a live monitor says it."""
 
-import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ema_cli.progress import progress_bar
 from ema_cli.unit_record import UnitRecord
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.estimate import Estimate
+from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.observation import Observation
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.prognostics import PrognosisSettings, Prognostics
-from ema_monitor.prognosis.tracker import Tracker
+from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
+from ema_monitor.prognosis.prognostics import Prognostics
 
 
 @dataclass(frozen=True)
@@ -44,29 +46,28 @@ class Course:
         What the prognosis rests on.
     steps
         Tests in order of time.
-    history
-        The valid ones of them, each once.
+    growth
+        What is known of growth after the last of them.
     """
 
     record: UnitRecord
     settings: PrognosisSettings
     parameters: ActuatorParameters
     steps: list[Step]
-    history: History
+    growth: GrowthRecord
 
     @property
     def outlooks(self) -> list[Outlook]:
         """What was said after each valid test."""
         return [step.outlook for step in self.steps if step.outlook is not None]
 
-    def tracker(self) -> Tracker:
-        """Return the tracker after the last test, for what a prognosis does not tell of it."""
-        tracker = Tracker(self.settings.limits, self.settings.tracker)
-        for entry in self.history.entries:
-            # As in the prognosis: nothing without service hours, and none that went back.
-            if not math.isnan(entry.hours) and not entry.hours < tracker.hours:
-                tracker.update(Observation.of(entry.estimate, entry.hours))
-        return tracker
+    @property
+    def hours(self) -> NDArray[np.float64]:
+        """Service hours of each valid test [h], ``(n,)``; NaN where unknown or not believed."""
+        in_use = {entry.stamp_ns for entry in self.growth.in_use}
+        valid = [step for step in self.steps if step.outlook is not None]
+        used = [step.estimate.end_ns in in_use for step in valid]
+        return np.where(used, [outlook.hours for outlook in self.outlooks], np.nan)
 
 
 def follow(
@@ -89,8 +90,7 @@ def follow(
         What the prognosis rests on.
     """
     unit = record.description
-    history = History(unit.actuator_id, unit.serial_number)
-    prognostics = Prognostics(history, settings)
+    prognostics = Prognostics(History(unit.actuator_id, unit.serial_number), settings)
     # Only what was counted before a test is told before it, however much there is in all.
     counts = deque(record.counts)
     steps = []
@@ -99,4 +99,4 @@ def follow(
             while counts and counts[0].stamp_ns <= estimate.end_ns:
                 prognostics.tell(counts.popleft())
             steps.append(Step(estimate, prognostics.take(estimate, parameters, settings)))
-    return Course(record, settings, parameters, steps, history)
+    return Course(record, settings, parameters, steps, prognostics.growth)

@@ -106,13 +106,9 @@ def read_unit(paths: Iterable[Path], source: Source) -> UnitRecord:
             remarks.append(str(error))
         tests += [(path, item) for item in found.windows]
         truths += found.truths
-        for item in _messages(bag, Usage):
-            if item.message.actuator_id != found.description.actuator_id:
-                continue
-            try:
-                counts.append(_count(item.message, item.log_time_ns))
-            except ValueError as error:
-                remarks.append(f"{path}: usage is impossible: {error}")
+        counted, wrong = _counts(bag, found.description)
+        counts += counted
+        remarks += [f"{path}: {remark}" for remark in wrong]
     if unit is None:
         raise ValueError(f"no bag of actuator {source.actuator_id!r}: {'; '.join(remarks)}")
     if not tests:
@@ -147,10 +143,25 @@ def _messages(bag: Bag, message_class: Any) -> Iterable[Any]:
     return bag.messages(topics) if topics else ()
 
 
-def _count(message: Any, log_time_ns: int) -> Count:
-    # One that its sender did not stamp was read when it was recorded.
-    stamp_ns = stamp_from_message(message.header.stamp) or log_time_ns
-    return Count(stamp_ns, message.flight_hours, message.cycles)
+def _counts(bag: Bag, unit: ActuatorDescription) -> tuple[list[Count], list[str]]:
+    """Return what was counted of a unit, and what is wrong with the counts in a bag."""
+    counts: list[Count] = []
+    remarks: dict[str, None] = {}
+    for item in _messages(bag, Usage):
+        message = item.message
+        if message.actuator_id != unit.actuator_id:
+            continue
+        # A count that names no unit is of the one that is described.
+        if message.serial_number not in ("", unit.serial_number):
+            remarks[f"usage of serial number {message.serial_number!r} is passed over"] = None
+            continue
+        # One that its sender did not stamp was read when it was recorded.
+        stamp_ns = stamp_from_message(message.header.stamp) or item.log_time_ns
+        try:
+            counts.append(Count(stamp_ns, message.flight_hours, message.cycles))
+        except ValueError as error:
+            remarks[f"usage is impossible: {error}"] = None
+    return counts, list(remarks)
 
 
 def _require_same_unit(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ema_cli.bringup import NODES, program, ros_arguments
+from ema_cli.bringup import NODES, parameter_file, program, ros_arguments
 from ema_cli.errors import UNUSABLE, one_clear_line
 from ema_cli.processes import POLL_S, Supervisor, noted_signals
 
@@ -42,12 +42,17 @@ def up(
 ) -> None:
     """Run nodes until Ctrl-C: without names, the simulated actuator and its monitor.
 
-    The others live on when one ends. Exit code 1 when one of them failed.
+    The others live on when one ends. Exit code 1 when one of them failed. A simulated actuator is a
+    new unit at each start: beside it the monitor keeps its history in memory, unless
+    history_folder says otherwise.
     """
     with noted_signals() as stop, one_clear_line(), Supervisor(_tell, "recorder") as processes:
         for assignment in assignments:
             if ":=" not in assignment:
                 raise ValueError(f"-p {assignment!r}: expected name:=value")
+        names = dict.fromkeys(nodes or ("actuator", "monitor"))
+        if "actuator" in names:
+            parameter_files = (parameter_file("simulated"), *parameter_files)
         commands = {
             node: [
                 str(program(node)),
@@ -58,7 +63,7 @@ def up(
                     namespace=namespace,
                 ),
             ]
-            for node in dict.fromkeys(nodes or ("actuator", "monitor"))
+            for node in names
         }
         for node, command in commands.items():
             if not stop:

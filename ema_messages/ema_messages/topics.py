@@ -1,9 +1,9 @@
 """Topics of actuator and monitor, and what their publishers offer.
 
 Telemetry is reliable with ten seconds of history: a lost block costs a whole window, and a reader
-may be busy, or a replay fast. Descriptions, true faults and health are latched, so that whoever
-comes late knows how things stand. Nodes use the names without the namespace; recordings made
-without a node are under ``/ema``.
+may be busy, or a replay fast. Descriptions, true faults, service life and health are latched, so
+that whoever comes late knows how things stand. Nodes use the names without the namespace;
+recordings made without a node are under ``/ema``.
 """
 
 from typing import Final
@@ -46,6 +46,7 @@ ACTUATOR_TOPICS: Final = {
     SIMULATED_FAULTS: (FaultVectorStamped, LATCHED),
     TELEMETRY: (TelemetryBlock, STREAM),
     JOINT_STATES: (JointState, STATE),
+    USAGE: (Usage, LATCHED),
 }
 """What a simulated actuator publishes: message class and quality of service by topic."""
 
@@ -54,8 +55,3 @@ MONITOR_TOPICS: Final = {
     HEALTH: (Health, LATCHED),
 }
 """What a monitor publishes: message class and quality of service by topic."""
-
-USAGE_TOPICS: Final = {
-    USAGE: (Usage, LATCHED),
-}
-"""What whoever counts service life publishes: message class and quality of service by topic."""

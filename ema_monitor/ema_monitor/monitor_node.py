@@ -9,7 +9,6 @@ from queue import SimpleQueue
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.lifecycle.publisher import LifecyclePublisher
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, WARN
@@ -23,6 +22,7 @@ from ema_monitor.estimate import Estimate
 from ema_monitor.identification_thread import IdentificationThread
 from ema_monitor.last_faults import LastFaults
 from ema_monitor.monitor_calls import MonitorCalls
+from ema_monitor.monitor_health import MonitorHealth
 from ema_monitor.monitor_messages import estimate_to_message
 from ema_monitor.monitor_prognosis import MonitorPrognosis
 from ema_monitor.monitor_settings import Files, Operation
@@ -37,7 +37,6 @@ from ema_nodes.run import run
 from ema_nodes.settings import LiveSettings, declare, read
 from ema_nodes.status import Task
 
-_STALE_CHECK_S = 1.0
 _QUIET_S = 5.0
 
 
@@ -60,13 +59,13 @@ class MonitorNode(ManagedNode):
         self.search = LiveSettings(self, Search)
         self.operation = LiveSettings(self, Operation)
         self._trigger = LiveSettings(self, TriggerSettings, on_change=self._restart)
-        self._prognosis = MonitorPrognosis(self)
-        declare(self, Files)
         self._units = Units()
-        self._healths: dict[str, LifecyclePublisher] = {}
+        self._lock = threading.RLock()
+        self._health = MonitorHealth(self, self._units, self._lock)
+        self._prognosis = MonitorPrognosis(self, self._health.resume)
+        declare(self, Files)
         self._last_faults = LastFaults()
         self._identification = self._make_identification()
-        self._lock = threading.RLock()
         self._listeners: list[SimpleQueue[Found]] = []
         self._nameless = 0
 
@@ -83,19 +82,23 @@ class MonitorNode(ManagedNode):
         described = load_description(Path(files.actuator_file)) if files.actuator_file else None
         message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
         self._estimates = self.add_publisher(message_class, topics.FAULT_ESTIMATE, qos)
+        self._calls = MonitorCalls(self)
+        self._health.begin()
+        self._prognosis.begin(files.history_folder)
         if described is not None:
             self._describe(described)
-        self._calls = MonitorCalls(self)
-        self._prognosis.begin(files.history_folder)
-        self._stale_timer = self.create_timer(_STALE_CHECK_S, self._check_freshness)
 
     def activate(self) -> None:
         """Listen, and identify what is heard."""
         # A new one: that of before may still be in the middle of a compilation.
         self._identification = self._make_identification()
         self._identification.start()
+        with self._lock:
+            for unit in self._units.values():
+                if unit.watch.description is not None:
+                    self._prognosis.describe(unit.watch.description)
         receiving = MutuallyExclusiveCallbackGroup()
-        heard = topics.ACTUATOR_TOPICS | topics.USAGE_TOPICS
+        heard = topics.ACTUATOR_TOPICS
         self._subscriptions_in_use = [
             self.create_subscription(heard[name][0], name, callback, qos, callback_group=receiving)
             for name, callback, qos in (
@@ -120,10 +123,8 @@ class MonitorNode(ManagedNode):
         """Forget the actuators, and stop serving."""
         self._calls.destroy()
         self._prognosis.end()
-        self.destroy_timer(self._stale_timer)
-        for publisher in (self._estimates, *self._healths.values()):
-            self.destroy_lifecycle_publisher(publisher)
-        self._healths.clear()
+        self._health.end()
+        self.destroy_lifecycle_publisher(self._estimates)
         self._units.clear()
         self._last_faults = LastFaults()
         self._nameless = 0
@@ -171,7 +172,12 @@ class MonitorNode(ManagedNode):
     def _describe(self, description: ActuatorDescription) -> None:
         with self._lock:
             unit = self._unit_heard(description.actuator_id)
+            before = unit.watch.description
             self._sort(unit, unit.watch.describe(description))
+            if before is not None and before.serial_number != description.serial_number:
+                unit.exchange(self.get_clock().now().nanoseconds)
+        if before != description:
+            self._prognosis.describe(description)
 
     def _receive_telemetry(self, message: Any) -> None:
         if not message.actuator_id:
@@ -190,18 +196,16 @@ class MonitorNode(ManagedNode):
     def _receive_usage(self, message: Any) -> None:
         if not message.actuator_id:
             self._complain("", "usage without actuator_id")
-        elif wrong := self._prognosis.hear(message):
+            return
+        unit = self._units.get(message.actuator_id)
+        if wrong := self._prognosis.hear(message, unit.watch.description if unit else None):
             self._complain(message.actuator_id, wrong)
 
     def _unit_heard(self, actuator_id: str) -> Unit:
         if actuator_id not in self._units:
             now_ns = self.get_clock().now().nanoseconds
             self._units[actuator_id] = Unit(actuator_id, self._trigger.value, now_ns)
-            # One for each actuator, so that each has its latest health latched.
-            message_class, qos = topics.MONITOR_TOPICS[topics.HEALTH]
-            self._healths[actuator_id] = self.add_publisher(
-                message_class, topics.HEALTH, qos, quiet=bool(self._healths)
-            )
+            self._health.add(actuator_id)
         return self._units[actuator_id]
 
     def _complain(self, actuator_id: str, reason: str) -> None:
@@ -249,30 +253,13 @@ class MonitorNode(ManagedNode):
         now_ns = self.get_clock().now().nanoseconds
         # Without the lock: telemetry must not wait for a prognosis.
         outlook = self._prognosis.conclude(found, estimate)
-        with self._lock:
-            unit = self._unit_heard(found.description.actuator_id)
-            health = unit.conclude(found, estimate, outlook, now_ns)
-        if health is not None:
-            self._healths[health.actuator_id].publish(health)
+        self._health.conclude(found, estimate, outlook, now_ns)
         if not estimate.valid:
             self.get_logger().warning(
-                f"{unit.actuator_id}: window {found.number} has no valid estimate: "
+                f"{found.description.actuator_id}: window {found.number} has no valid estimate: "
                 f"{estimate.reason}"
             )
         self.report()
-
-    def _check_freshness(self) -> None:
-        if self.idle:
-            return
-        with self._lock:
-            now_ns = self.get_clock().now().nanoseconds
-            period_s = self.operation.value.expected_period_s
-            stale = [unit.grow_stale(period_s, now_ns) for unit in self._units.values()]
-        for health in stale:
-            if health is not None:
-                self.get_logger().warning(f"{health.actuator_id}: {health.reason}")
-                self._healths[health.actuator_id].publish(health)
-                self.report()
 
     def _restart(self, settings: TriggerSettings) -> None:
         with self._lock:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import threading
 import traceback
-from collections import defaultdict, deque
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, WARN
@@ -17,7 +19,9 @@ from ema_messages.stamps import stamp_from_message
 from ema_monitor.estimate import Estimate
 from ema_monitor.health import HealthLimits
 from ema_monitor.monitor_messages import health_to_message
+from ema_monitor.prognosis.count_book import CountBook
 from ema_monitor.prognosis.history import History, history_path
+from ema_monitor.prognosis.known_laws import KnownLawTexts
 from ema_monitor.prognosis.outlook import Outlook, outlook_of_one
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings, duty_of
 from ema_monitor.prognosis.prognostics import Prognostics
@@ -32,8 +36,6 @@ from ema_nodes.status import Task
 if TYPE_CHECKING:
     from ema_monitor.monitor_node import MonitorNode
 
-_MOST_COUNTS: Final = 100
-
 
 class MonitorPrognosis:
     """What a monitor knows of the growth of faults, unit by unit.
@@ -42,28 +44,36 @@ class MonitorPrognosis:
     ----------
     node
         The monitor; gets the parameters.
+    resume
+        Called with a unit, once its history is read, and what there is to say after it.
     """
 
-    def __init__(self, node: MonitorNode) -> None:
+    def __init__(
+        self, node: MonitorNode, resume: Callable[[ActuatorDescription, Outlook], None]
+    ) -> None:
         self._node = node
+        self._resume = resume
         self._limits = LiveSettings(node, HealthLimits, "limits.")
         self._requirements = LiveSettings(node, RequirementLimits, "requirements.")
         self._tracker = LiveSettings(node, TrackerSettings, "tracker.")
+        self._laws = LiveSettings(node, KnownLawTexts, "known_law.")
         self._service = LiveSettings(node, Service)
         self._folder: Path | None = None
         self._making = threading.Lock()
         self._units: dict[tuple[str, str], Prognostics] = {}
-        self._current: dict[str, Prognostics] = {}
-        self._counts: defaultdict[str, deque[Count]] = defaultdict(
-            lambda: deque(maxlen=_MOST_COUNTS)
-        )
+        self._counts = CountBook()
+        self._described: SimpleQueue[ActuatorDescription] = SimpleQueue()
+        self._is_serving = False
         self._told: dict[tuple[str, str], str] = {}
 
     @property
     def settings(self) -> PrognosisSettings:
         """What prognoses rest on, as it is now."""
         return PrognosisSettings(
-            self._limits.value, self._requirements.value, self._tracker.value, self._service.value
+            self._limits.value,
+            self._requirements.value,
+            replace(self._tracker.value, laws=self._laws.value.laws()),
+            self._service.value,
         )
 
     def begin(self, history_folder: str) -> None:
@@ -77,6 +87,10 @@ class MonitorPrognosis:
         """
         in_sim_time = bool(self._node.get_parameter("use_sim_time").value)
         self._folder = _folder(history_folder) if history_folder and not in_sim_time else None
+        self._is_serving = True
+        self._open_soon = self._node.create_guard_condition(
+            self._open_histories, callback_group=WaitingCallbackGroup()
+        )
         self._call = self._node.create_service(
             PredictRemainingLife,
             "~/predict_remaining_life",
@@ -87,21 +101,39 @@ class MonitorPrognosis:
     def end(self) -> None:
         """Stop serving, and let go of the histories."""
         self._node.destroy_service(self._call)
+        self._node.destroy_guard_condition(self._open_soon)
         with self._making:
+            self._is_serving = False
             for prognostics in self._units.values():
                 prognostics.history.close()
             self._units.clear()
-            self._current.clear()
-            self._counts.clear()
             self._told.clear()
+            self._counts = CountBook()
+            self._described = SimpleQueue()
 
-    def hear(self, message: Any) -> str:
+    def describe(self, description: ActuatorDescription) -> None:
+        """Have the history of a unit opened, in another thread, and its health told.
+
+        Parameters
+        ----------
+        description
+            The unit, as it has just been described.
+        """
+        unit = (description.actuator_id, description.serial_number)
+        self._counts.name(*unit)
+        self._pass_on(unit)
+        self._described.put(description)
+        self._open_soon.trigger()
+
+    def hear(self, message: Any, described: ActuatorDescription | None) -> str:
         """Take note of counted use; return what is wrong with it, empty when nothing.
 
         Parameters
         ----------
         message
             ``ema_interfaces/msg/Usage``.
+        described
+            The actuator, as it is described now; None when it is not.
         """
         # One that its sender did not stamp was read just now.
         now_ns = self._node.get_clock().now().nanoseconds
@@ -110,9 +142,9 @@ class MonitorPrognosis:
             count = Count(stamp_ns, message.flight_hours, message.cycles)
         except ValueError as error:
             return f"usage is impossible: {error}"
-        self._counts[message.actuator_id].append(count)
-        if message.actuator_id in self._current:
-            self._current[message.actuator_id].tell(count)
+        serial_number = message.serial_number or (described.serial_number if described else "")
+        self._counts.add(message.actuator_id, serial_number, count)
+        self._pass_on((message.actuator_id, serial_number))
         return ""
 
     def conclude(self, found: Found, estimate: Estimate) -> Outlook | None:
@@ -131,10 +163,7 @@ class MonitorPrognosis:
             outlook = prognostics.take(estimate, self._parameters(description), settings)
         except Exception as error:
             # What fails here must cost neither the estimate nor the alarm.
-            reason = f"the prognosis failed: {error!r}"
-            self._node.get_logger().error(
-                f"{description.actuator_id}: {reason}\n{traceback.format_exc()}"
-            )
+            reason = self._report_failure(description.actuator_id, error)
             return outlook_of_one(estimate, settings.limits, reason) if estimate.valid else None
         self._tell_problem(description, prognostics)
         for event in outlook.events if outlook else ():
@@ -155,22 +184,39 @@ class MonitorPrognosis:
             for (actuator_id, serial_number), prognostics in list(self._units.items())
         ]
 
+    def _open_histories(self) -> None:
+        """Read the histories of the units that were described, and tell their health."""
+        while True:
+            try:
+                description = self._described.get_nowait()
+            except Empty:
+                return
+            try:
+                prognostics = self._of(description)
+                outlook = prognostics.resume(self._parameters(description), self.settings)
+            except Exception as error:
+                self._report_failure(description.actuator_id, error)
+            else:
+                if outlook is not None:
+                    self._resume(description, outlook)
+
     def _of(self, description: ActuatorDescription) -> Prognostics:
         unit = (description.actuator_id, description.serial_number)
         with self._making:
+            if not self._is_serving:
+                raise ValueError("the monitor is not configured")
             if unit not in self._units:
                 path = history_path(self._folder, *unit) if self._folder else None
-                made = Prognostics(History(*unit, path), self.settings)
-                before = self._current.get(description.actuator_id)
-                self._units[unit] = self._current[description.actuator_id] = made
-                # What was counted while another unit was in this place is not of this one.
-                tests = before.history.entries if before else []
-                for count in list(self._counts[description.actuator_id]):
-                    if not tests or count.stamp_ns > tests[-1].stamp_ns:
-                        made.tell(count)
-                self._tell_problem(description, made)
-            self._current[description.actuator_id] = self._units[unit]
+                self._units[unit] = Prognostics(History(*unit, path), self.settings)
+                self._pass_on(unit)
+                self._tell_problem(description, self._units[unit])
             return self._units[unit]
+
+    def _pass_on(self, unit: tuple[str, str]) -> None:
+        """Tell a unit what was counted of it; as long as it is not known, that is kept."""
+        if prognostics := self._units.get(unit):
+            for count in self._counts.take(*unit):
+                prognostics.tell(count)
 
     def _parameters(self, description: ActuatorDescription) -> ActuatorParameters | None:
         calibration = self._node.store.of(description)
@@ -194,12 +240,23 @@ class MonitorPrognosis:
                 raise ValueError(f"actuator {unit.actuator_id!r} has not been described")
             prognostics = self._of(description)
             outlook = prognostics.outlook(self._parameters(description), settings)
-        except (ValueError, OSError) as error:
-            response.success, response.message = False, str(error)
-        else:
-            response.success, response.message = True, ""
             response.health = health_to_message(outlook, description)
+            response.success, response.message = True, ""
+        except ValueError as error:
+            response.success, response.message = False, str(error)
+        except Exception as error:
+            # A service that raises would take the node along.
+            response.success = False
+            response.message = self._report_failure(request.actuator_id, error)
         return response
+
+    def _report_failure(self, actuator_id: str, error: Exception) -> str:
+        """Log what has just failed, and return it in words."""
+        reason = f"the prognosis failed: {error!r}"
+        self._node.get_logger().error(
+            f"{actuator_id or 'actuator'}: {reason}\n{traceback.format_exc()}"
+        )
+        return reason
 
 
 def _folder(text: str) -> Path:

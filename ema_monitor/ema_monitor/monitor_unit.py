@@ -3,6 +3,7 @@
 from collections import deque
 from dataclasses import replace
 
+from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.estimate import Estimate
@@ -48,7 +49,7 @@ class Unit:
         self._invalid = 0
         self._latency_s = float("nan")
         self._fresh_ns = now_ns
-        self._judged: Found | None = None
+        self._judged: ActuatorDescription | None = None
         self._outlook = _NOTHING_KNOWN
         self._stale_told = False
 
@@ -101,11 +102,56 @@ class Unit:
         self._valid += 1
         while self._open_defects and self._open_defects[0][0] <= found.number:
             self._open_defects.popleft()
+        self._latency_s = (now_ns - estimate.end_ns) * 1e-9
+        if not self._is_fitted(found.description):
+            # The unit was exchanged while its last window waited.
+            return health_to_message(outlook, found.description)
         self._fresh_ns = now_ns
         self._stale_told = False
-        self._judged = found
-        self._latency_s = (now_ns - estimate.end_ns) * 1e-9
+        self._judged = found.description
         self._outlook = outlook
+        return self._health_message()
+
+    def exchange(self, now_ns: int) -> None:
+        """Forget the health: another unit is in the place of the one before.
+
+        Parameters
+        ----------
+        now_ns
+            Time of the node's clock [ns].
+        """
+        self._fresh_ns = now_ns
+        self._stale_told = False
+        self._judged = None
+        self._outlook = _NOTHING_KNOWN
+
+    def resume(
+        self,
+        description: ActuatorDescription,
+        outlook: Outlook,
+        expected_period_s: float,
+        now_ns: int,
+    ) -> HealthMessage | None:
+        """Return the health after the latest test in the history, if there was none since.
+
+        Parameters
+        ----------
+        description
+            The unit that the history is of.
+        outlook
+            What there is to say after that test.
+        expected_period_s
+            How often a valid estimate is expected [s].
+        now_ns
+            Time of the node's clock [ns].
+        """
+        if self._judged is not None or not self._is_fitted(description):
+            return None
+        self._judged, self._outlook = description, outlook
+        self._fresh_ns = outlook.stamp_ns
+        self._stale_told = self._is_stale(expected_period_s, now_ns)
+        if self._stale_told:
+            self._say_stale(expected_period_s)
         return self._health_message()
 
     def grow_stale(self, expected_period_s: float, now_ns: int) -> HealthMessage | None:
@@ -118,17 +164,11 @@ class Unit:
         now_ns
             Time of the node's clock [ns].
         """
-        if not self._fresh_ns or now_ns < self._fresh_ns:
-            self._fresh_ns = now_ns  # simulated time has begun, or gone back
-        age_s = (now_ns - self._fresh_ns) * 1e-9
-        if self._stale_told or age_s <= _STALE_PERIODS * expected_period_s:
+        if self._stale_told or not self._is_stale(expected_period_s, now_ns):
             return None
         self._stale_told = True
-        reason = f"no valid estimate for more than {_STALE_PERIODS * expected_period_s:g} s"
-        if self._open_defects:
-            reason += f"; {self.defects}"
-        health = replace(self._outlook.health, level=STALE, confidence=0.0, reason=reason)
-        self._outlook = replace(self._outlook, health=health, events=())
+        self._say_stale(expected_period_s)
+        self._outlook = replace(self._outlook, events=())
         return self._health_message()
 
     def tasks(self, waiting: int) -> list[Task]:
@@ -177,10 +217,24 @@ class Unit:
             Task(f"{self.actuator_id} health", health.level, verdict, self.hardware_id, figures),
         ]
 
+    def _is_fitted(self, description: ActuatorDescription) -> bool:
+        """Return whether a unit is the one that is described now."""
+        now = self.watch.description
+        return now is not None and now.serial_number == description.serial_number
+
+    def _is_stale(self, expected_period_s: float, now_ns: int) -> bool:
+        if not self._fresh_ns or now_ns < self._fresh_ns:
+            self._fresh_ns = now_ns  # simulated time has begun, or gone back
+        return (now_ns - self._fresh_ns) * 1e-9 > _STALE_PERIODS * expected_period_s
+
+    def _say_stale(self, expected_period_s: float) -> None:
+        reason = f"no valid estimate for more than {_STALE_PERIODS * expected_period_s:g} s"
+        if self._open_defects:
+            reason += f"; {self.defects}"
+        health = replace(self._outlook.health, level=STALE, confidence=0.0, reason=reason)
+        self._outlook = replace(self._outlook, health=health)
+
     def _health_message(self) -> HealthMessage | None:
-        """Return the health after the window that was judged last."""
-        if self._judged is not None:
-            return health_to_message(self._outlook, self._judged.description)
-        if self.watch.description is not None:
-            return health_to_message(self._outlook, self.watch.description)
-        return None
+        """Return the health of the unit that was judged last, or else of the one described."""
+        description = self._judged or self.watch.description
+        return None if description is None else health_to_message(self._outlook, description)

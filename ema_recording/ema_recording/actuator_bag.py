@@ -13,11 +13,12 @@ from ema_messages.description import description_to_message
 from ema_messages.faults import StampedFaults, stamped_faults_to_message
 from ema_messages.joint_state import joint_state_after
 from ema_messages.telemetry import telemetry_to_message
+from ema_messages.usage import usage_at_cycle
 from ema_recording.writer import BagWriter
 
 
 class SimulatedActuatorBag:
-    """Records what a simulated actuator node would publish, in simulated time from 0.
+    """Records what a simulated actuator node would publish, in simulated time.
 
     Parameters
     ----------
@@ -25,18 +26,20 @@ class SimulatedActuatorBag:
         Recording to write to; it is closed at the end of the context.
     description
         The actuator.
+    start_ns
+        When it begins [ns].
     """
 
-    def __init__(self, bag: BagWriter, description: ActuatorDescription) -> None:
+    def __init__(self, bag: BagWriter, description: ActuatorDescription, start_ns: int = 0) -> None:
         self._bag = bag
         self._description = description
-        self._end_ns = 0
+        self._end_ns = start_ns
         for name, (message_class, qos) in topics.ACTUATOR_TOPICS.items():
             bag.add_topic(f"{topics.NAMESPACE}/{name}", message_class, qos)
-        self._write(topics.DESCRIPTION, description_to_message(description), 0)
+        self._write(topics.DESCRIPTION, description_to_message(description, start_ns), start_ns)
 
-    def begin_cycle(self, cycle: int, faults: ArrayLike) -> None:
-        """Record the true faults of the test cycle that begins.
+    def begin_cycle(self, cycle: int, faults: ArrayLike, hours: float) -> None:
+        """Record service life and true faults at the start of a test cycle.
 
         Parameters
         ----------
@@ -44,27 +47,32 @@ class SimulatedActuatorBag:
             Running number, from 0.
         faults
             Fault vector, ``(8,)``.
+        hours
+            Service hours since new [h].
         """
+        usage = usage_at_cycle(self._description, self._end_ns, hours, cycle)
+        self._write(topics.USAGE, usage, self._end_ns)
         truth = StampedFaults(
             self._end_ns, self._description.actuator_id, cycle, fault_vector(faults)
         )
         self._write(topics.SIMULATED_FAULTS, stamped_faults_to_message(truth), self._end_ns)
 
-    def write_block(self, block: Telemetry, motor_torque: float) -> None:
-        """Record a block of telemetry and the joint state at its end.
+    def write_block(self, block: Telemetry, motor_torque: float | None = None) -> None:
+        """Record a block of telemetry and, where the torque is known, the joint state at its end.
 
         Parameters
         ----------
         block
             Telemetry as it is measured.
         motor_torque
-            Torque of the motor at the block's end [N.m].
+            Torque of the motor at the block's end [N.m]; None when it is not known.
         """
         self._end_ns = block.stamp_at(len(block) - 1)
         telemetry = telemetry_to_message(block, self._description.actuator_id)
         self._write(topics.TELEMETRY, telemetry, block.stamp_ns)
-        joint = joint_state_after(block, motor_torque, self._description)
-        self._write(topics.JOINT_STATES, joint, self._end_ns)
+        if motor_torque is not None:
+            joint = joint_state_after(block, motor_torque, self._description)
+            self._write(topics.JOINT_STATES, joint, self._end_ns)
 
     def __enter__(self) -> Self:
         return self

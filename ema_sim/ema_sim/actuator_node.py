@@ -24,6 +24,7 @@ from ema_messages.faults import StampedFaults, faults_from_message, stamped_faul
 from ema_messages.joint_state import joint_state_after
 from ema_messages.stamps import stamp_to_message
 from ema_messages.telemetry import telemetry_to_message
+from ema_messages.usage import usage_at_cycle
 from ema_nodes.actuator_file import load_description
 from ema_nodes.managed_node import ManagedNode
 from ema_nodes.run import run
@@ -91,7 +92,7 @@ class ActuatorNode(ManagedNode):
         self._runner = BenchRunner(
             self._bench,
             self._rate,
-            on_cycle=self._publish_truth,
+            on_cycle=self._publish_cycle,
             on_block=self._publish_block,
             on_failure=self._fail,
         )
@@ -146,7 +147,9 @@ class ActuatorNode(ManagedNode):
     def _publish(self, topic: str, message: Any) -> None:
         self._publishers_by_topic[topic].publish(message)
 
-    def _publish_truth(self, cycle: RunningCycle) -> None:
+    def _publish_cycle(self, cycle: RunningCycle) -> None:
+        usage = usage_at_cycle(self._description, cycle.start_ns, cycle.hours, cycle.number)
+        self._publish(topics.USAGE, usage)
         truth = StampedFaults(
             cycle.start_ns, self._description.actuator_id, cycle.number, cycle.faults
         )

@@ -56,6 +56,8 @@ class RunningCycle:
         Running number, from 0.
     start_ns
         When it starts [ns].
+    hours
+        Service hours of the actuator at its start [h].
     faults
         True faults of the actuator in it, ``(8,)``.
     samples
@@ -67,6 +69,7 @@ class RunningCycle:
 
     number: int
     start_ns: int
+    hours: float
     faults: NDArray[np.float64]
     samples: int
     blocks: Iterator[tuple[Telemetry, float]]
@@ -117,6 +120,7 @@ class ActuatorBench:
         self._block_samples = max(1, round(self.settings.block_s / description.sample_period))
         self._next_cycle = 0
         self._end_ns = 0
+        self._service_hours = 0.0
         self._lock = threading.Lock()
         self.set_command(THESIS_CHIRP)
         self.set_faults(healthy_faults())
@@ -195,14 +199,15 @@ class ActuatorBench:
                 faults, self._growths, self._hours, self._hours_per_cycle, self._of_growth
             )
             self._hours += self._hours_per_cycle
+            hours = self._service_hours
+            self._service_hours += self._hours_per_cycle
         if start_ns is not None:
             self._end_ns = start_ns
         self._actuator.faults = faults
         number = self._next_cycle
         self._next_cycle += 1
-        return RunningCycle(
-            number, self._end_ns, faults.copy(), len(samples), self._blocks(samples, self._end_ns)
-        )
+        blocks = self._blocks(samples, self._end_ns)
+        return RunningCycle(number, self._end_ns, hours, faults.copy(), len(samples), blocks)
 
     def _blocks(
         self, samples: NDArray[np.float64], start_ns: int

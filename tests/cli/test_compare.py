@@ -109,7 +109,7 @@ def test_truth_is_that_of_the_windows_own_cycle(ema, tmp_path, faulty_blocks):
     period_ns = round(1e9 * faulty_blocks[0].sample_period)
     with SimulatedActuatorBag(BagWriter(path), ActuatorDescription()) as recording:
         for cycle, friction in enumerate((0.3, 0.4)):
-            recording.begin_cycle(cycle, fault_vector({"friction": friction}))
+            recording.begin_cycle(cycle, fault_vector({"friction": friction}), 10.0 * cycle)
             for block in faulty_blocks:
                 later = replace(
                     block,

@@ -82,8 +82,12 @@ def test_demo_leaves_bag_and_picture_and_no_process(demos):
         assert demo.descendants() == {}
         bag = Bag(demo.folder / "bag")
         assert bag.damage == ""
-        for name in ("telemetry", "simulated_faults", "fault_estimate", "health"):
+        for name in ("telemetry", "simulated_faults", "usage", "fault_estimate", "health"):
             assert bag.topics[f"/ema/{name}"].count > 0, name
+        # The actuator counts its service hours, from new on: ten a cycle.
+        healths = [item.message for item in bag.messages(["/ema/health"])]
+        hours = [health.flight_hours for health in healths]
+        assert hours == [10.0 * number for number in range(len(hours))]
         picture = imread(demo.folder / "history.png")
         assert picture.shape[0] > 400
         assert picture.shape[1] > 800

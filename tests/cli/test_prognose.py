@@ -19,6 +19,7 @@ from ema_cli.unit_record import UnitRecord, read_unit
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_messages.faults import StampedFaults
+from ema_messages.usage import usage_at_cycle
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate
 from ema_monitor.health import HealthLimits
@@ -28,6 +29,8 @@ from ema_monitor.prognosis.requirements import RequirementLimits
 from ema_monitor.prognosis.settings import NOMINAL_LAWS, TrackerSettings
 from ema_monitor.prognosis.tracker import Tracker
 from ema_monitor.prognosis.usage import Count, Service
+from ema_recording.actuator_bag import SimulatedActuatorBag
+from ema_recording.writer import BagWriter
 from ema_sim.lives import Life
 
 SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
@@ -161,7 +164,7 @@ def test_figures_are_those_of_the_tracker_fed_by_hand():
     assert said.rul_faults == prognosis.overall
     assert dict(said.lives)["friction"] == prognosis.components["friction"]
     assert prognosis.components["friction"].known
-    assert course.tracker().predict().overall == prognosis.overall
+    assert course.growth.tracker.predict().overall == prognosis.overall
 
 
 def test_known_law_and_limit_are_what_the_tracker_goes_by():
@@ -185,8 +188,21 @@ def test_futures_leave_out_what_the_prognosis_leaves_out():
     record = UnitRecord(ActuatorDescription(), [], counts, [], [])
     parameters = Calibration.builtin().model().parameters
     course = follow(record, estimates, parameters, PrognosisSettings())
-    assert course.tracker().updates == 19
-    assert course.tracker().predict().overall == course.outlooks[-1].rul_faults
+    assert course.growth.tracker.updates == 19
+    assert course.growth.tracker.predict().overall == course.outlooks[-1].rul_faults
+
+
+def test_count_that_was_revoked_is_not_in_the_picture():
+    estimates = growing(2e-3, 20, seed=7)
+    counts = [Count(one.end_ns, one.end_ns / NS_PER_HOUR, 0) for one in estimates]
+    counts[8] = Count(counts[8].stamp_ns, 50_000.0, 0)
+    record = UnitRecord(ActuatorDescription(), [], counts, [], [])
+    parameters = Calibration.builtin().model().parameters
+    course = follow(record, estimates, parameters, PrognosisSettings())
+    hours = INTERVAL_H * np.arange(1, 21)
+    hours[8] = np.nan
+    np.testing.assert_array_equal(course.hours, hours)
+    assert draw_course(course).axes[0].get_xlim()[1] < 1000.0
 
 
 def test_twice_the_duty_leaves_half_the_life_until_the_fault_limit():
@@ -313,6 +329,32 @@ def test_two_bags_of_the_same_stamp_are_refused(written):
         read_unit([one, other], source())
     # The same bag twice is one.
     assert len(read_unit([one, one], source()).windows) == 1
+
+
+def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
+    life = Life("", {}, np.array([1.0]), fault_vector({})[None], ("good",), math.inf)
+    description = ActuatorDescription()
+    [test] = simulated_tests(life, description, np.random.default_rng(0), lambda: False)
+    count = usage_at_cycle(replace(description, serial_number="0002"), test.start_ns, 500.0, 6)
+    nameless = usage_at_cycle(description, test.start_ns + 1, 40.0, 7)
+    nameless.serial_number = ""
+    path = tmp_path / "one.mcap"
+    with BagWriter(path) as writer, SimulatedActuatorBag(writer, description) as bag:
+        for message in (count, count, nameless):
+            writer.write("/ema/usage", message, test.start_ns)
+        for block in test.blocks:
+            bag.write_block(block)
+    record = read_unit([path], source())
+    assert [item.hours for item in record.counts] == [40.0]
+    assert record.remarks == [f"{path}: usage of serial number '0002' is passed over"]
+
+
+def test_simulated_bag_tells_its_service_hours(ema, tmp_path):
+    bag = tmp_path / "three.mcap"
+    assert ema("simulate", "--cycles", "3", "-o", bag).exit_code == 0
+    told = json.loads(ema("prognose", bag, "--json").stdout)
+    assert [test["flight_hours"] for test in told["tests"]] == [0.0, 10.0, 20.0]
+    assert told["cycles"] == 3
 
 
 def test_impossible_usage_is_told_and_not_used(tmp_path):

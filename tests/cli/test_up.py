@@ -1,5 +1,6 @@
 """Processes under supervision, with small programs in the place of nodes; then real nodes."""
 
+import math
 import os
 import signal
 import subprocess
@@ -7,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -210,12 +212,19 @@ def test_killed_supervisor_takes_its_children_along(note):
     assert lines(note)[2:] == ["child"] * 2
 
 
+def health_in(bag: Path) -> list[Any]:
+    return [item.message for item in Bag(bag).messages(["/ema/health"])]
+
+
 def test_nodes_run_under_one_command_until_ctrl_c(tmp_path):
     bag = tmp_path / "bag"
-    command = ["ema", "up", "actuator", "recorder", "-p", f'output:="{bag}"', "-p", "seed:=3"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    nodes = ("actuator", "monitor", "recorder")
+    command = ["ema", "up", *nodes, "-p", f'output:="{bag}"', "-p", "seed:=3"]
+    environment = {**os.environ, "ROS_HOME": str(tmp_path / "ros_home")}
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
         wait_until(lambda: (bag / "bag_0.mcap").exists(), "a bag")
         wait_until(lambda: (bag / "bag_0.mcap").stat().st_size > 100_000, "telemetry in the bag")
+        wait_until(lambda: bool(health_in(bag)), "health in the bag")
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=20)
     assert process.returncode == 0, said
@@ -223,6 +232,9 @@ def test_nodes_run_under_one_command_until_ctrl_c(tmp_path):
     recorded = Bag(bag)
     assert recorded.damage == ""
     assert recorded.topics["/ema/telemetry"].count > 10
+    # Service hours are known without a parameter, and nothing is kept of a simulated unit.
+    assert math.isfinite(health_in(bag)[0].flight_hours)
+    assert list((tmp_path / "ros_home").rglob("*.jsonl")) == []
     assert processes_with(bag) == []
 
 

@@ -12,7 +12,8 @@ import pytest
 
 from ema_monitor.estimate import Estimate
 from ema_monitor.prognosis.history import History, history_path
-from ema_monitor.prognosis.history_entry import Entry
+from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_line, from_line
+from ema_monitor.prognosis.usage import Count
 
 from .made_tests import made_test
 
@@ -59,6 +60,40 @@ def test_every_figure_comes_back_to_the_last_bit(path: Path):
             getattr(first.estimate, item.name), getattr(estimate, item.name), err_msg=item.name
         )
         assert type(getattr(first.estimate, item.name)) is type(getattr(estimate, item.name))
+
+
+def test_count_and_cycles_without_estimate_come_back(path: Path):
+    count = Count(123, 45.5, 67)
+    history = History(*UNIT, path)
+    history.append(UnusedCycle(1))
+    history.append(Entry(made_test(0), 45.5, 67, 1.0, count))
+    history.append(UnusedCycle(2))
+    history.append(UnusedCycle(3))
+    history.close()
+    again = History(*UNIT, path)
+    again.close()
+    assert (len(again.entries), again.entries[0].count, again.unused_cycles) == (1, count, 2)
+
+
+def test_file_of_the_first_format_is_read_and_gone_on_with(path: Path):
+    """It has neither counts nor cycles without estimate."""
+    lines = [from_line(line) for line in kept(path, 2).splitlines()]
+    lines[0]["format"] = "ema_history 1"
+    for line in lines[1:]:
+        del line["count"]
+    path.write_bytes(b"".join(as_line(line) for line in lines))
+    history = History(*UNIT, path)
+    assert [item.count for item in history.entries] == [None, None]
+    history.append(UnusedCycle(1))
+    history.append(entry(5))
+    history.close()
+    assert hours(path) == ([0.0, 10.0, 50.0], "")
+
+
+def test_format_that_is_not_known_is_set_aside(path: Path):
+    path.parent.mkdir()
+    path.write_bytes(as_line({"format": "ema_history 3"}))
+    assert "its format is 'ema_history 3', expected 'ema_history 2'" in hours(path)[1]
 
 
 def test_nothing_is_made_before_the_first_test(path: Path):

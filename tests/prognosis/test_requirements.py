@@ -27,13 +27,13 @@ def covariance(sigma=0.01):
 
 
 def health_of(requirements, *args, **kwargs):
-    return {item.name: item for item in requirements.assess(*args, **kwargs)}
+    return {item.name: item for item in requirements.judge(*args, **kwargs).healths}
 
 
 def test_healthy_actuator_meets_every_default(requirements):
     reserves = requirements.exact_reserves(REQUIREMENTS, healthy_faults())
     np.testing.assert_allclose(reserves, 1.0, rtol=1e-12)
-    for item in requirements.assess(healthy_faults(), covariance(1e-4)):
+    for item in requirements.judge(healthy_faults(), covariance(1e-4)).healths:
         assert item.level == OK
         assert item.share == pytest.approx(0.0, abs=1e-12)
 
@@ -71,7 +71,7 @@ def test_sigma_is_the_spread_of_performance_over_samples_of_the_faults(requireme
     P[0, 1] = P[1, 0] = 0.8 * 0.02**2
     samples = np.random.default_rng(2).multivariate_normal(k, P, 2000)
     performance = requirements.model.performance(samples)
-    for item in requirements.assess(k, P):
+    for item in requirements.judge(k, P).healths:
         spread = float(np.std(getattr(performance, item.name)))
         # 2,000 samples tell a spread to 1.6 %, and curvature adds a little.
         assert item.sigma == pytest.approx(spread, rel=0.08)
@@ -106,7 +106,7 @@ def test_unobservable_fault_hides_only_the_performance_it_matters_to(requirement
 
 def test_direction_of_an_eccentricity_that_is_not_there_hides_nothing(requirements):
     phase = np.arange(8) == FAULT_NAMES.index("eccentricity_phase")
-    for item in requirements.assess(healthy_faults(), covariance(1e-3), phase):
+    for item in requirements.judge(healthy_faults(), covariance(1e-3), phase).healths:
         assert item.level == OK
         assert np.isfinite(item.sigma)
 
@@ -120,14 +120,14 @@ def test_direction_of_a_large_eccentricity_matters_to_the_torque(requirements):
 
 
 def test_unknown_faults_leave_every_requirement_stale(requirements):
-    for item in requirements.assess(np.full(8, np.nan), np.full((8, 8), np.nan)):
+    for item in requirements.judge(np.full(8, np.nan), np.full((8, 8), np.nan)).healths:
         assert item.level == STALE
         assert np.isnan(item.value)
 
 
 def test_covariance_of_another_shape_is_refused(requirements):
     with pytest.raises(ValueError, match=r"shape \(7, 7\), expected \(8, 8\)"):
-        requirements.assess(healthy_faults(), np.eye(7))
+        requirements.judge(healthy_faults(), np.eye(7))
 
 
 def rms(values):

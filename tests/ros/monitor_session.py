@@ -79,7 +79,7 @@ class MonitorSession:
         self.probe = Node("probe", context=context, namespace="/ema")
         self._publishers = {
             name: self.probe.create_publisher(message_class, name, qos)
-            for name, (message_class, qos) in (topics.ACTUATOR_TOPICS | topics.USAGE_TOPICS).items()
+            for name, (message_class, qos) in topics.ACTUATOR_TOPICS.items()
         }
         for name, (message_class, qos) in topics.MONITOR_TOPICS.items():
             self.subscribe(message_class, name, qos)

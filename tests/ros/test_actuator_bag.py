@@ -23,7 +23,7 @@ def recorded(tmp_path_factory):
     written = []
     with SimulatedActuatorBag(BagWriter(path), description) as bag:
         for cycle, friction in enumerate((0.1, 0.2)):
-            bag.begin_cycle(cycle, fault_vector({"friction": friction}))
+            bag.begin_cycle(cycle, fault_vector({"friction": friction}), 10.0 * cycle)
             for _ in range(3):
                 block = actuator.advance(np.full(100, 1e-3))
                 bag.write_block(block, actuator.state.torque)
@@ -47,6 +47,14 @@ def test_truth_is_stamped_with_the_start_of_its_cycle(recorded):
         (0, 0.1, 0),
         (1, 0.2, 30_000_000),
     ]
+
+
+def test_service_life_is_counted_at_the_start_of_each_cycle(recorded):
+    counts = [item.message for item in on(recorded, topics.USAGE)]
+    assert {(m.actuator_id, m.serial_number) for m in counts} == {("flap", "SN-3")}
+    assert [(m.flight_hours, m.cycles) for m in counts] == [(0.0, 1), (10.0, 2)]
+    truths = [item.message for item in on(recorded, topics.SIMULATED_FAULTS)]
+    assert [m.header.stamp for m in counts] == [m.header.stamp for m in truths]
 
 
 def test_joint_state_is_that_of_the_user_shaft(recorded):

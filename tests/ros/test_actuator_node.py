@@ -151,7 +151,7 @@ def two_cycles_in_real_time() -> Listener:
     noise = {"current_noise": 0.05, "noise_gain": 1.0, "seed": 7, "resolution.position": 1e-6}
     with running(**faults, **noise, **{"plant.R_s": 2.2, "load": 0.01}) as listener:
         listener.until(lambda: len(listener.received["simulated_faults"]) > 2, 20.0)
-        for name in ("actuator_description", "simulated_faults"):
+        for name in ("actuator_description", "simulated_faults", "usage"):
             listener.subscribe(ACTUATOR_TOPICS[name][0], name, LATCHED, key=f"late {name}")
             listener.until(lambda name=name: listener.received[f"late {name}"])
         count = len(listener.received["/diagnostics"])
@@ -197,6 +197,15 @@ def test_cycles_are_contiguous_and_stamped_with_their_start(real_time):
     np.testing.assert_array_equal(
         np.diff([truth.stamp_ns for truth in truths[:3]]), CYCLE_SAMPLES * 100_000
     )
+    counts = real_time.messages("usage")[:3]
+    assert [stamp_from_message(count.header.stamp) for count in counts] == [
+        truth.stamp_ns for truth in truths[:3]
+    ]
+    assert [(count.flight_hours, count.cycles) for count in counts] == [
+        (0.0, 1),
+        (10.0, 2),
+        (20.0, 3),
+    ]
     first = next(b for b in real_time.blocks() if b.first_index > CYCLE_SAMPLES)
     assert first.first_index == CYCLE_SAMPLES + 1
     assert first.stamp_ns == truths[1].stamp_ns + 100_000
@@ -239,6 +248,9 @@ def test_late_joiner_learns_who_the_actuator_is_and_its_faults(real_time):
     [description] = real_time.messages("late actuator_description")
     # Its parameters are the nominal ones: the resistance is for the monitor to find.
     assert description_from_message(description) == ActuatorDescription()
+    [usage] = real_time.messages("late usage")
+    assert (usage.actuator_id, usage.serial_number) == ("flap", "SIM-0001")
+    assert usage.flight_hours == 10.0 * (usage.cycles - 1)
     truth = stamped_faults_from_message(real_time.messages("late simulated_faults")[0])
     assert truth.actuator_id == "flap"
     np.testing.assert_array_equal(truth.faults, fault_vector({"friction": 0.25, "gain": 0.6}))
@@ -291,6 +303,12 @@ def test_faults_are_set_and_grow_from_the_next_cycle_on():
         called = len(listener.truths())
         listener.until(lambda: len(listener.received["simulated_faults"]) >= called + 4)
         truths = listener.truths()
+        listener.until(lambda: len(listener.received["usage"]) >= len(truths))
+    # New faults are not a new unit: its service life goes on.
+    hours = [count.flight_hours for count in listener.messages("usage")[: called + 4]]
+    assert hours[0] == 0.0
+    assert set(np.diff(hours)) == {50.0, 20.0}
+    assert np.diff(hours)[-1] == 20.0
     backlash = {"backlash": Growth("archard", 3e-4, 3.0)}
     before = healthy_faults()
     changed = next(i for i, truth in enumerate(truths) if truth.faults[0] > 0.0)

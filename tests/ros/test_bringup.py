@@ -158,6 +158,29 @@ def test_recorder_is_launched_when_a_bag_is_named():
 
 
 @pytest.mark.usefixtures("launch_modules")
+def test_history_beside_the_simulated_actuator_is_in_memory_unless_a_folder_is_named():
+    assert nodes_of("ema.launch.py")["monitor"]["parameters"][1] == {"history_folder": ""}
+    nodes = nodes_of("ema.launch.py", history_folder="kept")
+    assert nodes["monitor"]["parameters"][1] == {"history_folder": "kept"}
+    [monitor] = nodes_of("monitor.launch.py").values()
+    assert len(monitor["parameters"]) == 1
+
+
+def test_own_parameter_file_overrides_that_of_the_simulated_actuators_monitor(tmp_path):
+    own = tmp_path / "own.yaml"
+    own.write_text("/**/monitor:\n  ros__parameters:\n    history_folder: kept\n")
+    simulated = parameter_file("simulated")
+    for files, folder in (([simulated], ""), ([simulated, own], "kept")):
+        values, given = started("monitor", *ros_arguments("monitor", parameter_files=files))
+        assert given - values.keys() == set()
+        assert values["history_folder"] == folder
+    arguments = ros_arguments(
+        "monitor", parameter_files=[simulated], assignments=["history_folder:=kept"]
+    )
+    assert started("monitor", *arguments)[0]["history_folder"] == "kept"
+
+
+@pytest.mark.usefixtures("launch_modules")
 def test_files_of_ones_own_actuator_override_the_parameter_file_only_when_given():
     [monitor] = nodes_of("monitor.launch.py", params_file="own.yaml").values()
     assert monitor["parameters"] == ["own.yaml"]

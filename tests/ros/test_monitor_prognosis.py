@@ -3,7 +3,6 @@
 import math
 import threading
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,70 +10,25 @@ import numpy as np
 import pytest
 
 from ema_core.description import ActuatorDescription
-from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
-from ema_interfaces.msg import Health, Usage
-from ema_interfaces.srv import PredictRemainingLife
+from ema_interfaces.msg import Health
 from ema_messages import topics
-from ema_messages.stamps import stamp_to_message
 from ema_monitor.prognosis.prognostics import Prognostics
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
-from ema_sim.actuator import SimulatedActuator
 
 from .graph import Graph
-from .monitor_session import CYCLE, FLAP, MonitorSession, monitor
+from .monitor_session import MonitorSession, monitor
 from .spinning import wait_for
+from .worn_actuator import HOURS, count, friction, live, plain, predict, replaced, worn_cycles
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
-SERVICE = "/ema/monitor/predict_remaining_life"
 TESTS = 14
-HOURS = 10.0
-
-
-def friction(number: int) -> float:
-    """At the limit of 0.5 in test 32."""
-    return 0.05 * math.expm1(0.0075 * HOURS * number)
 
 
 @pytest.fixture(scope="module")
 def cycles() -> list[Telemetry]:
-    """Test cycles of an actuator whose friction grows, each in one block."""
-    actuator = SimulatedActuator()
-    blocks = []
-    for number in range(TESTS + 2):
-        actuator.faults = fault_vector({"friction": friction(number)})
-        blocks.append(actuator.advance(CYCLE.samples))
-    return blocks
-
-
-def live(session: MonitorSession, cycles: list[Telemetry]) -> list[Health]:
-    """Let an actuator test itself again and again; return the health after each test."""
-    told = len(session.healths())
-    for number, block in enumerate(cycles, 1):
-        session.feed([block])
-        session.until(lambda number=number: len(session.healths()) >= told + number)
-    return session.healths()[told:]
-
-
-def plain(message: Any) -> Any:
-    """A message in words that tell every figure to the last bit; NaN is equal to itself."""
-    return str(message)
-
-
-def predict(session: MonitorSession, duty: float, actuator_id: str = "") -> Any:
-    request = PredictRemainingLife.Request(actuator_id=actuator_id, duty=duty)
-    return session.call(PredictRemainingLife, SERVICE, request)
-
-
-def use(session: MonitorSession, hours: float, stamp_ns: int, cycles: int = 0) -> None:
-    session.send(topics.USAGE, count(hours, stamp_ns, cycles))
-
-
-def count(hours: float, stamp_ns: int, cycles: int = 0) -> Usage:
-    message = Usage(actuator_id="flap", flight_hours=hours, cycles=cycles)
-    message.header.stamp = stamp_to_message(stamp_ns)
-    return message
+    return worn_cycles(TESTS + 2)
 
 
 @pytest.fixture(scope="module")
@@ -165,12 +119,6 @@ def test_service_tells_life_at_another_duty_and_changes_nothing(
     assert len(session.healths()) == TESTS
 
 
-def replaced(message: Health) -> Health:
-    """The message without events, which are told once."""
-    message.events = []
-    return message
-
-
 @pytest.mark.parametrize(
     ("request_", "texts"),
     [
@@ -188,12 +136,28 @@ def test_service_refuses_what_is_impossible_by_name(
     assert all(text in answer.message for text in texts), answer.message
 
 
+def test_law_that_becomes_known_has_the_history_told_anew(session: MonitorSession):
+    def width() -> float:
+        life = predict(session, 1.0).health.rul_faults
+        return life.hours_95 - life.hours_05
+
+    unknown = width()
+    law = {"known_law.friction": "exponential:7.5e-3:0.05"}
+    assert session.set_parameter_values(law)[0].successful
+    try:
+        assert width() < 0.7 * unknown
+    finally:
+        assert session.set_parameter_values({"known_law.friction": ""})[0].successful
+    assert width() == unknown
+
+
 def test_impossible_settings_of_prognosis_are_refused_by_name(session: MonitorSession):
     wanted = {
         "duty": 0.0,
         "hours_per_cycle": -1.0,
         "requirements.bandwidth": -1.0,
         "tracker.process_noise": 9.0,
+        "known_law.friction": "cubic",
         "history_folder": "elsewhere",
     }
     for name, value in wanted.items():
@@ -213,6 +177,14 @@ def test_restart_goes_on_where_the_history_ends(cycles: list[Telemetry], folder:
         restarted.until_told("flap telemetry", "no telemetry so far")
         before = predict(restarted, 1.0)
         assert before.success, before.message
+        # What was known is told before any new test; only that it is old.
+        [told] = restarted.until(restarted.healths)
+        assert (told.level, told.confidence, told.header) == (
+            STALE, 0.0, session.healths()[TESTS - 1].header,
+        )  # fmt: skip
+        assert told.reason == "no valid estimate for more than 30 s"
+        for item in ("rul", "rul_faults", "rul_requirements", "faults", "requirements"):
+            assert str(getattr(told, item)) == str(getattr(before.health, item))
         assert plain(replaced(before.health)) == plain(replaced(session.healths()[TESTS - 1]))
         [after] = live(restarted, cycles[TESTS : TESTS + 1])
         assert (after.flight_hours, after.cycles) == (HOURS * (TESTS + 1), TESTS + 1)
@@ -244,51 +216,6 @@ def test_corrupted_history_is_told_in_health_and_status(cycles: list[Telemetry],
     assert any("set aside" in event for event in first.events)
     assert (second.cycles, second.events) == (2, [])
     assert (tmp_path / "flap+SIM-0001.set_aside_1.jsonl").read_text() == "not a history\n"
-
-
-def test_hours_are_those_of_the_usage_topic(cycles: list[Telemetry]):
-    ends = [int(block.stamps_ns[-1]) for block in cycles]
-    with monitor() as session:
-        session.describe()
-        [first] = live(session, cycles[:1])
-        assert math.isnan(first.flight_hours)
-        assert "usage" in first.reason
-        assert "hours_per_cycle" in first.rul.reason
-        # One that is read only later does not count for this test; nor what is impossible.
-        for hours, stamp_ns in ((123.0, ends[0]), (-5.0, ends[0] + 1), (999.0, ends[1])):
-            use(session, hours, stamp_ns, cycles=40)
-        session.until_told("flap telemetry", "flight_hours = -5 h")
-        [second] = live(session, cycles[1:2])
-        assert (second.flight_hours, second.cycles) == (123.0, 40)
-
-
-def test_latched_usage_is_heard_by_a_monitor_that_comes_later(cycles: list[Telemetry]):
-    with monitor(up=False) as session:
-        use(session, 50.0, 1)
-        session.bring_up()
-        session.describe()
-        # The count may come after the first test.
-        told = live(session, cycles[:3])
-        assert told[-1].flight_hours == 50.0
-
-
-def test_unit_that_is_exchanged_begins_a_history_of_its_own(
-    cycles: list[Telemetry], tmp_path: Path
-):
-    other = replace(FLAP, serial_number="SIM-0002")
-    given = {"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}
-    with monitor(given) as session:
-        session.describe()
-        live(session, cycles[:2])
-        session.describe(other)
-        session.feed(cycles[2:3])
-        # The shipped calibration belongs to the first one.
-        session.until_told("flap telemetry", "SIM-0002")
-        answer = predict(session, 1.0)
-        assert "no history yet" in answer.message
-        session.describe()
-        [back] = live(session, cycles[3:4])
-        assert (back.serial_number, back.cycles) == ("SIM-0001", 3)
 
 
 def test_telemetry_is_received_while_a_prognosis_is_made(
@@ -346,7 +273,6 @@ def test_replayed_bag_gives_the_health_of_the_live_monitor(cycles: list[Telemetr
     counts = [count(HOURS * (number + 3), tests[number][0].stamp_ns) for number in range(n)]
     writer = BagWriter(path)
     usage = f"{topics.NAMESPACE}/{topics.USAGE}"
-    writer.add_topic(usage, Usage, topics.LATCHED)
     with SimulatedActuatorBag(writer, ActuatorDescription()) as recording:
         for told, parts in zip(counts, tests, strict=True):
             stamp_ns = parts[0].stamp_ns

@@ -43,7 +43,6 @@ def counted_tests() -> list[tuple[Telemetry, Usage]]:
 def recorded(path: Path, tests: list[tuple[Telemetry, Usage]]) -> Path:
     with BagWriter(path) as writer, SimulatedActuatorBag(writer, FLAP) as bag:
         name = f"{topics.NAMESPACE}/{topics.USAGE}"
-        writer.add_topic(name, *topics.USAGE_TOPICS[topics.USAGE])
         for block, usage in tests:
             writer.write(name, usage, block.stamp_ns)
             bag.write_block(block, 0.0)

@@ -1,6 +1,6 @@
 """The history of one unit, test by test, in a file that survives being killed at any moment.
 
-The file is JSON lines: a header with format and unit, then an entry a line, each flushed to the
+The file is JSON lines: a header with format and unit, then a test a line, each flushed to the
 disk before the next, each with a checksum of its own.
 """
 
@@ -11,9 +11,17 @@ from pathlib import Path
 from typing import BinaryIO, Final
 from urllib.parse import quote
 
-from ema_monitor.prognosis.history_entry import Entry, as_line, from_line
+from ema_monitor.prognosis.history_entry import (
+    Entry,
+    UnusedCycle,
+    as_line,
+    from_line,
+    read_line,
+)
 
-FORMAT: Final = "ema_history 1"
+FORMAT: Final = "ema_history 2"
+
+_READABLE: Final = ("ema_history 1", FORMAT)
 
 _LONGEST_LINE: Final = 65_536
 
@@ -35,11 +43,14 @@ class History:
     Attributes
     ----------
     entries
-        The tests in the order in which they came.
+        The valid tests in the order in which they came.
+    unused_cycles
+        How many test cycles since the latest of them had no valid estimate.
     """
 
     def __init__(self, actuator_id: str, serial_number: str, path: Path | None = None) -> None:
         self.entries: list[Entry] = []
+        self.unused_cycles = 0
         self._unit = {"actuator_id": actuator_id, "serial_number": serial_number}
         self._path = path
         self._file: BinaryIO | None = None
@@ -69,22 +80,22 @@ class History:
         """Return whether the window that ends at a stamp [ns] is in the history."""
         return any(entry.stamp_ns == stamp_ns for entry in reversed(self.entries))
 
-    def append(self, entry: Entry) -> None:
+    def append(self, test: Entry | UnusedCycle) -> None:
         """Add a test, and wait until the disk has it.
 
         Parameters
         ----------
-        entry
+        test
             The test.
         """
-        self.entries.append(entry)
+        self._take(test)
         if self._path is None:
             return
-        self._unwritten += entry.line()
+        self._unwritten += test.line()
         try:
             if self._file is None:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
-                if self._take(self._path) and self._holds_unread():
+                if self._lock(self._path) and self._holds_unread():
                     self._trouble = (
                         f"the history {self._path} was written by another monitor since this one "
                         "began; this one's is in memory only until it starts again"
@@ -106,6 +117,13 @@ class History:
         self._path = None
         self._release()
 
+    def _take(self, test: Entry | UnusedCycle) -> None:
+        if isinstance(test, Entry):
+            self.entries.append(test)
+            self.unused_cycles = 0
+        else:
+            self.unused_cycles += 1
+
     def _release(self) -> None:
         if self._file is not None:
             self._file.close()
@@ -113,7 +131,7 @@ class History:
 
     def _open(self, path: Path) -> None:
         """Read a file that is there, and set it aside when it is of no use."""
-        if not path.exists() or not self._take(path) or self._file is None:
+        if not path.exists() or not self._lock(path) or self._file is None:
             return
         content = self._file.read()
         whole = content[: content.rfind(b"\n") + 1]
@@ -124,7 +142,7 @@ class History:
             header, *lines = whole.splitlines() or [b""]
             if whole:
                 self._check_header(header)
-            entries = [Entry.read(line) for line in lines]
+            tests = [read_line(line) for line in lines]
         except (ValueError, KeyError, TypeError) as error:
             self._release()
             aside = _free_name(path)
@@ -134,7 +152,9 @@ class History:
                 f"{_reason(error)}"
             )
             return
-        self.entries, self._end = entries, len(whole)
+        self._end = len(whole)
+        for test in tests:
+            self._take(test)
         if not is_cut:
             aside = _free_name(path)
             shutil.copy2(path, aside)
@@ -147,7 +167,7 @@ class History:
         """Return whether the file has more in it than was read of it."""
         return self._file is not None and self._file.seek(0, os.SEEK_END) > self._end
 
-    def _take(self, path: Path) -> bool:
+    def _lock(self, path: Path) -> bool:
         """Open the file for this process alone; return whether no other one has it."""
         is_new = not path.exists()
         file = path.open("x+b" if is_new else "r+b")
@@ -184,7 +204,7 @@ class History:
             values = from_line(line)
         except ValueError as error:
             raise ValueError(f"it does not begin with a header of {FORMAT!r}: {error}") from error
-        if values.get("format") != FORMAT:
+        if values.get("format") not in _READABLE:
             raise ValueError(f"its format is {values.get('format')!r}, expected {FORMAT!r}")
         for name, own in self._unit.items():
             if values.get(name) != own:

@@ -3,7 +3,7 @@
 import json
 import math
 import zlib
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, fields
 from typing import Any, Final, Self
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from ema_core.faults import N_FAULTS
 from ema_monitor.estimate import Estimate
 from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.usage import Count
 
 _SHAPES: Final = {
     "faults": (N_FAULTS,),
@@ -20,6 +21,7 @@ _SHAPES: Final = {
 }
 _FLAGS: Final = ("unobservable", "insignificant")
 _CHECKSUM: Final = b', "crc32": "'
+_WITHOUT_ESTIMATE: Final = "without_estimate_ns"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,8 @@ class Entry:
         Test cycles up to it, itself included.
     duty
         Future use that was assumed then, relative to that of the past [-].
+    count
+        The count that told the hours; None where nobody counted.
 
     Raises
     ------
@@ -47,6 +51,7 @@ class Entry:
     hours: float
     cycles: int
     duty: float
+    count: Count | None = None
 
     def __post_init__(self) -> None:
         Observation.of(self.estimate, 0.0 if math.isnan(self.hours) else self.hours)
@@ -62,20 +67,20 @@ class Entry:
             "hours": self.hours,
             "cycles": self.cycles,
             "duty": self.duty,
+            "count": asdict(self.count) if self.count else None,
             "estimate": {item.name: getattr(self.estimate, item.name) for item in fields(Estimate)},
         }
         return as_line(values)
 
     @classmethod
-    def read(cls, line: bytes) -> Self:
-        """Return the entry that a line holds.
+    def of(cls, values: dict[str, Any]) -> Self:
+        """Return the entry that the values of a line tell of.
 
         Raises
         ------
-        ValueError
-            When it holds none.
+        ValueError, KeyError, TypeError
+            When they tell of none.
         """
-        values = from_line(line)
         found: dict[str, Any] = values["estimate"]
         for item in fields(Estimate):
             if item.name in _SHAPES:
@@ -93,7 +98,45 @@ class Entry:
             _number(values["hours"]),
             int(values["cycles"]),
             _number(values["duty"]),
+            # Not in files of the first format.
+            Count(**count) if (count := values.get("count")) else None,
         )
+
+
+@dataclass(frozen=True)
+class UnusedCycle:
+    """A test cycle that counts as use and tells nothing of faults.
+
+    Attributes
+    ----------
+    stamp_ns
+        Stamp of the window's end [ns].
+    """
+
+    stamp_ns: int
+
+    def line(self) -> bytes:
+        """Return it as a line of the file."""
+        return as_line({_WITHOUT_ESTIMATE: self.stamp_ns})
+
+
+def read_line(line: bytes) -> Entry | UnusedCycle:
+    """Return the test that a line of the file holds.
+
+    Parameters
+    ----------
+    line
+        The line, without its end.
+
+    Raises
+    ------
+    ValueError, KeyError, TypeError
+        When it holds none.
+    """
+    values = from_line(line)
+    if _WITHOUT_ESTIMATE in values:
+        return UnusedCycle(int(values[_WITHOUT_ESTIMATE]))
+    return Entry.of(values)
 
 
 def as_line(values: dict[str, Any]) -> bytes:

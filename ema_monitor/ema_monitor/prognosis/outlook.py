@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from ema_core.levels import STALE
+from ema_core.levels import ERROR, STALE, WARN
 from ema_monitor.estimate import Estimate
 from ema_monitor.health import Health, HealthLimits, assess
 from ema_monitor.prognosis.prediction import Life, assumption_of
@@ -35,8 +35,8 @@ class Outlook:
     rul_faults, rul_requirements, rul
         Until the first fault does, the first requirement, and the earlier of both.
     dominant
-        Fault or requirement that ends life first; the worst fault when none is known to end it,
-        empty when none gives a warning.
+        Fault or requirement that ends life first; the worst with a warning when none is known to
+        end it; else empty.
     duty
         Growth of the faults in a future flight hour, relative to a past one [-].
     assumption
@@ -107,6 +107,20 @@ def outlook_of_one(estimate: Estimate, limits: HealthLimits, reason: str) -> Out
         health=health,
         dominant=health.dominant_fault,
     )
+
+
+def worst_with_warning(health: Health) -> str:
+    """Return the fault or requirement that is worst, by level and then by the way to its limit.
+
+    Parameters
+    ----------
+    health
+        As to faults and requirements. Empty is returned when none of them gives a warning.
+    """
+    items = (*health.faults, *health.requirements)
+    alarmed = [item for item in items if item.level in (WARN, ERROR)]
+    worst = max(alarmed, key=lambda item: (item.level, item.share), default=None)
+    return worst.name if worst else ""
 
 
 def earlier(one: Life, other: Life) -> Life:

@@ -11,15 +11,15 @@ from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULTS
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.estimate import Estimate
 from ema_monitor.health import HealthLimits, Tracked, assess, with_requirements
-from ema_monitor.prognosis.events import OUTLIER
-from ema_monitor.prognosis.history import Entry, History
-from ema_monitor.prognosis.observation import Observation
-from ema_monitor.prognosis.outlook import Outlook, earlier
+from ema_monitor.prognosis.growth_record import GrowthRecord
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
+from ema_monitor.prognosis.outlook import Outlook, earlier, worst_with_warning
 from ema_monitor.prognosis.prediction import Life, Prognosis, assumption_of
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.required_life import RequiredLife, required_life, requirements_of
 from ema_monitor.prognosis.tracker import TrackedFault, Tracker
-from ema_monitor.prognosis.usage import UNKNOWN_HOURS, Age, Count, Usage
+from ema_monitor.prognosis.usage import Age, Count, Usage
 
 
 class Prognostics:
@@ -40,11 +40,14 @@ class Prognostics:
         self.history = history
         self._lock = threading.RLock()
         self._settings = settings or PrognosisSettings()
-        self._replay()
+        self._growth = self._told_anew()
         self._events: tuple[str, ...] = (history.problem,) if history.problem else ()
-        last = history.entries[-1] if history.entries else None
-        hours = self._tracker.hours
-        self._usage = Usage(Age(hours, last.cycles if last else 0))
+        self._usage = _usage_after(history)
+
+    @property
+    def growth(self) -> GrowthRecord:
+        """What is known of growth, and by which tests."""
+        return self._growth
 
     def tell(self, count: Count) -> None:
         """Take note of service hours that were counted.
@@ -77,12 +80,13 @@ class Prognostics:
         Notes
         -----
         A test whose stamp is in the history already changes nothing. One whose service hours are
-        unknown, or before those of the latest, is kept but does not enter the prognosis.
+        unknown, or contradicted by those of more tests, is kept but does not enter the prognosis.
         """
         with self._lock:
             self._settle(settings)
             if not estimate.valid:
                 self._usage.pass_test()
+                self.history.append(UnusedCycle(estimate.end_ns))
                 return None
             if self.history.holds(estimate.end_ns):
                 again = "a test that is in the history already came again and changes nothing"
@@ -91,14 +95,25 @@ class Prognostics:
                 self._usage.pass_test()
                 service = settings.service
                 age = self._usage.at(estimate.end_ns, service.hours_per_cycle)
-                entry = Entry(estimate, age.hours, age.cycles, service.duty)
-                told = [*self._oddities(entry), *self._apply(entry)]
+                entry = Entry(estimate, age.hours, age.cycles, service.duty, age.count)
+                told = [*self._oddities(entry), *self._growth.take(entry)]
                 self.history.append(entry)
                 self._events = (*self._events, *told)
-            outlook = self._outlook(parameters, settings.service.duty)
-            # Each event is told once.
-            self._events = ()
-            return outlook
+            return self._outlook_with_events(parameters)
+
+    def resume(
+        self, parameters: ActuatorParameters | None, settings: PrognosisSettings
+    ) -> Outlook | None:
+        """Return what there is to say after the latest test so far; None when there was none.
+
+        Parameters
+        ----------
+        parameters, settings
+            As of ``take``.
+        """
+        with self._lock:
+            self._settle(settings)
+            return self._outlook_with_events(parameters) if self.history.entries else None
 
     def outlook(
         self,
@@ -127,54 +142,27 @@ class Prognostics:
         """Go by settings from now on; a tracker that assumes other things begins anew."""
         old, self._settings = self._settings, settings
         if (old.limits, old.tracker) != (settings.limits, settings.tracker):
-            self._replay()
+            self._growth = self._told_anew()
 
-    def _replay(self) -> None:
-        self._tracker = Tracker(self._settings.limits, self._settings.tracker)
-        self._first: Entry | None = None
-        self._latest: Entry | None = None
-        self._used: Entry | None = None
-        self._left_out = ""
-        self._doubtful: set[str] = set()
-        self._phase = (math.nan, math.nan)
-        for entry in self.history.entries:
-            self._apply(entry)
+    def _told_anew(self) -> GrowthRecord:
+        return GrowthRecord(self._settings.limits, self._settings.tracker, self.history.entries)
 
-    def _apply(self, entry: Entry) -> list[str]:
-        """Let a test tell of the faults; return its events in words."""
-        self._latest = entry
-        self._doubtful = set()
-        if math.isnan(entry.hours):
-            self._left_out = UNKNOWN_HOURS
-            return []
-        if entry.hours < self._tracker.hours:
-            self._left_out = (
-                f"service hours went back from {self._tracker.hours:g} h to {entry.hours:g} h: "
-                "the test is left out of the prognosis"
-            )
-            return [self._left_out]
-        self._left_out = ""
-        self._first = self._first or entry
-        self._used = entry
-        estimate = entry.estimate
-        if not estimate.unobservable[ECCENTRICITY_PHASE]:
-            self._phase = (
-                float(estimate.faults[ECCENTRICITY_PHASE]),
-                float(estimate.covariance[ECCENTRICITY_PHASE, ECCENTRICITY_PHASE]),
-            )
-        events = self._tracker.update(Observation.of(estimate, entry.hours))
-        self._doubtful = {item.component for item in events if item.kind == OUTLIER}
-        return [f"{item.kind}: {item.text}" for item in events]
+    def _outlook_with_events(self, parameters: ActuatorParameters | None) -> Outlook:
+        outlook = self._outlook(parameters, self._settings.service.duty)
+        # Each event is told once.
+        self._events = ()
+        return outlook
 
     def _oddities(self, entry: Entry) -> list[str]:
         """Return what is odd about a test beside the latest one."""
-        if self._latest is None:
+        latest = self._growth.latest
+        if latest is None:
             return []
         told = []
-        missed = entry.cycles - self._latest.cycles - 1
+        missed = entry.cycles - latest.cycles - 1
         if missed > 0:
             told.append(f"missed tests: {missed} without a valid estimate before this one")
-        back_ns = self._latest.stamp_ns - entry.stamp_ns
+        back_ns = latest.stamp_ns - entry.stamp_ns
         if back_ns > 0:
             told.append(
                 f"the stamp of the test is {back_ns * 1e-9:g} s before that of the latest one"
@@ -182,29 +170,29 @@ class Prognostics:
         return told
 
     def _outlook(self, parameters: ActuatorParameters | None, duty: float) -> Outlook:
-        entry = self._latest
+        entry = self._growth.latest
         if entry is None:
             raise RuntimeError("an outlook needs a test")
         limits = self._settings.limits
-        unknown_hours = self._left_out
-        if unknown_hours:
+        growth = self._growth
+        if growth.left_out:
             tracked: tuple[TrackedFault, ...] = ()
-            prognosis = _nothing(unknown_hours, limits, duty)
+            prognosis = _nothing(growth.left_out, limits, duty)
         else:
-            tracked = tuple(item for item in self._tracker.components() if item.tests)
-            prognosis = self._tracker.predict(duty)
+            tracked = tuple(item for item in growth.tracker.components() if item.tests)
+            prognosis = growth.tracker.predict(duty)
         health = assess(
             entry.estimate,
             limits,
             {
-                item.name: Tracked(item.value, item.sigma, item.name in self._doubtful)
+                item.name: Tracked(item.value, item.sigma, item.name in growth.doubtful)
                 for item in tracked
             },
         )
         required = self._required(entry, tracked, prognosis, parameters)
         health = with_requirements(health, required.healths)
         rul = earlier(prognosis.overall, required.overall)
-        dominant = health.dominant_fault
+        dominant = worst_with_warning(health)
         if rul.known:
             by_fault = rul.criterion == prognosis.overall.criterion
             dominant = prognosis.dominant_fault if by_fault else required.dominant
@@ -232,24 +220,27 @@ class Prognostics:
         prognosis: Prognosis,
         parameters: ActuatorParameters | None,
     ) -> RequiredLife:
+        limits, growth = self._settings.requirements, self._growth
         if parameters is None:
-            return RequiredLife.unknown("requirements cannot be watched without a calibration")
-        requirements = requirements_of(parameters, self._settings.requirements)
+            reason = "requirements cannot be watched without a calibration"
+            return RequiredLife.unknown(reason, limits)
+        requirements = requirements_of(parameters, limits)
         if isinstance(requirements, str):
-            return RequiredLife.unknown(requirements)
+            return RequiredLife.unknown(requirements, limits)
         faults, covariance = self._now(entry.estimate, tracked)
-        healths = requirements.assess(
+        judgement = requirements.judge(
             faults, covariance, warn_share=self._settings.limits.warn_share
         )
-        if self._left_out or self._first is None or np.isnan(faults).any():
-            reason = self._left_out or "not all faults are observable"
-            return RequiredLife.unknown(reason, healths)
-        observed = entry.hours - self._first.hours
+        if growth.left_out or growth.first is None or np.isnan(faults).any():
+            reason = growth.left_out or "not all faults are observable"
+            return RequiredLife.unknown(reason, requirements, judgement.healths)
+        observed = entry.hours - growth.first.hours
         return required_life(
             requirements,
-            healths,
+            judgement,
             faults,
-            self._tracker,
+            growth.tracker,
+            tracked,
             prognosis,
             self._settings.tracker,
             observed,
@@ -267,19 +258,31 @@ class Prognostics:
         for item in tracked:
             number = FAULT_NAMES.index(item.name)
             faults[number], variance[number] = item.value, item.sigma**2
-        if not math.isnan(self._phase[0]):
-            faults[ECCENTRICITY_PHASE], variance[ECCENTRICITY_PHASE] = self._phase
+        phase = self._growth.phase
+        if not math.isnan(phase[0]):
+            faults[ECCENTRICITY_PHASE], variance[ECCENTRICITY_PHASE] = phase
         np.fill_diagonal(covariance, variance)
         return faults, covariance
 
     def _hours_per_cycle(self) -> float:
         """Return the flight hours from a test cycle to the next [h]; NaN when not known."""
-        first, last = self._first, self._used
+        first, last = self._growth.first, self._growth.used
         if first is not None and last is not None and last.cycles > first.cycles:
             mean = (last.hours - first.hours) / (last.cycles - first.cycles)
             if mean > 0.0:
                 return mean
         return self._settings.service.hours_per_cycle or math.nan
+
+
+def _usage_after(history: History) -> Usage:
+    """Return the use that is known after the tests so far."""
+    entries = history.entries
+    hours = next((item.hours for item in reversed(entries) if not math.isnan(item.hours)), math.nan)
+    usage = Usage(Age(hours, entries[-1].cycles if entries else 0), history.unused_cycles)
+    for entry in entries:
+        if entry.count is not None:
+            usage.tell(entry.count)
+    return usage
 
 
 def _nothing(reason: str, limits: HealthLimits, duty: float) -> Prognosis:

@@ -8,11 +8,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, HIGHEST
+from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.health import ONE_SIDED_95, FaultHealth
 from ema_monitor.prognosis.prediction import Life, Prognosis
-from ema_monitor.prognosis.requirements import REQUIREMENTS, RequirementLimits, Requirements
+from ema_monitor.prognosis.requirements import (
+    REQUIREMENTS,
+    Judgement,
+    RequirementLimits,
+    Requirements,
+)
 from ema_monitor.prognosis.requirements_life import OVERALL, life_by_requirements
 from ema_monitor.prognosis.settings import TrackerSettings
 from ema_monitor.prognosis.tracker import TrackedFault, Tracker
@@ -48,9 +53,14 @@ class RequiredLife:
     dominant: str
 
     @classmethod
-    def unknown(cls, reason: str, healths: tuple[FaultHealth, ...] = ()) -> "RequiredLife":
+    def unknown(
+        cls,
+        reason: str,
+        required: Requirements | RequirementLimits,
+        healths: tuple[FaultHealth, ...] = (),
+    ) -> "RequiredLife":
         """Return a life of which no figure can be given."""
-        lives = {name: Life.unknown(name, reason) for name in REQUIREMENTS}
+        lives = {name: Life.unknown(required.criterion(name), reason) for name in REQUIREMENTS}
         return cls(healths, {}, lives, Life.unknown(OVERALL, reason), "")
 
 
@@ -77,9 +87,10 @@ def requirements_of(
 
 def required_life(
     requirements: Requirements,
-    healths: tuple[FaultHealth, ...],
+    judgement: Judgement,
     faults: NDArray[np.float64],
     tracker: Tracker,
+    tracked: tuple[TrackedFault, ...],
     prognosis: Prognosis,
     settings: TrackerSettings,
     observed_hours: float,
@@ -93,23 +104,25 @@ def required_life(
     ----------
     requirements
         What is required.
-    healths
-        As to each of them.
+    judgement
+        How far it is met now.
     faults
         Fault vector now, ``(8,)``.
-    tracker, prognosis
-        What is known of the growth, and how long the fault limits are kept.
+    tracker, tracked, prognosis
+        What is known of the growth, what of each component that a test has told of, and how long
+        the fault limits are kept.
     settings
         Horizon.
     observed_hours
         Hours over which the actuator has been observed [h].
     """
+    healths = judgement.healths
     known = {name for name, life in prognosis.components.items() if life.known}
     grows = np.array([name in known for name in FAULT_NAMES])
-    if not any(item.tests for item in tracker.components()):
-        return RequiredLife.unknown("no test to rely on yet", healths)
+    if not tracked:
+        return RequiredLife.unknown("no test to rely on yet", requirements, healths)
     if not grows.any() and not any(map(_surely_fails, healths)):
-        return RequiredLife.unknown("no significant growth", healths)
+        return RequiredLife.unknown("no significant growth", requirements, healths)
     duty = prognosis.duty
     horizon = min(settings.horizon_hours, settings.horizon_factor * observed_hours) / duty
     longest = prognosis.overall.hours_95
@@ -126,7 +139,7 @@ def required_life(
         overall = replace(overall, criterion=told.lives[told.dominant].criterion)
     return RequiredLife(
         healths,
-        _trends(requirements, faults, grows, tracker.components()),
+        _trends(judgement, grows, tracked),
         told.lives,
         overall,
         told.dominant,
@@ -139,24 +152,12 @@ def _surely_fails(item: FaultHealth) -> bool:
 
 
 def _trends(
-    requirements: Requirements,
-    faults: NDArray[np.float64],
-    grows: NDArray[np.bool_],
-    tracked: tuple[TrackedFault, ...],
+    judgement: Judgement, grows: NDArray[np.bool_], tracked: tuple[TrackedFault, ...]
 ) -> dict[str, float]:
-    """Return how fast each performance changes, by a difference along the growth of the faults."""
+    """Return how fast each performance changes with the growth of the faults."""
     trend = {item.name: item.trend for item in tracked}
     slope = np.array([trend.get(name, 0.0) for name in FAULT_NAMES])
     slope[~grows] = 0.0
-    fastest = np.abs(slope).max()
-    if fastest == 0.0:
+    if not slope.any():
         return {}
-    # Far enough for the model's own scatter not to count.
-    hours = 0.02 / fastest
-    points = np.clip([faults - hours * slope, faults + hours * slope], 0.0, HIGHEST)
-    taken = np.abs(points[1] - points[0]).max() / fastest
-    performance = requirements.model.performance(points)
-    return {
-        name: float((values[1] - values[0]) / taken)
-        for name, values in performance._asdict().items()
-    }
+    return {name: float(gradient @ slope) for name, gradient in judgement.gradients.items()}

@@ -67,6 +67,28 @@ class RequirementLimits:
         units = {item.name: item.metadata["unit"] for item in fields(cls)}
         return units[name].replace("-", "1")
 
+    def criterion(self, name: str) -> str:
+        """Return in words when a requirement is met, of an actuator that is not known."""
+        of_healthy = " above that of the healthy actuator" if name == "tracking_error" else ""
+        return _criterion(name, getattr(self, name)) + of_healthy
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """How an actuator with given faults meets the requirements.
+
+    Attributes
+    ----------
+    healths
+        Health as to each requirement, in the units of ``RequirementLimits.unit``.
+    gradients
+        How each performance changes with the faults, ``(8,)``, by name [its unit]; 0 for what is
+        not observable.
+    """
+
+    healths: tuple[FaultHealth, ...]
+    gradients: dict[str, NDArray[np.float64]]
+
 
 class Requirements:
     """The requirements of one actuator.
@@ -135,6 +157,10 @@ class Requirements:
         """
         return (self.limit[name] - values) / self._scale[name]
 
+    def criterion(self, name: str) -> str:
+        """Return in words when a requirement is met."""
+        return _criterion(name, self.limit[name])
+
     def exact_reserves(self, names: tuple[str, ...], faults: ArrayLike) -> NDArray[np.float64]:
         """Return reserves by the model, ``(m, len(names))``, running only what they need.
 
@@ -155,14 +181,14 @@ class Requirements:
             found["free_play"] = self.model.free_play(faults)
         return np.stack([self.reserve(name, found[name]) for name in names], axis=1)
 
-    def assess(
+    def judge(
         self,
         faults: ArrayLike,
         covariance: ArrayLike,
         unobservable: ArrayLike | None = None,
         warn_share: float | None = None,
-    ) -> tuple[FaultHealth, ...]:
-        """Return the health as to each requirement, in the units of ``RequirementLimits.unit``.
+    ) -> Judgement:
+        """Return how far each requirement is met, and how that changes with the faults.
 
         Parameters
         ----------
@@ -208,17 +234,20 @@ class Requirements:
             points[1 + ECCENTRICITY_PHASE] = points[1 + N_FAULTS + ECCENTRICITY_PHASE] = k
         # The points around a vector with NaN are as unknown as itself.
         points[1:][np.isnan(k).any() | np.isnan(points[1:]).any(axis=1)] = np.nan
-        performance = self.model.performance(points)
+        # A component at the end of its range goes one way only: half of its points are no others.
+        distinct, which = np.unique(points, axis=0, return_inverse=True)
+        performance = self.model.performance(distinct)
         share = HealthLimits().warn_share if warn_share is None else warn_share
-        health = []
+        healths, gradients = [], {}
         for name in REQUIREMENTS:
-            values = getattr(performance, name)
+            values = getattr(performance, name)[which]
             change = values[1 : 1 + N_FAULTS] - values[1 + N_FAULTS :]
             gradient = np.where(hidden, 0.0, change / (up - down))
             blind = np.any(hidden & (np.abs(change / self._scale[name]) > _NEGLIGIBLE))
             sigma = np.nan if blind else float(np.sqrt(max(gradient @ P @ gradient, 0.0)))
-            health.append(self._health(name, float(values[0]), sigma, share))
-        return tuple(health)
+            healths.append(self._health(name, float(values[0]), sigma, share))
+            gradients[name] = gradient
+        return Judgement(tuple(healths), gradients)
 
     def _health(self, name: str, value: float, sigma: float, warn_share: float) -> FaultHealth:
         share = 1.0 - float(self.reserve(name, np.array(value)))
@@ -233,3 +262,9 @@ class Requirements:
 
     def _modelled_reserves(self, faults: NDArray[np.float64]) -> NDArray[np.float64]:
         return self.exact_reserves(MODELLED, faults)
+
+
+def _criterion(name: str, limit: float) -> str:
+    sign = ">=" if name in BELOW else "<="
+    unit = RequirementLimits.unit(name).replace("1", "")
+    return f"{name} {sign} {limit:.4g} {unit}".strip()

@@ -10,11 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from ema_core.faults import N_FAULTS
 from ema_monitor.prognosis.prediction import Life
 from ema_monitor.prognosis.requirements import (
-    BELOW,
     MODELLED,
     REQUIREMENTS,
     SEEN,
-    RequirementLimits,
     Requirements,
 )
 from ema_monitor.prognosis.requirements_surrogate import StandIn
@@ -239,7 +237,7 @@ def _told(
 ) -> RequirementLives:
     earliest = np.min([samples[name] for name in REQUIREMENTS], axis=0)
     lives = {
-        name: _life(samples[name], _criterion(name, requirements), reason, hours)
+        name: _life(samples[name], requirements.criterion(name), reason, hours)
         for name in REQUIREMENTS
     }
     overall = _life(earliest, OVERALL, reason, hours)
@@ -248,12 +246,6 @@ def _told(
         ends = [np.sum((samples[name] == earliest) & np.isfinite(earliest)) for name in lives]
         dominant = REQUIREMENTS[int(np.argmax(ends))]
     return RequirementLives(lives, overall, dominant, samples, earliest)
-
-
-def _criterion(name: str, requirements: Requirements) -> str:
-    sign = ">=" if name in BELOW else "<="
-    unit = RequirementLimits.unit(name).replace("1", "")
-    return f"{name} {sign} {requirements.limit[name]:.4g} {unit}".strip()
 
 
 def _life(

@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from ema_core.quantity import check_quantities, is_finite_number, quantity
@@ -81,10 +81,13 @@ class Age:
         Hours in service [h]; NaN when unknown.
     cycles
         Test cycles.
+    count
+        The count that tells so; None where nobody counted.
     """
 
     hours: float = math.nan
     cycles: int = 0
+    count: Count | None = None
 
 
 class Usage:
@@ -97,11 +100,13 @@ class Usage:
     ----------
     start
         Age at the latest test in the history.
+    new_tests
+        Test cycles since then.
     """
 
-    def __init__(self, start: Age) -> None:
+    def __init__(self, start: Age, new_tests: int = 0) -> None:
         self._last = start
-        self._new_tests = 0
+        self._new_tests = new_tests
         self._counts: deque[Count] = deque(maxlen=_MOST_COUNTS)
 
     def tell(self, count: Count) -> None:
@@ -134,13 +139,13 @@ class Usage:
         if read:
             # Of those with the same stamp the one that came last.
             count = max(reversed(read), key=lambda item: item.stamp_ns)
-            self._last = Age(count.hours, max(count.cycles, cycles))
+            self._last = Age(count.hours, max(count.cycles, cycles), count)
         elif hours_per_cycle > 0.0:
             # A unit whose age nobody told is taken for new.
             before = 0.0 if math.isnan(self._last.hours) else self._last.hours
             self._last = Age(before + hours_per_cycle * new, cycles)
         else:
             # The latest hours known are kept: a count may come, or the parameter be set.
-            self._last = replace(self._last, cycles=cycles)
+            self._last = Age(self._last.hours, cycles)
             return Age(math.nan, cycles)
         return self._last

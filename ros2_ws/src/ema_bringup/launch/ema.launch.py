@@ -33,6 +33,12 @@ def generate_launch_description() -> LaunchDescription:
                 description="parameter file of the monitor",
             ),
             DeclareLaunchArgument(
+                "history_folder",
+                default_value="",
+                description="where the monitor keeps the tests of each unit; empty: in memory, "
+                "since a simulated actuator is a new unit at each start",
+            ),
+            DeclareLaunchArgument(
                 "recorder_params",
                 default_value=PathJoinSubstitution([config, "recorder.yaml"]),
                 description="parameter file of the recorder",
@@ -53,7 +59,14 @@ def generate_launch_description() -> LaunchDescription:
                 executable="monitor_node",
                 name="monitor",
                 namespace=namespace,
-                parameters=[LaunchConfiguration("monitor_params")],
+                parameters=[
+                    LaunchConfiguration("monitor_params"),
+                    {
+                        "history_folder": ParameterValue(
+                            LaunchConfiguration("history_folder"), value_type=str
+                        )
+                    },
+                ],
                 output="screen",
             ),
             Node(

@@ -1,0 +1,52 @@
+"""Units whose friction and backlash grow over their tests."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
+from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.usage import Service
+
+from .made_tests import made_test
+
+PARAMETERS = ActuatorParameters()
+TEN_HOURS = PrognosisSettings(service=Service(hours_per_cycle=10.0))
+UNIT = ("flap", "SIM-0001")
+
+
+def friction(number: int) -> float:
+    """Exponential growth, at its limit of 0.5 in test 80."""
+    return 0.05 * math.expm1(0.003 * 10.0 * number)
+
+
+def backlash(number: int) -> float:
+    return 0.006 * number
+
+
+def lived(
+    n: int,
+    settings: PrognosisSettings = TEN_HOURS,
+    path: Path | None = None,
+    missing: tuple[int, ...] = (),
+) -> tuple[Prognostics, list[Outlook]]:
+    """A unit whose friction and backlash have grown over n tests."""
+    prognostics = Prognostics(History(*UNIT, path), settings)
+    told = []
+    for number in range(n):
+        valid = number not in missing
+        estimate = made_test(
+            number, seed=3, valid=valid, friction=friction(number), backlash=backlash(number)
+        )
+        outlook = prognostics.take(estimate, PARAMETERS, settings)
+        assert (outlook is not None) == valid
+        told += [outlook] if outlook else []
+    return prognostics, told
+
+
+def plain(outlook: Outlook) -> str:
+    """Everything in it but the events, each figure to its last digit."""
+    return repr(replace(outlook, events=()))

@@ -1,0 +1,236 @@
+"""Service life reaches the unit that it is of, and is known again after a restart."""
+
+import math
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry
+from ema_interfaces.msg import Usage
+from ema_messages import topics
+from ema_messages.stamps import stamp_to_message
+from ema_monitor.calibration import Calibration
+from ema_monitor.calibration_store import CalibrationStore
+from ema_monitor.prognosis.prognostics import Prognostics
+
+from .monitor_session import FLAP, MonitorSession, monitor
+from .spinning import wait_for
+from .worn_actuator import HOURS, live, plain, predict, use, worn_cycles
+
+OK, WARN, ERROR, STALE = 0, 1, 2, 3
+OTHER = replace(FLAP, serial_number="SIM-0002")
+
+
+@pytest.fixture(scope="module")
+def cycles() -> list[Telemetry]:
+    return worn_cycles(6)
+
+
+@pytest.fixture
+def _one_calibration_for_all(monkeypatch: pytest.MonkeyPatch):
+    """The shipped calibration serves other units of the same type as well."""
+    builtin = Calibration.builtin()
+    monkeypatch.setattr(
+        CalibrationStore,
+        "of",
+        lambda _, unit: replace(builtin, serial_number=unit.serial_number),
+    )
+
+
+def count_of(session: MonitorSession, serial_number: str, hours: float, stamp_ns: int) -> None:
+    message = Usage(actuator_id="flap", serial_number=serial_number, flight_hours=hours)
+    message.header.stamp = stamp_to_message(stamp_ns)
+    session.send(topics.USAGE, message)
+
+
+def mount(session: MonitorSession, description: ActuatorDescription) -> None:
+    """Describe a unit, and wait until the monitor knows of it."""
+    units = session.node._units
+    session.describe(description)
+    wait_for(
+        lambda: "flap" in units and units["flap"].watch.description == description,
+        "the description",
+    )
+
+
+def all_heard(session: MonitorSession) -> None:
+    """Once an impossible count is complained of, all before it have been heard."""
+    said = len(session.statuses("flap telemetry"))
+    use(session, -1.0, 1)
+    session.until_told("flap telemetry", "flight_hours = -1 h", since=said)
+
+
+def test_hours_are_those_of_the_usage_topic(cycles: list[Telemetry]):
+    ends = [int(block.stamps_ns[-1]) for block in cycles]
+    with monitor() as session:
+        session.describe()
+        [first] = live(session, cycles[:1])
+        assert math.isnan(first.flight_hours)
+        assert "usage" in first.reason
+        assert "hours_per_cycle" in first.rul.reason
+        # One that is read only later does not count for this test; nor what is impossible.
+        for hours, stamp_ns in ((123.0, ends[0]), (-5.0, ends[0] + 1), (999.0, ends[1])):
+            use(session, hours, stamp_ns, cycles=40)
+        session.until_told("flap telemetry", "flight_hours = -5 h")
+        [second] = live(session, cycles[1:2])
+        assert (second.flight_hours, second.cycles) == (123.0, 40)
+
+
+def test_latched_usage_is_heard_by_a_monitor_that_comes_later(cycles: list[Telemetry]):
+    with monitor(up=False) as session:
+        use(session, 50.0, 1)
+        session.bring_up()
+        session.describe()
+        # The count may come after the first test.
+        told = live(session, cycles[:3])
+        assert told[-1].flight_hours == 50.0
+
+
+def test_unit_that_is_exchanged_begins_a_history_of_its_own(
+    cycles: list[Telemetry], tmp_path: Path
+):
+    other = replace(FLAP, serial_number="SIM-0002")
+    given = {"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}
+    with monitor(given) as session:
+        session.describe()
+        live(session, cycles[:2])
+        session.describe(other)
+        session.feed(cycles[2:3])
+        # The shipped calibration belongs to the first one.
+        session.until_told("flap telemetry", "SIM-0002")
+        answer = predict(session, 1.0)
+        assert "no history yet" in answer.message
+        told = len(session.healths())
+        session.describe()
+        # The history of the first one goes on.
+        session.until(lambda: len(session.healths()) > told)
+        [back] = live(session, cycles[3:4])
+        assert (back.serial_number, back.cycles) == ("SIM-0001", 3)
+
+
+@pytest.mark.usefixtures("_one_calibration_for_all")
+def test_counts_reach_their_unit_be_they_early_or_late(cycles: list[Telemetry]):
+    first, second, third = (block.stamp_ns for block in cycles[:3])
+    with monitor() as session:
+        mount(session, FLAP)
+        count_of(session, "SIM-0002", 7000.0, first)
+        count_of(session, "", 100.0, first)
+        all_heard(session)
+        [health] = live(session, cycles[:1])
+        assert (health.serial_number, health.flight_hours) == ("SIM-0001", 100.0)
+        # Who is described is meant, before that unit has had any test.
+        mount(session, OTHER)
+        count_of(session, "", 7010.0, second)
+        all_heard(session)
+        [health] = live(session, cycles[1:2])
+        assert (health.serial_number, health.flight_hours) == ("SIM-0002", 7010.0)
+        count_of(session, "SIM-0001", 110.0, third)
+        all_heard(session)
+        [health] = live(session, cycles[2:3])
+        assert (health.serial_number, health.flight_hours) == ("SIM-0002", 7010.0)
+        told = len(session.healths())
+        mount(session, FLAP)
+        session.until(lambda: len(session.healths()) > told)
+        [health] = live(session, cycles[3:4])
+        assert (health.serial_number, health.flight_hours) == ("SIM-0001", 110.0)
+
+
+@pytest.mark.usefixtures("_one_calibration_for_all")
+def test_count_before_any_description_is_of_the_first_unit_alone(cycles: list[Telemetry]):
+    with monitor() as session:
+        count_of(session, "", 50.0, 1)
+        count_of(session, "SIM-0002", 60.0, 1)
+        all_heard(session)
+        mount(session, FLAP)
+        [health] = live(session, cycles[:1])
+        assert health.flight_hours == 50.0
+        mount(session, OTHER)
+        [health] = live(session, cycles[1:2])
+        assert health.flight_hours == 60.0
+
+
+def test_unit_that_is_fitted_has_no_health_of_the_one_before(cycles: list[Telemetry]):
+    with monitor({"hours_per_cycle": HOURS}) as session:
+        mount(session, FLAP)
+        live(session, cycles[:1])
+        session.until_told("flap health", "", bytes([OK]))
+        said = len(session.statuses("flap health"))
+        mount(session, OTHER)
+        status = session.until_told("flap health", "no valid estimate so far", since=said)
+        assert (status.hardware_id, status.level) == ("SIM-0002", bytes([STALE]))
+
+
+def test_health_is_known_again_after_a_restart_without_a_new_test(
+    cycles: list[Telemetry], tmp_path: Path
+):
+    # The stamps of telemetry are those of the wall clock here, as with a real actuator.
+    shift_ns = time.time_ns() - int(cycles[2].stamps_ns[-1])
+    recent = [replace(block, stamp_ns=block.stamp_ns + shift_ns) for block in cycles[:3]]
+    given = {
+        "hours_per_cycle": HOURS,
+        "history_folder": str(tmp_path),
+        "expected_period_s": 1000.0,
+    }
+    with monitor(given) as session:
+        mount(session, FLAP)
+        expected = live(session, recent)[-1]
+    with monitor(given) as session:
+        mount(session, FLAP)
+        [health] = session.until(session.healths)
+        expected.events = []
+        assert plain(health) == plain(expected)
+        session.until_told("flap health", "", bytes([health.level]))
+        [life] = session.statuses("flap health")[-1:]
+        assert {item.key: item.value for item in life.values}["flight hours [h]"] == "30"
+
+
+def test_telemetry_is_received_while_a_history_is_read(
+    cycles: list[Telemetry], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    with monitor({"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}) as session:
+        mount(session, FLAP)
+        live(session, cycles[:1])
+    begun, go_on = threading.Event(), threading.Event()
+    begin = Prognostics.__init__
+
+    def slow(self: Prognostics, *args: Any) -> None:
+        begun.set()
+        assert go_on.wait(10.0)
+        begin(self, *args)
+
+    monkeypatch.setattr(Prognostics, "__init__", slow)
+    with monitor({"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}) as session:
+        session.describe()
+        assert begun.wait(10.0)
+        try:
+            session.feed([cycles[1].part(0, 5000)])
+            use(session, 500.0, 1)
+            all_heard(session)
+            wait_for(lambda: session.node.unit("flap").watch.blocks == 1, "the block")
+            assert not session.healths()
+        finally:
+            go_on.set()
+        [health] = session.until(session.healths)
+        assert (health.flight_hours, health.cycles) == (HOURS, 1)
+
+
+def test_service_that_fails_says_so_and_goes_on(
+    cycles: list[Telemetry], monkeypatch: pytest.MonkeyPatch
+):
+    def fail(*_: Any) -> Any:
+        raise FloatingPointError("made up")
+
+    with monitor({"hours_per_cycle": HOURS}) as session:
+        mount(session, FLAP)
+        live(session, cycles[:1])
+        with monkeypatch.context() as patched:
+            patched.setattr(Prognostics, "outlook", fail)
+            answer = predict(session, 1.0)
+        assert not answer.success
+        assert "the prognosis failed: FloatingPointError('made up')" in answer.message
+        assert predict(session, 1.0).success

@@ -1,0 +1,69 @@
+"""An actuator whose friction grows, and what a monitor is asked and says of it."""
+
+import math
+from functools import cache
+from typing import Any
+
+from ema_core.faults import fault_vector
+from ema_core.telemetry import Telemetry
+from ema_interfaces.msg import Health, Usage
+from ema_interfaces.srv import PredictRemainingLife
+from ema_messages import topics
+from ema_messages.stamps import stamp_to_message
+from ema_sim.actuator import SimulatedActuator
+
+from .monitor_session import CYCLE, MonitorSession
+
+SERVICE = "/ema/monitor/predict_remaining_life"
+HOURS = 10.0
+
+
+def friction(number: int) -> float:
+    """At the limit of 0.5 in test 32."""
+    return 0.05 * math.expm1(0.0075 * HOURS * number)
+
+
+@cache
+def worn_cycles(n: int) -> list[Telemetry]:
+    """Test cycles of an actuator whose friction grows, each in one block."""
+    actuator = SimulatedActuator()
+    blocks = []
+    for number in range(n):
+        actuator.faults = fault_vector({"friction": friction(number)})
+        blocks.append(actuator.advance(CYCLE.samples))
+    return blocks
+
+
+def live(session: MonitorSession, cycles: list[Telemetry]) -> list[Health]:
+    """Let an actuator test itself again and again; return the health after each test."""
+    told = len(session.healths())
+    for number, block in enumerate(cycles, 1):
+        session.feed([block])
+        session.until(lambda number=number: len(session.healths()) >= told + number)
+    return session.healths()[told:]
+
+
+def plain(message: Any) -> Any:
+    """A message in words that tell every figure to the last bit; NaN is equal to itself."""
+    return str(message)
+
+
+def replaced(message: Health) -> Health:
+    """The message without events, which are told once."""
+    message.events = []
+    return message
+
+
+def predict(session: MonitorSession, duty: float, actuator_id: str = "") -> Any:
+    request = PredictRemainingLife.Request(actuator_id=actuator_id, duty=duty)
+    return session.call(PredictRemainingLife, SERVICE, request)
+
+
+def use(session: MonitorSession, hours: float, stamp_ns: int, cycles: int = 0) -> None:
+    session.send(topics.USAGE, count(hours, stamp_ns, cycles))
+
+
+def count(hours: float, stamp_ns: int, cycles: int = 0) -> Usage:
+    message = Usage(actuator_id="flap", flight_hours=hours, cycles=cycles)
+    message.header.stamp = stamp_to_message(stamp_ns)
+    return message
