@@ -7,7 +7,6 @@ from typing import Any
 
 import click
 import numpy as np
-from matplotlib.backend_bases import FigureCanvasBase
 from rich.console import Console
 
 from ema_cli.compare_figure import draw_comparison
@@ -16,6 +15,7 @@ from ema_cli.comparison import Comparison, choose_window, compare_algorithms
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.estimate import as_object
 from ema_cli.identification_options import IdentificationOptions, comparison_options
+from ema_cli.picture_path import require_drawable
 from ema_cli.source_options import Source, source_options
 from ema_cli.windows import BagWindows, read_windows, require_windows
 from ema_core.faults import FAULT_NAMES
@@ -80,7 +80,7 @@ def compare(
     """
     with one_clear_line():
         picture = output or _beside(bag)
-        _refuse_unless_drawable(picture)
+        require_drawable(picture)
         calibration = options.calibration()
         found = read_windows(bag, source)
         for remark in found.remarks:
@@ -110,15 +110,6 @@ def compare(
 def _beside(bag: Path) -> Path:
     named = bag if bag.stem.strip(".") else bag.resolve()
     return named.with_name(f"{named.stem}-compare.png")
-
-
-def _refuse_unless_drawable(picture: Path) -> None:
-    """Raise before the work rather than after it."""
-    known = FigureCanvasBase.get_supported_filetypes()
-    if picture.suffix.lower().removeprefix(".") not in known:
-        raise ValueError(f"{picture}: a picture ends in one of .png, .svg, .pdf")
-    if not picture.parent.is_dir():
-        raise ValueError(f"{picture}: there is no folder {picture.parent}")
 
 
 def _as_object(comparison: Comparison, found: BagWindows) -> dict[str, Any]:

@@ -7,9 +7,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ema_cli.life_tests import LifeTest
+from ema_cli.life_unit import calibration_of_life
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES
-from ema_monitor.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosis, Search
 from ema_monitor.estimate import Estimate
 from ema_monitor.last_faults import LastFaults
@@ -23,12 +23,12 @@ class LifeEstimator:
     Parameters
     ----------
     description
-        The actuator; the shipped calibration must be its own.
+        The actuator, as of ``unit_of_life``.
     """
 
     def __init__(self, description: ActuatorDescription) -> None:
         self._description = description
-        self._calibration = Calibration.builtin()
+        self._calibration = calibration_of_life(description)
         self._last_faults = LastFaults()
 
     def estimate(self, test: LifeTest) -> Estimate:

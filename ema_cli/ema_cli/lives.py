@@ -15,7 +15,9 @@ from ema_cli.interrupt import deferred_interrupt
 from ema_cli.life_bag import write_test
 from ema_cli.life_estimates import LifeEstimator, as_line
 from ema_cli.life_tests import LifeTest, simulated_tests
+from ema_cli.life_unit import calibration_of_life, unit_of_life
 from ema_cli.progress import progress_bar
+from ema_cli.unit_calibration import CALIBRATION_FILE
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES
 from ema_core.typical_growth import TYPICAL
@@ -57,8 +59,9 @@ _PART: Final = ".part"
     default="bags",
     show_default=True,
     type=click.Choice(["bags", "estimates"]),
-    help="bags: a folder a life, with a bag a test. estimates: a file a life, with a line of JSON "
-    "a test, as the monitor with the shipped calibration estimates it.",
+    help="bags: a folder a life, with a bag a test and the unit's calibration, for ema prognose. "
+    "estimates: a file a life, with a line of JSON a test, the truth and what the monitor "
+    "estimates, to develop or score other methods of prognosis; docs/prognosis.md lists its keys.",
 )
 @click.option("--constant", "is_constant", is_flag=True, help="Lives in which no fault grows.")
 @click.option(
@@ -76,8 +79,8 @@ def lives(
     """Simulate actuators from new until a fault reaches its limit, test by test.
 
     A test is due every ten flight hours; a tenth is missing, and three in a hundred are spoiled by
-    noise or a gap. FOLDER/lives.csv tells the truth about each life: its end, its dominant fault,
-    its repair.
+    noise or a gap. Each life is that of a unit with a serial number of its own. FOLDER/lives.csv
+    tells the truth about each life: its end, its dominant fault, its repair.
     """
     if is_constant and (kind or with_repair):
         raise click.UsageError("--constant excludes --fault and --repair")
@@ -93,7 +96,7 @@ def lives(
                 life = _drawn(of_life, kind, is_constant=is_constant, with_repair=with_repair)
                 state = f"life {number + 1} of {count}"
                 progress.update(task, completed=0, total=len(life.hours), state=state)
-                description = ActuatorDescription()
+                description = unit_of_life(seed, number)
                 tests = simulated_tests(life, description, of_sensors, interrupted.is_set)
                 name = f"life_{number:04d}"
                 # Under another name until it is complete.
@@ -104,7 +107,7 @@ def lives(
                     _remove(part)
                     raise ValueError(f"stopped: {number} of {count} lives are in {folder}")
                 part.rename(folder / (name if form == "bags" else f"{name}.jsonl"))
-                told.append(_told(name, life))
+                told.append(_told(name, description, life))
                 pd.DataFrame(told).to_csv(folder / INDEX, index=False)
     click.echo(f"{folder}: {count} {'life' if count == 1 else 'lives'}, the truth in {INDEX}")
 
@@ -126,6 +129,7 @@ def _write_bags(
     tell: Callable[[int], None],
 ) -> None:
     folder.mkdir()
+    calibration_of_life(description).save(folder / CALIBRATION_FILE)
     for test in tests:
         write_test(folder / f"test_{test.number:04d}.mcap", test, description)
         tell(test.number)
@@ -151,10 +155,11 @@ def _remove(part: Path) -> None:
         part.unlink()
 
 
-def _told(name: str, life: Life) -> dict[str, object]:
+def _told(name: str, unit: ActuatorDescription, life: Life) -> dict[str, object]:
     """Return the line about a life; no end and no repair are empty cells."""
     return {
         "life": name,
+        "serial_number": unit.serial_number,
         "dominant_fault": life.dominant,
         "end_hours": life.end_hours if math.isfinite(life.end_hours) else None,
         "repair_hours": life.repair_hours if math.isfinite(life.repair_hours) else None,

@@ -12,6 +12,7 @@ from ema_cli.estimate import estimate_windows
 from ema_cli.history import read_history
 from ema_cli.history_figure import draw_history
 from ema_cli.identification_options import IdentificationOptions, identification_options
+from ema_cli.picture_path import require_drawable
 from ema_cli.source_options import Source, source_options
 from ema_cli.windows import BagWindows, read_windows
 from ema_core.faults import FAULTS, healthy_faults
@@ -52,6 +53,7 @@ def plot(
         raise click.UsageError("--history and --window exclude each other")
     with one_clear_line():
         output = output or bag.with_suffix(".png")
+        require_drawable(output)
         if as_history:
             draw_history(read_history(bag, source.actuator_id)).savefig(output, dpi=120)
             click.echo(f"{output}")

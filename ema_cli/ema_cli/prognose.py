@@ -13,6 +13,7 @@ from ema_cli.errors import REFUSED, Assignments, merged, one_clear_line
 from ema_cli.estimate import estimate_windows
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.known_laws import FORM, KnownLawType
+from ema_cli.picture_path import require_drawable
 from ema_cli.prognosis_figure import draw_course
 from ema_cli.prognosis_table import (
     as_values,
@@ -22,13 +23,20 @@ from ema_cli.prognosis_table import (
     table_of_growth,
 )
 from ema_cli.source_options import Source, source_options
+from ema_cli.unit_calibration import with_calibration_beside
 from ema_cli.unit_course import follow
 from ema_cli.unit_record import read_unit
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.prognostics import PrognosisSettings
+from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.requirements import RequirementLimits
 from ema_monitor.prognosis.settings import KnownLaw, TrackerSettings
 from ema_monitor.prognosis.usage import Service
+
+
+def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
+    if value is not None and not math.isfinite(value):
+        raise click.BadParameter(f"{value:g} is not a number of hours", ctx, param)
+    return value
 
 
 @click.command()
@@ -67,6 +75,7 @@ from ema_monitor.prognosis.usage import Service
 @click.option(
     "--end-hours",
     type=click.FloatRange(min=0.0),
+    callback=_finite,
     help="Service hour at which a fault truly reached its limit, for the picture, where life goes "
     "on beyond the bags.",
 )
@@ -92,12 +101,17 @@ def prognose(
     """Tell how many flight hours a unit has left, from the tests in each BAG or folder of bags.
 
     All tests are of one unit; the stamps of their windows tell their order. The figures are those
-    that a monitor publishes after the last of these tests.
+    that a monitor publishes after the last of these tests. Without --calibration, a file
+    calibration.yaml beside the bags is taken for the unit's.
     """
     with one_clear_line():
         settings = _settings(merged(limits, "--limit"), laws, Service(duty, hours_per_cycle))
-        calibration = options.calibration()
+        if output is not None:
+            require_drawable(output)
         record = read_unit(bags, source)
+        # The bags first: those of two units are refused, whatever lies beside them.
+        options = with_calibration_beside(options, bags)
+        calibration = options.calibration()
         for remark in record.remarks:
             click.echo(remark, err=True)
         estimates = estimate_windows(record.windows, calibration, options)
@@ -109,14 +123,12 @@ def prognose(
             click.echo(f"no prognosis: none of {len(estimates)} windows can be used", err=True)
             sys.exit(REFUSED)
         message = prognosis_message(course)
-        if math.isnan(message.flight_hours):
+        if math.isnan(message.flight_hours) and not record.counts:
             click.echo(
                 "service hours are unknown, so is the remaining life: the bags hold no usage; give "
                 "--hours-per-cycle",
                 err=True,
             )
-        if output is not None:
-            draw_course(course, end_hours).savefig(output, dpi=120)
     if as_json:
         values = as_values(message) | {"tests": course_as_values(course)}
         click.echo(json.dumps(values, indent=2))
@@ -129,7 +141,11 @@ def prognose(
         )
         Console().print(table_of_growth(message))
         click.echo("\n".join(summary(course, message)))
-        if output is not None:
+    if output is not None:
+        # After the figures: they stand, even if the disk is full.
+        with one_clear_line():
+            draw_course(course, end_hours).savefig(output, dpi=120)
+        if not as_json:
             click.echo(f"{output}")
     if len(course.outlooks) < len(estimates):
         sys.exit(REFUSED)

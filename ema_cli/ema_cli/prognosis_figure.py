@@ -1,5 +1,6 @@
 """Picture of a prognosis: remaining life, growth of the faults, and what ends life."""
 
+from textwrap import fill
 from typing import Final
 
 import numpy as np
@@ -31,6 +32,7 @@ _LIMIT: Final = {"color": "#d55e00", "ls": (0, (4, 3)), "lw": 1.2}
 _EVENT: Final = {"color": "0.4", "ls": ":", "lw": 1.1}
 _FAN_LEVELS: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
 _FAN_TIMES: Final = 60
+_TITLE_WIDTH: Final = 105
 
 
 def draw_course(course: Course, end_hours: float | None = None) -> Figure:
@@ -83,7 +85,7 @@ def _title(course: Course) -> str:
     unit, life = course.record.description, course.outlooks[-1].rul
     name = f"{unit.actuator_id} ({unit.serial_number}), {len(course.outlooks)} valid tests: "
     if not life.known:
-        return f"{name}remaining useful life unknown\n({life.reason})"
+        return f"{name}remaining useful life unknown\n{fill(f'({life.reason})', _TITLE_WIDTH)}"
     return (
         f"{name}{life.hours_50:.0f} h left ({life.hours_05:.0f} to {life.hours_95:.0f} h), "
         f"until {life.criterion}"
@@ -113,12 +115,13 @@ def _last_hour(course: Course, place: NDArray[np.float64]) -> float:
 
 
 def _fan(course: Course, end: float) -> Fan | None:
-    tracker, last = course.growth.tracker, course.outlooks[-1]
-    ahead = end - last.hours
+    tracker = course.growth.tracker
+    # From the tracker's own hours: those of the last test may not be believed.
+    ahead = end - tracker.hours
     if not tracker.updates or not ahead > 0.0:
         return None
     times = ahead * np.linspace(0.0, 1.0, _FAN_TIMES)
-    return tracker.fan(times, _FAN_LEVELS, last.duty)
+    return tracker.fan(times, _FAN_LEVELS, course.outlooks[-1].duty)
 
 
 def _draw_lives(
@@ -139,11 +142,12 @@ def _draw_lives(
     # Early bands may reach to infinity, and would hide all else.
     top = np.nanmax([1.0, *(2.0 * truth if np.isfinite(truth).any() else 1.5 * median[known])])
     drawn_high = np.where(np.isinf(high), 10.0 * top, high)
-    band = axes.fill_between(
-        place, low, drawn_high, where=known.tolist(), color=_PREDICTED, alpha=0.2, lw=0
-    )
-    band.set_label("predicted, 5 to 95 %")
-    axes.plot(place, median, "o-", color=_PREDICTED, ms=3.5, lw=1.4, label="predicted, median")
+    if known.any():
+        band = axes.fill_between(
+            place, low, drawn_high, where=known.tolist(), color=_PREDICTED, alpha=0.2, lw=0
+        )
+        band.set_label("predicted, 5 to 95 %")
+        axes.plot(place, median, "o-", color=_PREDICTED, ms=3.5, lw=1.4, label="predicted, median")
     for kind, style, colour in (
         ("faults", "--", _BY_FAULTS),
         ("requirements", "-.", _BY_REQUIREMENTS),
@@ -187,7 +191,7 @@ def _draw_fault(
     axes.plot(place, tracked, "-", color=_PREDICTED, lw=1.6, label="tracked", zorder=4)
     if fan is not None:
         low, lower, median, upper, high = fan.values[fault.name]
-        ahead = last.hours + fan.hours
+        ahead = course.growth.tracker.hours + fan.hours
         axes.fill_between(ahead, low, high, color=_PREDICTED, alpha=0.15, lw=0, label="5 to 95 %")
         axes.fill_between(
             ahead, lower, upper, color=_PREDICTED, alpha=0.25, lw=0, label="25 to 75 %"

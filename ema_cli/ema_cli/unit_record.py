@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ema_cli.source_options import Source
 from ema_cli.windows import read_windows, require_windows
@@ -13,11 +13,13 @@ from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import Usage
 from ema_messages.faults import StampedFaults
 from ema_messages.stamps import stamp_from_message
-from ema_monitor.prognosis.usage import Count
+from ema_monitor.prognosis.counts import Count
 from ema_monitor.watch import Found
 from ema_recording.message_type import type_name
 from ema_recording.metadata import METADATA_FILE
 from ema_recording.reader import Bag
+
+_NAMED: Final = 3
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,13 @@ def find_bags(paths: Iterable[Path]) -> list[Path]:
     """
     found: dict[Path, Path] = {}
     for path in paths:
-        for bag in _bags_in(path):
+        bags = _bags_in(path)
+        if not bags:
+            raise ValueError(
+                f"{path}: this folder holds no bag, neither *.mcap nor a folder with "
+                f"{METADATA_FILE}{_hint(path)}"
+            )
+        for bag in bags:
             found.setdefault(bag.resolve(), bag)
     return list(found.values())
 
@@ -129,12 +137,17 @@ def _bags_in(path: Path) -> list[Path]:
     if not path.is_dir() or (path / METADATA_FILE).exists():
         return [path]
     folders = (item.parent for item in path.glob(f"*/{METADATA_FILE}"))
-    bags = sorted([*path.glob("*.mcap"), *folders])
-    if not bags:
-        raise ValueError(
-            f"{path}: this folder holds no bag, neither *.mcap nor a folder with {METADATA_FILE}"
-        )
-    return bags
+    return sorted([*path.glob("*.mcap"), *folders])
+
+
+def _hint(path: Path) -> str:
+    """Return which folders in a folder hold bags, in words."""
+    folders = sorted(item for item in path.iterdir() if item.is_dir() and _bags_in(item))
+    if not folders:
+        return ""
+    named = ", ".join(str(folder) for folder in folders[:_NAMED])
+    more = f" and {len(folders) - _NAMED} more" if len(folders) > _NAMED else ""
+    return f"; bags of a unit may be in {named}{more}: give one of these"
 
 
 def _messages(bag: Bag, message_class: Any) -> Iterable[Any]:

@@ -16,6 +16,7 @@ from ema_messages import topics
 from ema_messages.description import description_from_message
 from ema_messages.stamps import stamp_from_message
 from ema_messages.telemetry import telemetry_from_message
+from ema_monitor.calibration import Calibration
 from ema_monitor.calibration_store import CalibrationStore
 from ema_monitor.diagnosis import Search
 from ema_monitor.estimate import Estimate
@@ -24,6 +25,7 @@ from ema_monitor.last_faults import LastFaults
 from ema_monitor.monitor_calls import MonitorCalls
 from ema_monitor.monitor_health import MonitorHealth
 from ema_monitor.monitor_messages import estimate_to_message
+from ema_monitor.monitor_passed_over import PassedOver
 from ema_monitor.monitor_prognosis import MonitorPrognosis
 from ema_monitor.monitor_settings import Files, Operation
 from ema_monitor.monitor_unit import Unit
@@ -67,7 +69,8 @@ class MonitorNode(ManagedNode):
         self._last_faults = LastFaults()
         self._identification = self._make_identification()
         self._listeners: list[SimpleQueue[Found]] = []
-        self._nameless = 0
+        self._searched: set[str] = set()
+        self._passed_over = PassedOver()
 
     @property
     def idle(self) -> bool:
@@ -127,7 +130,8 @@ class MonitorNode(ManagedNode):
         self.destroy_lifecycle_publisher(self._estimates)
         self._units.clear()
         self._last_faults = LastFaults()
-        self._nameless = 0
+        self._searched.clear()
+        self._passed_over = PassedOver()
 
     def tasks(self) -> list[Task]:
         """Return how each actuator fares."""
@@ -138,8 +142,7 @@ class MonitorNode(ManagedNode):
                 for task in unit.tasks(self._identification.waiting)
             ]
             remarks = [] if self._units else ["no actuator heard of so far"]
-            if self._nameless:
-                remarks.append(f"{self._nameless} messages without actuator_id were passed over")
+            remarks += self._passed_over.remarks()
             message = "; ".join(remarks) or f"{len(self._units)} actuators watched"
             counts = {"windows dropped": self._identification.dropped}
             level = WARN if remarks else OK
@@ -199,7 +202,8 @@ class MonitorNode(ManagedNode):
             return
         unit = self._units.get(message.actuator_id)
         if wrong := self._prognosis.hear(message, unit.watch.description if unit else None):
-            self._complain(message.actuator_id, wrong)
+            # Whoever only counts makes no actuator known.
+            self._complain(message.actuator_id, wrong, is_watched=unit is not None)
 
     def _unit_heard(self, actuator_id: str) -> Unit:
         if actuator_id not in self._units:
@@ -208,13 +212,12 @@ class MonitorNode(ManagedNode):
             self._health.add(actuator_id)
         return self._units[actuator_id]
 
-    def _complain(self, actuator_id: str, reason: str) -> None:
+    def _complain(self, actuator_id: str, reason: str, *, is_watched: bool = True) -> None:
         with self._lock:
-            if actuator_id:
+            if actuator_id and is_watched:
                 is_news = self._unit_heard(actuator_id).complain(reason)
             else:
-                self._nameless += 1
-                is_news = self._nameless == 1
+                is_news = self._passed_over.add(actuator_id, reason)
         self.get_logger().warning(
             f"{actuator_id or 'input'}: {reason}", throttle_duration_sec=_QUIET_S
         )
@@ -241,19 +244,33 @@ class MonitorNode(ManagedNode):
 
     def _make_identification(self) -> IdentificationThread:
         return IdentificationThread(
-            lambda description: self.store.of(description),
+            self._calibration_of,
             lambda: self.search.value,
             self._last_faults,
             self._conclude,
             lambda text: self.get_logger().error(text),
         )
 
+    def _calibration_of(self, description: ActuatorDescription) -> Calibration | str:
+        """Return what to search with; the first search begins where the history ends."""
+        if description.actuator_id not in self._searched and not self.idle:
+            self._searched.add(description.actuator_id)
+            if (latest := self._prognosis.latest(description)) is not None:
+                self._last_faults.note(description, latest)
+        return self.store.of(description)
+
     def _conclude(self, found: Found, estimate: Estimate) -> None:
         self._estimates.publish(estimate_to_message(estimate, found.number, found.description))
         now_ns = self.get_clock().now().nanoseconds
         # Without the lock: telemetry must not wait for a prognosis.
         outlook = self._prognosis.conclude(found, estimate)
-        self._health.conclude(found, estimate, outlook, now_ns)
+        try:
+            self._health.conclude(found, estimate, outlook, now_ns)
+        except Exception as error:
+            # The estimate is out: the window must not be refused on top of it.
+            actuator_id = found.description.actuator_id
+            reason = self._prognosis.report_failure(actuator_id, error, "publishing health")
+            self._complain(actuator_id, reason, is_watched=actuator_id in self._units)
         if not estimate.valid:
             self.get_logger().warning(
                 f"{found.description.actuator_id}: window {found.number} has no valid estimate: "

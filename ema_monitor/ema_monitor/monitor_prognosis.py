@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 import traceback
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,16 +17,16 @@ from ema_interfaces.srv import PredictRemainingLife
 from ema_messages.stamps import stamp_from_message
 from ema_monitor.estimate import Estimate
 from ema_monitor.health import HealthLimits
+from ema_monitor.monitor_histories import MonitorHistories
 from ema_monitor.monitor_messages import health_to_message
-from ema_monitor.prognosis.count_book import CountBook
-from ema_monitor.prognosis.history import History, history_path
+from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.known_laws import KnownLawTexts
 from ema_monitor.prognosis.outlook import Outlook, outlook_of_one
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings, duty_of
 from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.requirements import RequirementLimits
 from ema_monitor.prognosis.settings import TrackerSettings
-from ema_monitor.prognosis.usage import Count, Service
+from ema_monitor.prognosis.usage import Service
 from ema_monitor.watch import Found
 from ema_nodes.executor import WaitingCallbackGroup
 from ema_nodes.settings import LiveSettings
@@ -58,12 +57,8 @@ class MonitorPrognosis:
         self._tracker = LiveSettings(node, TrackerSettings, "tracker.")
         self._laws = LiveSettings(node, KnownLawTexts, "known_law.")
         self._service = LiveSettings(node, Service)
-        self._folder: Path | None = None
-        self._making = threading.Lock()
-        self._units: dict[tuple[str, str], Prognostics] = {}
-        self._counts = CountBook()
+        self._histories = MonitorHistories()
         self._described: SimpleQueue[ActuatorDescription] = SimpleQueue()
-        self._is_serving = False
         self._told: dict[tuple[str, str], str] = {}
 
     @property
@@ -86,8 +81,8 @@ class MonitorPrognosis:
             replayed must not mix with the tests of the living.
         """
         in_sim_time = bool(self._node.get_parameter("use_sim_time").value)
-        self._folder = _folder(history_folder) if history_folder and not in_sim_time else None
-        self._is_serving = True
+        is_kept = bool(history_folder) and not in_sim_time
+        self._histories.begin(_folder(history_folder) if is_kept else None)
         self._open_soon = self._node.create_guard_condition(
             self._open_histories, callback_group=WaitingCallbackGroup()
         )
@@ -102,14 +97,9 @@ class MonitorPrognosis:
         """Stop serving, and let go of the histories."""
         self._node.destroy_service(self._call)
         self._node.destroy_guard_condition(self._open_soon)
-        with self._making:
-            self._is_serving = False
-            for prognostics in self._units.values():
-                prognostics.history.close()
-            self._units.clear()
-            self._told.clear()
-            self._counts = CountBook()
-            self._described = SimpleQueue()
+        self._histories.end()
+        self._told.clear()
+        self._described = SimpleQueue()
 
     def describe(self, description: ActuatorDescription) -> None:
         """Have the history of a unit opened, in another thread, and its health told.
@@ -119,9 +109,7 @@ class MonitorPrognosis:
         description
             The unit, as it has just been described.
         """
-        unit = (description.actuator_id, description.serial_number)
-        self._counts.name(*unit)
-        self._pass_on(unit)
+        self._histories.name((description.actuator_id, description.serial_number))
         self._described.put(description)
         self._open_soon.trigger()
 
@@ -143,9 +131,24 @@ class MonitorPrognosis:
         except ValueError as error:
             return f"usage is impossible: {error}"
         serial_number = message.serial_number or (described.serial_number if described else "")
-        self._counts.add(message.actuator_id, serial_number, count)
-        self._pass_on((message.actuator_id, serial_number))
+        self._histories.count((message.actuator_id, serial_number), count)
         return ""
+
+    def latest(self, description: ActuatorDescription) -> Estimate | None:
+        """Return the latest valid estimate in the history of a unit; None when there is none.
+
+        Parameters
+        ----------
+        description
+            The unit.
+        """
+        try:
+            entries = self._of(description).history.entries
+        except Exception as error:
+            # The search can do without.
+            self.report_failure(description.actuator_id, error)
+            return None
+        return entries[-1].estimate if entries else None
 
     def conclude(self, found: Found, estimate: Estimate) -> Outlook | None:
         """Take a test, and return what there is to say after it; None when it is not valid.
@@ -163,7 +166,7 @@ class MonitorPrognosis:
             outlook = prognostics.take(estimate, self._parameters(description), settings)
         except Exception as error:
             # What fails here must cost neither the estimate nor the alarm.
-            reason = self._report_failure(description.actuator_id, error)
+            reason = self.report_failure(description.actuator_id, error)
             return outlook_of_one(estimate, settings.limits, reason) if estimate.valid else None
         self._tell_problem(description, prognostics)
         for event in outlook.events if outlook else ():
@@ -181,7 +184,7 @@ class MonitorPrognosis:
                 serial_number,
                 {"file": prognostics.history.path or "none, in memory only"},
             )
-            for (actuator_id, serial_number), prognostics in list(self._units.items())
+            for (actuator_id, serial_number), prognostics in self._histories.items()
         ]
 
     def _open_histories(self) -> None:
@@ -194,29 +197,16 @@ class MonitorPrognosis:
             try:
                 prognostics = self._of(description)
                 outlook = prognostics.resume(self._parameters(description), self.settings)
-            except Exception as error:
-                self._report_failure(description.actuator_id, error)
-            else:
                 if outlook is not None:
                     self._resume(description, outlook)
+            except Exception as error:
+                self.report_failure(description.actuator_id, error)
 
     def _of(self, description: ActuatorDescription) -> Prognostics:
         unit = (description.actuator_id, description.serial_number)
-        with self._making:
-            if not self._is_serving:
-                raise ValueError("the monitor is not configured")
-            if unit not in self._units:
-                path = history_path(self._folder, *unit) if self._folder else None
-                self._units[unit] = Prognostics(History(*unit, path), self.settings)
-                self._pass_on(unit)
-                self._tell_problem(description, self._units[unit])
-            return self._units[unit]
-
-    def _pass_on(self, unit: tuple[str, str]) -> None:
-        """Tell a unit what was counted of it; as long as it is not known, that is kept."""
-        if prognostics := self._units.get(unit):
-            for count in self._counts.take(*unit):
-                prognostics.tell(count)
+        prognostics = self._histories.of(unit, self.settings)
+        self._tell_problem(description, prognostics)
+        return prognostics
 
     def _parameters(self, description: ActuatorDescription) -> ActuatorParameters | None:
         calibration = self._node.store.of(description)
@@ -247,12 +237,24 @@ class MonitorPrognosis:
         except Exception as error:
             # A service that raises would take the node along.
             response.success = False
-            response.message = self._report_failure(request.actuator_id, error)
+            response.message = self.report_failure(request.actuator_id, error)
         return response
 
-    def _report_failure(self, actuator_id: str, error: Exception) -> str:
-        """Log what has just failed, and return it in words."""
-        reason = f"the prognosis failed: {error!r}"
+    def report_failure(
+        self, actuator_id: str, error: Exception, what: str = "the prognosis"
+    ) -> str:
+        """Log what has just failed, and return it in words.
+
+        Parameters
+        ----------
+        actuator_id
+            Of which actuator; empty when that is not known.
+        error
+            What was raised.
+        what
+            What failed.
+        """
+        reason = f"{what} failed: {error!r}"
         self._node.get_logger().error(
             f"{actuator_id or 'actuator'}: {reason}\n{traceback.format_exc()}"
         )

@@ -1,14 +1,15 @@
 """Accuracy and honesty of the remaining useful life over seeded lives to failure.
 
     tools/peers.sh python tests/benchmarks/prognosis.py [--lives N] [--constant N] [--repaired N]
-        [--otherwise N] [--real N] [--json FILE]
+        [--otherwise N] [--whole N] [--real N] [--json FILE]
 
 Lives have estimates drawn with the measured errors of the estimator (estimator_errors.jsonl); those
 of --real are simulated and identified test by test. Their seeds are fixed, and nothing was tuned on
 them. The tracker knows the laws and typical rates, or no law at all; over lives of --otherwise,
-whose laws are not those of the type, what it is told is wrong. Beside it, on the same
-estimates and in the same process, stand a linear trend through the latest of them, NASA's progpy,
-and an oracle to which only the noise of the future is unknown: more than that nobody can predict.
+whose laws are not those of the type, what it is told is wrong. Beside it, on the same estimates and
+in the same process, stand a linear trend through the latest of them, NASA's progpy, and an oracle
+to which only the noise of the future is unknown: more than that nobody can predict. Lives of
+--whole are scored as health messages tell them, by fault limit or requirement, whichever is first.
 Prints tables and writes JSON.
 """
 
@@ -46,7 +47,7 @@ from prognosis_predictors import (
 )
 from prognosis_scores import LifeScore, by_kind
 from prognosis_tables import show
-from prognosis_whole import Reports, reports, seconds
+from prognosis_whole import Reports, reports, score_whole, seconds, whole_figures
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from trials import ACTUATOR, Workers, workers
@@ -161,6 +162,7 @@ class Sizes:
     constant: int
     repaired: int
     otherwise: int
+    whole: int
     real: int
 
 
@@ -189,6 +191,12 @@ def measure(pool: Workers, sizes: Sizes) -> dict[str, Any]:
             lives = growing_otherwise(sizes.otherwise)
             scores = pool.map("lives by other laws", score_otherwise, lives)
             figures["otherwise"], figures["otherwise_lives"] = _figures(scores)
+    if sizes.whole:
+        with _timed("whole", durations):
+            scores = pool.map("lives with requirements", score_whole, growing(sizes.whole))
+            figures["whole"] = {
+                name: whole_figures([score[name] for score in scores]) for name in SETTINGS
+            }
     if sizes.real:
         with _timed("real", durations):
             healthy = cases.healthy(HEALTHY_WINDOWS, "calibration")
@@ -249,10 +257,17 @@ def _figures(scores: Sequence[Scores]) -> tuple[dict[str, Any], dict[str, Any]]:
 @click.option("--constant", "constants", default=100, show_default=True, type=click.IntRange(1))
 @click.option("--repaired", "repairs", default=50, show_default=True, type=click.IntRange(0))
 @click.option("--otherwise", default=100, show_default=True, type=click.IntRange(0))
+@click.option("--whole", default=50, show_default=True, type=click.IntRange(0))
 @click.option("--real", "reals", default=20, show_default=True, type=click.IntRange(0))
 @click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
 def main(
-    lives: int, constants: int, repairs: int, otherwise: int, reals: int, output: Path | None
+    lives: int,
+    constants: int,
+    repairs: int,
+    otherwise: int,
+    whole: int,
+    reals: int,
+    output: Path | None,
 ) -> None:
     """Print the tables and write the JSON file."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
@@ -260,7 +275,7 @@ def main(
         Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress,
         workers(progress) as pool,
     ):
-        figures = measure(pool, Sizes(lives, constants, repairs, otherwise, reals))
+        figures = measure(pool, Sizes(lives, constants, repairs, otherwise, whole, reals))
     show(Console(width=185), figures)
     if output:
         output.write_text(json.dumps(figures))

@@ -20,7 +20,7 @@ from ema_monitor.window import Window
 from ema_sim.lives import NOISE_OF_SPOILED, Life, constant_life, run_to_failure
 from ema_sim.sensors import Sensors
 
-SEED: Final = 20_207
+SEED: Final = 20_231
 """Root of the seeds of scored lives. Nothing was tuned on them."""
 
 LIMITS: Final[Mapping[str, float]] = {

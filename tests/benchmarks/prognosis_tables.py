@@ -26,7 +26,6 @@ _WHERE: Final = {
     "repaired": "drawn estimates, from a repair on",
     "otherwise": "drawn estimates, by other laws",
 }
-_JUDGED: Final = "drawn"
 _TARGETED: Final = ("drawn", "real")
 _ALPHA_LAMBDA: Final = f"alpha-lambda (20 %) at {JUDGED_LAMBDA:g}, pass rate"
 
@@ -44,6 +43,8 @@ def rows(figures: Mapping[str, Any]) -> list[Row]:
         for name in TARGETS:
             if name in figures.get(case, ()):
                 result += _accuracy_rows(figures[case], case, name)
+    for name, one in figures.get("whole", {}).items():
+        result += _whole_rows(one, name)
     for name in TARGETS:
         result += _constant_rows(figures["constant"][name], name)
     return [*result, *_time_rows(figures)]
@@ -52,7 +53,7 @@ def rows(figures: Mapping[str, Any]) -> list[Row]:
 def _accuracy_rows(by_method: Mapping[str, Any], case: str, name: str) -> list[Row]:
     ours = by_method[name]
     least, rate = TARGETS[name]
-    judged = case == _JUDGED
+    judged = case in _TARGETED
     lives = f"{ours['all']['lives']} lives, {_WHERE[case]}, {name}"
     result = []
     for kind, prefix, indent in (
@@ -64,18 +65,18 @@ def _accuracy_rows(by_method: Mapping[str, Any], case: str, name: str) -> list[R
             (f"{indent}{_ALPHA_LAMBDA}", rate, _pass_rate),
         ):
             measured = value(ours[kind])
-            has_target = kind == "all" and case in _TARGETED
+            has_target = kind == "all" and judged
             result.append(
                 Row(
                     what,
                     f">= {least_value:.2f}" if has_target else "",
                     f"{measured:.3f}",
-                    measured >= least_value if has_target and judged else None,
+                    measured >= least_value if has_target else None,
                     _beside(by_method, kind, value),
                 )
             )
     covered = ours["all"]["coverage"]
-    target = f"{LOWEST_COVERAGE:.2f} to {HIGHEST_COVERAGE:.2f}" if case in _TARGETED else ""
+    target = f"{LOWEST_COVERAGE:.2f} to {HIGHEST_COVERAGE:.2f}" if judged else ""
     met = LOWEST_COVERAGE <= covered <= HIGHEST_COVERAGE if judged else None
     beside = _beside(by_method, "all", _coverage)
     return [*result, Row("  coverage of the 90 % interval", target, f"{covered:.3f}", met, beside)]
@@ -101,6 +102,24 @@ def _cra(one: Mapping[str, Any]) -> float:
 
 def _pass_rate(one: Mapping[str, Any]) -> float:
     return one["alpha_lambda"][f"{JUDGED_LAMBDA:g}"]
+
+
+def _whole_rows(one: Mapping[str, Any], name: str) -> list[Row]:
+    lives, failing = one["lives"], one["by_requirement"]
+    return [
+        Row(
+            f"{lives} lives, {failing} ended by a requirement, {name}: accuracy of the life told",
+            "",
+            f"{one['cra']:.3f}",
+            None,
+        ),
+        Row(
+            "  coverage of the 90 % interval, share that lies wholly beyond the truth",
+            "",
+            f"{one['coverage']:.3f}, {one['too_long']:.3f}",
+            None,
+        ),
+    ]
 
 
 def _constant_rows(one: Mapping[str, Any], name: str) -> list[Row]:

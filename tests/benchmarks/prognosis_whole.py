@@ -3,6 +3,7 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ from prognosis_predictors import SETTINGS
 
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate
+from ema_monitor.prognosis import metrics
+from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.observation import Observation
 from ema_monitor.prognosis.outlook import Outlook
@@ -20,7 +23,7 @@ from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.required_life import requirements_of
 from ema_monitor.prognosis.requirements import REQUIREMENTS, RequirementLimits, Requirements
 from ema_monitor.prognosis.settings import TrackerSettings
-from ema_monitor.prognosis.usage import Count
+from ema_sim.lives import Life
 
 _NS_PER_HOUR = 3_600_000_000_000
 
@@ -43,6 +46,72 @@ class Reports:
     by_faults: int
     by_requirements: int
     failing: int
+
+
+@dataclass(frozen=True)
+class WholeScore:
+    """How well it is told when a life ends, by a fault limit or by a requirement.
+
+    Attributes
+    ----------
+    kind
+        Dominant fault.
+    end_hours
+        Service hour at which the first of them is passed [h].
+    by_requirement
+        Whether a requirement is.
+    cra
+        Cumulative relative accuracy over the second half of life [-].
+    inside, below, intervals
+        How many 90 % intervals hold the truth, lie wholly beyond it, and are told.
+    """
+
+    kind: str
+    end_hours: float
+    by_requirement: bool
+    cra: float
+    inside: int
+    below: int
+    intervals: int
+
+
+def score_whole(scored: ScoredLife) -> dict[str, WholeScore]:
+    """Score the remaining life that health messages tell over a life with drawn estimates."""
+    life = scored.life()
+    observations = drawn(scored, life)
+    failure = _failure_hours(life)
+    end = min(life.end_hours, failure)
+    scores = {}
+    for name, settings in SETTINGS.items():
+        outlooks, _ = _followed(observations, settings)
+        before = [outlook for outlook in outlooks if outlook.hours < end]
+        hours = np.array([outlook.hours for outlook in before])
+        low, median, high = np.array(
+            [(item.rul.hours_05, item.rul.hours_50, item.rul.hours_95) for item in before]
+        ).T
+        left = end - hours
+        scores[name] = WholeScore(
+            scored.kind,
+            end,
+            failure < life.end_hours,
+            metrics.cumulative_relative_accuracy(hours, median, end),
+            int(np.sum((low <= left) & (left <= high))),
+            int(np.sum(left < low)),
+            int(np.sum(np.isfinite(low))),
+        )
+    return scores
+
+
+def whole_figures(scores: Sequence[WholeScore]) -> dict[str, Any]:
+    """Return the figures of many lives: mean accuracy, intervals pooled."""
+    told = sum(score.intervals for score in scores)
+    return {
+        "lives": len(scores),
+        "by_requirement": sum(score.by_requirement for score in scores),
+        "cra": float(np.mean([score.cra for score in scores])),
+        "coverage": sum(score.inside for score in scores) / told,
+        "too_long": sum(score.below for score in scores) / told,
+    }
 
 
 def reports(scored: ScoredLife) -> tuple[bool, dict[str, Reports]]:
@@ -95,6 +164,19 @@ def _followed(
             raise RuntimeError(f"nothing is said of a valid estimate at {observation.hours:g} h")
         outlooks.append(outlook)
     return outlooks, spent
+
+
+def _failure_hours(life: Life) -> float:
+    """Return when the first requirement fails, by the true faults at the tests [h]."""
+    reserve = _requirements().exact_reserves(REQUIREMENTS, life.faults).min(axis=1)
+    failed = np.flatnonzero(reserve < 0.0)
+    if not failed.size:
+        return np.inf
+    after = int(failed[0])
+    if after == 0:
+        return 0.0
+    share = reserve[after - 1] / (reserve[after - 1] - reserve[after])
+    return float(life.hours[after - 1] + share * (life.hours[after] - life.hours[after - 1]))
 
 
 def _requirements() -> Requirements:

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from ema_cli import lives as command
+from ema_cli.unit_calibration import CALIBRATION_FILE
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.health import HealthLimits
 from ema_recording.reader import Bag
@@ -40,7 +41,7 @@ def test_life_is_a_folder_with_a_bag_a_test(ema, tmp_path, short):
     assert set(index["dominant_fault"]) == {"backlash"}
     limit = HealthLimits().backlash
     for life in index.to_dict("records"):
-        bags = sorted((folder / life["life"]).iterdir())
+        bags = sorted((folder / life["life"]).glob("*.mcap"))
         assert len(bags) == life["tests"] - life["missing"]
         stamps, values = [], []
         for path in bags:
@@ -66,11 +67,32 @@ def test_life_is_a_folder_with_a_bag_a_test(ema, tmp_path, short):
 def test_test_bag_is_read_as_any_other(ema, tmp_path, short):
     folder = tmp_path / "lives"
     ema("lives", "-o", folder, "--fault", "friction", "--seed", "3")
-    last = sorted((folder / "life_0000").iterdir())[-1]
+    last = sorted((folder / "life_0000").glob("*.mcap"))[-1]
     result = ema("info", last)
     assert result.exit_code == 0
     # A gap of three blocks takes 300 of them.
     assert "17000 samples" in result.output or "16700 samples" in result.output
+
+
+def test_each_life_is_that_of_a_unit_which_its_calibration_fits(ema, tmp_path, short):
+    folder = tmp_path / "lives"
+    ema("lives", "-o", folder, "--count", "2", "--seed", "5", "--fault", "gain")
+    names = list(pd.read_csv(folder / "lives.csv")["serial_number"])
+    assert names == ["SIM-0001-5-0000", "SIM-0001-5-0001"]
+    for number, name in enumerate(names):
+        life = folder / f"life_{number:04d}"
+        result = ema("prognose", life)
+        assert f"flap ({name})" in result.stdout
+        assert str(life / CALIBRATION_FILE) in result.stdout
+        # Half of the windows are spoiled; no other is refused.
+        assert "serial number" not in result.stderr
+    both = ema("prognose", folder / "life_0000", folder / "life_0001")
+    assert both.exit_code == 1
+    for part in (*names, "a prognosis is of one unit"):
+        assert part in both.stderr
+    above = ema("prognose", folder)
+    assert above.exit_code == 1
+    assert f"{folder / 'life_0000'}, {folder / 'life_0001'}: give one of these" in above.stderr
 
 
 def test_estimates_hold_truth_and_covariance(ema, tmp_path, short):
@@ -81,6 +103,10 @@ def test_estimates_hold_truth_and_covariance(ema, tmp_path, short):
     windows = {line["window"] for line in lines}
     assert windows == {"good", "noisy", "gap"}
     for line in lines:
+        assert list(line) == [
+            "test", "hours", "window", "valid", "reason", "truth", "faults", "covariance",
+            "unobservable", "goodness_of_fit",
+        ]  # fmt: skip
         assert set(line["truth"]) == set(FAULT_NAMES)
         assert line["valid"] == (line["window"] == "good")
         if line["window"] == "gap":

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
+from ema_cli import prognose as command
 from ema_cli.known_laws import KnownLawType
 from ema_cli.life_bag import write_test
 from ema_cli.life_tests import simulated_tests
@@ -14,8 +16,9 @@ from ema_cli.prognosis_figure import draw_course
 from ema_cli.prognosis_table import as_values, prognosis_message
 from ema_cli.source_options import Source
 from ema_cli.true_life import true_remaining_life
+from ema_cli.unit_calibration import CALIBRATION_FILE
 from ema_cli.unit_course import Course, follow
-from ema_cli.unit_record import UnitRecord, read_unit
+from ema_cli.unit_record import UnitRecord, find_bags, read_unit
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_messages.faults import StampedFaults
@@ -23,12 +26,13 @@ from ema_messages.usage import usage_at_cycle
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate
 from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.observation import Observation
-from ema_monitor.prognosis.prognostics import PrognosisSettings
+from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.requirements import RequirementLimits
 from ema_monitor.prognosis.settings import NOMINAL_LAWS, TrackerSettings
 from ema_monitor.prognosis.tracker import Tracker
-from ema_monitor.prognosis.usage import Count, Service
+from ema_monitor.prognosis.usage import Service
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
 from ema_sim.lives import Life
@@ -179,6 +183,16 @@ def test_known_law_and_limit_are_what_the_tracker_goes_by():
     assert course_of(estimates, settings).outlooks[-1].rul_faults == tracker.predict().overall
 
 
+def counted_with(number: int, hours: float) -> Course:
+    """Return twenty tests, 10 h apart; one has service hours that somebody mistook."""
+    estimates = growing(2e-3, 20, seed=7)
+    counts = [Count(one.end_ns, one.end_ns / NS_PER_HOUR, 0) for one in estimates]
+    counts[number] = Count(counts[number].stamp_ns, hours, 0)
+    record = UnitRecord(ActuatorDescription(), [], counts, [], [])
+    parameters = Calibration.builtin().model().parameters
+    return follow(record, estimates, parameters, PrognosisSettings())
+
+
 def test_futures_leave_out_what_the_prognosis_leaves_out():
     estimates = growing(2e-3, 20, seed=7)
     # A count that went back, and a test that came twice.
@@ -193,16 +207,29 @@ def test_futures_leave_out_what_the_prognosis_leaves_out():
 
 
 def test_count_that_was_revoked_is_not_in_the_picture():
-    estimates = growing(2e-3, 20, seed=7)
-    counts = [Count(one.end_ns, one.end_ns / NS_PER_HOUR, 0) for one in estimates]
-    counts[8] = Count(counts[8].stamp_ns, 50_000.0, 0)
-    record = UnitRecord(ActuatorDescription(), [], counts, [], [])
-    parameters = Calibration.builtin().model().parameters
-    course = follow(record, estimates, parameters, PrognosisSettings())
+    course = counted_with(8, 50_000.0)
     hours = INTERVAL_H * np.arange(1, 21)
     hours[8] = np.nan
     np.testing.assert_array_equal(course.hours, hours)
     assert draw_course(course).axes[0].get_xlim()[1] < 1000.0
+
+
+@pytest.mark.parametrize("mistaken", [30.0, 50_000.0])
+def test_future_begins_at_the_last_test_whose_hours_are_believed(mistaken):
+    course = counted_with(-1, mistaken)
+    assert not course.outlooks[-1].rul.known
+    figure = draw_course(course)
+    axes = figure.axes
+    future = [line for one in axes for line in one.lines if line.get_label() == "future median"]
+    assert future
+    for line in future:
+        assert np.asarray(line.get_xdata())[0] == INTERVAL_H * 19
+    assert axes[0].get_xlim()[0] == INTERVAL_H
+    assert INTERVAL_H * 19 < axes[0].get_xlim()[1] < INTERVAL_H * 25
+    # The reason, however long, stays in the picture.
+    figure.draw_without_rendering()
+    title = next(text for text in axes[0].findobj(Text) if "service hours" in text.get_text())
+    assert title.get_window_extent().x1 < figure.bbox.x1
 
 
 def test_twice_the_duty_leaves_half_the_life_until_the_fault_limit():
@@ -263,7 +290,8 @@ def test_picture_shows_what_ends_life_and_what_happened(tmp_path, counted):
     labels = {text.get_text() for text in figure.legends[0].get_texts()}
     assert {"estimate, 90 %", "tracked", "limit"} <= labels
     assert ("event" in labels) == counted
-    assert ("predicted, median" in labels) == counted or not counted
+    for words in ("predicted, median", "predicted, 5 to 95 %", "future median"):
+        assert (words in labels) == counted
     title = figure.axes[0].get_title(loc="left")
     assert ("service hours are unknown" in title) == (not counted)
     figure.savefig(tmp_path / "picture.png")
@@ -301,7 +329,7 @@ def test_reason_that_holds_for_all_is_told_once_and_how_to_mend_it(ema, written)
     silent = ema("prognose", SAMPLE)
     assert silent.exit_code == 0
     assert "--hours-per-cycle" in silent.stderr
-    assert silent.stdout.count("nothing was heard on topic usage") == 1
+    assert silent.stdout.count("no count on topic usage was read before the test") == 1
 
 
 def test_two_actuators_are_refused_by_name_unless_one_is_chosen(ema, written):
@@ -349,6 +377,22 @@ def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
     assert record.remarks == [f"{path}: usage of serial number '0002' is passed over"]
 
 
+def test_usage_that_was_read_after_the_test_is_not_said_to_be_missing(ema, tmp_path):
+    life = Life("", {}, np.array([1.0]), fault_vector({})[None], ("good",), math.inf)
+    description = ActuatorDescription()
+    [test] = simulated_tests(life, description, np.random.default_rng(0), lambda: False)
+    path = tmp_path / "one.mcap"
+    with BagWriter(path) as writer, SimulatedActuatorBag(writer, description) as bag:
+        for block in test.blocks:
+            bag.write_block(block)
+        late = test.start_ns + 60_000_000_000
+        writer.write("/ema/usage", usage_at_cycle(description, late, 40.0, 7), late)
+    result = ema("prognose", path)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert "flight hours unknown" in result.stdout
+    assert "read before the test" in result.stdout
+
+
 def test_simulated_bag_tells_its_service_hours(ema, tmp_path):
     bag = tmp_path / "three.mcap"
     assert ema("simulate", "--cycles", "3", "-o", bag).exit_code == 0
@@ -364,7 +408,7 @@ def test_impossible_usage_is_told_and_not_used(tmp_path):
     write_test(tmp_path / "one.mcap", replace(test, hours=-1.0), description)
     record = read_unit([tmp_path], source())
     assert record.counts == []
-    assert "flight_hours = -1 h: expected a number of at least 0" in record.remarks[0]
+    assert "usage is impossible: flight_hours = -1 h" in record.remarks[0]
 
 
 @pytest.mark.parametrize(
@@ -382,6 +426,11 @@ def test_impossible_usage_is_told_and_not_used(tmp_path):
         (("--limit", "rust=1"), 1, ("'rust'", "friction", "bandwidth")),
         (("--limit", "friction=2"), 1, ("friction", "2", "1")),
         (("--end-hours", "-1"), 2, ("--end-hours", "-1")),
+        (("--end-hours", "nan"), 2, ("--end-hours", "nan")),
+        (("--end-hours", "inf"), 2, ("--end-hours", "inf")),
+        (("-o", "life.xyz"), 1, ("life.xyz", ".png", ".svg")),
+        (("-o", "life"), 1, ("life", ".png", ".svg")),
+        (("-o", "nowhere/life.png"), 1, ("nowhere/life.png", "no folder nowhere")),
     ],
 )
 def test_wrong_usage_is_one_line(ema, arguments, code, parts):
@@ -398,6 +447,62 @@ def test_missing_bag_and_empty_folder_are_named(ema, tmp_path):
     empty = ema("prognose", tmp_path)
     assert empty.exit_code == 1
     assert f"{tmp_path}: this folder holds no bag" in empty.stderr
+    assert "give one of these" not in empty.stderr
+
+
+def test_folder_of_lives_tells_which_of_its_folders_hold_bags(written, tmp_path):
+    for number in range(5):
+        (tmp_path / f"life_{number}").mkdir()
+        if number != 1:
+            written(f"life_{number}/test.mcap")
+    named = ", ".join(str(tmp_path / f"life_{number}") for number in (0, 2, 3))
+    with pytest.raises(ValueError, match="holds no bag") as refused:
+        find_bags([tmp_path])
+    assert f"{named} and 1 more: give one of these" in str(refused.value)
+
+
+def test_calibration_beside_the_bags_is_that_of_the_unit(ema, written, tmp_path):
+    bag = written("one.mcap", serial_number="0002")
+    refused = ema("prognose", bag)
+    assert refused.exit_code == 3
+    assert "serial number '0002'" in refused.stderr
+    path = tmp_path / CALIBRATION_FILE
+    replace(Calibration.builtin(), serial_number="0002").save(path)
+    for argument in (bag, tmp_path):
+        told = ema("prognose", argument)
+        assert (told.exit_code, told.stderr) == (0, "")
+        assert str(path) in told.stdout
+    # What is named on the command line holds before it.
+    named = tmp_path / "named.yaml"
+    Calibration.builtin().save(named)
+    assert ema("prognose", bag, "--calibration", named).exit_code == 3
+
+
+def test_two_calibrations_beside_the_bags_are_no_choice(ema, written, tmp_path):
+    bags = []
+    for hours, name in ((1.0, "a"), (2.0, "b")):
+        (tmp_path / name).mkdir()
+        Calibration.builtin().save(tmp_path / name / CALIBRATION_FILE)
+        bags.append(written(f"{name}/test.mcap", hours))
+    result = ema("prognose", *bags)
+    assert result.exit_code == 1
+    assert "choose one with --calibration" in result.stderr
+    chosen = tmp_path / "a" / CALIBRATION_FILE
+    assert ema("prognose", *bags, "--calibration", chosen).exit_code == 0
+
+
+@pytest.mark.parametrize("form", [(), ("--json",)])
+def test_figures_are_printed_even_if_the_picture_cannot_be_written(
+    ema, written, monkeypatch, tmp_path, form
+):
+    def fail(course, end_hours):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(command, "draw_course", fail)
+    result = ema("prognose", written("one.mcap"), "-o", tmp_path / "life.png", *form)
+    assert result.exit_code == 1
+    assert "no space left on device" in result.stderr
+    assert "health_index" in result.stdout if form else "health index" in result.stdout
 
 
 def test_law_with_figures_is_taken_as_given():

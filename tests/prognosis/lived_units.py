@@ -1,10 +1,14 @@
 """Units whose friction and backlash grow over their tests."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from ema_core.parameters import ActuatorParameters
+from ema_monitor.estimate import Estimate
+from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
@@ -50,3 +54,43 @@ def lived(
 def plain(outlook: Outlook) -> str:
     """Everything in it but the events, each figure to its last digit."""
     return repr(replace(outlook, events=()))
+
+
+class Cycle(NamedTuple):
+    """A test cycle: its estimate, and what was counted before it; NaN when nothing was."""
+
+    estimate: Estimate
+    counted_hours: float = math.nan
+
+
+def worn(number: int, counted_hours: float = math.nan, *, valid: bool = True) -> Cycle:
+    estimate = made_test(
+        number, seed=3, valid=valid, friction=friction(number), backlash=backlash(number)
+    )
+    return Cycle(estimate, counted_hours)
+
+
+def follow(
+    prognostics: Prognostics, cycles: Iterable[Cycle], settings: PrognosisSettings = TEN_HOURS
+) -> list[Outlook | None]:
+    """What is said after each of the cycles, without requirements."""
+    told = []
+    for estimate, hours in cycles:
+        if not math.isnan(hours):
+            prognostics.tell(Count(estimate.start_ns, hours, 0))
+        told.append(prognostics.take(estimate, None, settings))
+    return told
+
+
+def counted(hours: Iterable[float]) -> list[Outlook]:
+    """What is said of a unit of which somebody counted these hours before its tests."""
+    told = follow(Prognostics(History(*UNIT)), [worn(n, h) for n, h in enumerate(hours)])
+    return [outlook for outlook in told if outlook]
+
+
+def ten_hours_a_test(n: int, **mistaken: float) -> list[float]:
+    """Hours at n tests, but for those ``at_`` some."""
+    hours = [10.0 * (number + 1) for number in range(n)]
+    for number, wrong in mistaken.items():
+        hours[int(number.removeprefix("at_"))] = wrong
+    return hours

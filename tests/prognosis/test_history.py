@@ -11,37 +11,17 @@ import numpy as np
 import pytest
 
 from ema_monitor.estimate import Estimate
+from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_line, from_line
-from ema_monitor.prognosis.usage import Count
 
+from .kept_histories import UNIT, entry, hours, kept
 from .made_tests import made_test
-
-UNIT = ("flap", "SIM-0001")
-
-
-def entry(number: int) -> Entry:
-    return Entry(made_test(number, friction=0.01 * number), 10.0 * number, number + 1, 1.0)
 
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "histories" / "flap.jsonl"
-
-
-def kept(path: Path, n: int = 3) -> bytes:
-    """A history of n tests in a file; returns what the file holds."""
-    history = History(*UNIT, path)
-    for number in range(n):
-        history.append(entry(number))
-    history.close()
-    return path.read_bytes()
-
-
-def hours(path: Path, unit: tuple[str, str] = UNIT) -> tuple[list[float], str]:
-    history = History(*unit, path)
-    history.close()
-    return [item.hours for item in history.entries], history.problem
 
 
 def test_every_figure_comes_back_to_the_last_bit(path: Path):
@@ -151,88 +131,16 @@ def test_history_survives_kill_in_the_midst_of_writing(path: Path):
     assert told[-1] <= len(found) <= told[-1] + 1
 
 
-@pytest.mark.parametrize("place", ["header", "first", "last"])
-def test_corrupted_history_is_set_aside_whole_and_a_new_one_begun(path: Path, place: str):
-    lines = kept(path).splitlines(keepends=True)
-    number = {"header": 0, "first": 1, "last": 3}[place]
-    # One digit of one figure: it is JSON still.
-    at = lines[number].index(b"1")
-    lines[number] = lines[number][:at] + b"2" + lines[number][at + 1 :]
-    spoiled = b"".join(lines)
-    path.write_bytes(spoiled)
+def test_windows_without_estimate_are_held_as_well(path: Path):
     history = History(*UNIT, path)
-    aside = path.with_name("flap.set_aside_1.jsonl")
-    assert history.entries == []
-    assert str(path) in history.problem
-    assert aside.name in history.problem
-    assert "checksum" in history.problem
-    assert aside.read_bytes() == spoiled
-    history.append(entry(4))
+    history.append(UnusedCycle(1))
+    history.append(entry(0))
     history.close()
-    assert hours(path) == ([40.0], "")
-
-
-@pytest.mark.parametrize(
-    ("content", "reason"),
-    [
-        (b"\x00\x01\xff" * 300 + b"\n", "header"),
-        (b"hours,friction\n10,0.1\n", "header"),
-        (b"\n", "header"),
-        (b"\x00" * 5000, "no line of a history"),
-    ],
-)
-def test_file_that_is_no_history_is_set_aside(path: Path, content: bytes, reason: str):
-    path.parent.mkdir()
-    path.write_bytes(content)
-    found, problem = hours(path)
-    assert found == []
-    assert reason in problem
-    assert path.with_name("flap.set_aside_1.jsonl").read_bytes() == content
-
-
-def test_damaged_end_is_left_out_and_the_file_kept_as_it_was(path: Path):
-    """As a loss of power leaves it: a stretch of zeros."""
-    spoiled = kept(path) + b"\x00" * 3000
-    path.write_bytes(spoiled)
-    found, problem = hours(path)
-    assert found == [0.0, 10.0, 20.0]
-    assert "damaged end" in problem
-    assert path.with_name("flap.set_aside_1.jsonl").read_bytes() == spoiled
-
-
-def test_what_another_monitor_wrote_since_is_not_overwritten(path: Path):
-    late = History(*UNIT, path)
-    written = kept(path)
-    late.append(entry(7))
-    late.close()
-    assert path.read_bytes() == written
-    assert "written by another monitor" in late.problem
-    assert [item.hours for item in late.entries] == [70.0]
-
-
-def test_history_of_another_unit_is_set_aside_and_none_is_overwritten(path: Path):
-    first = kept(path)
-    other = ("flap", "SIM-0002")
-    found, problem = hours(path, other)
-    assert found == []
-    assert "'SIM-0001', not 'SIM-0002'" in problem
-    second = kept(path, 1)
-    hours(path, other)
-    assert path.with_name("flap.set_aside_1.jsonl").read_bytes() == first
-    assert path.with_name("flap.set_aside_2.jsonl").read_bytes() == second
-
-
-def test_history_in_use_is_left_alone(path: Path):
-    owner = History(*UNIT, path)
-    owner.append(entry(0))
-    before = path.read_bytes()
-    second = History(*UNIT, path)
-    assert "in use by another monitor" in second.problem
-    second.append(entry(1))
-    assert path.read_bytes() == before
-    assert len(second.entries) == 1
-    owner.close()
-    assert hours(path) == ([0.0], "")
+    again = History(*UNIT, path)
+    again.close()
+    stamp_ns = entry(0).stamp_ns
+    assert [again.holds(stamp) for stamp in (1, 2, stamp_ns)] == [True, False, True]
+    assert [again.holds_valid(stamp) for stamp in (1, stamp_ns)] == [False, True]
 
 
 def test_disk_that_cannot_be_written_is_told_and_caught_up_with(

@@ -25,7 +25,11 @@ def test_figures_are_rate_and_second_figure_of_the_law():
         ("friction", "archard", "median rate of friction is known for law exponential only"),
         ("friction", "linear:fast", "'linear:fast' of friction: could not convert"),
         ("friction", "linear:-1", "rate"),
-        ("friction", "power:900", "needs an exponent"),
+        ("friction", "power:900", "law power needs a second figure"),
+        ("friction", "archard:1e-3", "law archard needs a second figure"),
+        ("eccentricity", "power:1e-9:1.6", "takes .* h: expected 50 to 30000 h"),
+        ("friction", "linear:1e6", "takes 5e-07 h: expected 50 to 30000 h"),
+        ("friction", "exponential:2e-3:0", "needs an x_0 above 0"),
         ("friction", "power:900:1:2", "expected at most two"),
     ],
 )

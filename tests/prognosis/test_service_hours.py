@@ -1,101 +1,46 @@
 """Service hours of a unit: counted, stood in for by tests, contradicted, and kept by a restart."""
 
 import math
-from collections.abc import Iterable
-from itertools import combinations, pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from ema_monitor.estimate import Estimate
+from ema_core.levels import OK, WARN
 from ema_monitor.health import HealthLimits, assess
+from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.service_order import ServiceOrder
-from ema_monitor.prognosis.usage import Age, Count, Service, Usage
+from ema_monitor.prognosis.usage import Service
 
-from .lived_units import PARAMETERS, TEN_HOURS, UNIT, backlash, friction, lived, plain
+from .lived_units import (
+    PARAMETERS,
+    TEN_HOURS,
+    UNIT,
+    Cycle,
+    backlash,
+    counted,
+    follow,
+    friction,
+    lived,
+    plain,
+    ten_hours_a_test,
+    worn,
+)
 from .made_tests import FIRST_NS, PERIOD_NS, made_test
-
-
-class Cycle(NamedTuple):
-    """A test cycle: its estimate, and what was counted before it; NaN when nothing was."""
-
-    estimate: Estimate
-    counted_hours: float = math.nan
-
-
-def worn(number: int, counted_hours: float = math.nan, *, valid: bool = True) -> Cycle:
-    estimate = made_test(
-        number, seed=3, valid=valid, friction=friction(number), backlash=backlash(number)
-    )
-    return Cycle(estimate, counted_hours)
-
-
-def follow(
-    prognostics: Prognostics, cycles: Iterable[Cycle], settings: PrognosisSettings = TEN_HOURS
-) -> list[Outlook | None]:
-    """What is said after each of the cycles, without requirements."""
-    told = []
-    for estimate, hours in cycles:
-        if not math.isnan(hours):
-            prognostics.tell(Count(estimate.start_ns, hours, 0))
-        told.append(prognostics.take(estimate, None, settings))
-    return told
-
-
-def counted(hours: Iterable[float]) -> list[Outlook]:
-    """What is said of a unit of which somebody counted these hours before its tests."""
-    told = follow(Prognostics(History(*UNIT)), [worn(n, h) for n, h in enumerate(hours)])
-    return [outlook for outlook in told if outlook]
-
-
-def ten_hours_a_test(n: int, **mistaken: float) -> list[float]:
-    hours = [10.0 * (number + 1) for number in range(n)]
-    for number, wrong in mistaken.items():
-        hours[int(number.removeprefix("at_"))] = wrong
-    return hours
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_used_are_the_most_tests_whose_hours_never_go_back(seed: int):
-    """After each test, by trying all choices; and those in use stay where others are no more."""
-    rng = np.random.default_rng(seed)
-    hours = rng.integers(0, 8, 9).astype(float)
-    order, before = ServiceOrder(), []
-    for n in range(1, len(hours) + 1):
-        revoked = order.add(hours[n - 1])
-        used = order.used
-        ascends = all(hours[a] <= hours[b] for a, b in pairwise(used))
-        assert ascends
-        assert used == sorted(set(used))
-        larger = combinations(range(n), len(used) + 1)
-        assert not any(all(hours[a] <= hours[b] for a, b in pairwise(c)) for c in larger)
-        assert revoked == sorted(set(before) - set(used))
-        if len(used) == len(before):
-            assert used == before
-        before = list(used)
-
-
-def test_choice_keeps_what_it_need_not_change():
-    order = ServiceOrder()
-    for hours in (10.0, 20.0, 15.0, 30.0, 900.0, 40.0):
-        order.add(hours)
-    assert order.used == [0, 1, 3, 4]
-    # 15 h would do as well as 20 h.
-    assert order.add(50.0) == [4]
-    assert order.used == [0, 1, 3, 5, 6]
 
 
 def test_one_count_too_high_is_revoked_by_the_second_test_after_it():
     hours = ten_hours_a_test(22, at_18=50_000.0)
     told = counted(hours)
-    wrong, contradicted, revoked, last = told[18:]
+    before, wrong, contradicted, revoked, last = told[17:]
     assert wrong.hours == 50_000.0
+    assert not wrong.rul.known
+    assert "jumped from 180 h to 50000 h" in wrong.rul.reason
+    # As one test tells it, not as growth over 50,000 h would have it: then it is 0.
+    assert wrong.health.level <= WARN
+    assert wrong.health.health_index == pytest.approx(before.health.health_index, abs=0.03)
     assert "went back from 50000 h to 200 h" in contradicted.rul.reason
     assert not contradicted.rul.known
     [event] = revoked.events
@@ -127,6 +72,123 @@ def test_several_counts_too_high_are_revoked_together_by_one_test_more():
     assert at == 16
     assert "7010 h to 7012 h at 3 tests, 11 to 13, revoked: 4 tests" in told[16].events[0]
     assert told[17].hours == 180.0
+
+
+@pytest.mark.parametrize("wrong", [2_000.0, 50_000.0])
+@pytest.mark.parametrize("is_worn", [True, False])
+def test_one_count_too_high_raises_no_alarm(wrong: float, is_worn: bool):
+    """Growth is not extrapolated to hours that nothing has confirmed."""
+    told = []
+    prognostics = Prognostics(History(*UNIT))
+    for number, hours in enumerate(ten_hours_a_test(24, at_20=wrong)):
+        estimate = worn(number).estimate if is_worn else made_test(number, seed=3, friction=0.1)
+        prognostics.tell(Count(estimate.start_ns, hours, number + 1))
+        told.append(prognostics.take(estimate, PARAMETERS, TEN_HOURS))
+    levels = [item.health.level for item in told[17:]]
+    # The torque margin of a worn unit is near its limit at a single test as well.
+    assert max(levels) <= (WARN if is_worn else OK)
+    assert not told[20].rul.known
+    assert f"from 200 h to {wrong:g} h" in told[20].rul.reason
+    assert told[20].events == (told[20].rul.reason,)
+    single = assess(prognostics.history.entries[20].estimate, HealthLimits())
+    assert told[20].health.faults == single.faults
+    assert told[20].health.health_index == single.health_index > 0.7
+    assert told[22].events[0].startswith(f"service hours {wrong:g} h at test 21 revoked")
+
+
+def test_long_pause_is_believed_from_the_next_test_on():
+    hours = [*ten_hours_a_test(20), *(5000.0 + 10.0 * n for n in range(4))]
+    cycles = [worn(min(n, 20), h) for n, h in enumerate(hours)]
+    # No growth in the pause: the same levels go on, as new tests.
+    cycles[21:] = [
+        Cycle(made_test(n, seed=3, friction=friction(20), backlash=backlash(20)), hours[n])
+        for n in range(21, 24)
+    ]
+    prognostics = Prognostics(History(*UNIT))
+    told = [item for item in follow(prognostics, cycles) if item]
+    assert "jumped from 200 h to 5000 h" in told[20].rul.reason
+    assert all(item.health.level <= WARN for item in told[20:])
+    assert not any("jumped" in item.rul.reason for item in told[21:])
+    assert [entry.hours for entry in prognostics.growth.in_use] == hours
+
+
+def test_guessed_hours_are_left_out_once_hours_are_counted():
+    """Ten hours a test were guessed, five are counted: no growth is seen in the difference."""
+    cycles = [worn(n) for n in range(20)] + [worn(n, 5.0 * (n + 1)) for n in range(20, 32)]
+    prognostics = Prognostics(History(*UNIT))
+    told = [item for item in follow(prognostics, cycles) if item]
+    assert told[20].events == (
+        "service hours are counted from now on: the 20 tests before, whose hours were guessed by "
+        "hours_per_cycle, are left out",
+    )
+    assert not any(item.events for item in told[21:])
+    assert [entry.hours for entry in prognostics.growth.in_use] == [5.0 * n for n in range(21, 33)]
+    # As if nothing had been guessed.
+    alone = [item for item in follow(Prognostics(History(*UNIT)), cycles[20:]) if item]
+    assert told[-1].rul_faults == alone[-1].rul_faults
+    assert told[-1].rul_faults.known
+
+
+def test_test_before_the_first_count_is_not_mixed_with_counted_ones():
+    """Its stamp is before all counts, for instance of a bag that comes late."""
+    prognostics = Prognostics(History(*UNIT))
+    follow(prognostics, [worn(n, 5.0 * n) for n in range(5, 10)])
+    [late] = [item for item in follow(prognostics, [worn(0)]) if item]
+    assert "guessed by hours_per_cycle, and those of others are counted" in late.rul.reason
+    assert len(prognostics.growth.in_use) == 5
+
+
+@pytest.mark.parametrize("settings", [PrognosisSettings(), TEN_HOURS])
+def test_count_that_stops_is_noticed_after_ten_tests(settings: PrognosisSettings, tmp_path: Path):
+    path = tmp_path / "history.jsonl"
+    prognostics = Prognostics(History(*UNIT, path), settings)
+    cycles = [worn(n, h) for n, h in enumerate(ten_hours_a_test(20))]
+    told = follow(prognostics, [*cycles, *(worn(n) for n in range(20, 31))], settings)
+    # That of the 20th test holds for nine more.
+    assert [item.hours for item in told[19:29] if item] == [200.0] * 10
+    for number, item in enumerate(told[29:], 11):
+        assert item is not None
+        assert math.isnan(item.hours)
+        assert item.rul.reason.startswith(
+            f"service hours are unknown: the latest count of service hours is {number} tests old"
+        )
+    prognostics.history.close()
+    again = Prognostics(History(*UNIT, path), settings)
+    resumed = again.resume(None, settings)
+    assert resumed is not None
+    assert "is 12 tests old" in resumed.rul.reason
+    [going_on, far, back] = follow(again, [worn(31), worn(32, 330.0), worn(33, 340.0)], settings)
+    again.history.close()
+    assert going_on is not None
+    assert "is 13 tests old" in going_on.rul.reason
+    assert far is not None
+    assert "jumped from 200 h to 330 h" in far.rul.reason
+    assert back is not None
+    assert back.rul_faults.known
+
+
+def test_reason_of_unknown_hours_is_true_where_a_count_came_later():
+    prognostics = Prognostics(History(*UNIT))
+    prognostics.tell(Count(FIRST_NS + 1000 * PERIOD_NS, 50.0, 0))
+    [outlook] = follow(prognostics, [worn(0)], PrognosisSettings())
+    assert outlook is not None
+    assert "no count on topic usage was read before the test" in outlook.rul.reason
+    assert "hours_per_cycle is 0" in outlook.rul.reason
+
+
+def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):
+    path = tmp_path / "history.jsonl"
+    for _ in range(3):
+        prognostics = Prognostics(History(*UNIT, path), TEN_HOURS)
+        follow(prognostics, [worn(0, valid=False)] * 2)
+        prognostics.history.close()
+    prognostics = Prognostics(History(*UNIT, path), TEN_HOURS)
+    # The same window with an estimate is taken, but is no further cycle.
+    first, second = follow(prognostics, [worn(0), worn(1)])
+    prognostics.history.close()
+    assert first is not None
+    assert second is not None
+    assert [(item.hours, item.cycles) for item in (first, second)] == [(10.0, 1), (20.0, 2)]
 
 
 def test_count_that_began_anew_is_told_with_every_test_and_what_to_do():
@@ -210,7 +272,8 @@ def test_unknown_hours_leave_life_unknown_and_health_to_the_estimate():
 
 
 def test_hours_that_go_back_are_told_and_left_out():
-    prognostics, _ = lived(30)
+    prognostics = Prognostics(History(*UNIT))
+    follow(prognostics, [worn(n, h) for n, h in enumerate(ten_hours_a_test(30))])
     prognostics.tell(Count(FIRST_NS + 30 * PERIOD_NS, 3.0, 0))
     odd = prognostics.take(made_test(30, friction=0.3), PARAMETERS, TEN_HOURS)
     assert odd is not None
@@ -232,37 +295,3 @@ def test_missed_tests_count_and_are_told():
     assert any("2 without a valid estimate" in event for event in events[100.0])
     assert any("1 without a valid estimate" in event for event in events[140.0])
     assert (told[-1].hours, told[-1].cycles, told[-1].hours_per_cycle) == (200.0, 20, 10.0)
-
-
-def test_usage_is_the_latest_count_before_the_test():
-    usage = Usage(Age())
-    for stamp_ns, hours in ((50, 5.0), (10, 1.0), (90, 9.0)):
-        usage.tell(Count(stamp_ns, hours, 0))
-    told = []
-    for stamp_ns in (5, 20, 60, 60, 100):
-        usage.pass_test()
-        told.append(usage.at(stamp_ns, 0.0))
-    assert math.isnan(told[0].hours)
-    assert [age.hours for age in told[1:]] == [1.0, 5.0, 5.0, 9.0]
-    assert [age.cycles for age in told] == [1, 2, 3, 4, 5]
-
-
-def test_counted_cycles_hold_over_those_seen():
-    usage = Usage(Age(100.0, 10))
-    count = Count(1, 200.0, 25)
-    usage.tell(count)
-    usage.pass_test()
-    assert usage.at(2, 7.0) == Age(200.0, 25, count)
-
-
-def test_tests_count_for_hours_where_nobody_counts():
-    usage = Usage(Age(100.0, 10))
-    usage.pass_test()
-    usage.pass_test()
-    assert usage.at(2, 7.0) == Age(114.0, 12)
-
-
-@pytest.mark.parametrize("hours", [-1.0, math.nan, math.inf])
-def test_impossible_count_is_refused(hours: float):
-    with pytest.raises(ValueError, match="flight_hours = "):
-        Count(0, hours, 0)

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from ema_core.faults import FAULT_NAMES, HIGHEST, fault_vector, healthy_faults
 from ema_monitor.prognosis.events import Event
 from ema_monitor.prognosis.observation import Observation
-from ema_monitor.prognosis.tracker import TrackedFault, Tracker
+from ema_monitor.prognosis.tracked_fault import TrackedFault
+from ema_monitor.prognosis.tracker import Tracker
 from ema_sim.growth import Growth, grow
 
 SIGMA = 0.003

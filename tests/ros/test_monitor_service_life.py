@@ -1,28 +1,26 @@
 """Service life reaches the unit that it is of, and is known again after a restart."""
 
 import math
-import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Usage
 from ema_messages import topics
-from ema_messages.stamps import stamp_to_message
 from ema_monitor.calibration import Calibration
 from ema_monitor.calibration_store import CalibrationStore
+from ema_monitor.monitor_unit import Unit
 from ema_monitor.prognosis.prognostics import Prognostics
 
-from .monitor_session import FLAP, MonitorSession, monitor
-from .spinning import wait_for
-from .worn_actuator import HOURS, live, plain, predict, use, worn_cycles
+from .monitor_session import FLAP, monitor
+from .mounted_units import all_heard, count_of, mount
+from .worn_actuator import HOURS, live, predict, use, worn_cycles
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
+WARNING = bytes([WARN])
 OTHER = replace(FLAP, serial_number="SIM-0002")
 
 
@@ -40,29 +38,6 @@ def _one_calibration_for_all(monkeypatch: pytest.MonkeyPatch):
         "of",
         lambda _, unit: replace(builtin, serial_number=unit.serial_number),
     )
-
-
-def count_of(session: MonitorSession, serial_number: str, hours: float, stamp_ns: int) -> None:
-    message = Usage(actuator_id="flap", serial_number=serial_number, flight_hours=hours)
-    message.header.stamp = stamp_to_message(stamp_ns)
-    session.send(topics.USAGE, message)
-
-
-def mount(session: MonitorSession, description: ActuatorDescription) -> None:
-    """Describe a unit, and wait until the monitor knows of it."""
-    units = session.node._units
-    session.describe(description)
-    wait_for(
-        lambda: "flap" in units and units["flap"].watch.description == description,
-        "the description",
-    )
-
-
-def all_heard(session: MonitorSession) -> None:
-    """Once an impossible count is complained of, all before it have been heard."""
-    said = len(session.statuses("flap telemetry"))
-    use(session, -1.0, 1)
-    session.until_told("flap telemetry", "flight_hours = -1 h", since=said)
 
 
 def test_hours_are_those_of_the_usage_topic(cycles: list[Telemetry]):
@@ -165,60 +140,6 @@ def test_unit_that_is_fitted_has_no_health_of_the_one_before(cycles: list[Teleme
         assert (status.hardware_id, status.level) == ("SIM-0002", bytes([STALE]))
 
 
-def test_health_is_known_again_after_a_restart_without_a_new_test(
-    cycles: list[Telemetry], tmp_path: Path
-):
-    # The stamps of telemetry are those of the wall clock here, as with a real actuator.
-    shift_ns = time.time_ns() - int(cycles[2].stamps_ns[-1])
-    recent = [replace(block, stamp_ns=block.stamp_ns + shift_ns) for block in cycles[:3]]
-    given = {
-        "hours_per_cycle": HOURS,
-        "history_folder": str(tmp_path),
-        "expected_period_s": 1000.0,
-    }
-    with monitor(given) as session:
-        mount(session, FLAP)
-        expected = live(session, recent)[-1]
-    with monitor(given) as session:
-        mount(session, FLAP)
-        [health] = session.until(session.healths)
-        expected.events = []
-        assert plain(health) == plain(expected)
-        session.until_told("flap health", "", bytes([health.level]))
-        [life] = session.statuses("flap health")[-1:]
-        assert {item.key: item.value for item in life.values}["flight hours [h]"] == "30"
-
-
-def test_telemetry_is_received_while_a_history_is_read(
-    cycles: list[Telemetry], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    with monitor({"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}) as session:
-        mount(session, FLAP)
-        live(session, cycles[:1])
-    begun, go_on = threading.Event(), threading.Event()
-    begin = Prognostics.__init__
-
-    def slow(self: Prognostics, *args: Any) -> None:
-        begun.set()
-        assert go_on.wait(10.0)
-        begin(self, *args)
-
-    monkeypatch.setattr(Prognostics, "__init__", slow)
-    with monitor({"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}) as session:
-        session.describe()
-        assert begun.wait(10.0)
-        try:
-            session.feed([cycles[1].part(0, 5000)])
-            use(session, 500.0, 1)
-            all_heard(session)
-            wait_for(lambda: session.node.unit("flap").watch.blocks == 1, "the block")
-            assert not session.healths()
-        finally:
-            go_on.set()
-        [health] = session.until(session.healths)
-        assert (health.flight_hours, health.cycles) == (HOURS, 1)
-
-
 def test_service_that_fails_says_so_and_goes_on(
     cycles: list[Telemetry], monkeypatch: pytest.MonkeyPatch
 ):
@@ -234,3 +155,43 @@ def test_service_that_fails_says_so_and_goes_on(
         assert not answer.success
         assert "the prognosis failed: FloatingPointError('made up')" in answer.message
         assert predict(session, 1.0).success
+
+
+def test_impossible_use_makes_no_actuator_known(cycles: list[Telemetry]):
+    with monitor({"hours_per_cycle": HOURS}) as session:
+        mount(session, FLAP)
+        live(session, cycles[:1])
+        for hours in (math.nan, -3.0):
+            session.send(topics.USAGE, Usage(actuator_id="rudder", flight_hours=hours))
+        session.until_told("input", "2 wrong messages of actuators that are not watched", WARNING)
+        session.until_told("input", "'rudder': usage is impossible: flight_hours = -3 h", WARNING)
+        # Nothing but the flap is watched, so that it need not be named.
+        assert predict(session, 1.0).success
+        assert not session.statuses("rudder telemetry")
+
+
+def test_impossible_cycles_cost_the_count_alone(cycles: list[Telemetry]):
+    """They would not fit into what is published."""
+    with monitor({"hours_per_cycle": HOURS}) as session:
+        mount(session, FLAP)
+        use(session, 10.0, 1, cycles=2**64 - 1)
+        session.until_told("flap telemetry", f"cycles = {2**64 - 1}: expected")
+        [health] = live(session, cycles[:1])
+        assert (health.cycles, health.flight_hours) == (1, HOURS)
+        assert [estimate.valid for estimate in session.estimates()] == [True]
+
+
+def test_health_that_cannot_be_published_costs_no_second_estimate(
+    cycles: list[Telemetry], monkeypatch: pytest.MonkeyPatch
+):
+    def fail(*_: Any) -> Any:
+        raise OverflowError("made up")
+
+    with monitor({"hours_per_cycle": HOURS}) as session:
+        mount(session, FLAP)
+        with monkeypatch.context() as patched:
+            patched.setattr(Unit, "conclude", fail)
+            session.feed(cycles[:1])
+            session.until_told("flap telemetry", "publishing health failed: OverflowError")
+        live(session, cycles[1:2])
+        assert [(item.window, item.valid) for item in session.estimates()] == [(0, True), (1, True)]

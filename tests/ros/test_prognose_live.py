@@ -15,13 +15,14 @@ from ema_messages.stamps import stamp_to_message
 from ema_monitor.calibration import Calibration
 from ema_monitor.diagnosis import Search
 from ema_monitor.monitor_messages import health_to_message
-from ema_monitor.prognosis.prognostics import PrognosisSettings
+from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.trigger import TriggerSettings
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
 from ema_sim.actuator import SimulatedActuator
 
 from .monitor_session import CYCLE, FLAP, START_NS, monitor
+from .mounted_units import mount
 
 TESTS = 8
 
@@ -62,7 +63,7 @@ def offline(path: Path) -> list[Health]:
 def test_every_health_message_is_that_of_the_live_monitor_to_the_last_digit(tmp_path: Path):
     tests = counted_tests()
     with monitor() as session:
-        session.describe()
+        mount(session, FLAP)
         for _, usage in tests:
             session.send(topics.USAGE, usage)
         # Once the last count is complained of, all before it have been heard.

@@ -36,6 +36,8 @@ class Bank:
         Probability of each cell; sums to 1 over the cells of a component.
     mean, variance
         Signed distance from healthy in each cell [-].
+    members
+        Numbers of the cells of each component.
     """
 
     def __init__(self, cells: Cells, settings: TrackerSettings) -> None:
@@ -45,28 +47,40 @@ class Bank:
         self.mean = np.zeros_like(cells.prior)
         self.variance = np.ones_like(cells.prior)
         self._n = int(cells.component.max()) + 1
+        self.members = [np.flatnonzero(cells.component == number) for number in range(self._n)]
+        # Cells of a component lie side by side in each law.
+        self._runs = np.flatnonzero(np.diff(cells.component, prepend=-1))
         self._constant = cells.slices["constant"]
         self._noise_hours = np.expm1(settings.process_noise**2) * settings.process_noise_hours
         # A change leads to growth of any kind, and seldom to none: a component seen to grow that
         # never did must find back, but not by the few tests that its growth does not show in.
         arriving = cells.prior.copy()
         arriving[self._constant] *= _STANDSTILL
-        self._arriving = arriving / self._sum(arriving)[cells.component]
-        self._two_sided = (self._sum((cells.side < 0.0).astype(float)) > 0.0)[cells.component]
+        self._arriving = arriving / self.sums(arriving)[cells.component]
+        self._two_sided = (self.sums((cells.side < 0.0).astype(float)) > 0.0)[cells.component]
 
     @property
     def noise_hours(self) -> float:
         """Variance of the effective time of growth per hour in service [h]."""
         return float(self._noise_hours)
 
-    def _sum(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.bincount(self.cells.component, values, self._n).astype(np.float64, copy=False)
+    def sums(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the sums over each component's cells, ``(7,)``.
+
+        Parameters
+        ----------
+        values
+            One of each cell.
+        """
+        owner = self.cells.component[self._runs]
+        total = np.bincount(owner, np.add.reduceat(values, self._runs), self._n)
+        return total.astype(np.float64, copy=False)
 
     def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return mean and variance of each component's signed distance, ``(7,)`` each."""
-        mean = self._sum(self.weight * self.mean)
+        mean = self.sums(self.weight * self.mean)
         away = self.mean - mean[self.cells.component]
-        return mean, self._sum(self.weight * (self.variance + away**2))
+        return mean, self.sums(self.weight * (self.variance + away**2))
 
     def advance(self, hours: float) -> None:
         """Let all cells grow over some hours [h]."""
@@ -95,11 +109,11 @@ class Bank:
         leaving = np.full_like(self.weight, settings.change_probability)
         leaving[self._constant] = settings.onset_probability
         out = leaving * self.weight
-        mass = self._sum(out)
+        mass = self.sums(out)
         mass = np.maximum(mass, _LEAST)
-        mean = self._sum(out * self.mean) / mass
+        mean = self.sums(out * self.mean) / mass
         away = self.mean - mean[cells.component]
-        variance = self._sum(out * (self.variance + away**2)) / mass
+        variance = self.sums(out * (self.variance + away**2)) / mass
         self.weight -= out
         arriving = self._arriving * mass[cells.component]
         total = np.maximum(self.weight + arriving, _LEAST)
@@ -143,7 +157,7 @@ class Bank:
         highest = np.full(self._n, -np.inf)
         np.maximum.at(highest, component, log_likelihood)
         weight = self.weight * np.exp(log_likelihood - highest[component])
-        self.weight = np.maximum(weight / self._sum(weight)[component], _LEAST)
+        self.weight = np.maximum(weight / self.sums(weight)[component], _LEAST)
 
     def _measure_values(
         self,
@@ -181,7 +195,7 @@ class Bank:
             Power to which the cells' probabilities are kept, relative to the prior: 0 reopens
             the prior, 1 keeps all that is known of the growth [-].
         """
-        at = self.cells.component == component
+        at = self.members[component]
         self.mean[at], self.variance[at] = value, variance
         prior = self.cells.prior[at]
         weight = prior * (self.weight[at] / prior) ** keep

@@ -19,7 +19,7 @@ from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.curves import Curve, curves_of
 from ema_monitor.prognosis.settings import COMPONENTS, KnownLaw, TrackerSettings
 
-N_RATES: Final = 121
+N_RATES: Final = 97
 LIFE_HOURS: Final = np.geomspace(50.0, 30_000.0, N_RATES)
 """Hours from healthy to the limit on the grid [h]."""
 RATE_SPACING: Final = float(np.log(LIFE_HOURS[1] / LIFE_HOURS[0]))
@@ -117,5 +117,7 @@ def _rate_prior(rate: NDArray[np.float64], known: KnownLaw | None) -> NDArray[np
     flat = np.full(N_RATES, 1.0 / N_RATES)
     if known is None:
         return flat
-    peak = np.exp(-0.5 * (np.log(rate / known.rate) / known.rate_sigma) ** 2)
+    away = (np.log(rate / known.rate) / known.rate_sigma) ** 2
+    # Of a rate far off the grid, the nearest is left.
+    peak = np.exp(0.5 * (away.min() - away))
     return 0.5 * flat + 0.5 * peak / peak.sum()

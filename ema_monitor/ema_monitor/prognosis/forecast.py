@@ -53,10 +53,8 @@ def draw(bank: Bank, n: int, rng: np.random.Generator) -> Draw:
         Random numbers.
     """
     cells = bank.cells
-    n_components = int(cells.component.max()) + 1
-    cell = np.empty((n_components, n), dtype=np.intp)
-    for number in range(n_components):
-        of_it = np.flatnonzero(cells.component == number)
+    cell = np.empty((len(bank.members), n), dtype=np.intp)
+    for number, of_it in enumerate(bank.members):
         # Systematic sampling: the cells' shares come out exact to one sample.
         at = np.cumsum(bank.weight[of_it])
         points = (rng.random() + np.arange(n)) / n * at[-1]

@@ -30,8 +30,9 @@ class History:
     """Tests of one unit, in memory and, where there is a path, in a file.
 
     A last line that was cut off is dropped. A file that is corrupted, of another unit or of
-    another format is renamed, and a new one begun. Nothing here raises because of a file: what is
-    wrong is told, and the history goes on in memory.
+    another format is renamed, and a new one begun; one that is deleted or moved while in use is
+    written anew. Nothing here raises because of a file: what is wrong is told, and the history goes
+    on in memory.
 
     Parameters
     ----------
@@ -51,13 +52,15 @@ class History:
     def __init__(self, actuator_id: str, serial_number: str, path: Path | None = None) -> None:
         self.entries: list[Entry] = []
         self.unused_cycles = 0
+        self._tests: list[Entry | UnusedCycle] = []
+        self._stamps_ns: set[int] = set()
         self._unit = {"actuator_id": actuator_id, "serial_number": serial_number}
         self._path = path
         self._file: BinaryIO | None = None
         self._end = 0
         # What is not in the file yet, for want of a file or of space.
         self._unwritten = b""
-        self._set_aside = ""
+        self._mended = ""
         self._trouble = ""
         if path is not None:
             try:
@@ -73,11 +76,15 @@ class History:
 
     @property
     def problem(self) -> str:
-        """What is wrong, or was at the start; empty when nothing."""
-        return "; ".join(filter(None, [self._set_aside, self._trouble]))
+        """What is wrong, or was with the file; empty when nothing."""
+        return "; ".join(filter(None, [self._mended, self._trouble]))
 
     def holds(self, stamp_ns: int) -> bool:
-        """Return whether the window that ends at a stamp [ns] is in the history."""
+        """Return whether the window that ends at a stamp [ns] is in the history, valid or not."""
+        return stamp_ns in self._stamps_ns
+
+    def holds_valid(self, stamp_ns: int) -> bool:
+        """Return whether a valid test of the window that ends at a stamp [ns] is."""
         return any(entry.stamp_ns == stamp_ns for entry in reversed(self.entries))
 
     def append(self, test: Entry | UnusedCycle) -> None:
@@ -93,6 +100,8 @@ class History:
             return
         self._unwritten += test.line()
         try:
+            if self._file is not None and not _is_file_at(self._path, self._file):
+                self._begin_anew()
             if self._file is None:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
                 if self._lock(self._path) and self._holds_unread():
@@ -117,7 +126,19 @@ class History:
         self._path = None
         self._release()
 
+    def _begin_anew(self) -> None:
+        """Have everything written to a new file, for that in use is no longer at its place."""
+        self._mended = (
+            f"the history {self._path} was deleted or moved while it was in use; a new file with "
+            "all its tests is begun"
+        )
+        self._release()
+        self._end = 0
+        self._unwritten = b"".join(test.line() for test in self._tests)
+
     def _take(self, test: Entry | UnusedCycle) -> None:
+        self._tests.append(test)
+        self._stamps_ns.add(test.stamp_ns)
         if isinstance(test, Entry):
             self.entries.append(test)
             self.unused_cycles = 0
@@ -147,7 +168,7 @@ class History:
             self._release()
             aside = _free_name(path)
             path.rename(aside)
-            self._set_aside = (
+            self._mended = (
                 f"the history {path} is set aside as {aside.name} and a new one is begun: "
                 f"{_reason(error)}"
             )
@@ -158,7 +179,11 @@ class History:
         if not is_cut:
             aside = _free_name(path)
             shutil.copy2(path, aside)
-            self._set_aside = (
+            _sync(aside)
+            _sync(path.parent)
+            self._file.truncate(self._end)
+            os.fsync(self._file.fileno())
+            self._mended = (
                 f"the history {path} has a damaged end, which is left out; the file as it was is "
                 f"kept as {aside.name}"
             )
@@ -185,7 +210,7 @@ class History:
             pass
         self._file = file
         if is_new:
-            _sync_folder(path.parent)
+            _sync(path.parent)
         return True
 
     def _write(self, file: BinaryIO) -> None:
@@ -243,9 +268,17 @@ def _free_name(path: Path) -> Path:
         number += 1
 
 
-def _sync_folder(folder: Path) -> None:
-    """See to it that a new file's name is on the disk as well."""
-    handle = os.open(folder, os.O_RDONLY)
+def _is_file_at(path: Path, file: BinaryIO) -> bool:
+    """Return whether an open file is still the one that a path names."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(file.fileno()))
+    except FileNotFoundError:
+        return False
+
+
+def _sync(path: Path) -> None:
+    """See to it that a new file, or the name of one in a folder, is on the disk as well."""
+    handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:

@@ -10,8 +10,8 @@ import numpy as np
 
 from ema_core.faults import N_FAULTS
 from ema_monitor.estimate import Estimate
+from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.observation import Observation
-from ema_monitor.prognosis.usage import Count
 
 _SHAPES: Final = {
     "faults": (N_FAULTS,),

@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from ema_core.growth_laws import LAWS
+from ema_core.growth_laws import LAWS, hours_until
 from ema_core.quantity import text
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.cells import LIFE_HOURS
 from ema_monitor.prognosis.settings import COMPONENTS, NOMINAL_LAWS, KnownLaw
 
 FORM: Final = "LAW[:RATE[:SHAPE]]"
@@ -53,13 +55,14 @@ def known_law(fault: str, written: str) -> KnownLaw:
         Component of the fault vector.
     written
         ``LAW[:RATE[:SHAPE]]``: the law, its median rate a [1/h] (of ``power`` its c [h]) and its
-        second figure, x_0, b or p [-], of ``drift`` its s [1/sqrt(h)]. Without figures the law
-        must be the one of ``NOMINAL_LAWS``, whose figures are taken then.
+        second figure, x_0, b or p [-], of ``drift`` its s [1/sqrt(h)]; ``linear`` has none.
+        Without figures the law must be the one of ``NOMINAL_LAWS``, whose figures are taken then.
 
     Raises
     ------
     ValueError
-        When fault or law are unknown, or a figure is impossible.
+        When fault or law are unknown, a figure is missing or impossible, or growth at that rate is
+        beyond what a tracker follows.
     """
     if fault not in COMPONENTS:
         raise ValueError(f"unknown fault {fault!r}; known: {', '.join(COMPONENTS)}")
@@ -78,13 +81,26 @@ def known_law(fault: str, written: str) -> KnownLaw:
         if len(figures) > 2:
             raise ValueError(f"{len(figures)} figures: expected at most two")
         rate, *second = [float(figure) for figure in figures]
-        if not second:
-            return KnownLaw(law, rate)
+        if not second and law != "linear":
+            raise ValueError(f"law {law} needs a second figure")
         if law == "drift":
-            return KnownLaw(law, rate, diffusion=second[0])
-        return KnownLaw(law, rate, shape=second[0])
+            known = KnownLaw(law, rate, diffusion=second[0])
+        else:
+            known = KnownLaw(law, rate, shape=second[0] if second else 0.0)
+        _check_life(fault, known)
     except ValueError as error:
         raise ValueError(f"law {written!r} of {fault}: {error}; expected {FORM}") from error
+    return known
+
+
+def _check_life(fault: str, known: KnownLaw) -> None:
+    limit = HealthLimits().of(fault)
+    hours = float(hours_until(known.law, 0.0, known.rate, known.shape, limit))
+    if not LIFE_HOURS[0] <= hours <= LIFE_HOURS[-1]:
+        raise ValueError(
+            f"from healthy to the limit {limit:g} it takes {hours:.3g} h: expected "
+            f"{LIFE_HOURS[0]:.0f} to {LIFE_HOURS[-1]:.0f} h"
+        )
 
 
 def _kind(component: str) -> str:

@@ -123,27 +123,28 @@ def worst_with_warning(health: Health) -> str:
     return worst.name if worst else ""
 
 
-def earlier(one: Life, other: Life) -> Life:
+def earlier(one: Life, other: Life, together: Life) -> Life:
     """Return the life that ends with the first of two.
-
-    Each quantile is the lesser of both: the faults that end the one life are those that end the
-    other, so that both are long or both short. The criterion is that of the lesser median.
 
     Parameters
     ----------
     one, other
         Lives of the same actuator.
+    together
+        Life that ends with the first of them, from samples that both share. It may rest on fewer
+        samples: what is told is never longer than either by itself. The criterion is that of the
+        lesser median.
     """
-    if not (one.known and other.known):
-        if one.known or other.known:
-            return one if one.known else other
+    known = [life for life in (one, other) if life.known]
+    if not known:
         reasons = dict.fromkeys(filter(None, [one.reason, other.reason]))
         return Life.unknown("the first fault limit or requirement", "; ".join(reasons))
-    first = one if one.hours_50 <= other.hours_50 else other
+    first = min(known, key=lambda life: life.hours_50)
+    every = [*known, together] if together.known else known
     return Life(
         True,
-        min(one.hours_05, other.hours_05),
-        first.hours_50,
-        min(one.hours_95, other.hours_95),
+        min(life.hours_05 for life in every),
+        min(life.hours_50 for life in every),
+        min(life.hours_95 for life in every),
         first.criterion,
     )

@@ -59,8 +59,6 @@ class Prognosis:
         Component that does so first most often; empty when none is known to grow.
     samples
         Samples of the overall life [h], ``(n,)``; infinite when it is not known.
-    component_samples
-        Samples of each component's life [h], by name, ``(n,)`` each; infinite when not known.
     duty
         Growth of the faults in a future flight hour, relative to a past one [-].
     assumption
@@ -72,7 +70,6 @@ class Prognosis:
     overall: Life
     dominant_fault: str
     samples: NDArray[np.float64]
-    component_samples: Mapping[str, NDArray[np.float64]]
     duty: float
     assumption: str
 

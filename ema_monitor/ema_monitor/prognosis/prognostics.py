@@ -11,6 +11,7 @@ from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULTS
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.estimate import Estimate
 from ema_monitor.health import HealthLimits, Tracked, assess, with_requirements
+from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
@@ -18,8 +19,9 @@ from ema_monitor.prognosis.outlook import Outlook, earlier, worst_with_warning
 from ema_monitor.prognosis.prediction import Life, Prognosis, assumption_of
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.required_life import RequiredLife, required_life, requirements_of
-from ema_monitor.prognosis.tracker import TrackedFault, Tracker
-from ema_monitor.prognosis.usage import Age, Count, Usage
+from ema_monitor.prognosis.tracked_fault import TrackedFault
+from ema_monitor.prognosis.tracker import Tracker
+from ema_monitor.prognosis.usage import Usage
 
 
 class Prognostics:
@@ -42,7 +44,7 @@ class Prognostics:
         self._settings = settings or PrognosisSettings()
         self._growth = self._told_anew()
         self._events: tuple[str, ...] = (history.problem,) if history.problem else ()
-        self._usage = _usage_after(history)
+        self._usage = Usage.after(history.entries, history.unused_cycles)
 
     @property
     def growth(self) -> GrowthRecord:
@@ -79,20 +81,24 @@ class Prognostics:
 
         Notes
         -----
-        A test whose stamp is in the history already changes nothing. One whose service hours are
-        unknown, or contradicted by those of more tests, is kept but does not enter the prognosis.
+        A test whose stamp is in the history already changes nothing, unless it had no valid
+        estimate and now has: then it is no further cycle. One whose service hours are unknown,
+        guessed where others are counted, contradicted by those of more tests or not yet confirmed
+        is kept but does not enter the prognosis.
         """
         with self._lock:
             self._settle(settings)
-            if not estimate.valid:
+            is_new = not self.history.holds(estimate.end_ns)
+            if is_new:
                 self._usage.pass_test()
-                self.history.append(UnusedCycle(estimate.end_ns))
+            if not estimate.valid:
+                if is_new:
+                    self.history.append(UnusedCycle(estimate.end_ns))
                 return None
-            if self.history.holds(estimate.end_ns):
+            if self.history.holds_valid(estimate.end_ns):
                 again = "a test that is in the history already came again and changes nothing"
                 self._events = (*self._events, again)
             else:
-                self._usage.pass_test()
                 service = settings.service
                 age = self._usage.at(estimate.end_ns, service.hours_per_cycle)
                 entry = Entry(estimate, age.hours, age.cycles, service.duty, age.count)
@@ -191,7 +197,7 @@ class Prognostics:
         )
         required = self._required(entry, tracked, prognosis, parameters)
         health = with_requirements(health, required.healths)
-        rul = earlier(prognosis.overall, required.overall)
+        rul = earlier(prognosis.overall, required.overall, required.with_limits)
         dominant = worst_with_warning(health)
         if rul.known:
             by_fault = rul.criterion == prognosis.overall.criterion
@@ -242,6 +248,7 @@ class Prognostics:
             growth.tracker,
             tracked,
             prognosis,
+            self._settings.limits,
             self._settings.tracker,
             observed,
         )
@@ -272,17 +279,6 @@ class Prognostics:
             if mean > 0.0:
                 return mean
         return self._settings.service.hours_per_cycle or math.nan
-
-
-def _usage_after(history: History) -> Usage:
-    """Return the use that is known after the tests so far."""
-    entries = history.entries
-    hours = next((item.hours for item in reversed(entries) if not math.isnan(item.hours)), math.nan)
-    usage = Usage(Age(hours, entries[-1].cycles if entries else 0), history.unused_cycles)
-    for entry in entries:
-        if entry.count is not None:
-            usage.tell(entry.count)
-    return usage
 
 
 def _nothing(reason: str, limits: HealthLimits, duty: float) -> Prognosis:

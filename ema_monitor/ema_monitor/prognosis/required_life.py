@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES
+from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, healthy_faults
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.health import ONE_SIDED_95, FaultHealth
+from ema_monitor.health import ONE_SIDED_95, FaultHealth, HealthLimits
 from ema_monitor.prognosis.prediction import Life, Prognosis
 from ema_monitor.prognosis.requirements import (
     REQUIREMENTS,
@@ -19,8 +19,9 @@ from ema_monitor.prognosis.requirements import (
     Requirements,
 )
 from ema_monitor.prognosis.requirements_life import OVERALL, life_by_requirements
-from ema_monitor.prognosis.settings import TrackerSettings
-from ema_monitor.prognosis.tracker import TrackedFault, Tracker
+from ema_monitor.prognosis.settings import COMPONENTS, TrackerSettings
+from ema_monitor.prognosis.tracked_fault import TrackedFault
+from ema_monitor.prognosis.tracker import Tracker
 
 _SAMPLES: Final = 200
 _TIMES: Final = 33
@@ -44,6 +45,8 @@ class RequiredLife:
         Until the first of them fails.
     dominant
         That requirement; empty when none is known to fail.
+    with_limits
+        Until the first of them fails or the first fault reaches its limit, in the same samples.
     """
 
     healths: tuple[FaultHealth, ...]
@@ -51,6 +54,7 @@ class RequiredLife:
     lives: Mapping[str, Life]
     overall: Life
     dominant: str
+    with_limits: Life
 
     @classmethod
     def unknown(
@@ -61,7 +65,8 @@ class RequiredLife:
     ) -> "RequiredLife":
         """Return a life of which no figure can be given."""
         lives = {name: Life.unknown(required.criterion(name), reason) for name in REQUIREMENTS}
-        return cls(healths, {}, lives, Life.unknown(OVERALL, reason), "")
+        nothing = Life.unknown(OVERALL, reason)
+        return cls(healths, {}, lives, nothing, "", nothing)
 
 
 @lru_cache(maxsize=256)
@@ -92,13 +97,15 @@ def required_life(
     tracker: Tracker,
     tracked: tuple[TrackedFault, ...],
     prognosis: Prognosis,
+    limits: HealthLimits,
     settings: TrackerSettings,
     observed_hours: float,
 ) -> RequiredLife:
     """Return how long the requirements are met.
 
-    Only components whose own life is known go on to grow; the others stay as they may be now. Where
-    none grows, a life is told only if a requirement fails now at 95 % certainty.
+    Each component that a test has told of goes on as probable: one of which growth is not certain
+    yet grows in as many of the samples. Where none is known to grow, all stay as they may be now,
+    and a life is told only if a requirement fails now at 95 % certainty.
 
     Parameters
     ----------
@@ -111,6 +118,8 @@ def required_life(
     tracker, tracked, prognosis
         What is known of the growth, what of each component that a test has told of, and how long
         the fault limits are kept.
+    limits
+        Those of the faults.
     settings
         Horizon.
     observed_hours
@@ -118,7 +127,8 @@ def required_life(
     """
     healths = judgement.healths
     known = {name for name, life in prognosis.components.items() if life.known}
-    grows = np.array([name in known for name in FAULT_NAMES])
+    seen = {item.name for item in tracked} if known else set()
+    grows = np.array([name in seen for name in FAULT_NAMES])
     if not tracked:
         return RequiredLife.unknown("no test to rely on yet", requirements, healths)
     if not grows.any() and not any(map(_surely_fails, healths)):
@@ -143,7 +153,45 @@ def required_life(
         told.lives,
         overall,
         told.dominant,
+        _earliest(np.minimum(told.overall_samples, limit_passage(paths, hours, limits)), overall),
     )
+
+
+def limit_passage(
+    paths: NDArray[np.float64], hours: NDArray[np.float64], limits: HealthLimits
+) -> NDArray[np.float64]:
+    """Return when samples of the faults to come first reach a fault limit.
+
+    Parameters
+    ----------
+    paths
+        Fault vectors, ``(n, t, 8)``; between the hours they go on in a straight line.
+    hours
+        Their hours, rising from 0 [h], ``(t,)``.
+    limits
+        Those of the faults.
+
+    Returns
+    -------
+    numpy.ndarray
+        Hours [h], infinite where none is reached, ``(n,)``.
+    """
+    reach = [limits.of(name) if name in COMPONENTS else np.inf for name in FAULT_NAMES]
+    # Share of the way of what is furthest: past 1 life has ended.
+    way = np.max(np.abs(paths - healthy_faults()) / reach, axis=2)
+    first = np.argmax(way >= 1.0, axis=1)
+    rows = np.arange(len(way))
+    before = np.maximum(first - 1, 0)
+    start, end = way[rows, before], way[rows, first]
+    share = np.where(first > 0, (1.0 - start) / np.where(first > 0, end - start, 1.0), 0.0)
+    passed = hours[before] + share * (hours[first] - hours[before])
+    return np.where(way[rows, first] >= 1.0, passed, np.inf)
+
+
+def _earliest(samples: NDArray[np.float64], like: Life) -> Life:
+    if not np.median(samples) < np.inf:
+        return Life.unknown(like.criterion, like.reason)
+    return Life.of_samples(samples, like.criterion)
 
 
 def _surely_fails(item: FaultHealth) -> bool:

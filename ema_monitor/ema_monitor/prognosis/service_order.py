@@ -1,6 +1,11 @@
 """Which tests of a unit to believe, when their service hours contradict each other."""
 
 from bisect import bisect_right
+from itertools import pairwise
+from typing import Final
+
+_LEAST_TESTS: Final = 3
+_LONGEST_JUMP: Final = 10.0
 
 
 class ServiceOrder:
@@ -9,6 +14,10 @@ class ServiceOrder:
     The hours of a unit never go back. Used are the most tests of which that is true; of several
     choices of the same size the one in use stays. So a single wrong count costs its own test: one
     too low is left out at once, one too high as soon as two tests after it contradict it.
+
+    Until then one too high would have growth extrapolated to its hours. So the last test in use
+    waits for the next one to confirm it if its hours are further from those of the test before
+    than ten times the longest interval until then, of at least three tests.
 
     Attributes
     ----------
@@ -22,6 +31,21 @@ class ServiceOrder:
         # Of each test, how many tests it can be the last of; of each such number, the least hours.
         self._sizes: list[int] = []
         self._ends: list[float] = []
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether the last test in use waits to be confirmed."""
+        if len(self.used) <= _LEAST_TESTS:
+            return False
+        hours = [self._hours[number] for number in self.used]
+        *intervals, latest = (after - before for before, after in pairwise(hours))
+        # Tests at one and the same hour do not tell how fast hours go by.
+        return 0.0 < _LONGEST_JUMP * max(intervals) < latest
+
+    @property
+    def confirmed(self) -> list[int]:
+        """Numbers of the tests in use without one that waits."""
+        return self.used[:-1] if self.is_waiting else list(self.used)
 
     def add(self, hours: float) -> list[int]:
         """Take the next test.

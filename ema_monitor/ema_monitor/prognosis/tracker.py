@@ -9,17 +9,14 @@ a prediction draws from it. A single extended Kalman filter would hold neither t
 many-peaked distribution of the rates nor several laws.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, HIGHEST, healthy_faults
-from ema_core.growth_laws import increment
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.arrival import HEALTHY, INDICES, Arrival
+from ema_monitor.prognosis.arrival import INDICES, Arrival
 from ema_monitor.prognosis.bank import Bank
 from ema_monitor.prognosis.cells import grid
 from ema_monitor.prognosis.events import Event
@@ -28,6 +25,7 @@ from ema_monitor.prognosis.observation import Observation
 from ema_monitor.prognosis.prediction import Fan, Prognosis
 from ema_monitor.prognosis.settings import COMPONENTS, TrackerSettings
 from ema_monitor.prognosis.suspicion import Opening, Suspicion
+from ema_monitor.prognosis.tracked_fault import TrackedFault, tracked_faults
 from ema_monitor.prognosis.verdict import Evidence, prognosis_of
 
 KEPT_AFTER_STEP: Final = 0.5
@@ -43,44 +41,6 @@ however long it is watched (Ville's inequality for likelihood ratios).
 """
 ENDS_ABOVE: Final = 0.2
 """Probability of no growth above which it no longer is [-]."""
-
-_NORMAL_90: Final = 1.6449
-
-
-@dataclass(frozen=True)
-class TrackedFault:
-    """What is known of one component.
-
-    Attributes
-    ----------
-    name
-        Component of the fault vector.
-    tests
-        Number of tests that told of it.
-    value, sigma
-        Mean and standard deviation, in the units of the fault vector [-]; NaN before any test.
-    low, high
-        5 % and 95 % quantiles [-].
-    trend
-        Growth of the value [1/h].
-    trend_sigma
-        Its standard deviation [1/h].
-    laws
-        Probability of each law [-]; ``constant`` stands for no growth yet.
-    growing_probability
-        Probability that it grows [-].
-    """
-
-    name: str
-    tests: int
-    value: float
-    sigma: float
-    low: float
-    high: float
-    trend: float
-    trend_sigma: float
-    laws: Mapping[str, float]
-    growing_probability: float
 
 
 class Tracker:
@@ -223,43 +183,7 @@ class Tracker:
 
     def components(self) -> tuple[TrackedFault, ...]:
         """Return what is known of each component."""
-        cells, weight = self._bank.cells, self._bank.weight
-        mean, variance = self._bank.moments()
-        rates = np.zeros_like(weight)
-        for law, part in cells.slices.items():
-            x = np.clip(cells.side[part] * self._bank.mean[part], 0.0, 1.0)
-            an_hour = increment(law, x, cells.rate[part], cells.shape[part], 1.0)
-            rates[part] = np.minimum(an_hour, 1.0)
-        rates *= cells.side
-        n = len(COMPONENTS)
-        trend = np.bincount(cells.component, weight * rates, n)
-        away = (rates - trend[cells.component]) ** 2
-        trend_sigma = np.sqrt(np.bincount(cells.component, weight * away, n))
-        laws = {
-            law: np.bincount(cells.component[part], weight[part], n)
-            for law, part in cells.slices.items()
-        }
-        told = []
-        for number, name in enumerate(COMPONENTS):
-            known = self._tests[number] > 0
-            value = HEALTHY[number] + mean[number] if known else np.nan
-            sigma = np.sqrt(variance[number]) if known else np.nan
-            highest = HIGHEST[INDICES[number]]
-            told.append(
-                TrackedFault(
-                    name,
-                    int(self._tests[number]),
-                    float(np.clip(value, 0.0, highest)),
-                    float(sigma),
-                    float(np.clip(value - _NORMAL_90 * sigma, 0.0, highest)),
-                    float(np.clip(value + _NORMAL_90 * sigma, 0.0, highest)),
-                    float(trend[number]) if known else np.nan,
-                    float(trend_sigma[number]) if known else np.nan,
-                    {law: float(share[number]) for law, share in laws.items()},
-                    1.0 - float(laws["constant"][number]),
-                )
-            )
-        return tuple(told)
+        return tracked_faults(self._bank, self._tests)
 
     def _rng(self) -> np.random.Generator:
         return np.random.default_rng([self._seed, self._updates])
@@ -291,6 +215,7 @@ class Tracker:
                 mean,
                 np.sqrt(variance),
                 self._growing,
+                1.0 - self._constant(),
             ),
             self._limits,
             self._settings,

@@ -1,17 +1,23 @@
 """How long a unit has been in service: told on a topic, or counted in tests."""
 
 import math
-from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from itertools import takewhile
+from typing import Final, Self
 
-from ema_core.quantity import check_quantities, is_finite_number, quantity
+from ema_core.quantity import check_quantities, quantity
+from ema_monitor.prognosis.counts import Count, KeptCounts
+from ema_monitor.prognosis.history_entry import Entry
 
 UNKNOWN_HOURS: Final = (
-    "service hours are unknown: nothing was heard on topic usage, and the parameter "
-    "hours_per_cycle is 0"
+    "service hours are unknown: no count on topic usage was read before the test, and the "
+    "parameter hours_per_cycle is 0"
 )
-"""Why a test has no service hours."""
+"""Why a test without a count has no service hours."""
+
+MOST_TESTS: Final = 10
+"""Tests for which a count holds."""
 
 _MOST_COUNTS: Final = 1000
 
@@ -42,36 +48,6 @@ class Service:
 
 
 @dataclass(frozen=True)
-class Count:
-    """What somebody counted of a unit's use.
-
-    Attributes
-    ----------
-    stamp_ns
-        When the counts were read [ns].
-    hours
-        Hours in service since new [h].
-    cycles
-        Test cycles since new; 0 when they are not counted.
-
-    Raises
-    ------
-    ValueError
-        When a figure is impossible.
-    """
-
-    stamp_ns: int
-    hours: float
-    cycles: int
-
-    def __post_init__(self) -> None:
-        if not is_finite_number(self.hours) or self.hours < 0.0:
-            raise ValueError(f"flight_hours = {self.hours:g} h: expected a number of at least 0")
-        if self.cycles < 0:
-            raise ValueError(f"cycles = {self.cycles}: expected a whole number of at least 0")
-
-
-@dataclass(frozen=True)
 class Age:
     """Age of a unit at a test.
 
@@ -82,7 +58,7 @@ class Age:
     cycles
         Test cycles.
     count
-        The count that tells so; None where nobody counted.
+        The latest count; None where nobody counted.
     """
 
     hours: float = math.nan
@@ -93,8 +69,10 @@ class Age:
 class Usage:
     """Tells the age of a unit at each of its tests.
 
-    The latest count read before the test holds; where there is none, every test cycle stands for
-    the hours of the parameter, beginning at the age of the latest test in the history.
+    The latest count read before the test holds, for ten tests: one that is older has stopped.
+    Where nobody counted, every test cycle stands for the hours of the parameter, beginning at the
+    age of the latest test in the history. Cycles are those of the count, if it has any, and the
+    tests since it was first used; else those seen.
 
     Parameters
     ----------
@@ -102,12 +80,38 @@ class Usage:
         Age at the latest test in the history.
     new_tests
         Test cycles since then.
+    tests_on_count
+        Test cycles up to the latest test for which its count held.
     """
 
-    def __init__(self, start: Age, new_tests: int = 0) -> None:
+    def __init__(self, start: Age, new_tests: int = 0, tests_on_count: int = 0) -> None:
         self._last = start
         self._new_tests = new_tests
-        self._counts: deque[Count] = deque(maxlen=_MOST_COUNTS)
+        self._tests_on_count = tests_on_count
+        self._counts = KeptCounts(_MOST_COUNTS)
+
+    @classmethod
+    def after(cls, entries: Sequence[Entry], new_tests: int) -> Self:
+        """Return the use that is known after the tests in a history.
+
+        Parameters
+        ----------
+        entries
+            The tests.
+        new_tests
+            Test cycles since the latest of them.
+        """
+        if not entries:
+            return cls(Age(), new_tests)
+        last = entries[-1]
+        known = (item.hours for item in reversed(entries) if not math.isnan(item.hours))
+        *_, first = takewhile(lambda item: item.count == last.count, reversed(entries))
+        on_count = last.cycles - first.cycles + 1
+        usage = cls(Age(next(known, math.nan), last.cycles, last.count), new_tests, on_count)
+        for entry in entries:
+            if entry.count is not None:
+                usage.tell(entry.count)
+        return usage
 
     def tell(self, count: Count) -> None:
         """Take note of a count; they may come in any order, and from any thread.
@@ -117,7 +121,7 @@ class Usage:
         count
             The count.
         """
-        self._counts.append(count)
+        self._counts.add(count)
 
     def pass_test(self) -> None:
         """Take note of a test cycle, be its window of use or not."""
@@ -134,18 +138,40 @@ class Usage:
             Flight hours that a test cycle stands for [h]; 0 when not known.
         """
         new, self._new_tests = self._new_tests, 0
-        cycles = self._last.cycles + new
-        read = [item for item in list(self._counts) if item.stamp_ns <= stamp_ns]
-        if read:
-            # Of those with the same stamp the one that came last.
-            count = max(reversed(read), key=lambda item: item.stamp_ns)
-            self._last = Age(count.hours, max(count.cycles, cycles), count)
-        elif hours_per_cycle > 0.0:
-            # A unit whose age nobody told is taken for new.
-            before = 0.0 if math.isnan(self._last.hours) else self._last.hours
-            self._last = Age(before + hours_per_cycle * new, cycles)
+        before = self._last
+        cycles = before.cycles + new
+        count = self._counts.at(stamp_ns)
+        if count is None:
+            return self._guess(new, hours_per_cycle)
+        if count == before.count:
+            self._tests_on_count += new
         else:
-            # The latest hours known are kept: a count may come, or the parameter be set.
-            self._last = Age(self._last.hours, cycles)
-            return Age(math.nan, cycles)
+            self._tests_on_count = 1
+            cycles = count.cycles or cycles
+        self._last = Age(count.hours, cycles, count)
+        if self._tests_on_count > MOST_TESTS:
+            return Age(math.nan, cycles, count)
         return self._last
+
+    def _guess(self, new: int, hours_per_cycle: float) -> Age:
+        """Return the age after new tests that nobody counted."""
+        before, cycles = self._last.hours, self._last.cycles + new
+        if hours_per_cycle > 0.0:
+            # A unit whose age nobody told is taken for new.
+            start = 0.0 if math.isnan(before) else before
+            self._last = Age(start + hours_per_cycle * new, cycles)
+            return self._last
+        # The latest hours known are kept: a count may come, or the parameter be set.
+        self._last = Age(before, cycles)
+        return Age(math.nan, cycles)
+
+
+def stopped_count(tests: int) -> str:
+    """Return why a test has no service hours although somebody counted.
+
+    Parameters
+    ----------
+    tests
+        Test cycles for which the latest count has held, the test included.
+    """
+    return f"service hours are unknown: the latest count of service hours is {tests} tests old"

@@ -11,6 +11,7 @@ from ema_monitor.prognosis.prediction import Life, Prognosis, assumption_of
 from ema_monitor.prognosis.settings import COMPONENTS, TrackerSettings
 
 _ONE_SIDED_95: Final = 1.645
+_LIKELY: Final = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +30,8 @@ class Evidence:
         Signed distance from healthy [-].
     growing
         Whether it is taken to grow.
+    growing_probability
+        Probability that it grows [-].
     """
 
     hours: float
@@ -37,6 +40,7 @@ class Evidence:
     mean: NDArray[np.float64]
     sigma: NDArray[np.float64]
     growing: NDArray[np.bool_]
+    growing_probability: NDArray[np.float64]
 
 
 def prognosis_of(
@@ -47,6 +51,9 @@ def prognosis_of(
     duty: float,
 ) -> Prognosis:
     """Return what may be told of samples of lives.
+
+    Once the life of one component is told, the overall one counts all that a test has told of, each
+    as probable as its growth is: what is about to be certain must not come as a surprise.
 
     Parameters
     ----------
@@ -62,7 +69,7 @@ def prognosis_of(
         Future use relative to that of the past [-].
     """
     components: dict[str, Life] = {}
-    samples: dict[str, NDArray[np.float64]] = {}
+    every = hours.copy()
     for number, name in enumerate(COMPONENTS):
         limit = limits.of(name)
         criterion = f"{name} limit {limit:g}" + (" from 0.5" if name == "gain" else "")
@@ -77,8 +84,7 @@ def prognosis_of(
         components[name] = (
             Life.of_samples(own, criterion) if known else Life.unknown(criterion, reason)
         )
-        samples[name] = own if known else np.full_like(own, np.inf)
-    every = np.stack(list(samples.values()))
+        every[number] = own if evidence.tests[number] else np.inf
     first = every.min(axis=0)
     known_names = [name for name, life in components.items() if life.known]
     if known_names:
@@ -86,11 +92,11 @@ def prognosis_of(
         dominant = COMPONENTS[int(counts.argmax())]
         overall = Life.of_samples(first, components[dominant].criterion)
     else:
-        dominant = ""
+        dominant, first = "", np.full_like(first, np.inf)
         reasons = sorted({life.reason for life in components.values()})
         overall = Life.unknown("first fault limit", "; ".join(reasons))
     return Prognosis(
-        evidence.hours, components, overall, dominant, first, samples, duty, assumption_of(duty)
+        evidence.hours, components, overall, dominant, first, duty, assumption_of(duty)
     )
 
 
@@ -101,6 +107,9 @@ def _ignorance(
     if not evidence.tests[number]:
         return "no test to rely on yet"
     if not evidence.growing[number]:
+        probability = float(evidence.growing_probability[number])
+        if probability > _LIKELY:
+            return f"growth is not certain yet: its probability is {probability:.3f}"
         return "no significant growth"
     horizon = min(settings.horizon_hours, settings.horizon_factor * float(evidence.span[number]))
     if np.median(past_hours) > horizon:
