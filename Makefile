@@ -24,7 +24,7 @@ lint: setup ## style, types and import contracts
 demo: setup ## watch an actuator wear out: live table, bag and picture (DEMO_S=60 is its length)
 	@$(activate) && exec ema demo --duration $(DEMO_S)
 
-bench: setup ## all targets of speed and accuracy in one table; 35 minutes, writes JSON and plots
+bench: setup ## all targets of speed and accuracy in one table; 40 minutes, writes JSON and plots
 	$(activate) && cd tests/benchmarks && python kernels.py --json kernels.json
 	$(activate) && cd tests/benchmarks && python accuracy.py --json accuracy.json
 	$(activate) && cd tests/benchmarks && python goodness.py --json goodness.json
