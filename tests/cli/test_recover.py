@@ -28,7 +28,7 @@ def test_recovered_bag_is_whole_and_holds_every_intact_message(ema, damaged: Pat
     assert {name: (t.qos, t.type_hash) for name, t in after.topics.items()} == {
         name: (t.qos, t.type_hash) for name, t in before.topics.items()
     }
-    assert f"{sum(t.count for t in after.topics.values())} messages on 4 topics" in result.stdout
+    assert f"{sum(t.count for t in after.topics.values())} messages on 5 topics" in result.stdout
     estimated = ema("estimate", tmp_path / "whole", "--json")
     assert '"friction"' in estimated.stdout
 

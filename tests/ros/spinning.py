@@ -17,7 +17,7 @@ from ema_nodes.managed_node import ManagedNode
 from .graph import fail
 
 
-def wait_for(condition: Callable[[], Any], what: str, deadline_s: float = 8.0) -> None:
+def wait_for(condition: Callable[[], Any], what: str, deadline_s: float = 20.0) -> None:
     """Wait until a condition holds."""
     end_s = time.monotonic() + deadline_s
     while not condition():
