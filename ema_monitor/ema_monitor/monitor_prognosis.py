@@ -78,7 +78,7 @@ class MonitorPrognosis:
         ----------
         history_folder
             The folder; empty for memory alone, as always in simulated time: a bag that is
-            replayed must not mix with the tests of the living.
+            replayed must not mix with tests of the actuator itself.
         """
         in_sim_time = bool(self._node.get_parameter("use_sim_time").value)
         is_kept = bool(history_folder) and not in_sim_time

@@ -6,11 +6,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_monitor.health import HealthLimits
+from ema_monitor.health import ONE_SIDED_95, HealthLimits
 from ema_monitor.prognosis.prediction import Life, Prognosis, assumption_of
 from ema_monitor.prognosis.settings import COMPONENTS, TrackerSettings
 
-_ONE_SIDED_95: Final = 1.645
 _LIKELY: Final = 0.5
 
 
@@ -74,7 +73,7 @@ def prognosis_of(
         limit = limits.of(name)
         criterion = f"{name} limit {limit:g}" + (" from 0.5" if name == "gain" else "")
         own = hours[number]
-        lower = abs(evidence.mean[number]) - _ONE_SIDED_95 * evidence.sigma[number]
+        lower = abs(evidence.mean[number]) - ONE_SIDED_95 * evidence.sigma[number]
         if evidence.tests[number] and lower > limit:
             own = np.zeros_like(own)
             reason = ""
