@@ -242,7 +242,8 @@ def test_what_is_not_known_to_grow_ends_no_life(worn, monkeypatch: pytest.Monkey
     monkeypatch.setattr(growth_record, "Tracker", OfWideGain)
     told = lived(60)[1][-1]
     assert told.rul_requirements == expected.rul_requirements
-    assert told.lives == expected.lives
+    # Unknown lives hold NaN, which does not equal itself.
+    assert repr(told.lives) == repr(expected.lives)
 
 
 def test_first_test_alone_ends_no_life():
