@@ -246,6 +246,25 @@ def test_what_is_not_known_to_grow_ends_no_life(worn, monkeypatch: pytest.Monkey
     assert repr(told.lives) == repr(expected.lives)
 
 
+@pytest.mark.parametrize("hidden", ["eccentricity", "backlash"])
+def test_component_that_no_test_has_told_of_ends_no_life(hidden: str):
+    prognostics = Prognostics(History(*UNIT), TEN_HOURS)
+    told = None
+    number = FAULT_NAMES.index(hidden)
+    for test in range(25):
+        found = made_test(test, seed=3, friction=friction(test))
+        covariance = found.covariance.copy()
+        covariance[number], covariance[:, number] = np.nan, np.nan
+        unobservable = found.unobservable.copy()
+        unobservable[number] = True
+        estimate = replace(found, covariance=covariance, unobservable=unobservable)
+        told = prognostics.take(estimate, PARAMETERS, TEN_HOURS)
+    assert told is not None
+    assert told.rul_faults.known
+    assert told.rul_requirements.reason == f"no test has told of {hidden} yet"
+    assert told.rul == told.rul_faults
+
+
 def test_first_test_alone_ends_no_life():
     """However bad: it may be an outlier, and the tracker waits for a second one that agrees."""
     prognostics = Prognostics(History(*UNIT), TEN_HOURS)

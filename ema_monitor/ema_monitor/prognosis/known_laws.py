@@ -98,7 +98,7 @@ def _check_life(fault: str, known: KnownLaw) -> None:
     hours = float(hours_until(known.law, 0.0, known.rate, known.shape, limit))
     if not LIFE_HOURS[0] <= hours <= LIFE_HOURS[-1]:
         raise ValueError(
-            f"from healthy to the limit {limit:g} it takes {hours:.3g} h: expected "
+            f"from healthy to the default limit {limit:g} it takes {hours:.3g} h: expected "
             f"{LIFE_HOURS[0]:.0f} to {LIFE_HOURS[-1]:.0f} h"
         )
 

@@ -103,9 +103,10 @@ def required_life(
 ) -> RequiredLife:
     """Return how long the requirements are met.
 
-    Each component that a test has told of goes on as probable: one of which growth is not certain
-    yet grows in as many of the samples. Where none is known to grow, all stay as they may be now,
-    and a life is told only if a requirement fails now at 95 % certainty.
+    Each component goes on as probable: one of which growth is not certain yet grows in as many of
+    the samples. Where none is known to grow, all stay as they may be now, and a life is told only
+    if a requirement fails now at 95 % certainty. As long as no test has told of a component, no
+    life is told: it might be anything.
 
     Parameters
     ----------
@@ -126,12 +127,14 @@ def required_life(
         Hours over which the actuator has been observed [h].
     """
     healths = judgement.healths
-    known = {name for name, life in prognosis.components.items() if life.known}
-    seen = {item.name for item in tracked} if known else set()
-    grows = np.array([name in seen for name in FAULT_NAMES])
+    grows = any(life.known for life in prognosis.components.values())
     if not tracked:
         return RequiredLife.unknown("no test to rely on yet", requirements, healths)
-    if not grows.any() and not any(map(_surely_fails, healths)):
+    seen = {item.name for item in tracked}
+    if unseen := [name for name in COMPONENTS if name not in seen]:
+        reason = f"no test has told of {', '.join(unseen)} yet"
+        return RequiredLife.unknown(reason, requirements, healths)
+    if not grows and not any(map(_surely_fails, healths)):
         return RequiredLife.unknown("no significant growth", requirements, healths)
     duty = prognosis.duty
     horizon = min(settings.horizon_hours, settings.horizon_factor * observed_hours) / duty
@@ -141,7 +144,8 @@ def required_life(
     # More times near now, where they count most.
     hours = max(horizon, 1.0) * np.linspace(0.0, 1.0, _TIMES) ** 2
     paths = np.swapaxes(tracker.futures(hours, _SAMPLES, duty), 0, 1)
-    paths[..., ~grows] = paths[:, :1, ~grows]
+    if not grows:
+        paths[:] = paths[:, :1]
     paths[..., ECCENTRICITY_PHASE] = faults[ECCENTRICITY_PHASE]
     told = life_by_requirements(requirements, paths, hours)
     overall = told.overall
@@ -149,7 +153,7 @@ def required_life(
         overall = replace(overall, criterion=told.lives[told.dominant].criterion)
     return RequiredLife(
         healths,
-        _trends(judgement, grows, tracked),
+        _trends(judgement, tracked) if grows else {},
         told.lives,
         overall,
         told.dominant,
@@ -199,13 +203,8 @@ def _surely_fails(item: FaultHealth) -> bool:
     return beyond > ONE_SIDED_95 * item.sigma
 
 
-def _trends(
-    judgement: Judgement, grows: NDArray[np.bool_], tracked: tuple[TrackedFault, ...]
-) -> dict[str, float]:
+def _trends(judgement: Judgement, tracked: tuple[TrackedFault, ...]) -> dict[str, float]:
     """Return how fast each performance changes with the growth of the faults."""
     trend = {item.name: item.trend for item in tracked}
     slope = np.array([trend.get(name, 0.0) for name in FAULT_NAMES])
-    slope[~grows] = 0.0
-    if not slope.any():
-        return {}
     return {name: float(gradient @ slope) for name, gradient in judgement.gradients.items()}
