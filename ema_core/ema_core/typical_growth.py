@@ -49,3 +49,14 @@ The figures are such that with the limits 0.5, 0.5, 0.25, 0.6 and 0.25 the media
 to 120 tests, ten hours apart. Eccentricity with c = 2000 h and gain with a = 1.5e-4 /h would last
 longer than 200 tests in 14 % and 27 % of the lives.
 """
+
+
+def kind_of(component: str) -> str:
+    """Return the kind of fault, as in ``TYPICAL``, that a component of the fault vector is.
+
+    Parameters
+    ----------
+    component
+        Name of the component; short circuits are of one kind whatever their phase.
+    """
+    return "short_circuit" if component.startswith("short_circuit") else component

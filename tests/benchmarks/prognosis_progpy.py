@@ -32,7 +32,7 @@ from progpy.uncertain_data import (  # pyright: ignore[reportMissingImports]
 from ema_core._jit import kernel
 from ema_core.faults import FAULT_NAMES, healthy_faults
 from ema_core.growth_laws import LAWS
-from ema_core.typical_growth import TYPICAL, TypicalGrowth
+from ema_core.typical_growth import TYPICAL, TypicalGrowth, kind_of
 from ema_monitor.prognosis.observation import Observation
 from ema_sim.lives import Life, LifeSettings
 
@@ -138,8 +138,7 @@ def particle_filter(life: Life, observations: Sequence[Observation]) -> Predicti
     """Return the predictions of a life."""
     name = life.dominant
     number = FAULT_NAMES.index(name)
-    kind = "short_circuit" if name.startswith("short_circuit") else name
-    typical = TYPICAL[kind]
+    typical = TYPICAL[kind_of(name)]
     side = np.sign(life.faults[-1, number] - healthy_faults()[number])
     rng = np.random.default_rng(1)
     np.random.seed(1)  # noqa: NPY002 - progpy and filterpy draw from the global generator

@@ -6,6 +6,7 @@ from typing import Final
 
 from ema_core.growth_laws import LAWS, hours_until
 from ema_core.quantity import text
+from ema_core.typical_growth import kind_of
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.cells import LIFE_HOURS
 from ema_monitor.prognosis.settings import COMPONENTS, NOMINAL_LAWS, KnownLaw
@@ -36,7 +37,7 @@ class KnownLawTexts:
         """Return the law of each component whose law is known."""
         laws = {}
         for name in COMPONENTS:
-            kind = _kind(name)
+            kind = kind_of(name)
             written = getattr(self, kind)
             try:
                 if written:
@@ -101,7 +102,3 @@ def _check_life(fault: str, known: KnownLaw) -> None:
             f"from healthy to the default limit {limit:g} it takes {hours:.3g} h: expected "
             f"{LIFE_HOURS[0]:.0f} to {LIFE_HOURS[-1]:.0f} h"
         )
-
-
-def _kind(component: str) -> str:
-    return "short_circuit" if component.startswith("short_circuit") else component

@@ -8,7 +8,7 @@ from typing import Final
 from ema_core.faults import FAULT_NAMES
 from ema_core.growth_laws import LAWS
 from ema_core.quantity import check_quantities, quantity, text
-from ema_core.typical_growth import TYPICAL
+from ema_core.typical_growth import TYPICAL, kind_of
 
 COMPONENTS: Final = tuple(name for name in FAULT_NAMES if name != "eccentricity_phase")
 """Components that are tracked: a direction is no fault."""
@@ -55,8 +55,7 @@ class KnownLaw:
 
 
 def _nominal(component: str) -> KnownLaw:
-    kind = "short_circuit" if component.startswith("short_circuit") else component
-    typical = TYPICAL[kind]
+    typical = TYPICAL[kind_of(component)]
     if typical.law == "drift":
         return KnownLaw(typical.law, typical.rate, typical.rate_sigma, diffusion=typical.diffusion)
     return KnownLaw(typical.law, typical.rate, typical.rate_sigma, shape=typical.shape)
