@@ -18,24 +18,52 @@ die() {
     exit 1
 }
 
-# step NAME COMMAND...: run quietly, say how long it took
+# watch_log LINES: say which package is being built, and for how long, while a step writes the log
+watch_log() {
+    local from=$1 start=$SECONDS line shown=
+    while sleep 1; do
+        line=$(tail -n "+$from" "$log" | grep -aoE '^(Starting >>>|Finished <<<) [a-z_]+' | tail -n 1 || true)
+        if [[ -t 1 ]]; then
+            printf '\r\033[K  %s s  %s' "$((SECONDS - start))" "$line"
+        elif [[ $line != "$shown" ]]; then
+            shown=$line
+            printf '  %s s  %s\n' "$((SECONDS - start))" "$line"
+        fi
+    done
+}
+
+# step NAME SECONDS COMMAND...: run with output to the log; print the usual and the actual duration
 step() {
-    local name=$1 start=$SECONDS
-    shift
-    printf 'setup: %s ... ' "$name"
+    local name=$1 usual=$2 start=$SECONDS
+    shift 2
+    echo "setup: $name (usually $usual s) ..."
+    watch_log "$(($(wc -l <"$log") + 1))" &
+    watcher=$!
     # A subshell of its own, outside any condition: else bash would not heed set -e within.
     set +e
     (set -e; "$@") >>"$log" 2>&1
     local status=$?
+    stop_watching
     set -e
     if ((status)); then
-        echo "failed"
+        echo "setup: $name failed"
         # Where CI runs, the file is out of reach.
         if [[ -n ${CI:-} ]]; then tail -n 60 "$log"; fi
-        die "$name failed${hint:+: $hint}; the whole story is in $log"
+        die "$name failed${hint:+: $hint}; the whole output is in $log"
     fi
-    echo "$((SECONDS - start)) s"
+    echo "setup: $name took $((SECONDS - start)) s"
 }
+
+watcher=
+stop_watching() {
+    if [[ -n $watcher ]]; then
+        kill "$watcher" 2>/dev/null
+        wait "$watcher" 2>/dev/null
+        if [[ -t 1 ]]; then printf '\r\033[K'; fi
+    fi
+    watcher=
+}
+trap stop_watching EXIT
 
 digest() { sha256sum | cut -c1-32; }
 
@@ -239,12 +267,12 @@ if [[ -z $compiler ]]; then die 'no C++ compiler: install one with `sudo apt ins
 
 : >"$log"
 if [[ -z $have_packages ]]; then
-    step ".venv with $("$python" -V)" make_venv
+    step "creating .venv with $("$python" -V)" 5 make_venv
     hint='is the network there, and can pip reach its package index? Then run the same again' \
-        step 'download of requirements/lock.txt' install_packages
+        step 'downloading 230 MB of packages (requirements/lock.txt)' '10 to 60' install_packages
     echo "$packages" >"$venv/.packages"
 fi
 rm -f "$ws/install/.sources"
-step 'workspace ros2_ws' build
-step 'activate.sh' write_activate
+step 'building the messages and packages of ros2_ws' '60 to 180' build
+step 'writing activate.sh' 1 write_activate
 echo "$sources" >"$ws/install/.sources"
