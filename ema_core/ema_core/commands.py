@@ -40,7 +40,7 @@ class Command:
     start_time
         When a step or ramp starts [s].
     rate
-        Slope of the ramp [rad/s].
+        Speed at which the ramp goes to its end value, without a sign [rad/s].
     start_frequency, end_frequency
         Frequency of the sine, or of the chirp at its start and end [Hz].
     final_fraction
@@ -60,7 +60,7 @@ class Command:
     )
     duration: float = quantity(0.5, "s", 1e-3, 3600.0, "length of the command")
     start_time: float = quantity(0.01, "s", 0.0, 3600.0, "when a step or ramp starts")
-    rate: float = quantity(0.1, "rad/s", -100.0, 100.0, "slope of the ramp")
+    rate: float = quantity(0.1, "rad/s", 0.0, 100.0, "speed at which the ramp goes to its end")
     start_frequency: float = quantity(
         0.0, "Hz", 0.0, 1e3, "frequency of the sine, or of the chirp at its start"
     )
@@ -105,11 +105,8 @@ class Command:
         if self.shape == "step":
             return np.where(t >= self.start_time - 1e-12, self.amplitude, 0.0)
         if self.shape == "ramp":
-            return np.clip(
-                self.rate * np.maximum(t - self.start_time, 0.0),
-                -abs(self.amplitude),
-                abs(self.amplitude),
-            )
+            travel = self.rate * np.maximum(t - self.start_time, 0.0)
+            return np.copysign(np.minimum(travel, abs(self.amplitude)), self.amplitude)
         f0 = self.start_frequency
         if self.shape == "sine":
             return self.amplitude * np.sin(2 * math.pi * f0 * t)
