@@ -1,6 +1,9 @@
 """Telemetry of an actuator in contiguous columns."""
 
 from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,12 +68,12 @@ class Telemetry:
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
         """Time of the end of every sample, ``(n,)`` [ns]."""
-        steps = np.arange(len(self)) * (self.sample_period * 1e9)
-        return self.stamp_ns + np.rint(steps).astype(np.int64)
+        steps = np.arange(len(self), dtype=np.int64)
+        return self.stamp_ns + elapsed_ns(self.sample_period, self.first_index, steps)
 
     def stamp_at(self, sample: int) -> int:
         """Return the time of the end of one sample, counted from 0 [ns]."""
-        return self.stamp_ns + round(sample * self.sample_period * 1e9)
+        return self.stamp_ns + elapsed_ns(self.sample_period, self.first_index, sample)
 
     def part(self, start: int, stop: int) -> "Telemetry":
         """Return samples ``start`` to ``stop`` (exclusive) with their own stamp and index.
@@ -88,6 +91,39 @@ class Telemetry:
             self.first_index + start,
             *(getattr(self, name)[start:stop] for name in COLUMNS),
         )
+
+
+def elapsed_ns(sample_period: float, first_index: int, samples: Any) -> Any:
+    """Return the time from the end of one sample to that of others [ns].
+
+    The end of the sample of running index i is i periods after a common origin, rounded to the
+    nearest nanosecond, in whole numbers throughout: any part of a row of samples gives one of them
+    the same stamp.
+
+    Parameters
+    ----------
+    sample_period
+        Period [s].
+    first_index
+        Running index of the sample from which the time counts.
+    samples
+        How many samples later the others end, a whole number or an array of them.
+    """
+    whole, over, per = _period_ns(sample_period)
+    before = (first_index * over + per // 2) % per
+    return samples * whole + (before + samples * over) // per
+
+
+@lru_cache
+def _period_ns(sample_period: float) -> tuple[int, int, int]:
+    """Return a period as whole nanoseconds and a fraction: ``whole + over / per`` [ns].
+
+    Of a rate in whole hertz up to 1 MHz it is the exact one, which the period in seconds as a
+    float is not: at 48 kHz that would be a nanosecond off within days.
+    """
+    period = (Fraction(sample_period) * 1_000_000_000).limit_denominator(1_000_000)
+    whole, over = divmod(period.numerator, period.denominator)
+    return whole, over, period.denominator
 
 
 def join(blocks: list[Telemetry]) -> Telemetry:

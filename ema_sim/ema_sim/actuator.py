@@ -10,7 +10,7 @@ from ema_core.description import SAMPLE_PERIOD
 from ema_core.dynamics import lag_factor
 from ema_core.faults import degrade, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
-from ema_core.telemetry import Telemetry
+from ema_core.telemetry import Telemetry, elapsed_ns
 from ema_sim.reference import DT, State, advance
 
 
@@ -149,7 +149,7 @@ class SimulatedActuator:
         )
         self.state = State(*state)
         block = Telemetry(
-            self._start_ns + round(self._index * self.sample_period * 1e9),
+            self._start_ns + elapsed_ns(self.sample_period, 0, self._index),
             self.sample_period,
             self._index,
             commands,

@@ -12,7 +12,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import check_quantities, is_finite_number, quantity
-from ema_core.telemetry import Telemetry
+from ema_core.telemetry import Telemetry, elapsed_ns
 from ema_sim.actuator import SimulatedActuator
 from ema_sim.growth import Growth, check_growths, grow
 from ema_sim.sensors import Sensors
@@ -215,7 +215,8 @@ class ActuatorBench:
         h, size = self.description.sample_period, self._block_samples
         for start in range(0, len(samples), size):
             block = self._actuator.advance(samples[start : start + size], self.settings.load)
-            block = replace(block, stamp_ns=start_ns + round((start + 1) * h * 1e9))
+            elapsed = elapsed_ns(h, block.first_index - start - 1, start + 1)
+            block = replace(block, stamp_ns=start_ns + elapsed)
             self._end_ns = block.stamp_at(len(block) - 1)
             yield self._sensors.measure(block), self._actuator.state.torque
 

@@ -1,6 +1,7 @@
 """Telemetry as columns: time stamps, parts, and what is refused."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -40,6 +41,34 @@ def test_stamps_of_an_odd_period_are_rounded_not_accumulated():
     x = telemetry(100_000, stamp_ns=0, sample_period=1 / 3)
     assert x.stamps_ns[-1] == round(99_999 / 3 * 1e9)
     assert x.stamps_ns[3] == 1_000_000_000
+
+
+RATES_HZ = (3, 4_000, 8_000, 10_000, 25_600, 44_100, 48_000, 51_200, 96_000, 1_000_000)
+DAYS_S = 10 * 86_400
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+@pytest.mark.parametrize("seed", range(5))
+def test_stamp_of_a_sample_is_one_number_however_it_is_asked_for(rate_hz, seed):
+    """By row, by sample, and from any part: at indices up to those of ten days."""
+    rng = np.random.default_rng(seed)
+    first_index = int(rng.integers(DAYS_S * rate_hz))
+    x = telemetry(60, stamp_ns=1_751_234_567_123_456_789, first_index=first_index)
+    x = replace(x, sample_period=1.0 / rate_hz)
+    stamps = [x.stamp_at(sample) for sample in range(len(x))]
+    assert x.stamps_ns.tolist() == stamps
+    start, stop = np.sort(rng.choice(len(x) + 1, 2, replace=False)).tolist()
+    part = x.part(start, stop)
+    assert part.stamps_ns.tolist() == stamps[start:stop]
+    assert [part.stamp_at(sample) for sample in range(len(part))] == stamps[start:stop]
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_stamps_do_not_drift_from_the_rate_in_ten_days(rate_hz):
+    """Exact in whole numbers: the end of sample n is the nearest nanosecond to n / rate."""
+    x = replace(telemetry(1, stamp_ns=0, first_index=0), sample_period=1.0 / rate_hz)
+    for n in (1, 3, 255, 99_999, 7 * rate_hz + 1, DAYS_S * rate_hz, DAYS_S * rate_hz + 1):
+        assert abs(2 * (x.stamp_at(n) * rate_hz - n * 1_000_000_000)) <= rate_hz
 
 
 def test_part_carries_its_own_stamp_and_index():
