@@ -288,8 +288,9 @@ class Calibration:
 
     def _as_mapping(self) -> dict[str, Any]:
         content = {"format": _FORMAT, **asdict(self)}
-        for name, digits in zip(_ROWS, (9, 5, 5), strict=True):
-            content[name] = [round(float(value), digits) for value in getattr(self, name)]
+        # To the last bit: an identity stands for one set of figures.
+        for name in _ROWS:
+            content[name] = getattr(self, name).tolist()
         for name in _SCATTERS:
             content[name] = float(getattr(self, name))
         return content

@@ -56,6 +56,14 @@ def test_what_was_saved_is_loaded(calibration, path):
         assert np.max(np.abs(error)) <= 1.0001 * half_digit
 
 
+def test_what_is_loaded_is_what_is_in_memory_to_the_last_bit(calibration, path):
+    loaded = Calibration.load(path)
+    for name in ROWS:
+        assert getattr(loaded, name).tobytes() == getattr(calibration, name).tobytes()
+    for name in EXACT:
+        assert getattr(loaded, name) == getattr(calibration, name)
+
+
 def test_identity_survives_saving_and_loading(calibration, path, tmp_path):
     loaded = Calibration.load(path)
     assert loaded.calibration_id == calibration.calibration_id
