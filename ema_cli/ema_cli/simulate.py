@@ -137,7 +137,10 @@ def simulate(
             parameters=description.parameters.replace(merged(true_values, "--set")),
             resolutions=merged(resolutions, "--quantise"),
         )
-        bench.set_command(command_from(shape, merged(figures, "--command-set")))
+        command = command_from(shape, merged(figures, "--command-set"))
+        if warning := command.travel_warning(description.parameters):
+            click.echo(f"warning: {warning}", err=True)
+        bench.set_command(command)
         drawn = _drawn_faults(seed) if draws_faults else None
         bench.set_faults(merged(faults, "--fault") if drawn is None else drawn)
         try:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.parameters import ActuatorParameters, constants
-from ema_core.quantity import check_quantities, quantity, text
+from ema_core.quantity import check_quantities, quantity, text, usually
 
 COMMAND_SHAPES: Final = ("step", "ramp", "sine", "chirp", "custom")
 
@@ -82,6 +82,28 @@ class Command:
             if bad.size:
                 raise ValueError(f"custom command sample {bad[0]} is {samples[bad[0]]}, not finite")
         object.__setattr__(self, "samples", samples)
+
+    def travel_warning(self, parameters: ActuatorParameters) -> str:
+        """Return that the command leads beyond the end stops; empty when it does not.
+
+        An actuator can be run against its stops on purpose, so this is no error; more often an
+        angle is in another unit.
+
+        Parameters
+        ----------
+        parameters
+            The actuator.
+        """
+        stop = parameters.theta_stop
+        is_custom = self.shape == "custom"
+        farthest = float(np.max(np.abs(self.samples))) if is_custom else abs(self.amplitude)
+        if farthest <= stop:
+            return ""
+        name = "farthest sample" if is_custom else "amplitude"
+        return (
+            f"{name} = {farthest:g} rad is beyond the end stop, theta_stop = {stop:g} rad"
+            + usually(farthest, "rad", (1e-3, min(stop, 0.1)))
+        )
 
     def sample(self, sample_period: float) -> NDArray[np.float64]:
         """Return the command's samples, ``(n,)`` [rad].

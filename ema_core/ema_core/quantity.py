@@ -2,12 +2,31 @@
 
 import math
 from dataclasses import field, fields
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
+SLIPS: Final = {
+    "rad": (("degrees", math.radians(1.0)), ("mrad", 1e-3)),
+    "rad/s": (("rpm", 2.0 * math.pi / 60.0),),
+    "H": (("mH", 1e-3), ("uH", 1e-6)),
+    "ohm": (("mohm", 1e-3),),
+    "N.m": (("mN.m", 1e-3),),
+    "N.m/A": (("mN.m/A", 1e-3),),
+    "V.s/rad": (("mV.s/rad", 1e-3),),
+    "kg.m^2": (("kg.cm^2", 1e-4), ("g.cm^2", 1e-7)),
+}
+"""Units in which values are given by mistake, by the expected unit, with their size in that."""
 
-def quantity(default: float, unit: str, lowest: float, highest: float, description: str) -> Any:
+
+def quantity(
+    default: float,
+    unit: str,
+    lowest: float,
+    highest: float,
+    description: str,
+    usual: tuple[float, float] | None = None,
+) -> Any:
     """Return a dataclass field of a number with its unit and range.
 
     Parameters
@@ -20,8 +39,16 @@ def quantity(default: float, unit: str, lowest: float, highest: float, descripti
         Its range, both included.
     description
         What it is.
+    usual
+        Where it usually lies: a value outside the range is compared with it, and what was
+        probably meant is named.
     """
-    metadata = {"unit": unit, "range": (lowest, highest), "description": description}
+    metadata = {
+        "unit": unit,
+        "range": (lowest, highest),
+        "description": description,
+        "usual": usual,
+    }
     return field(default=default, metadata=metadata)
 
 
@@ -81,6 +108,33 @@ def check_quantities(instance: Any) -> None:
             raise ValueError(f"{item.name} = {value!r}: expected true or false")
 
 
+def usually(value: float, unit: str, usual: tuple[float, float] | None) -> str:
+    """Return where a value usually lies and what was probably meant, to end a message with.
+
+    Parameters
+    ----------
+    value
+        The value that is refused.
+    unit
+        Its unit; of a ratio, "-", the inverse is tried.
+    usual
+        Where it usually lies; the text is empty when None.
+    """
+    if usual is None:
+        return ""
+    lowest, highest = usual
+    scale = "" if unit == "-" else f" {unit}"
+    text = f"; usually {lowest:g} to {highest:g}{scale}"
+    if unit == "-":
+        meant = [(f"1/{value:g}", 1.0 / value)] if value else []
+    else:
+        meant = [(f"{value:g} {name}", value * factor) for name, factor in SLIPS.get(unit, ())]
+    for words, number in meant:
+        if lowest <= abs(number) <= highest:
+            return f"{text}: {number:.4g}{scale} = {words} was probably meant"
+    return text
+
+
 def is_finite_number(value: Any) -> bool:
     """Return whether a value is a finite number; True and False are none."""
     try:
@@ -100,6 +154,7 @@ def _check_number(name: str, value: Any, whole: bool, metadata: Any) -> None:
     if not lowest <= value <= highest:
         raise ValueError(
             f"{name} = {value:g} {unit} is outside [{lowest:g}, {highest:g}] {unit} ({description})"
+            + usually(value, unit, metadata["usual"])
         )
     if whole and value != int(value):
         raise ValueError(f"{name} = {value:g} is not a whole number ({description})")

@@ -86,7 +86,10 @@ class ActuatorNode(ManagedNode):
             parameters=read(self, ActuatorParameters, "plant."),
             resolutions=read(self, ResolutionSettings, "resolution.").resolutions(),
         )
-        self._bench.set_command(read(self, Command, "command."))
+        command = read(self, Command, "command.")
+        if warning := command.travel_warning(self._description.parameters):
+            self.get_logger().warning(warning)
+        self._bench.set_command(command)
         growths = {name: read(self, Growth, f"growth.{name}.") for name in FAULT_NAMES}
         self._bench.set_faults(asdict(read(self, FaultSettings, "faults.")), growths)
         self._runner = BenchRunner(
@@ -203,17 +206,24 @@ class ActuatorNode(ManagedNode):
     def _set_command(
         self, request: SetCommand.Request, response: SetCommand.Response
     ) -> SetCommand.Response:
-        return _answer(response, lambda: self._bench.set_command(_command(request)))
+        def change() -> str:
+            command = _command(request)
+            self._bench.set_command(command)
+            return command.travel_warning(self._description.parameters)
+
+        return _answer(response, change)
 
 
-def _answer(response: Any, change: Callable[[], None]) -> Any:
-    """Make a change and answer whether it was taken."""
+def _answer(response: Any, change: Callable[[], str | None]) -> Any:
+    """Make a change and answer whether it was made, with the warning that it returns."""
     try:
-        change()
+        warning = change()
     except ValueError as error:
         response.success, response.message = False, str(error)
     else:
-        response.success, response.message = True, "holds from the next test cycle on"
+        holds = "holds from the next test cycle on"
+        response.success = True
+        response.message = f"{holds}; warning: {warning}" if warning else holds
     return response
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ema_core.commands import COMMAND_SHAPES, THESIS_CHIRP, Command, build_cycle
+from ema_core.parameters import ActuatorParameters
 
 H = 1e-4
 
@@ -77,6 +78,25 @@ def test_ramp_goes_to_its_amplitude_at_its_rate_and_stays_there(end):
 def test_ramp_has_one_sign_that_of_its_amplitude():
     with pytest.raises(ValueError, match=r"rate = -2 rad/s is outside \[0, 100\] rad/s"):
         Command("ramp", amplitude=0.1, rate=-2.0)
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (Command(amplitude=5.0), "amplitude = 5 rad is beyond the end stop, theta_stop = 1.2 rad"),
+        (Command(amplitude=5.0), "usually 0.001 to 0.1 rad: 0.08727 rad = 5 degrees was probably"),
+        (Command("step", amplitude=-1.3), "amplitude = 1.3 rad is beyond"),
+        (Command("custom", samples=[0.0, -2.0]), "farthest sample = 2 rad is beyond the end stop"),
+    ],
+)
+def test_command_beyond_the_end_stop_is_named_with_what_was_probably_meant(command, said):
+    assert said in command.travel_warning(ActuatorParameters())
+
+
+def test_command_up_to_the_end_stop_gives_no_warning():
+    assert Command("step", amplitude=1.2).travel_warning(ActuatorParameters()) == ""
+    custom = Command("custom", amplitude=5.0, samples=[1.2])
+    assert custom.travel_warning(ActuatorParameters()) == ""
 
 
 def test_sine():

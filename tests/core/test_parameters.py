@@ -60,6 +60,24 @@ def test_value_out_of_range_is_refused_by_name_value_unit_and_range(name):
         assert metadata["description"] in message
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "meant"),
+    [
+        ("tau", 500, "usually 0.0001 to 0.1: 0.002 = 1/500 was probably meant"),
+        ("L_s", 0.72, "usually 1e-05 to 0.02 H: 0.00072 H = 0.72 mH was probably meant"),
+        ("omega_max", 8000, "837.8 rad/s = 8000 rpm was probably meant"),
+        ("R_s", 2130, "2.13 ohm = 2130 mohm was probably meant"),
+        ("k_t", 75.2, "0.0752 N.m/A = 75.2 mN.m/A was probably meant"),
+        ("J_m", 130, "1.3e-05 kg.m^2 = 130 g.cm^2 was probably meant"),
+        ("J_u", 0.12, "1.2e-05 kg.m^2 = 0.12 kg.cm^2 was probably meant"),
+    ],
+)
+def test_plausible_slips_of_unit_or_ratio_are_named(name, value, meant):
+    with pytest.raises(ValueError, match="is outside") as refused:
+        ActuatorParameters.from_mapping({name: value})
+    assert meant in str(refused.value)
+
+
 @pytest.mark.parametrize("name", FIELDS)
 def test_range_includes_its_ends_and_ends_there(name):
     lowest, highest = FIELDS[name].metadata["range"]
