@@ -45,8 +45,8 @@ TYPICAL: Final[Mapping[str, TypicalGrowth]] = MappingProxyType(
 )
 """Growth by kind of fault, a short circuit being of one phase, and gain to either side.
 
-The figures are such that with the limits 0.5, 0.5, 0.25, 0.6 and 0.25 the median life is from 102
-to 120 tests, ten hours apart. Eccentricity with c = 2000 h and gain with a = 1.5e-4 /h would last
+The figures are such that with the limits 0.5, 0.5, 0.25, 0.6 and 0.25 the median life is from 100
+to 119 tests, ten hours apart. Eccentricity with c = 2000 h and gain with a = 1.5e-4 /h would last
 longer than 200 tests in 14 % and 27 % of the lives.
 """
 

@@ -38,7 +38,7 @@ class Growth:
     shape
         Second figure of the law [-]; ignored where there is none.
     noise
-        Process noise: each increment is multiplied by a lognormal factor of median 1 and this
+        Process noise: each increment is multiplied by a lognormal factor of mean 1 and this
         sigma [-]; of ``drift`` its diffusion s [1/sqrt(h)].
     onset
         Service hour, counted from when the growth was set, at which it begins [h].
@@ -148,5 +148,6 @@ def _grown(fault: Fault, growth: Growth, k: float, hours: float, rng: np.random.
         increment(growth.law, abs(k - fault.healthy), abs(growth.rate), growth.shape, hours)
     )
     if growth.noise > 0.0:
-        step *= math.exp(growth.noise * rng.standard_normal())
+        # Of mean 1, not median 1: the rate is then that of the growth, noise or none.
+        step *= math.exp(growth.noise * rng.standard_normal() - growth.noise**2 / 2.0)
     return min(max(k + side * step, 0.0), fault.highest)

@@ -52,14 +52,7 @@ def test_first_passage_follows_that_of_simulated_growth(law, rate, shape, x):
     # The same rates as the cell holds, so that the noise alone is compared.
     predicted = lives(sample, rng)[number]
     cell_rate = float(bank.cells.rate[sample.cell[number, 0]])
-    # The tracker's rate is that of the mean growth, the simulator's that of the median.
-    mean_factor = np.exp(0.3**2 / 2)
-    if law == "drift":
-        growth = Growth(law, cell_rate, noise=1e-3)
-    elif law == "power":
-        growth = Growth(law, cell_rate * mean_factor, shape, 0.3)
-    else:
-        growth = Growth(law, cell_rate / mean_factor, shape, 0.3)
+    growth = Growth(law, cell_rate, shape, 1e-3 if law == "drift" else 0.3)
     passed = [hours_to_half(growth, x, rng) for _ in range(150)]
     # Four standard errors of the median of 150, 1.25 / sqrt(150) each, and half an interval.
     spread = float(np.std(passed))

@@ -51,10 +51,10 @@ def test_life_without_noise_is_predicted_exactly_to_the_grid():
 @pytest.mark.parametrize(
     ("law", "growth", "until"),
     [
-        ("exponential", Growth("exponential", 3e-3, 0.02), 1050.0),
-        ("self_heating", Growth("self_heating", 1.5e-4, 6.0), 1020.0),
-        ("power", Growth("power", 1200.0, 2.0), 840.0),
-        ("linear", Growth("linear", 4e-4), 1100.0),
+        ("exponential", Growth("exponential", 3e-3, 0.02), 1100.0),
+        ("self_heating", Growth("self_heating", 1.5e-4, 6.0), 1070.0),
+        ("power", Growth("power", 1200.0, 2.0), 880.0),
+        ("linear", Growth("linear", 4e-4), 1150.0),
     ],
 )
 def test_true_law_is_the_most_probable_late_in_life(law, growth, until):

@@ -161,7 +161,8 @@ def test_drift_diffuses_with_the_root_of_the_time():
     assert ends.std() == pytest.approx(sigma, rel=5 / math.sqrt(2 * n))
 
 
-def test_increments_have_a_lognormal_factor_of_median_one():
+def test_increments_have_a_lognormal_factor_of_mean_one():
+    """As the tracker assumes: the rate of a law is the mean rate of growth, whatever the noise."""
     sigma, n = 0.3, 4000
     generator = rng(4)
     growth = {"friction": Growth("archard", 3e-4, 3.0, sigma)}
@@ -169,7 +170,9 @@ def test_increments_have_a_lognormal_factor_of_median_one():
     noiseless = friction_after(Growth("archard", 3e-4, 3.0), 0.1, 0.0, 10.0) - 0.1
     steps = np.array([grow(start, growth, 0.0, 10.0, generator)[0] for _ in range(n)]) - 0.1
     logs = np.log(steps / noiseless)
-    assert logs.mean() == pytest.approx(0.0, abs=5 * sigma / math.sqrt(n))
+    assert logs.mean() == pytest.approx(-(sigma**2) / 2.0, abs=5 * sigma / math.sqrt(n))
+    # A lognormal factor of mean 1 scatters by sqrt(exp(sigma^2) - 1) = 0.31: 5 standard errors.
+    assert (steps / noiseless).mean() == pytest.approx(1.0, abs=5 * 0.31 / math.sqrt(n))
     assert logs.std() == pytest.approx(sigma, rel=5 / math.sqrt(2 * n))
 
 
