@@ -189,25 +189,19 @@ def single_current(drive: SourceDrive, position, I):
     return I
 
 
-def equivalent_current(drive, position, I) -> Any:
-    """Do what `lifted_current` or `single_current` does, whichever the constants belong to."""
-    raise NotImplementedError
+def _by_form(fast: Any, source: Any) -> Any:
+    """Return a function that calls one of two kernels, by the type of the constants it is given."""
+
+    def dispatch(drive, *arguments):
+        raise NotImplementedError
+
+    @overload(dispatch)
+    def choose(drive, *arguments):
+        form = fast if drive.instance_class is FastDrive else source
+        return lambda drive, *arguments: form(drive, *arguments)
+
+    return dispatch
 
 
-@overload(equivalent_current)
-def _equivalent_current(drive, position, I):
-    form = lifted_current if drive.instance_class is FastDrive else single_current
-    return lambda drive, position, I: form(drive, position, I)
-
-
-def drive_current(drive, position, cos, sin, I, I_ref, omega) -> Any:
-    """Do what `fast_drive` or `source_drive` does, whichever the constants belong to."""
-    raise NotImplementedError
-
-
-@overload(drive_current)
-def _drive_current(drive, position, cos, sin, I, I_ref, omega):
-    form = fast_drive if drive.instance_class is FastDrive else source_drive
-    return lambda drive, position, cos, sin, I, I_ref, omega: form(
-        drive, position, cos, sin, I, I_ref, omega
-    )
+drive_current: Final = _by_form(fast_drive, source_drive)
+equivalent_current: Final = _by_form(lifted_current, single_current)

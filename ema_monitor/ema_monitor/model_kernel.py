@@ -1,10 +1,11 @@
-"""Kernels of the monitor model: one equivalent phase, run for many fault vectors at once.
+"""Kernels of the monitor model: one equivalent phase, computed for many fault vectors at once.
 
-Individuals run in the lanes of `ema_core.simd`; the equation numbers are those of
+Each fault vector occupies a lane of `ema_core.simd`; the equation numbers are those of
 ``docs/model.md``.
 """
 
 import math
+from typing import Any, NamedTuple
 
 from ema_core._jit import kernel
 from ema_core.dynamics import (
@@ -25,13 +26,64 @@ from ema_monitor.drives import (
 )
 
 
+class ModelState(NamedTuple):
+    """State of the monitor model between two steps, a vector of lanes each.
+
+    ``theta_m`` [rad] and ``omega`` [rad/s] belong to the motor shaft, ``cos`` and ``sin`` to the
+    angle of the eccentricity. ``theta_b`` [rad] is the fast-shaft angle behind the backlash, ``I``
+    the current [A], ``integral`` [rad] and ``error`` [rad/s] are the memory of the speed loop.
+    """
+
+    theta_m: Any
+    cos: Any
+    sin: Any
+    omega: Any
+    theta_b: Any
+    I: Any
+    integral: Any
+    error: Any
+
+
 @kernel()
-def turned(cos, sin, angle):
-    """Return cosine and sine after a small turn: their series, to 1e-13 for 0.02 rad."""
+def rotate(cos, sin, angle):
+    """Return cosine and sine of an angle increased by up to 0.02 rad: their series, to 1e-13."""
     square = angle * angle
     c = 1.0 - square * (0.5 - square * (1.0 / 24.0))
     s = angle * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)))
     return c * cos - s * sin, c * sin + s * cos
+
+
+@kernel()
+def advance(
+    c: ControlConstants,
+    drive: FastDrive | SourceDrive,
+    mech: MechanicalConstants,
+    x: ModelState,
+    proportional,
+    command,
+    dt,
+):
+    """Return the state one step of ``dt`` [s] later, under a ``command`` [rad].
+
+    With ``proportional``, the speed loop has no other part and its reference current is computed
+    without the memory.
+    """
+    error = speed_error(c, command, x.theta_b * mech.tau, x.omega)
+    if proportional:
+        I_ref = clip(c.GAP / c.k_t * error, c.I_max)
+    else:
+        I_ref = reference_current(c, error, x.integral, x.error, 0.0, dt)
+    position = pair_position(drive.half_turns * x.theta_m)
+    I, torque, ripple = drive_current(drive, position, x.cos, x.sin, x.I, I_ref, x.omega)
+    # The ripple of the PWM breaks the motor away below its static friction (M12).
+    breakaway = max(mech.f_s - ripple, mech.f_d)
+    omega = next_speed_of_lanes(mech, x.omega, torque, breakaway, dt)
+    theta_m = x.theta_m + dt * omega
+    omega = select(abs(theta_m) > mech.theta_stop, 0.0, omega)
+    theta_m = clip(theta_m, mech.theta_stop)
+    cos, sin = rotate(x.cos, x.sin, drive.waves * (theta_m - x.theta_m))
+    theta_b = follow_in_play(x.theta_b, theta_m, mech.half_backlash)
+    return ModelState(theta_m, cos, sin, omega, theta_b, I, x.integral + dt * error, error)
 
 
 @kernel()
@@ -64,14 +116,15 @@ def run_lanes(
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     theta_b = broadcast(position_0 / mech.tau)
     theta_m = theta_b + load(play, first) * mech.half_backlash
-    cos, sin = math.cos(drive.waves * theta_m), math.sin(drive.waves * theta_m)
+    angle = drive.waves * theta_m
     omega = broadcast(speed_0)
     error = speed_error(c, command[0], position_0, omega)
-    # What the integrator holds at the start shows only in the current.
+    # The integral at the start follows from the measured current.
     integral = broadcast(0.0)
     if c.GAI > 0.0:
         integral = (current_0 * c.k_t - c.GAP * error) / c.GAI
     I = reference_current(c, error, integral, error, 0.0, dt)
+    x = ModelState(theta_m, math.cos(angle), math.sin(angle), omega, theta_b, I, integral, error)
     equivalent = equivalent_current(drive, pair_position(drive.half_turns * theta_m), I)
     lag_1, lag_2, lag_3 = equivalent, equivalent, equivalent
     proportional = c.GAI == 0.0 and c.GAD == 0.0
@@ -79,29 +132,12 @@ def run_lanes(
         total = broadcast(0.0)
         slope = (command[k + 1] - command[k]) / steps
         for j in range(steps):
-            # An Euler step answers half a step too soon: the command is read half a step late.
-            now = command[k] + (j - 0.5) * slope
-            last_error = error
-            error = speed_error(c, now, theta_b * mech.tau, omega)
-            if proportional:
-                I_ref = clip(c.GAP / c.k_t * error, c.I_max)
-            else:
-                I_ref = reference_current(c, error, integral, last_error, 0.0, dt)
-                integral += dt * error
-            position = pair_position(drive.half_turns * theta_m)
-            I, torque, ripple = drive_current(drive, position, cos, sin, I, I_ref, omega)
-            lag_1 += lag * (equivalent_current(drive, position, I) - lag_1)
+            position = pair_position(drive.half_turns * x.theta_m)
+            # An Euler step responds half a step too soon: the command is read half a step late.
+            x = advance(c, drive, mech, x, proportional, command[k] + (j - 0.5) * slope, dt)
+            lag_1 += lag * (equivalent_current(drive, position, x.I) - lag_1)
             lag_2 += lag * (lag_1 - lag_2)
             lag_3 += lag * (lag_2 - lag_3)
             total += lag_3
-            # The ripple of the PWM breaks the motor away below its static friction (M12).
-            breakaway = max(mech.f_s - ripple, mech.f_d)
-            omega = next_speed_of_lanes(mech, omega, torque, breakaway, dt)
-            start = theta_m
-            theta_m += dt * omega
-            omega = select(abs(theta_m) > mech.theta_stop, 0.0, omega)
-            theta_m = clip(theta_m, mech.theta_stop)
-            cos, sin = turned(cos, sin, drive.waves * (theta_m - start))
-            theta_b = follow_in_play(theta_b, theta_m, mech.half_backlash)
         store(current, first, k, total / steps + current_correction[k])
-        store(speed, first, k, omega + speed_correction[k])
+        store(speed, first, k, x.omega + speed_correction[k])

@@ -15,7 +15,7 @@ from ema_core.faults import fault_vector, healthy_faults, random_faults
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.simd import LANES
 from ema_monitor.model import FORMS, MonitorModel, Response
-from ema_monitor.model_kernel import next_speed_of_lanes, turned
+from ema_monitor.model_kernel import next_speed_of_lanes, rotate
 from ema_monitor.residual import rms
 
 from .windows import window_from
@@ -212,7 +212,7 @@ def test_angle_turned_in_steps_is_the_whole_angle():
     angle, steps = 8000 * 2 * math.pi / 60 * FORMS["fast"], round(0.5 / FORMS["fast"])
     cos, sin = 1.0, 0.0
     for _ in range(steps):
-        cos, sin = turned(cos, sin, angle)
+        cos, sin = rotate(cos, sin, angle)
     # The first terms left out, angle^6 / 720 and angle^7 / 5040, add up over all steps.
     bound = 1.1 * steps * angle**6 / 720
     assert cos == pytest.approx(math.cos(steps * angle), abs=bound)

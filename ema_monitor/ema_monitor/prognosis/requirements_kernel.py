@@ -1,35 +1,29 @@
 """Kernel of the performance test: what the fast form of the monitor does under a command.
 
-It takes the steps of `ema_monitor.model_kernel` from rest, but keeps figures of merit instead of
+It advances the model of `ema_monitor.model_kernel` from rest, but keeps figures of merit instead of
 samples; the equation numbers are those of ``docs/model.md``.
 """
 
 import math
 
 from ema_core._jit import kernel
-from ema_core.dynamics import (
-    clip,
-    follow_in_play,
-    next_speed_of_lanes,
-    reference_current,
-    speed_error,
-)
 from ema_core.parameters import ControlConstants, MechanicalConstants
 from ema_core.simd import LANES, broadcast, load, select, store
-from ema_monitor.drives import FastDrive, fast_drive, of_pair, pair_position
-from ema_monitor.model_kernel import turned
+from ema_monitor.drives import FastDrive, of_pair, pair_position
+from ema_monitor.model_kernel import ModelState, advance
 
 
 @kernel()
-def available_current(drive: FastDrive, position, cos, sin, I, omega, I_max):
+def available_current(drive: FastDrive, x: ModelState, I, I_max):
     """Return the current that the driven pair could carry in the direction of ``I`` [A].
 
     The least of what the limit of the current, that of the torque and the voltage left by the
     back-EMF allow.
     """
+    position = pair_position(drive.half_turns * x.theta_m)
     K = of_pair(position, drive.K)
-    K += of_pair(position, drive.K_cos) * cos + of_pair(position, drive.K_sin) * sin
-    voltage = drive.V_max - math.copysign(K, I) * omega
+    K += of_pair(position, drive.K_cos) * x.cos + of_pair(position, drive.K_sin) * x.sin
+    voltage = drive.V_max - math.copysign(K, I) * x.omega
     of_voltage = max(voltage / of_pair(position, drive.R), 0.0)
     return min(min(of_voltage, drive.T_max / abs(K)), broadcast(I_max))
 
@@ -61,28 +55,15 @@ def run_test(
     """
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     zero = broadcast(0.0)
-    theta_m, theta_b, omega, I, integral, error = zero, zero, zero, zero, zero, zero
-    cos, sin = broadcast(1.0), zero
+    x = ModelState(zero, broadcast(1.0), zero, zero, zero, zero, zero, zero)
     for b in range(len(edges) - 1):
         worst, used, in_phase, in_quadrature = zero, zero, zero, zero
         for k in range(edges[b], edges[b + 1]):
-            last_error = error
-            error = speed_error(c, heard[k], theta_b * mech.tau, omega)
-            I_ref = reference_current(c, error, integral, last_error, 0.0, dt)
-            integral += dt * error
-            position = pair_position(drive.half_turns * theta_m)
-            I, torque, ripple = fast_drive(drive, position, cos, sin, I, I_ref, omega)
-            available = available_current(drive, position, cos, sin, I, omega, c.I_max)
-            used = max(used, select(abs(I) < available, abs(I) / available, 1.0))
-            breakaway = max(mech.f_s - ripple, mech.f_d)
-            omega = next_speed_of_lanes(mech, omega, torque, breakaway, dt)
-            start = theta_m
-            theta_m += dt * omega
-            omega = select(abs(theta_m) > mech.theta_stop, 0.0, omega)
-            theta_m = clip(theta_m, mech.theta_stop)
-            cos, sin = turned(cos, sin, drive.waves * (theta_m - start))
-            theta_b = follow_in_play(theta_b, theta_m, mech.half_backlash)
-            user = theta_b * mech.tau
+            before = x
+            x = advance(c, drive, mech, before, False, heard[k], dt)
+            available = available_current(drive, before, x.I, c.I_max)
+            used = max(used, select(abs(x.I) < available, abs(x.I) / available, 1.0))
+            user = x.theta_b * mech.tau
             worst = max(worst, abs(command[k] - user))
             in_phase += user * cos_phase[k]
             in_quadrature += user * sin_phase[k]
