@@ -13,8 +13,9 @@ from rich.table import Table
 
 from ema_cli.errors import one_clear_line
 from ema_cli.progress import progress_bar
+from ema_monitor.cores import available_cpus
 from ema_study.averages import single_fault_runs
-from ema_study.execution import EXECUTORS, all_cores, execute, local_executor
+from ema_study.execution import EXECUTORS, execute, local_executor
 from ema_study.models import MODELS
 from ema_study.plan import RUNS, Job, plan
 from ema_study.record import Record, as_frame
@@ -83,7 +84,7 @@ def thesis(
         raise click.UsageError("--quick and --runs exclude each other")
     if kind == "serial" and workers is not None:
         raise click.UsageError("--executor serial and --workers exclude each other")
-    workers = 1 if kind == "serial" else workers or all_cores()
+    workers = 1 if kind == "serial" else workers or available_cpus()
     runs = runs or (QUICK_RUNS if quick else RUNS)
     models = tuple(dict.fromkeys(models))
     jobs = [job for model in models for job in plan(model, runs, with_trials=not quick)]
@@ -118,7 +119,7 @@ def thesis(
             {
                 "models": ", ".join(sorted(set(frame["model"]))),
                 "executor": f"{kind}, {workers} runs at once, each on one core",
-                "cores": str(all_cores()),
+                "cores": str(available_cpus()),
                 "last sitting": f"{len(missing)} runs and the timing in {minutes:.1f} min",
             },
         )

@@ -1,4 +1,4 @@
-"""Work for all cores, in threads of its own.
+"""Threads that share the work of one call.
 
 numba's ``prange`` is not used: where OpenMP is missing it ends the process when two threads call
 it at once, and with GNU OpenMP it does not survive a fork.
@@ -9,50 +9,52 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
-from numba.core import config
-
-_most: int | None = None
+_limit: int | None = None
 
 
-def limit_cores(count: int | None) -> None:
-    """Use at most so many cores from now on in this process; None for as many as there are.
+def available_cpus() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0))
 
-    Where processes or threads work side by side, each on one core, that is one.
+
+def limit_threads(count: int | None) -> None:
+    """Set how many threads a call uses at most in this process.
+
+    Parameters
+    ----------
+    count
+        The limit, 1 where processes or threads already work side by side; None for one thread per
+        available processor, as at the start.
     """
-    global _most
-    _most = count
+    global _limit
+    _limit = count
 
 
 @cache
-def _helpers(process: int, count: int) -> ThreadPoolExecutor:
+def _pool(process: int, count: int) -> ThreadPoolExecutor:
     """Return threads of this process: a fork does not inherit those of its parent."""
-    return ThreadPoolExecutor(count, thread_name_prefix="cores")
+    return ThreadPoolExecutor(count, thread_name_prefix="model")
 
 
-def on_all_cores(work: Callable[[int], None], tasks: int) -> None:
-    """Call ``work`` with each number below ``tasks``, on as many cores as there are or allowed.
+def run_in_threads(work: Callable[[int], None], tasks: int) -> None:
+    """Call ``work`` with each number below ``tasks``, in several threads at once.
 
     Parameters
     ----------
     work
-        Takes some 100 us or more, releases the interpreter lock and does not mind the order.
+        A call lasts 100 us or more and releases the interpreter lock; the order is arbitrary.
     tasks
-        How many calls. The calling thread works too, and makes a single call by itself.
+        Number of calls. The calling thread works too; a single call starts no other thread.
     """
     numbers = iter(range(tasks))
 
-    def take_turns() -> None:
+    def run_tasks() -> None:
         for number in numbers:
             work(number)
 
-    # pyright does not see the option, which numba sets from processors and environment.
-    cores = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
-    if _most is not None:
-        cores = min(cores, _most)
-    helping = [
-        _helpers(os.getpid(), cores - 1).submit(take_turns) for _ in range(min(tasks, cores) - 1)
-    ]
-    take_turns()
-    for helper in helping:
-        if not helper.cancel():
-            helper.result()
+    most = _limit or available_cpus()
+    others = [_pool(os.getpid(), most - 1).submit(run_tasks) for _ in range(min(tasks, most) - 1)]
+    run_tasks()
+    for other in others:
+        if not other.cancel():
+            other.result()

@@ -10,7 +10,7 @@ from ema_core.faults import degrade, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.simd import LANES
 from ema_core.telemetry import COLUMNS, Telemetry
-from ema_monitor.cores import on_all_cores
+from ema_monitor.cores import run_in_threads
 from ema_monitor.drives import fast_constants, source_constants
 from ema_monitor.model_kernel import run_lanes
 from ema_monitor.window import Window
@@ -135,7 +135,7 @@ class MonitorModel:
                 speed,
             )
 
-        on_all_cores(run, groups)
+        run_in_threads(run, groups)
         return Response(current[:m], speed[:m])
 
     def steps(self, sample_period: float) -> int:

@@ -1,7 +1,6 @@
 """Jobs over an executor: processes, threads, or any other of ``concurrent.futures``."""
 
 import multiprocessing
-import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -9,19 +8,14 @@ from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Final
 
-from ema_monitor.cores import limit_cores
+from ema_monitor.cores import limit_threads
 from ema_study.plan import Job
 from ema_study.record import Record
 from ema_study.run import run_job
 
 EXECUTORS: Final = ("processes", "threads", "serial")
 """Executors on this machine: several runs at once, in processes or in threads, or one by one. Each
-run has one core, so that its time does not depend on the executor."""
-
-
-def all_cores() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0))
+run has one thread, so that its time does not depend on the executor."""
 
 
 @contextmanager
@@ -63,7 +57,7 @@ def local_executor(kind: str, workers: int) -> Iterator[Executor]:
     finally:
         executor.shutdown(cancel_futures=True)
         if kind != "processes":
-            limit_cores(None)
+            limit_threads(None)
 
 
 def execute(jobs: Iterable[Job], executor: Executor) -> Iterator[Record]:
@@ -102,7 +96,7 @@ _is_cancelled: Callable[[], bool] = _never
 def _prepare(is_cancelled: Callable[[], bool]) -> None:
     global _is_cancelled
     _is_cancelled = is_cancelled
-    limit_cores(1)
+    limit_threads(1)
 
 
 def _run(job: Job) -> Record:

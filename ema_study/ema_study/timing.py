@@ -6,8 +6,8 @@ from typing import Final
 
 import pandas as pd
 
-from ema_monitor.cores import limit_cores
-from ema_study.execution import all_cores, execute, local_executor
+from ema_monitor.cores import available_cpus, limit_threads
+from ema_study.execution import execute, local_executor
 from ema_study.plan import Job
 from ema_study.run import run_job
 
@@ -20,14 +20,14 @@ _RUNS_A_WORKER = 2
 
 
 def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
-    """Time the same runs on one core, with each generation on all cores, and in processes.
+    """Time the same runs in one thread, with threads in each generation, and in processes.
 
     Parameters
     ----------
     model
         Name of the monitor model.
     workers
-        Number of processes; as many as there are cores by default.
+        Number of processes; one per available processor by default.
 
     Returns
     -------
@@ -35,7 +35,7 @@ def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
         A row a way: ``model``, ``algorithm``, ``how``, ``workers``, ``runs``, ``generations``,
         ``seconds`` (median of three rounds, the ways alternating), ``seconds_a_run``, ``speedup``.
     """
-    workers = workers or all_cores()
+    workers = workers or available_cpus()
     runs = _RUNS_A_WORKER * workers
     warm, *jobs = (
         Job(model, 10, ALGORITHM, "friction low", "low", run, "all_generations", 50, generations)
@@ -72,10 +72,10 @@ def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
     return frame
 
 
-def _in_turn(jobs: list[Job], cores: int | None) -> None:
-    limit_cores(cores)
+def _in_turn(jobs: list[Job], threads: int | None) -> None:
+    limit_threads(threads)
     try:
         for job in jobs:
             run_job(job)
     finally:
-        limit_cores(None)
+        limit_threads(None)

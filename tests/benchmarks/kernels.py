@@ -86,10 +86,9 @@ def best_time(work: Callable[[], object]) -> float:
 
 
 def in_process(cores: int) -> dict[str, float]:
-    """Measure in a process of its own, whose threads are as many as its cores."""
-    environment = {**os.environ, "NUMBA_NUM_THREADS": str(cores)}
+    """Measure in a process of its own, which keeps to so many cores."""
     command = [sys.executable, __file__, "--cores", str(cores)]
-    done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
     return json.loads(done.stdout)
 
 

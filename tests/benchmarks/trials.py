@@ -10,13 +10,13 @@ from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from cases import Case
-from numba.core import config
 from numpy.typing import ArrayLike, NDArray
 from rich.progress import Progress
 
 from ema_core.description import ActuatorDescription
 from ema_core.faults import ECCENTRICITY_PHASE, estimation_error
 from ema_monitor.calibration import Calibration
+from ema_monitor.cores import limit_threads
 from ema_monitor.estimate import Estimate, Settings
 from ema_monitor.identification import identify
 
@@ -87,7 +87,9 @@ def workers(progress: Progress) -> Iterator[Workers]:
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     # A fork would inherit threads of this process as they stand.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), context, initializer=_keep_to_one_core) as pool:
+    with ProcessPoolExecutor(
+        os.cpu_count(), context, initializer=limit_threads, initargs=(1,)
+    ) as pool:
         yield Workers(pool, progress)
 
 
@@ -108,10 +110,6 @@ def difference(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
     result = np.asarray(estimate, dtype=float) - np.asarray(truth, dtype=float)
     result[ECCENTRICITY_PHASE] -= np.round(result[ECCENTRICITY_PHASE])
     return result
-
-
-def _keep_to_one_core() -> None:
-    config.NUMBA_NUM_THREADS = 1  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _estimates(job: Job) -> list[Estimate]:

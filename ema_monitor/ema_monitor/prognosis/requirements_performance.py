@@ -13,7 +13,7 @@ from ema_core.commands import THESIS_CHIRP, Command
 from ema_core.faults import FAULT_NAMES, HIGHEST, N_FAULTS, degrade, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.simd import LANES
-from ema_monitor.cores import on_all_cores
+from ema_monitor.cores import run_in_threads
 from ema_monitor.drives import fast_constants
 from ema_monitor.prognosis.requirements_kernel import run_test
 
@@ -178,7 +178,7 @@ class PerformanceModel:
                     *of_lanes,
                 )
 
-            on_all_cores(run, groups)
+            run_in_threads(run, groups)
             for array, lanes in zip((error, used, real, imaginary), of_lanes, strict=True):
                 array[known] = lanes[: known.size]
         return error, used, 2.0 * (real + 1j * imaginary) / np.diff(figures.edges)

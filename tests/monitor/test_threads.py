@@ -1,26 +1,26 @@
-"""Work spread over cores: all of it, once, at the same time, and by whom."""
+"""Work shared by threads: all of it, once, at the same time, and by whom."""
 
-import os
 import subprocess
 import sys
 import threading
 
 import pytest
-from numba.core import config
 
 from ema_monitor import cores
-from ema_monitor.cores import on_all_cores
+from ema_monitor.cores import limit_threads, run_in_threads
 
 
 @pytest.fixture(autouse=True)
-def two_cores(monkeypatch):
-    monkeypatch.setattr(config, "NUMBA_NUM_THREADS", 2)
+def two_threads():
+    limit_threads(2)
+    yield
+    limit_threads(None)
 
 
 @pytest.mark.parametrize("tasks", [0, 1, 2, 3, 100])
 def test_all_work_is_done_once(tasks):
     done = []
-    on_all_cores(done.append, tasks)
+    run_in_threads(done.append, tasks)
     assert sorted(done) == list(range(tasks))
 
 
@@ -30,13 +30,13 @@ def test_two_pieces_of_work_run_at_the_same_time():
     def meet(_: int) -> None:
         both.wait()
 
-    on_all_cores(meet, 2)
+    run_in_threads(meet, 2)
 
 
 def test_single_piece_of_work_costs_no_thread(monkeypatch):
-    monkeypatch.delattr(cores, "_helpers")
+    monkeypatch.delattr(cores, "_pool")
     threads = []
-    on_all_cores(lambda _: threads.append(threading.current_thread()), 1)
+    run_in_threads(lambda _: threads.append(threading.current_thread()), 1)
     assert threads == [threading.current_thread()]
 
 
@@ -50,17 +50,20 @@ def test_failure_reaches_the_caller():
             raise ArithmeticError(f"piece {number}")
 
     with pytest.raises(ArithmeticError, match="piece"):
-        on_all_cores(work, 2)
+        run_in_threads(work, 2)
 
 
 AFTER_A_FORK = """
-import os, threading
-from ema_monitor.cores import on_all_cores
+import os
+import threading
+
+from ema_monitor.cores import limit_threads, run_in_threads
 
 def meet():
     both = threading.Barrier(2, timeout=8.0)
-    on_all_cores(lambda _: both.wait(), 2)
+    run_in_threads(lambda _: both.wait(), 2)
 
+limit_threads(2)
 meet()
 child = os.fork()
 if child == 0:
@@ -76,7 +79,6 @@ assert os.waitpid(child, 0)[1] == 0
 def test_forked_process_has_threads_of_its_own():
     subprocess.run(
         [sys.executable, "-c", AFTER_A_FORK],
-        env=os.environ | {"NUMBA_NUM_THREADS": "2"},
         check=True,
         timeout=60,
     )
