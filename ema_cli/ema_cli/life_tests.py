@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_sim.bench import ActuatorBench, BenchSettings
-from ema_sim.lives import NOISE_OF_SPOILED, Life
+from ema_sim.lives import NOISE_OF_SPOILED, SimulatedLife
 from ema_sim.sensors import Sensors
 
 _NS_PER_HOUR: Final = 3_600_000_000_000
@@ -46,7 +46,7 @@ class LifeTest:
 
 
 def simulated_tests(
-    life: Life,
+    life: SimulatedLife,
     description: ActuatorDescription,
     rng: np.random.Generator,
     interrupted: Callable[[], bool],

@@ -22,7 +22,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES
 from ema_core.typical_growth import TYPICAL
 from ema_monitor.health import HealthLimits
-from ema_sim.lives import Life, constant_life, run_to_failure
+from ema_sim.lives import SimulatedLife, constant_life, run_to_failure
 
 INDEX: Final = "lives.csv"
 """File with a line about each life."""
@@ -114,7 +114,7 @@ def lives(
 
 def _drawn(
     rng: np.random.Generator, kind: str | None, *, is_constant: bool, with_repair: bool
-) -> Life:
+) -> SimulatedLife:
     limits = HealthLimits()
     by_fault = {name: limits.of(name) for name in FAULT_NAMES if name != "eccentricity_phase"}
     if is_constant:
@@ -155,7 +155,7 @@ def _remove(part: Path) -> None:
         part.unlink()
 
 
-def _told(name: str, unit: ActuatorDescription, life: Life) -> dict[str, object]:
+def _told(name: str, unit: ActuatorDescription, life: SimulatedLife) -> dict[str, object]:
     """Return the line about a life; no end and no repair are empty cells."""
     return {
         "life": name,

@@ -24,7 +24,7 @@ from ema_core.quantity import check_quantities, quantity
 from ema_core.typical_growth import TYPICAL, TypicalGrowth
 from ema_sim.growth import Growth, grow
 
-Window = Literal["good", "noisy", "gap", "missing"]
+WindowKind = Literal["good", "noisy", "gap", "missing"]
 """What became of a test's window."""
 
 NOISE_OF_SPOILED: Final = 1.0
@@ -63,7 +63,7 @@ class LifeSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Life:
+class SimulatedLife:
     """A life, test by test.
 
     Attributes
@@ -88,7 +88,7 @@ class Life:
     growths: Mapping[str, Growth]
     hours: NDArray[np.float64]
     faults: NDArray[np.float64]
-    windows: tuple[Window, ...]
+    windows: tuple[WindowKind, ...]
     end_hours: float
     repair_hours: float = math.nan
 
@@ -101,7 +101,7 @@ def run_to_failure(
     *,
     with_repair: bool = False,
     typical: Mapping[str, TypicalGrowth] = TYPICAL,
-) -> Life:
+) -> SimulatedLife:
     """Draw the life of a new actuator until a fault reaches its limit.
 
     Parameters
@@ -140,7 +140,7 @@ def run_to_failure(
 
 def constant_life(
     limits: Mapping[str, float], rng: np.random.Generator, settings: LifeSettings | None = None
-) -> Life:
+) -> SimulatedLife:
     """Draw a life in which no fault grows.
 
     Parameters
@@ -172,7 +172,9 @@ def constant_life(
         if is_worn:
             k[number] = value
     hours = _hours(tests, settings)
-    return Life("", {}, hours, np.tile(k, (tests, 1)), _windows(tests, rng, settings), math.inf)
+    return SimulatedLife(
+        "", {}, hours, np.tile(k, (tests, 1)), _windows(tests, rng, settings), math.inf
+    )
 
 
 def _check(
@@ -197,10 +199,10 @@ def _hours(n: int, settings: LifeSettings) -> NDArray[np.float64]:
     return np.arange(n, dtype=np.float64) * np.float64(settings.interval_hours)
 
 
-def _windows(n: int, rng: np.random.Generator, settings: LifeSettings) -> tuple[Window, ...]:
+def _windows(n: int, rng: np.random.Generator, settings: LifeSettings) -> tuple[WindowKind, ...]:
     spoiled = settings.spoiled_share / 2.0
     taken = 1.0 - settings.missing_share
-    kinds: tuple[Window, ...] = ("missing", "noisy", "gap", "good")
+    kinds: tuple[WindowKind, ...] = ("missing", "noisy", "gap", "good")
     shares = (1.0 - taken, taken * spoiled, taken * spoiled)
     picked = np.searchsorted(np.cumsum(shares), rng.random(n), side="right")
     return tuple(kinds[number] for number in picked)
@@ -235,7 +237,7 @@ def _grown_old(
     settings: LifeSettings,
     *,
     with_repair: bool,
-) -> Life | None:
+) -> SimulatedLife | None:
     """Return a life, or None when it is too short or too long."""
     phase = FAULT_NAMES[int(rng.choice(SHORT_CIRCUITS))]
     names = {name: phase if name == "short_circuit" else name for name in typical}
@@ -263,7 +265,7 @@ def _grown_old(
         if first != column or number + 1 < repair + settings.least_tests:
             return None
         n = len(faults)
-        return Life(
+        return SimulatedLife(
             dominant,
             growths,
             _hours(n, settings),

@@ -55,7 +55,7 @@ from trials import ACTUATOR, Workers, workers
 from ema_monitor.calibration import Calibration
 from ema_monitor.healthy_fit import calibrate
 from ema_monitor.prognosis.observation import Observation
-from ema_sim.lives import Life
+from ema_sim.lives import SimulatedLife
 
 try:
     from prognosis_progpy import accuracy_by_progpy, particle_filter
@@ -137,7 +137,7 @@ def trend_reports(scored: ScoredLife) -> Reports:
 
 def _scores(
     scored: ScoredLife,
-    life: Life,
+    life: SimulatedLife,
     observations: Sequence[Observation],
     methods: Mapping[str, Predictor] = METHODS,
 ) -> Scores:

@@ -25,7 +25,7 @@ from ema_core.faults import (
     healthy_faults,
 )
 from ema_monitor.prognosis.observation import Observation
-from ema_sim.lives import Life
+from ema_sim.lives import SimulatedLife
 
 FILE: Final = Path(__file__).with_name("estimator_errors.jsonl")
 _UPPER: Final = np.triu_indices(N_FAULTS, 1)
@@ -139,7 +139,7 @@ def error_model() -> ErrorModel:
     return ErrorModel.of()
 
 
-def drawn(scored: ScoredLife, life: Life) -> list[Observation]:
+def drawn(scored: ScoredLife, life: SimulatedLife) -> list[Observation]:
     """Return the estimates of a life's tests with a usable window, always the same.
 
     Parameters

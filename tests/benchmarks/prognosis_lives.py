@@ -17,7 +17,7 @@ from ema_monitor.health import HealthLimits
 from ema_monitor.identification import identify
 from ema_monitor.trigger import WindowTrigger
 from ema_monitor.window import Window
-from ema_sim.lives import NOISE_OF_SPOILED, Life, constant_life, run_to_failure
+from ema_sim.lives import NOISE_OF_SPOILED, SimulatedLife, constant_life, run_to_failure
 from ema_sim.sensors import Sensors
 
 SEED: Final = 20_231
@@ -55,7 +55,7 @@ class ScoredLife:
         """Return the random numbers for a purpose."""
         return np.random.default_rng([SEED, self.stream, self.number, purpose])
 
-    def life(self) -> Life:
+    def life(self) -> SimulatedLife:
         """Return what happens in it."""
         rng = self.rng(0)
         if self.stream == _CONSTANT:
@@ -64,7 +64,7 @@ class ScoredLife:
         repaired = self.stream == _REPAIRED
         return run_to_failure(LIMITS, rng, self.kind, with_repair=repaired, typical=typical)
 
-    def case(self, life: Life, test: int) -> Case:
+    def case(self, life: SimulatedLife, test: int) -> Case:
         """Return a test of it to simulate."""
         seed = (SEED, self.stream, self.number, test)
         return Case(tuple(life.faults[test].tolist()), seed)

@@ -29,7 +29,7 @@ from ema_monitor.prognosis.metrics import ALPHA
 from ema_monitor.prognosis.observation import Observation
 from ema_monitor.prognosis.prediction import Fan
 from ema_monitor.prognosis.tracker import Tracker
-from ema_sim.lives import Life
+from ema_sim.lives import SimulatedLife
 
 HERE: Final = Path(__file__).parent
 
@@ -59,7 +59,7 @@ class ShownLife:
     """A life, what its tests told, and what was predicted after each."""
 
     scored: ScoredLife
-    life: Life
+    life: SimulatedLife
     observations: Sequence[Observation]
     predictions: Mapping[str, Predictions]
 

@@ -16,7 +16,7 @@ from ema_monitor.prognosis.observation import Observation
 from ema_monitor.prognosis.settings import NOMINAL_LAWS, TrackerSettings
 from ema_monitor.prognosis.tracker import Tracker
 from ema_sim.growth import Growth
-from ema_sim.lives import Life, LifeSettings
+from ema_sim.lives import LifeSettings, SimulatedLife
 
 TREND_TESTS: Final = 20
 """Latest estimates that the linear trend is fitted to."""
@@ -85,7 +85,7 @@ class Predictions:
         )
 
 
-Predictor = Callable[[Life, Sequence[Observation]], Predictions]
+Predictor = Callable[[SimulatedLife, Sequence[Observation]], Predictions]
 
 
 def _tracked(observations: Sequence[Observation], settings: TrackerSettings) -> Predictions:
@@ -101,17 +101,17 @@ def _tracked(observations: Sequence[Observation], settings: TrackerSettings) -> 
     return Predictions.of(observations, samples, seconds)
 
 
-def law_known(_: Life, observations: Sequence[Observation]) -> Predictions:
+def law_known(_: SimulatedLife, observations: Sequence[Observation]) -> Predictions:
     """Return what the tracker predicts that is told laws and typical rates."""
     return _tracked(observations, SETTINGS["law known"])
 
 
-def law_unknown(_: Life, observations: Sequence[Observation]) -> Predictions:
+def law_unknown(_: SimulatedLife, observations: Sequence[Observation]) -> Predictions:
     """Return what the tracker predicts as shipped."""
     return _tracked(observations, SETTINGS["law unknown"])
 
 
-def linear_trend(_: Life, observations: Sequence[Observation]) -> Predictions:
+def linear_trend(_: SimulatedLife, observations: Sequence[Observation]) -> Predictions:
     """Return where least squares lines through the latest estimates first cross a limit.
 
     A component takes part once its slope is away from healthy by three standard errors; the
@@ -157,7 +157,7 @@ def _first_crossing(
     return lives if np.any(np.isfinite(lives)) else None
 
 
-def oracle(life: Life, observations: Sequence[Observation]) -> Predictions:
+def oracle(life: SimulatedLife, observations: Sequence[Observation]) -> Predictions:
     """Return what could be predicted at best: only the process noise of the future is unknown.
 
     It knows the true faults, laws, rates and hours of onset. To first order in the noise of the

@@ -34,7 +34,7 @@ from ema_core.faults import FAULT_NAMES, healthy_faults
 from ema_core.growth_laws import LAWS
 from ema_core.typical_growth import TYPICAL, TypicalGrowth, kind_of
 from ema_monitor.prognosis.observation import Observation
-from ema_sim.lives import Life, LifeSettings
+from ema_sim.lives import LifeSettings, SimulatedLife
 
 PARTICLES: Final = 1000
 SAMPLES: Final = 100
@@ -134,7 +134,7 @@ def _grow(
         state[2, i] = max(waiting - dt, 0.0)
 
 
-def particle_filter(life: Life, observations: Sequence[Observation]) -> Predictions:
+def particle_filter(life: SimulatedLife, observations: Sequence[Observation]) -> Predictions:
     """Return the predictions of a life."""
     name = life.dominant
     number = FAULT_NAMES.index(name)

@@ -23,7 +23,7 @@ from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.required_life import requirements_of
 from ema_monitor.prognosis.requirements import REQUIREMENTS, RequirementLimits, Requirements
 from ema_monitor.prognosis.settings import TrackerSettings
-from ema_sim.lives import Life
+from ema_sim.lives import SimulatedLife
 
 _NS_PER_HOUR = 3_600_000_000_000
 
@@ -166,7 +166,7 @@ def _followed(
     return outlooks, spent
 
 
-def _failure_hours(life: Life) -> float:
+def _failure_hours(life: SimulatedLife) -> float:
     """Return when the first requirement fails, by the true faults at the tests [h]."""
     reserve = _requirements().exact_reserves(REQUIREMENTS, life.faults).min(axis=1)
     failed = np.flatnonzero(reserve < 0.0)

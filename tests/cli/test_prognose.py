@@ -35,7 +35,7 @@ from ema_monitor.prognosis.tracker import Tracker
 from ema_monitor.prognosis.usage import Service
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
-from ema_sim.lives import Life
+from ema_sim.lives import SimulatedLife
 
 SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
 INTERVAL_H = 10.0
@@ -51,7 +51,7 @@ def life_folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("life")
     hours = np.arange(1, TESTS + 1) * np.float64(INTERVAL_H)
     faults = np.array([fault_vector({"friction": 0.1 + RATE * i}) for i in range(TESTS)])
-    life = Life("friction", {}, hours, faults, ("good",) * TESTS, math.inf)
+    life = SimulatedLife("friction", {}, hours, faults, ("good",) * TESTS, math.inf)
     description = ActuatorDescription()
     tests = simulated_tests(life, description, np.random.default_rng(0), lambda: False)
     for test in tests:
@@ -312,7 +312,7 @@ def written(life_folder, tmp_path) -> Callable[..., Path]:
     """Write one test of another unit to a bag."""
 
     def write(name: str, hours: float = 1.0, **changes: str) -> Path:
-        life = Life("", {}, np.array([hours]), fault_vector({})[None], ("good",), math.inf)
+        life = SimulatedLife("", {}, np.array([hours]), fault_vector({})[None], ("good",), math.inf)
         description = replace(ActuatorDescription(), **changes)
         [test] = simulated_tests(life, description, np.random.default_rng(0), lambda: False)
         write_test(tmp_path / name, test, description)
@@ -360,7 +360,7 @@ def test_two_bags_of_the_same_stamp_are_refused(written):
 
 
 def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
-    life = Life("", {}, np.array([1.0]), fault_vector({})[None], ("good",), math.inf)
+    life = SimulatedLife("", {}, np.array([1.0]), fault_vector({})[None], ("good",), math.inf)
     description = ActuatorDescription()
     [test] = simulated_tests(life, description, np.random.default_rng(0), lambda: False)
     count = usage_at_cycle(replace(description, serial_number="0002"), test.start_ns, 500.0, 6)
@@ -378,7 +378,7 @@ def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
 
 
 def test_usage_that_was_read_after_the_test_is_not_said_to_be_missing(ema, tmp_path):
-    life = Life("", {}, np.array([1.0]), fault_vector({})[None], ("good",), math.inf)
+    life = SimulatedLife("", {}, np.array([1.0]), fault_vector({})[None], ("good",), math.inf)
     description = ActuatorDescription()
     [test] = simulated_tests(life, description, np.random.default_rng(0), lambda: False)
     path = tmp_path / "one.mcap"
@@ -402,7 +402,7 @@ def test_simulated_bag_tells_its_service_hours(ema, tmp_path):
 
 
 def test_impossible_usage_is_told_and_not_used(tmp_path):
-    life = Life("", {}, np.array([1.0]), fault_vector({})[None], ("good",), math.inf)
+    life = SimulatedLife("", {}, np.array([1.0]), fault_vector({})[None], ("good",), math.inf)
     description = ActuatorDescription()
     [test] = simulated_tests(life, description, np.random.default_rng(0), lambda: False)
     write_test(tmp_path / "one.mcap", replace(test, hours=-1.0), description)
