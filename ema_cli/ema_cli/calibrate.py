@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from ema_cli.errors import one_clear_line
+from ema_cli.output_path import require_free
 from ema_cli.progress import progress_bar
 from ema_cli.source_options import Source, source_options
 from ema_cli.windows import read_windows, require_windows
@@ -25,7 +26,9 @@ _ENOUGH_WINDOWS = 5
     type=click.Choice(list(FORMS)),
     help="Form of the monitor model; estimates with this calibration use the same.",
 )
-@source_options
+@source_options(
+    force="Replace OUTPUT if it is there; use --actuator even against the description in the bag."
+)
 @click.option(
     "-o",
     "--output",
@@ -36,6 +39,8 @@ _ENOUGH_WINDOWS = 5
 def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -> None:
     """Average the windows in BAGS of one healthy actuator into a calibration."""
     with one_clear_line():
+        read = [*bags, *([source.actuator_file] if source.actuator_file else [])]
+        require_free(output, read, force=source.force)
         descriptions, windows = [], []
         for bag in bags:
             found = read_windows(bag, source)

@@ -16,7 +16,7 @@ from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.estimate import as_object
 from ema_cli.identification_options import IdentificationOptions, comparison_options
 from ema_cli.picture_path import require_drawable
-from ema_cli.source_options import Source, source_options
+from ema_cli.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.windows import BagWindows, read_windows, require_windows
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.optimizers import ALGORITHMS
@@ -40,7 +40,7 @@ class _Algorithms(click.ParamType):
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@source_options
+@source_options(USE_OPTIONS)
 @click.option(
     "--algorithms",
     default=",".join(ALGORITHMS),
@@ -88,7 +88,9 @@ def compare(
         require_windows(bag, found, source)
         chosen = choose_window(found, number)
         truth = found.true_faults(chosen.window.start_ns)
-        comparison = compare_algorithms(chosen, algorithms, calibration, options, truth)
+        comparison = compare_algorithms(
+            chosen, algorithms, calibration, options, truth, force=source.force
+        )
     start, end = found.seconds(chosen.window.start_ns), found.seconds(chosen.window.end_ns)
     title = f"window {chosen.number}, {start:.4f} s to {end:.4f} s"
     if as_json:

@@ -124,6 +124,8 @@ def compare_algorithms(
     calibration: Calibration,
     options: IdentificationOptions,
     truth: NDArray[np.float64] | None,
+    *,
+    force: bool = False,
 ) -> Comparison:
     """Identify a window by each algorithm from the healthy point, with a progress bar.
 
@@ -139,6 +141,8 @@ def compare_algorithms(
         How to identify; algorithm and warm start do not count.
     truth
         True faults, ``(8,)``, if they are known.
+    force
+        Whether to estimate even if the calibration does not fit.
 
     Raises
     ------
@@ -153,7 +157,7 @@ def compare_algorithms(
         runs = []
         for algorithm in algorithms:
             search = replace(options.search, algorithm=algorithm, warm_start=False)
-            diagnosis = Diagnosis(found, calibration, search, force=options.force)
+            diagnosis = Diagnosis(found, calibration, search, force=force)
             task = progress.add_task(algorithm, total=search.budget)
             evaluations, costs = [], []
             try:

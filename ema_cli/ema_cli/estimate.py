@@ -14,7 +14,7 @@ from rich.table import Table
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.progress import progress_bar
-from ema_cli.source_options import Source, source_options
+from ema_cli.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.windows import BagWindows, read_windows, require_windows
 from ema_core.faults import FAULT_NAMES, FAULTS, healthy_faults
 from ema_monitor.calibration import Calibration
@@ -31,7 +31,7 @@ SIGNIFICANT: Final = 3.0
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@source_options
+@source_options(USE_OPTIONS)
 @identification_options
 @click.option("--json", "as_json", is_flag=True, help="Print one list, an object a window.")
 def estimate(bag: Path, source: Source, options: IdentificationOptions, as_json: bool) -> None:
@@ -42,7 +42,7 @@ def estimate(bag: Path, source: Source, options: IdentificationOptions, as_json:
         for remark in found.remarks:
             click.echo(f"{bag}: {remark}", err=True)
         require_windows(bag, found, source)
-        estimates = estimate_windows(found.windows, calibration, options)
+        estimates = estimate_windows(found.windows, calibration, options, force=source.force)
     if as_json:
         click.echo(json.dumps([as_object(e, found) for e in estimates], indent=2))
     else:
@@ -54,7 +54,11 @@ def estimate(bag: Path, source: Source, options: IdentificationOptions, as_json:
 
 
 def estimate_windows(
-    windows: Sequence[Found], calibration: Calibration, options: IdentificationOptions
+    windows: Sequence[Found],
+    calibration: Calibration,
+    options: IdentificationOptions,
+    *,
+    force: bool = False,
 ) -> list[Estimate]:
     """Return the estimate of every window, as a monitor makes them, with a progress bar.
 
@@ -66,6 +70,8 @@ def estimate_windows(
         Calibration of the model.
     options
         How to identify.
+    force
+        Whether to estimate even if the calibration does not fit.
     """
     # So that the computing time of the first estimate is that of an estimate.
     compile_kernels()
@@ -74,7 +80,7 @@ def estimate_windows(
         task = progress.add_task("identifying", total=len(windows))
         for number, found in enumerate(windows):
             run = Diagnosis(
-                found, calibration, options.search, force=options.force, last_faults=last_faults
+                found, calibration, options.search, force=force, last_faults=last_faults
             )
             for generation in run:
                 progress.update(

@@ -57,9 +57,6 @@ _OF_EACH_SEARCH = (
         type=click.Path(path_type=Path, dir_okay=False),
         help="File made by `ema calibrate`; without it that of the built-in actuator.",
     ),
-    click.option(
-        "--force", is_flag=True, help="Estimate even if the calibration does not fit, and say so."
-    ),
 )
 
 
@@ -73,13 +70,10 @@ class IdentificationOptions:
         How to identify.
     calibration_file
         File of the calibration; None for the shipped one.
-    force
-        Whether to estimate even if the calibration does not fit.
     """
 
     search: Search
     calibration_file: Path | None
-    force: bool
 
     def calibration(self) -> Calibration:
         """Return the calibration that the options name.
@@ -122,7 +116,6 @@ def _with_options(
         goodness_limit: float,
         seed: int,
         calibration_file: Path | None,
-        force: bool,
         algorithm: str = Search.algorithm,
         warm_start: bool = False,
         **others: Any,
@@ -135,7 +128,7 @@ def _with_options(
             seed=seed,
             warm_start=warm_start,
         )
-        options = IdentificationOptions(search, calibration_file, force)
+        options = IdentificationOptions(search, calibration_file)
         command(options=options, **others)
 
     for option in reversed(offered):

@@ -15,7 +15,7 @@ from ema_recording.reader import Bag
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@source_options
+@source_options()
 def info(bag: Path, source: Source) -> None:
     """Say what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it."""
     with one_clear_line():

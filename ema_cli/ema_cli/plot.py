@@ -13,7 +13,7 @@ from ema_cli.history import read_history
 from ema_cli.history_figure import draw_history
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.picture_path import require_drawable
-from ema_cli.source_options import Source, source_options
+from ema_cli.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.windows import BagWindows, read_windows
 from ema_core.faults import FAULTS, healthy_faults
 from ema_core.telemetry import Telemetry, join
@@ -25,7 +25,7 @@ from ema_monitor.window import Window
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@source_options
+@source_options(USE_OPTIONS)
 @identification_options
 @click.option("--window", "number", type=click.IntRange(0), help="Show the fit of this window.")
 @click.option(
@@ -59,13 +59,16 @@ def plot(
             click.echo(f"{output}")
             return
         found = read_windows(bag, source)
+        for remark in found.remarks:
+            click.echo(f"{bag}: {remark}", err=True)
         if number is None:
             figure = draw_telemetry(found)
         else:
             window = _window(found, number)
             calibration = options.calibration()
             # With those before it, in which a warm search begins.
-            one = estimate_windows(found.windows[: number + 1], calibration, options)[-1]
+            before = found.windows[: number + 1]
+            one = estimate_windows(before, calibration, options, force=source.force)[-1]
             if not one.valid:
                 raise ValueError(f"window {number} has no estimate: {one.reason}")
             figure = draw_fit(found, window, calibration, one)

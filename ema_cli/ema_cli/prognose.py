@@ -22,7 +22,7 @@ from ema_cli.prognosis_table import (
     summary,
     table_of_growth,
 )
-from ema_cli.source_options import Source, source_options
+from ema_cli.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.unit_calibration import with_calibration_beside
 from ema_cli.unit_course import follow
 from ema_cli.unit_record import read_unit
@@ -41,7 +41,7 @@ def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> 
 
 @click.command()
 @click.argument("bags", metavar="BAG...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@source_options
+@source_options(USE_OPTIONS)
 @identification_options
 @click.option(
     "--hours-per-cycle",
@@ -114,7 +114,7 @@ def prognose(
         calibration = options.calibration()
         for remark in record.remarks:
             click.echo(remark, err=True)
-        estimates = estimate_windows(record.windows, calibration, options)
+        estimates = estimate_windows(record.windows, calibration, options, force=source.force)
         course = follow(record, estimates, calibration.model().parameters, settings)
         for number, estimate in enumerate(estimates):
             if not estimate.valid:

@@ -7,6 +7,7 @@ from rclpy.qos import QoSProfile
 
 from ema_cli.errors import one_clear_line
 from ema_cli.interrupt import deferred_interrupt
+from ema_cli.output_path import require_apart
 from ema_cli.progress import progress_bar
 from ema_recording.message_type import message_class
 from ema_recording.qos import joint_offer, recorded_qos
@@ -28,8 +29,7 @@ from ema_recording.writer import BagWriter
 def recover(bag: Path, output: Path, force: bool) -> None:
     """Write what is intact of BAG, left by a recorder that was killed, to a bag with an index."""
     with one_clear_line():
-        if output.resolve() == bag.resolve():
-            raise ValueError(f"{output} is the damaged bag itself: give another name")
+        require_apart(output, [bag])
         damaged = Bag(bag)
         names = [name for name, topic in damaged.topics.items() if topic.count]
         with (

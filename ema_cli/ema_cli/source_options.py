@@ -4,11 +4,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 
 from ema_monitor.trigger import TriggerSettings
+
+USE_OPTIONS: Final = (
+    "Use --actuator and --calibration even against the description in the bag, and say so."
+)
+"""Help of ``--force`` where a bag is identified."""
 
 _DEFAULTS = TriggerSettings()
 _OPTIONS = (
@@ -17,7 +22,7 @@ _OPTIONS = (
         "--actuator",
         "actuator_file",
         type=click.Path(path_type=Path, dir_okay=False),
-        help="YAML file that describes the actuator, for a bag without its description.",
+        help="YAML file that describes the actuator, for a bag without a description of it.",
     ),
     click.option("--topic", help="Topic of the telemetry, if there are several."),
     click.option(
@@ -50,13 +55,17 @@ class Source:
         How long the command rests before a window [s].
     actuator_file
         Description for a bag that holds none.
+    force
+        Whether the options hold even against the bag: the description in ``actuator_file`` is used
+        for a bag that has one too, and a calibration that does not fit it.
     """
 
     actuator_id: str | None
     topic: str | None
     threshold: float
     rest_s: float
-    actuator_file: Path | None
+    actuator_file: Path | None = None
+    force: bool = False
 
     def trigger_settings(self) -> TriggerSettings:
         """Return the settings of the window trigger.
@@ -69,22 +78,35 @@ class Source:
         return TriggerSettings(rest_s=self.rest_s, threshold=self.threshold)
 
 
-def source_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options; it gets them as one argument, ``source``."""
+def source_options(
+    force: str = "Use --actuator even against the description in the bag.",
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that gives a command the options; it gets them as one, ``source``.
 
-    @wraps(command)
-    def with_options(
-        *,
-        actuator_id: str | None,
-        topic: str | None,
-        threshold: float,
-        rest_s: float,
-        actuator_file: Path | None,
-        **others: Any,
-    ) -> None:
-        source = Source(actuator_id, topic, threshold, rest_s, actuator_file)
-        command(source=source, **others)
+    Parameters
+    ----------
+    force
+        Help of ``--force``, for a command where it means more.
+    """
+    offered = (*_OPTIONS, click.option("--force", is_flag=True, help=force))
 
-    for option in reversed(_OPTIONS):
-        with_options = option(with_options)
-    return with_options
+    def add_options(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def with_options(
+            *,
+            actuator_id: str | None,
+            topic: str | None,
+            threshold: float,
+            rest_s: float,
+            actuator_file: Path | None,
+            force: bool,
+            **others: Any,
+        ) -> None:
+            source = Source(actuator_id, topic, threshold, rest_s, actuator_file, force)
+            command(source=source, **others)
+
+        for option in reversed(offered):
+            with_options = option(with_options)
+        return with_options
+
+    return add_options

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_cli.chosen_description import choose_description
 from ema_cli.progress import progress_bar
 from ema_cli.source_options import Source
 from ema_cli.truths import truth_at
@@ -16,7 +17,6 @@ from ema_interfaces.msg import FaultVectorStamped
 from ema_messages.faults import StampedFaults, stamped_faults_from_message
 from ema_monitor.trigger import Defect
 from ema_monitor.watch import Found, Watch
-from ema_nodes.actuator_file import load_description
 from ema_recording.message_type import type_name
 from ema_recording.reader import Bag
 from ema_recording.telemetry import Malformed, read_telemetry
@@ -96,25 +96,20 @@ def read_windows(path: Path, source: Source) -> BagWindows:
         recorded = read_telemetry(bag, source.topic, source.actuator_id)
     except ValueError as error:
         raise ValueError("; ".join(filter(None, (str(error), bag.damage)))) from error
-    if recorded.descriptions:
-        description = recorded.descriptions[0]
-    elif source.actuator_file is not None:
-        description = load_description(source.actuator_file)
-    else:
-        raise ValueError(
-            f"{path} has no description of actuator {recorded.actuator_id!r}: give one with "
-            "--actuator FILE"
-        )
+    description, warning = choose_description(
+        path, recorded.actuator_id, recorded.descriptions, source
+    )
+    is_forced = source.force and source.actuator_file is not None
     watch = Watch(source.trigger_settings(), description)
     blocks: list[Telemetry] = []
     windows: list[Found] = []
     defects: list[Defect] = []
-    remarks = []
+    remarks = [warning] if warning else []
     with progress_bar() as progress:
         total = bag.topics[recorded.topic].count
         for item in progress.track(recorded.items(), total=total, description=f"reading {path}"):
             if isinstance(item, ActuatorDescription):
-                events = watch.describe(item)
+                events = [] if is_forced else watch.describe(item)
             elif isinstance(item, Malformed):
                 events = watch.reject(item.stamp_ns, item.reason)
             else:

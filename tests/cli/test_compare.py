@@ -51,7 +51,7 @@ def compared(ema, bag):
 @pytest.fixture(scope="module")
 def quick(bag) -> Comparison:
     found = read_windows(bag, SOURCE)
-    options = IdentificationOptions(Search(budget=400), None, force=False)
+    options = IdentificationOptions(Search(budget=400), None)
     calibration = Calibration.builtin()
     truth = found.true_faults(found.windows[0].window.start_ns)
     return compare_algorithms(

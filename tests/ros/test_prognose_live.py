@@ -53,7 +53,7 @@ def recorded(path: Path, tests: list[tuple[Telemetry, Usage]]) -> Path:
 def offline(path: Path) -> list[Health]:
     trigger = TriggerSettings()
     record = read_unit([path], Source(None, None, trigger.threshold, trigger.rest_s, None))
-    options = IdentificationOptions(Search(), None, force=False)
+    options = IdentificationOptions(Search(), None)
     calibration = Calibration.builtin()
     estimates = estimate_windows(record.windows, calibration, options)
     course = follow(record, estimates, calibration.model().parameters, PrognosisSettings())

@@ -52,7 +52,7 @@ def offline(bag: Path) -> list[FaultEstimate]:
     """Return what `ema estimate` finds, as messages."""
     settings = TriggerSettings()
     found = read_windows(bag, Source(None, None, settings.threshold, settings.rest_s, None))
-    options = IdentificationOptions(Search(), None, force=False)
+    options = IdentificationOptions(Search(), None)
     estimates = estimate_windows(found.windows, Calibration.builtin(), options)
     return [
         estimate_to_message(estimate, item.number, item.description)

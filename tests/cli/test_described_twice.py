@@ -1,0 +1,61 @@
+"""``--actuator FILE`` beside the description in a bag: a warning, or the file by force."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture
+def bag(ema, tmp_path: Path) -> Path:
+    path = tmp_path / "case.mcap"
+    assert ema("simulate", "-o", path).exit_code == 0
+    return path
+
+
+@pytest.fixture
+def unit(tmp_path: Path) -> Path:
+    path = tmp_path / "unit.yaml"
+    path.write_text("serial_number: '4711'\nparameters: {R_s: 1.9}\n")
+    return path
+
+
+@pytest.mark.parametrize("command", ["info", "estimate", "plot"])
+def test_file_is_not_used_beside_a_description_and_the_warning_names_what_differs(
+    ema, bag: Path, unit: Path, command: str
+):
+    result = ema(command, bag, "--actuator", unit)
+    assert result.exit_code == 0
+    for part in (
+        str(unit),
+        "is not used",
+        "R_s 2.13 ohm in the bag, 1.9 ohm in the file",
+        "serial_number SIM-0001 in the bag, 4711 in the file",
+        "--force",
+    ):
+        assert part in result.output
+    assert "tau" not in result.stderr
+
+
+def test_force_uses_the_file(ema, bag: Path, unit: Path):
+    result = ema("info", bag, "--actuator", unit, "--force")
+    assert "serial number 4711" in result.output
+    assert "R_s 1.9" in result.output
+    assert "against the description in the bag: serial_number SIM-0001" in result.output
+
+
+def test_calibration_by_force_is_of_the_unit_in_the_file(
+    ema, bag: Path, unit: Path, tmp_path: Path
+):
+    output = tmp_path / "c.yaml"
+    assert ema("calibrate", bag, "--actuator", unit, "--force", "-o", output).exit_code == 0
+    assert "'4711'" in output.read_text()
+    estimate = ema("estimate", bag, "--calibration", output, "--json")
+    assert "4711" in json.loads(estimate.stdout)[0]["reason"]
+
+
+def test_file_that_agrees_with_the_bag_needs_no_warning(ema, bag: Path, tmp_path: Path):
+    same = tmp_path / "same.yaml"
+    same.write_text("actuator_id: flap\n")
+    result = ema("estimate", bag, "--actuator", same)
+    assert (result.exit_code, result.stderr) == (0, "")
