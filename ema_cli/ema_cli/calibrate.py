@@ -1,7 +1,10 @@
 """``ema calibrate``: a calibration from healthy bags."""
 
 import math
+from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -9,12 +12,28 @@ from ema_cli.errors import one_clear_line
 from ema_cli.output_path import require_free
 from ema_cli.progress import progress_bar
 from ema_cli.source_options import Source, source_options
-from ema_cli.windows import read_windows, require_windows
+from ema_cli.windows import RecordedWindow, read_windows, require_windows
 from ema_monitor.healthy_fit import calibrate as calibrate_windows
 from ema_monitor.model import FORMS
+from ema_monitor.trigger import Refusal
 from ema_monitor.window import Window
 
 _ENOUGH_WINDOWS = 5
+_KEPT_WINDOWS = 64
+
+
+class _ReadAgain(Sequence[Window]):
+    """Windows that are read from their bags when they are looked at; a few dozen are kept."""
+
+    def __init__(self, windows: Sequence[RecordedWindow]) -> None:
+        self._windows = windows
+        self._read = lru_cache(_KEPT_WINDOWS)(lambda number: windows[number].window)
+
+    def __len__(self) -> int:
+        return len(self._windows)
+
+    def __getitem__(self, number: Any) -> Any:
+        return self._read(number)
 
 
 @click.command()
@@ -48,10 +67,10 @@ def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -
                 click.echo(f"{bag}: {remark}", err=True)
             require_windows(bag, found, source)
             for item in found.windows:
-                if isinstance(item.window, Window):
-                    windows.append(item.window)
+                if isinstance(item.place, Refusal):
+                    click.echo(f"{bag}: a window is left out: {item.place.reason}", err=True)
                 else:
-                    click.echo(f"{bag}: a window is left out: {item.window.reason}", err=True)
+                    windows.append(item)
             descriptions.append(found.description)
             if found.description != descriptions[0]:
                 raise ValueError(
@@ -61,8 +80,8 @@ def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -
             if found.simulated_faults:
                 click.echo(f"warning: {bag} records simulated faults: not healthy", err=True)
         with progress_bar() as progress:
-            tracked = progress.track(windows, description="calibrating")
-            calibration = calibrate_windows(tracked, descriptions[0], form)
+            progress.add_task("calibrating", total=None)
+            calibration = calibrate_windows(_ReadAgain(windows), descriptions[0], form)
         calibration.save(output)
     if calibration.windows < _ENOUGH_WINDOWS:
         click.echo(

@@ -109,13 +109,12 @@ def choose_window(found: BagWindows, number: int | None) -> Found:
                 f"--window {number}: the bag has {len(found.windows)} "
                 f"window{'s' * (len(found.windows) > 1)}, numbered from 0"
             )
-        return found.windows[number]
-    usable = (
-        item
-        for item in found.windows
-        if isinstance(item.window, Window) and not item.window.excitation_defect()
-    )
-    return next(usable, found.windows[0])
+        return found.windows[number].load()
+    for window in found.windows:
+        one = window.load()
+        if isinstance(one.window, Window) and not one.window.excitation_defect():
+            return one
+    return found.windows[0].load()
 
 
 def compare_algorithms(

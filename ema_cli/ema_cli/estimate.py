@@ -15,14 +15,13 @@ from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.progress import progress_bar
 from ema_cli.source_options import USE_OPTIONS, Source, source_options
-from ema_cli.windows import BagWindows, read_windows, require_windows
+from ema_cli.windows import BagWindows, RecordedWindow, read_windows, require_windows
 from ema_core.faults import FAULT_NAMES, FAULTS, healthy_faults
 from ema_monitor.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosis
 from ema_monitor.estimate import Estimate
 from ema_monitor.last_faults import LastFaults
 from ema_monitor.model import compile_kernels
-from ema_monitor.watch import Found
 from ema_monitor.window import MIN_TRAVEL
 
 SIGNIFICANT: Final = 3.0
@@ -54,7 +53,7 @@ def estimate(bag: Path, source: Source, options: IdentificationOptions, as_json:
 
 
 def estimate_windows(
-    windows: Sequence[Found],
+    windows: Sequence[RecordedWindow],
     calibration: Calibration,
     options: IdentificationOptions,
     *,
@@ -78,9 +77,9 @@ def estimate_windows(
     estimates, last_faults = [], LastFaults()
     with progress_bar() as progress:
         task = progress.add_task("identifying", total=len(windows))
-        for number, found in enumerate(windows):
+        for number, window in enumerate(windows):
             run = Diagnosis(
-                found, calibration, options.search, force=force, last_faults=last_faults
+                window.load(), calibration, options.search, force=force, last_faults=last_faults
             )
             for generation in run:
                 progress.update(

@@ -9,7 +9,7 @@ from rich.table import Table
 from ema_cli.errors import one_clear_line
 from ema_cli.source_options import Source, source_options
 from ema_cli.windows import read_windows
-from ema_monitor.window import Window
+from ema_monitor.trigger import Refusal
 from ema_recording.reader import Bag
 
 
@@ -28,21 +28,20 @@ def info(bag: Path, source: Source) -> None:
         Console().print(table)
         found = read_windows(bag, source)
     unit = found.description
-    samples = sum(map(len, found.blocks))
     click.echo(f"actuator {unit.actuator_id}, serial number {unit.serial_number}, {unit.model}")
     nominal = unit.parameters.as_mapping()
     click.echo("nominal parameters: " + ", ".join(f"{k} {v:g}" for k, v in nominal.items()))
     click.echo(
-        f"telemetry: {samples} samples every {found.blocks[0].sample_period:g} s in "
-        f"{len(found.blocks)} blocks, {samples * found.blocks[0].sample_period:.3f} s"
+        f"telemetry: {found.samples} samples every {found.sample_period:g} s in "
+        f"{found.blocks} blocks, {found.samples * found.sample_period:.3f} s"
     )
     click.echo(f"windows: {len(found.windows)}")
-    for window in (item.window for item in found.windows):
+    for window in found.windows:
         start, end = found.seconds(window.start_ns), found.seconds(window.end_ns)
         state = (
-            f"start in the play {'unknown' if window.play is None else f'{window.play:+g}'}"
-            if isinstance(window, Window)
-            else window.reason
+            window.place.reason
+            if isinstance(window.place, Refusal)
+            else f"start in the play {'unknown' if window.play is None else f'{window.play:+g}'}"
         )
         click.echo(f"  {start:.4f} s to {end:.4f} s: {state}")
     for remark in found.remarks:

@@ -12,14 +12,15 @@ from ema_cli.estimate import estimate_windows
 from ema_cli.history import read_history
 from ema_cli.history_figure import draw_history
 from ema_cli.identification_options import IdentificationOptions, identification_options
+from ema_cli.outline import Outline
 from ema_cli.picture_path import require_drawable
 from ema_cli.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.windows import BagWindows, read_windows
 from ema_core.faults import FAULTS, healthy_faults
-from ema_core.telemetry import Telemetry, join
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate
 from ema_monitor.residual import band_limited, band_samples
+from ema_monitor.trigger import Refusal
 from ema_monitor.window import Window
 
 
@@ -58,11 +59,12 @@ def plot(
             draw_history(read_history(bag, source.actuator_id)).savefig(output, dpi=120)
             click.echo(f"{output}")
             return
-        found = read_windows(bag, source)
+        outline = Outline()
+        found = read_windows(bag, source, outline.add)
         for remark in found.remarks:
             click.echo(f"{bag}: {remark}", err=True)
         if number is None:
-            figure = draw_telemetry(found)
+            figure = draw_telemetry(found, outline)
         else:
             window = _window(found, number)
             calibration = options.calibration()
@@ -85,26 +87,29 @@ def _window(found: BagWindows, number: int) -> Window:
     return window
 
 
-def draw_telemetry(found: BagWindows) -> Figure:
+def draw_telemetry(found: BagWindows, outline: Outline) -> Figure:
     """Return a figure of the whole telemetry, windows shaded.
 
     Parameters
     ----------
     found
         What is in the bag.
+    outline
+        Its telemetry.
     """
     figure = Figure(figsize=(11, 8), layout="constrained")
     angle, current, speed = figure.subplots(3, 1, sharex=True)
-    for number, stretch in enumerate(_stretches(found.blocks)):
-        t = (stretch.stamps_ns - found.first_ns) * 1e-9
-        first = number == 0
-        angle.plot(t, 1e3 * stretch.command, "C0", lw=1, label="command" if first else None)
-        angle.plot(t, 1e3 * stretch.position, "C1", lw=1, label="position" if first else None)
-        current.plot(t, stretch.current, "C2", lw=0.6)
-        speed.plot(t, stretch.speed, "C3", lw=0.8)
+    for axes, name, factor, colour, width in (
+        (angle, "command", 1e3, "C0", 1.0),
+        (angle, "position", 1e3, "C1", 1.0),
+        (current, "current", 1.0, "C2", 0.6),
+        (speed, "speed", 1.0, "C3", 0.8),
+    ):
+        t, values = outline.lines(name, found.first_ns)
+        axes.plot(t, factor * values, colour, lw=width, label=name)
     for axes in (angle, current, speed):
-        for window in (item.window for item in found.windows):
-            colour = "C0" if isinstance(window, Window) else "C3"
+        for window in found.windows:
+            colour = "C3" if isinstance(window.place, Refusal) else "C0"
             start, end = found.seconds(window.start_ns), found.seconds(window.end_ns)
             axes.axvspan(start, end, color=colour, alpha=0.12, lw=0)
     _label(angle, "user shaft [mrad]", legend=True)
@@ -165,18 +170,6 @@ def draw_fit(found: BagWindows, window: Window, calibration: Calibration, one: E
         "bars of 90 %, grey where unobservable"
     )
     return figure
-
-
-def _stretches(blocks: list[Telemetry]) -> list[Telemetry]:
-    """Return blocks joined wherever nothing is missing between them."""
-    groups: list[list[Telemetry]] = []
-    for block in blocks:
-        last = groups[-1][-1] if groups else None
-        if last is not None and last.first_index + len(last) == block.first_index:
-            groups[-1].append(block)
-        else:
-            groups.append([block])
-    return [join(group) for group in groups]
 
 
 def _label(axes: Axes, quantity: str, *, legend: bool = False) -> None:

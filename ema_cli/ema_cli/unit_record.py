@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from ema_cli.source_options import Source
-from ema_cli.windows import read_windows, require_windows
+from ema_cli.windows import RecordedWindow, read_windows, require_windows
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import Usage
 from ema_messages.faults import StampedFaults
 from ema_messages.stamps import stamp_from_message
 from ema_monitor.prognosis.counts import Count
-from ema_monitor.watch import Found
 from ema_recording.message_type import type_name
 from ema_recording.metadata import METADATA_FILE
 from ema_recording.reader import Bag
@@ -41,7 +40,7 @@ class UnitRecord:
     """
 
     description: ActuatorDescription
-    windows: list[Found]
+    windows: list[RecordedWindow]
     counts: list[Count]
     truths: list[StampedFaults]
     remarks: list[str]
@@ -91,7 +90,7 @@ def read_unit(paths: Iterable[Path], source: Source) -> UnitRecord:
     OSError
         When a bag cannot be opened.
     """
-    tests: list[tuple[Path, Found]] = []
+    tests: list[tuple[Path, RecordedWindow]] = []
     counts: list[Count] = []
     truths: list[StampedFaults] = []
     remarks: list[str] = []
@@ -122,7 +121,7 @@ def read_unit(paths: Iterable[Path], source: Source) -> UnitRecord:
     if not tests:
         raise ValueError(f"no window to diagnose: {'; '.join(remarks)}")
     # Of two windows of one bag and stamp, the second is a repetition: that is for the history.
-    tests.sort(key=lambda test: test[1].window.end_ns)
+    tests.sort(key=lambda test: test[1].end_ns)
     _require_order(tests)
     return UnitRecord(
         tests[-1][1].description,
@@ -194,10 +193,10 @@ def _require_same_unit(
         )
 
 
-def _require_order(tests: Sequence[tuple[Path, Found]]) -> None:
+def _require_order(tests: Sequence[tuple[Path, RecordedWindow]]) -> None:
     for (path, one), (other_path, other) in pairwise(tests):
-        if path != other_path and one.window.end_ns == other.window.end_ns:
+        if path != other_path and one.end_ns == other.end_ns:
             raise ValueError(
                 f"{path} and {other_path} both have a window that ends at "
-                f"{one.window.end_ns * 1e-9:.4f} s: their stamps must tell which test came first"
+                f"{one.end_ns * 1e-9:.4f} s: their stamps must tell which test came first"
             )

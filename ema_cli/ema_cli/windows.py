@@ -1,5 +1,7 @@
-"""From a bag to the windows in it."""
+"""From a bag to the windows in it, without keeping its telemetry."""
 
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,16 +14,81 @@ from ema_cli.source_options import Source
 from ema_cli.truths import truth_at
 from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
-from ema_core.telemetry import Telemetry
+from ema_core.telemetry import Telemetry, join
 from ema_interfaces.msg import FaultVectorStamped
 from ema_messages.faults import StampedFaults, stamped_faults_from_message
-from ema_monitor.trigger import Defect
+from ema_monitor.trigger import Defect, Refusal
 from ema_monitor.watch import Found, Watch
+from ema_monitor.window import Window
 from ema_recording.message_type import type_name
-from ema_recording.reader import Bag
-from ema_recording.telemetry import Malformed, read_telemetry
+from ema_recording.reader import Bag, Place
+from ema_recording.telemetry import Malformed, RecordedTelemetry, read_telemetry
 
 _MOST_DEFECTS = 5
+
+
+@dataclass(frozen=True)
+class WindowPlace:
+    """Where the samples of a window are in a bag.
+
+    Attributes
+    ----------
+    recorded
+        The telemetry that they are part of.
+    first, last
+        Places of the blocks that hold the first and the last of them.
+    offset, samples
+        Where they begin in the first block, and how many there are.
+    """
+
+    recorded: RecordedTelemetry
+    first: Place
+    last: Place
+    offset: int
+    samples: int
+
+    def read(self) -> Telemetry:
+        """Read the samples."""
+        items = self.recorded.items(self.first, self.last)
+        blocks = [item for _, item in items if isinstance(item, Telemetry)]
+        return join(blocks).part(self.offset, self.offset + self.samples)
+
+
+@dataclass(frozen=True)
+class RecordedWindow:
+    """A window in a bag, or one that was begun and cannot be used; its telemetry stays there.
+
+    Attributes
+    ----------
+    number
+        Its running number, from 0.
+    description
+        The actuator, as it was described at the time.
+    start_ns, end_ns
+        Stamps of its first and last sample [ns].
+    play
+        Where in its play the motor stands at the start [half-widths]; None when unknown.
+    place
+        Where its samples are, or why it cannot be used.
+    """
+
+    number: int
+    description: ActuatorDescription
+    start_ns: int
+    end_ns: int
+    play: float | None
+    place: WindowPlace | Refusal
+
+    @property
+    def window(self) -> Window | Refusal:
+        """The window, read from the bag anew each time, or why there is none."""
+        if isinstance(self.place, Refusal):
+            return self.place
+        return Window(self.place.read(), self.play)
+
+    def load(self) -> Found:
+        """Return what was found, with its telemetry."""
+        return Found(self.number, self.description, self.window)
 
 
 @dataclass(frozen=True)
@@ -34,11 +101,12 @@ class BagWindows:
         The actuator as it was described last.
     first_ns
         Stamp of the first sample [ns].
-    blocks
-        All telemetry.
+    sample_period
+        Period of the samples in the first block [s].
+    blocks, samples
+        How many blocks and samples of telemetry there are.
     windows
-        Windows, and those that were begun and cannot be used, in order of time, each with the
-        description of the actuator at its time.
+        Windows, and those that were begun and cannot be used, in order of time.
     remarks
         What is wrong with the bag or its telemetry outside of any window.
     longest_motion_s
@@ -51,8 +119,10 @@ class BagWindows:
 
     description: ActuatorDescription
     first_ns: int
-    blocks: list[Telemetry]
-    windows: list[Found]
+    sample_period: float
+    blocks: int
+    samples: int
+    windows: list[RecordedWindow]
     remarks: list[str]
     longest_motion_s: float
     has_rested: bool
@@ -74,8 +144,43 @@ class BagWindows:
         return None if truth is None else truth.faults
 
 
-def read_windows(path: Path, source: Source) -> BagWindows:
-    """Read a bag and cut its telemetry into windows.
+class _LatestBlocks:
+    """Places of the latest blocks without a gap, as many as a window may reach back over.
+
+    Parameters
+    ----------
+    recorded
+        The telemetry.
+    window_s
+        Length of a window [s].
+    """
+
+    def __init__(self, recorded: RecordedTelemetry, window_s: float) -> None:
+        self._recorded = recorded
+        self._window_s = window_s
+        self._blocks: deque[tuple[Place, int, int]] = deque()
+
+    def append(self, place: Place, block: Telemetry) -> None:
+        """Add the next block."""
+        if self._blocks and self._blocks[-1][2] != block.first_index:
+            self._blocks.clear()
+        self._blocks.append((place, block.first_index, block.first_index + len(block)))
+        oldest = block.first_index - round(self._window_s / block.sample_period) - 1
+        while self._blocks[0][2] <= oldest:
+            self._blocks.popleft()
+
+    def place_of(self, window: Window) -> WindowPlace:
+        """Return where the samples of a window are that the last block completed."""
+        start = window.telemetry.first_index
+        place, first_index, _ = next(item for item in self._blocks if item[2] > start)
+        last = self._blocks[-1][0]
+        return WindowPlace(self._recorded, place, last, start - first_index, len(window.telemetry))
+
+
+def read_windows(
+    path: Path, source: Source, on_block: Callable[[Telemetry], None] | None = None
+) -> BagWindows:
+    """Read a bag and find the windows in its telemetry, which is kept no longer than needed.
 
     Parameters
     ----------
@@ -83,6 +188,8 @@ def read_windows(path: Path, source: Source) -> BagWindows:
         Bag to read.
     source
         What of it to look at.
+    on_block
+        Called with each block of telemetry.
 
     Raises
     ------
@@ -100,45 +207,71 @@ def read_windows(path: Path, source: Source) -> BagWindows:
         path, recorded.actuator_id, recorded.descriptions, source
     )
     is_forced = source.force and source.actuator_file is not None
-    watch = Watch(source.trigger_settings(), description)
-    blocks: list[Telemetry] = []
-    windows: list[Found] = []
-    defects: list[Defect] = []
-    remarks = [warning] if warning else []
+    settings = source.trigger_settings()
+    watch = Watch(settings, description)
+    latest = _LatestBlocks(recorded, settings.window_s)
+    first: Telemetry | None = None
+    blocks = samples = defects = 0
+    windows: list[RecordedWindow] = []
+    named_defects: list[Defect] = []
     with progress_bar() as progress:
         total = bag.topics[recorded.topic].count
-        for item in progress.track(recorded.items(), total=total, description=f"reading {path}"):
+        items = progress.track(recorded.items(), total=total, description=f"reading {path}")
+        for place, item in items:
             if isinstance(item, ActuatorDescription):
                 events = [] if is_forced else watch.describe(item)
             elif isinstance(item, Malformed):
                 events = watch.reject(item.stamp_ns, item.reason)
             else:
-                blocks.append(item)
+                first = first or item.part(0, 1)
+                blocks, samples = blocks + 1, samples + len(item)
+                latest.append(place, item)
                 events = watch.feed(item)
+                if on_block is not None:
+                    on_block(item)
             for event in events:
-                if isinstance(event, Defect):
-                    defects.append(event)
+                if isinstance(event, Found):
+                    windows.append(_recorded_window(event, latest))
                 else:
-                    windows.append(event)
-    windows += [event for event in watch.finish() if isinstance(event, Found)]
-    first_ns = blocks[0].stamp_ns if blocks else 0
-    for defect in defects[:_MOST_DEFECTS]:
+                    defects += 1
+                    named_defects += [event] if defects <= _MOST_DEFECTS else []
+    windows += [
+        _recorded_window(event, latest) for event in watch.finish() if isinstance(event, Found)
+    ]
+    first_ns = first.stamp_ns if first else 0
+    remarks = [warning] if warning else []
+    for defect in named_defects:
         remarks.append(f"at {(defect.stamp_ns - first_ns) * 1e-9:.4f} s: {defect.reason}")
-    if len(defects) > _MOST_DEFECTS:
-        remarks.append(f"and {len(defects) - _MOST_DEFECTS} more defects of the telemetry")
+    if defects > _MOST_DEFECTS:
+        remarks.append(f"and {defects - _MOST_DEFECTS} more defects of the telemetry")
     if bag.damage:
         remarks.append(bag.damage)
-    if not blocks:
+    if first is None:
         raise ValueError(f"{path} has no usable telemetry: {'; '.join(remarks)}")
     return BagWindows(
         watch.description or description,
         first_ns,
+        first.sample_period,
         blocks,
+        samples,
         windows,
         remarks,
         watch.longest_motion_s,
         watch.has_rested,
         _recorded_truths(bag, recorded.actuator_id),
+    )
+
+
+def _recorded_window(found: Found, latest: _LatestBlocks) -> RecordedWindow:
+    window = found.window
+    is_whole = isinstance(window, Window)
+    return RecordedWindow(
+        found.number,
+        found.description,
+        window.start_ns,
+        window.end_ns,
+        window.play if is_whole else None,
+        latest.place_of(window) if is_whole else window,
     )
 
 

@@ -1,7 +1,8 @@
 """Calibrating: from healthy windows of one unit to its calibration."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
+from functools import reduce
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ class Structure(NamedTuple):
 
 
 def calibrate(
-    windows: Iterable[Window],
+    windows: Sequence[Window],
     description: ActuatorDescription,
     form: str = "fast",
     *,
@@ -50,7 +51,8 @@ def calibrate(
     Parameters
     ----------
     windows
-        Windows of the same command, at least one; ten or more average out the PWM's ripple.
+        Windows of the same command, at least one; ten or more average out the PWM's ripple. They
+        are looked at one at a time, several times over, so that they may be read when needed.
     description
         The unit that the windows were taken from.
     form
@@ -64,12 +66,11 @@ def calibrate(
     ValueError
         When there is no window, or one is not like the first.
     """
-    healthy = list(windows)
-    if not healthy:
+    if not windows:
         raise ValueError("calibration needs at least one healthy window, got none")
-    first = healthy[0]
+    first = windows[0]
     h = first.sample_period
-    for number, window in enumerate(healthy):
+    for number, window in enumerate(windows):
         if reason := window.excitation_defect() or _unlike(window, first):
             raise ValueError(f"window {number}: {reason}")
     # The longest step up to the form's own that divides the sample period.
@@ -77,10 +78,10 @@ def calibrate(
     parameters = description.parameters
     structure = Structure(0.0, 1.0, 1.0)
     if structural and form == "fast":
-        structure = _fit_structure(healthy, parameters, dt)
-    missed = _missed(healthy, unit_model(parameters, form, dt, *structure))
-    correction, speed_correction = np.mean(missed, axis=0)
-    healthy_rms, healthy_speed_rms = (_scatter(rows, h) for rows in np.moveaxis(missed, 1, 0))
+        structure = _fit_structure(windows, parameters, dt)
+    model = unit_model(parameters, form, dt, *structure)
+    correction, speed_correction = mean = _mean_missed(windows, model)
+    healthy_rms, healthy_speed_rms = _scatter(windows, model, mean, h)
     return Calibration(
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
@@ -96,24 +97,28 @@ def calibrate(
         speed_correction=speed_correction,
         healthy_rms=healthy_rms,
         healthy_speed_rms=healthy_speed_rms,
-        windows=len(healthy),
+        windows=len(windows),
     )
 
 
-def _missed(windows: Sequence[Window], model: MonitorModel) -> NDArray[np.float64]:
-    """Return what a healthy model misses of current and speed, ``(m, 2, n)`` [A, rad/s].
+def _missed(windows: Sequence[Window], model: MonitorModel) -> Iterator[NDArray[np.float64]]:
+    """Yield what a healthy model misses of current and speed, ``(2, n)`` [A, rad/s] a window.
 
     All windows are laid over the first.
     """
-    rows = []
+    command = windows[0].command
     for window in windows:
         response = _healthy_response(window, model)
-        shift = shift_between(window.command, windows[0].command)
+        shift = shift_between(window.command, command)
         measured = (window.current, window.telemetry.speed[1:])
-        rows.append(
+        yield np.array(
             [moved(row - one[0], -shift) for row, one in zip(measured, response, strict=True)]
         )
-    return np.array(rows)
+
+
+def _mean_missed(windows: Sequence[Window], model: MonitorModel) -> NDArray[np.float64]:
+    """Return the mean over windows of what a healthy model misses, ``(2, n)``."""
+    return reduce(np.add, _missed(windows, model)) / len(windows)
 
 
 def _healthy_response(window: Window, model: MonitorModel) -> Response:
@@ -137,7 +142,7 @@ def _fit_structure(
     x = np.array([lift, 1.0, 1.0])
     sigma = np.array([lift, PRIOR_SIGMA, PRIOR_SIGMA])
     for _ in range(_ITERATIONS):
-        missed = np.mean(_missed(windows, unit_model(parameters, "fast", dt, *x)), axis=0)
+        missed = _mean_missed(windows, unit_model(parameters, "fast", dt, *x))
         residual = _in_band(missed, stiffness, h)
         columns = []
         for step in _STEP * np.eye(3):
@@ -169,15 +174,21 @@ def _in_band(rows: NDArray[np.float64], stiffness: float, h: float) -> NDArray[n
     return np.concatenate([current, stiffness * speed])
 
 
-def _scatter(missed: NDArray[np.float64], h: float) -> float:
-    """Return the rms that another window's band-limited residual has after correction."""
-    m = len(missed)
+def _scatter(
+    windows: Sequence[Window], model: MonitorModel, mean: NDArray[np.float64], h: float
+) -> tuple[float, float]:
+    """Return the rms in current and speed that another window has in its band after correction."""
+    m = len(windows)
     if m == 1:
-        return float("nan")
-    spread = rms(band_limited(missed - np.mean(missed, axis=0), h))
+        return float("nan"), float("nan")
+    band = np.array([band_limited(missed - mean, h) for missed in _missed(windows, model)])
     # Each window is itself in the mean that it is compared with; another one will not be.
-    scatter = spread * math.sqrt((m + 1.0) / (m - 1.0))
-    return scatter if scatter > LEAST_SCATTER else float("nan")
+    scale = math.sqrt((m + 1.0) / (m - 1.0))
+    current, speed = (rms(band[:, column]) * scale for column in (0, 1))
+    return (
+        current if current > LEAST_SCATTER else float("nan"),
+        speed if speed > LEAST_SCATTER else float("nan"),
+    )
 
 
 def _unlike(window: Window, first: Window) -> str:

@@ -52,6 +52,15 @@ class Recorded(NamedTuple):
     publish_time_ns: int
 
 
+class Place(NamedTuple):
+    """Where a message is in a recording; messages are read in the order of their places."""
+
+    log_time_ns: int
+    file: int
+    offset: int
+    number: int
+
+
 class Bag:
     """A recording: one ``.mcap`` file, or a folder as ``ros2 bag record`` makes it.
 
@@ -116,11 +125,34 @@ class Bag:
             When a topic is not in the recording, its type is not installed or differs from the
             installed one, it is not CDR, or a message cannot be decoded.
         """
+        return (item for _, item in self.placed_messages(topics))
+
+    def placed_messages(
+        self,
+        topics: Iterable[str] | None = None,
+        first: Place | None = None,
+        last: Place | None = None,
+    ) -> Iterator[tuple[Place, Recorded]]:
+        """Read and decode messages with their places, so that some can be read once more.
+
+        Parameters
+        ----------
+        topics
+            Names of the topics wanted; None for all.
+        first, last
+            Places of the first and last message wanted, as of a call with the same topics; None
+            for all.
+
+        Raises
+        ------
+        ValueError
+            As for :meth:`messages`.
+        """
         chosen = self._chosen(topics)
         classes = {
             name: self._message_class(name, topic) for name, topic in chosen.items() if topic.count
         }
-        return self._decoded(chosen, classes)
+        return self._decoded(chosen, classes, first, last)
 
     def raw_messages(self, topics: Iterable[str] | None = None) -> Iterator[Recorded]:
         """Read messages as they are stored, in the order of their log times.
@@ -135,7 +167,7 @@ class Bag:
         ValueError
             When a topic is not in the recording.
         """
-        return self._in_log_order(self._chosen(topics))
+        return (item for _, item in self._in_log_order(self._chosen(topics)))
 
     def _open_folder(self) -> None:
         folder = folder_contents(self.path)
@@ -203,9 +235,13 @@ class Bag:
         return found
 
     def _decoded(
-        self, chosen: Mapping[str, Topic], classes: Mapping[str, Any]
-    ) -> Iterator[Recorded]:
-        for item in self._in_log_order(chosen):
+        self,
+        chosen: Mapping[str, Topic],
+        classes: Mapping[str, Any],
+        first: Place | None,
+        last: Place | None,
+    ) -> Iterator[tuple[Place, Recorded]]:
+        for place, item in self._in_log_order(chosen, first, last):
             try:
                 message = deserialize_message(item.message, classes[item.topic])
             except RuntimeError as error:
@@ -213,23 +249,31 @@ class Bag:
                     f"{self.path}: a message on {item.topic} of log time {item.log_time_ns} ns "
                     f"is no {item.type_name}: {error}"
                 ) from error
-            yield item._replace(message=message)
+            yield place, item._replace(message=message)
 
-    def _in_log_order(self, chosen: Mapping[str, Topic]) -> Iterator[Recorded]:
+    def _in_log_order(
+        self, chosen: Mapping[str, Topic], first: Place | None = None, last: Place | None = None
+    ) -> Iterator[tuple[Place, Recorded]]:
         found: Counter[str] = Counter()
         # The stretches may overlap in time: what is read waits until no stretch to come can hold
         # anything earlier. Equal times stay in the order of the files.
-        waiting: list[tuple[int, int, int, int, Recorded]] = []
+        waiting: list[tuple[Place, Recorded]] = []
         for file_number, path, stretch in self._stretches(chosen):
-            while waiting and waiting[0][0] < stretch.start_ns:
-                yield heapq.heappop(waiting)[-1]
+            if first and stretch.end_ns < first.log_time_ns:
+                continue
+            if last and stretch.start_ns > last.log_time_ns:
+                break
+            while waiting and waiting[0][0].log_time_ns < stretch.start_ns:
+                yield heapq.heappop(waiting)
             for number, item in enumerate(self._read(path, stretch, chosen)):
                 found[item.topic] += 1
-                heapq.heappush(
-                    waiting, (item.log_time_ns, file_number, stretch.offset, number, item)
-                )
+                place = Place(item.log_time_ns, file_number, stretch.offset, number)
+                if (not first or first <= place) and (not last or place <= last):
+                    heapq.heappush(waiting, (place, item))
         while waiting:
-            yield heapq.heappop(waiting)[-1]
+            yield heapq.heappop(waiting)
+        if first or last:
+            return
         for name, topic in chosen.items():
             if found[name] < topic.count:
                 lost = f"{topic.count - found[name]} of {topic.count} messages are lost"

@@ -11,7 +11,7 @@ from ema_messages.description import description_from_message
 from ema_messages.stamps import stamp_from_message
 from ema_messages.telemetry import telemetry_from_message
 from ema_recording.message_type import type_name
-from ema_recording.reader import Bag, Recorded
+from ema_recording.reader import Bag, Place, Recorded
 
 
 @dataclass(frozen=True)
@@ -55,18 +55,27 @@ class RecordedTelemetry:
     passes_over_others: bool
     descriptions: tuple[ActuatorDescription, ...]
 
-    def items(self) -> Iterator[Telemetry | Malformed | ActuatorDescription]:
+    def items(
+        self, first: Place | None = None, last: Place | None = None
+    ) -> Iterator[tuple[Place, Telemetry | Malformed | ActuatorDescription]]:
         """Read blocks and descriptions of the actuator in the order of their log times.
+
+        Parameters
+        ----------
+        first, last
+            Places of the first and last one wanted; None for all.
 
         Raises
         ------
         ValueError
             When there is a block of another actuator and it was not said which one is wanted.
         """
-        for item in self.bag.messages([self.topic, *_description_topics(self.bag)]):
+        topics = [self.topic, *_description_topics(self.bag)]
+        for place, item in self.bag.placed_messages(topics, first, last):
             is_block = item.topic == self.topic
             if item.message.actuator_id == self.actuator_id:
-                yield _block(item.message) if is_block else description_from_message(item.message)
+                message = item.message
+                yield place, _block(message) if is_block else description_from_message(message)
             elif is_block and not self.passes_over_others:
                 raise ValueError(
                     f"{self.bag.path}: topic {self.topic} holds telemetry of {self.actuator_id!r} "

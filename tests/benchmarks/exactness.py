@@ -173,7 +173,7 @@ def noisy_window(case: Case) -> Window:
 
 def calibration_on(healthy: list[Case]) -> Calibration:
     """Return the calibration of a unit on its healthy cases, by noisy sensors."""
-    return calibrate(map(noisy_window, healthy), ACTUATOR)
+    return calibrate([noisy_window(case) for case in healthy], ACTUATOR)
 
 
 def _pair(case: Case) -> tuple[Window, Window]:

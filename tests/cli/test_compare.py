@@ -53,9 +53,9 @@ def quick(bag) -> Comparison:
     found = read_windows(bag, SOURCE)
     options = IdentificationOptions(Search(budget=400), None)
     calibration = Calibration.builtin()
-    truth = found.true_faults(found.windows[0].window.start_ns)
+    truth = found.true_faults(found.windows[0].start_ns)
     return compare_algorithms(
-        found.windows[0], ["least_squares", "pso"], calibration, options, truth
+        found.windows[0].load(), ["least_squares", "pso"], calibration, options, truth
     )
 
 

@@ -47,7 +47,7 @@ def record(path: Path, *streams: tuple[str, str, list[Telemetry]], descriptions=
 
 
 def blocks_of(recorded: RecordedTelemetry) -> list[Telemetry | Malformed]:
-    return [item for item in recorded.items() if not isinstance(item, ActuatorDescription)]
+    return [item for _, item in recorded.items() if not isinstance(item, ActuatorDescription)]
 
 
 def assert_same(read: Sequence[Telemetry | Malformed], written: list[Telemetry]):

@@ -1,0 +1,150 @@
+"""Memory does not grow with the length of a bag: its telemetry stays there."""
+
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ema_cli import calibrate as calibrate_command
+from ema_cli.outline import BINS, Outline
+from ema_cli.source_options import Source
+from ema_cli.windows import RecordedWindow, read_windows
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import COLUMNS, Telemetry
+from ema_monitor.calibration import Calibration
+from ema_monitor.healthy_fit import calibrate
+from ema_monitor.trigger import Refusal, TriggerSettings
+from ema_monitor.watch import Found, Watch
+from ema_monitor.window import Window
+
+SOURCE = Source(None, None, 1e-6, 0.02)
+SHORT, LONG = 4, 16
+
+
+def repeated(blocks: list[Telemetry], cycles: int) -> list[Telemetry]:
+    """Return cycle after cycle of the same telemetry."""
+    samples = sum(map(len, blocks))
+    return [
+        replace(
+            block,
+            stamp_ns=block.stamp_ns + round(1e9 * cycle * samples * block.sample_period),
+            first_index=block.first_index + cycle * samples,
+        )
+        for cycle in range(cycles)
+        for block in blocks
+    ]
+
+
+def peak_bytes(action: Callable[[], Any]) -> int:
+    tracemalloc.start()
+    try:
+        action()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.fixture
+def bags(record, faulty_blocks, tmp_path: Path) -> list[Path]:
+    """Return a short bag and one that is longer than what a trigger looks back on."""
+    paths = []
+    for cycles in (SHORT, LONG):
+        path = tmp_path / f"{cycles}.mcap"
+        record(repeated(faulty_blocks, cycles)).rename(path)
+        paths.append(path)
+    return paths
+
+
+def added_bytes(blocks: list[Telemetry]) -> int:
+    """Return the size of the telemetry that the long bag has more than the short one."""
+    samples = (LONG - SHORT) * sum(map(len, blocks))
+    return samples * len(COLUMNS) * 8
+
+
+@pytest.mark.parametrize("sink", [None, Outline], ids=["windows", "outline"])
+def test_reading_a_longer_bag_takes_no_more_memory(bags, faulty_blocks, monkeypatch, sink):
+    # What the trigger looks back on is constant, but as long as these bags.
+    monkeypatch.setattr("ema_monitor.trigger.LOOKBACK_S", 0.5)
+
+    def read(path: Path) -> None:
+        found = read_windows(path, SOURCE, sink().add if sink else None)
+        assert found.samples == found.blocks * 100
+
+    read(bags[0])  # what is imported and cached at first use
+    short, long = (peak_bytes(lambda p=path: read(p)) for path in bags)
+    assert long - short < 0.05 * added_bytes(faulty_blocks)
+
+
+def test_calibrating_on_more_windows_takes_no_more_memory(bags, monkeypatch):
+    monkeypatch.setattr(calibrate_command, "_KEPT_WINDOWS", 2)
+    found = read_windows(bags[1], SOURCE)
+    assert len(found.windows) == LONG
+    kept = calibrate_command._ReadAgain
+    unit = ActuatorDescription()
+
+    def fit(windows: list[RecordedWindow]) -> Calibration:
+        return calibrate(kept(windows), unit)
+
+    fit(found.windows[:SHORT])
+    short, long = (peak_bytes(lambda n=n: fit(found.windows[:n])) for n in (SHORT, LONG))
+    one_window = found.windows[0].load().window
+    assert isinstance(one_window, Window)
+    assert long - short < one_window.telemetry.command.nbytes
+
+
+def test_window_read_again_is_the_one_that_was_found(record, faulty_blocks, spoiled):
+    blocks = repeated(faulty_blocks, 3)
+    broken = len(faulty_blocks) + 100
+    blocks[broken] = spoiled(blocks[broken], "current", 7, np.nan)
+    # Blocks that do not end where windows do, and stamps that drift.
+    blocks = [
+        replace(part, stamp_ns=part.stamp_ns + 13 * number)
+        for number, block in enumerate(blocks)
+        for part in (block.part(0, 37), block.part(37, 100))
+    ]
+    watch = Watch(TriggerSettings(), ActuatorDescription())
+    live = [event for block in blocks for event in watch.feed(block) if isinstance(event, Found)]
+    again = [window.load() for window in read_windows(record(blocks), SOURCE).windows]
+    assert len(live) == len(again) == 3
+    for one, other in zip(live, again, strict=True):
+        assert (one.number, one.description) == (other.number, other.description)
+        if isinstance(one.window, Refusal):
+            assert one.window == other.window
+            continue
+        assert isinstance(other.window, Window)
+        a, b = one.window.telemetry, other.window.telemetry
+        assert one.window.play == other.window.play
+        assert (a.stamp_ns, a.first_index) == (b.stamp_ns, b.first_index)
+        for name in COLUMNS:
+            assert getattr(a, name).tobytes() == getattr(b, name).tobytes()
+
+
+def test_outline_of_few_samples_keeps_each_extreme_and_breaks_where_some_are_missing(faulty_blocks):
+    outline = Outline()
+    for number, block in enumerate(faulty_blocks[:60]):
+        if number != 30:
+            outline.add(block)
+    times, values = outline.lines("current", faulty_blocks[0].stamp_ns)
+    drawn = [block.current for number, block in enumerate(faulty_blocks[:60]) if number != 30]
+    assert np.nanmax(values) == max(map(np.max, drawn))
+    inside = (times > 0.3005) & (times < 0.3095)
+    assert np.all(np.isnan(values[inside]))
+    before = (times >= 0.0) & (times < 0.299)
+    assert not np.any(np.isnan(values[before]))
+
+
+def test_outline_of_many_samples_stays_small_and_keeps_the_extremes(faulty_blocks):
+    outline = Outline()
+    blocks = repeated(faulty_blocks, 6)
+    for block in blocks:
+        outline.add(block)
+    times, values = outline.lines("speed", blocks[0].stamp_ns)
+    assert len(times) == 2 * BINS
+    assert np.nanmax(values) == max(np.max(block.speed) for block in blocks)
+    last = times[np.isfinite(values)][-1]
+    end = (blocks[-1].stamps_ns[-1] - blocks[0].stamp_ns) * 1e-9
+    assert last == pytest.approx(end, abs=0.01)
