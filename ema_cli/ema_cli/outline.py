@@ -37,10 +37,11 @@ class Outline:
             self._start_ns, self._step_ns = block.stamp_ns, 2e9 * block.sample_period
         rows = np.stack([getattr(block, name) for name in COLUMNS], axis=1)
         rows[~np.isfinite(rows)] = np.nan
-        while stamps_ns[-1] - self._start_ns >= BINS * self._step_ns:
+        # A quarter of the first step later, so that rounded stamps do not fall into the one before.
+        late_ns = stamps_ns - (self._start_ns - 0.5e9 * block.sample_period)
+        while late_ns[-1] >= BINS * self._step_ns:
             self._double()
-        # In the middle of two samples, so that rounded stamps fall on neither side.
-        steps = (stamps_ns - self._start_ns) / self._step_ns + 0.25
+        steps = late_ns / self._step_ns
         here = steps >= 0.0
         bins = steps[here].astype(np.intp)
         np.fmin.at(self._low, bins, rows[here])

@@ -148,3 +148,12 @@ def test_outline_of_many_samples_stays_small_and_keeps_the_extremes(faulty_block
     last = times[np.isfinite(values)][-1]
     end = (blocks[-1].stamps_ns[-1] - blocks[0].stamp_ns) * 1e-9
     assert last == pytest.approx(end, abs=0.01)
+
+
+@pytest.mark.parametrize("samples", [2 * BINS, 2 * BINS + 1, 4 * BINS - 1, 4 * BINS, 4 * BINS + 1])
+def test_outline_has_room_for_the_last_sample(samples: int):
+    rising = np.arange(samples, dtype=np.float64)
+    outline = Outline()
+    outline.add(Telemetry(100_000, 1e-4, 1, rising, rising, rising, rising))
+    _, values = outline.lines("speed", 100_000)
+    assert (np.nanmin(values), np.nanmax(values)) == (0.0, samples - 1.0)
