@@ -19,6 +19,10 @@ class LastFaults:
     def __init__(self) -> None:
         self._last: dict[str, tuple[ActuatorDescription, str, NDArray[np.float64]]] = {}
 
+    def clear(self) -> None:
+        """Forget all."""
+        self._last.clear()
+
     def of(
         self, description: ActuatorDescription, calibration: Calibration
     ) -> NDArray[np.float64] | None:

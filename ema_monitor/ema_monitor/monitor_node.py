@@ -20,7 +20,6 @@ from ema_monitor.calibration import Calibration
 from ema_monitor.calibration_store import CalibrationStore
 from ema_monitor.diagnosis import Search
 from ema_monitor.estimate import Estimate
-from ema_monitor.identification_thread import IdentificationThread
 from ema_monitor.last_faults import LastFaults
 from ema_monitor.monitor_calls import MonitorCalls
 from ema_monitor.monitor_health import MonitorHealth
@@ -30,6 +29,7 @@ from ema_monitor.monitor_prognosis import MonitorPrognosis
 from ema_monitor.monitor_settings import Files, Operation
 from ema_monitor.monitor_unit import Unit
 from ema_monitor.monitor_units import Units
+from ema_monitor.monitor_worker import IdentificationWorker
 from ema_monitor.trigger import Defect, TriggerSettings
 from ema_monitor.watch import Found
 from ema_monitor.window import Window
@@ -67,7 +67,14 @@ class MonitorNode(ManagedNode):
         self._prognosis = MonitorPrognosis(self, self._health.resume)
         declare(self, Files)
         self._last_faults = LastFaults()
-        self._identification = self._make_identification()
+        self._is_active = False
+        self._worker = IdentificationWorker(
+            self._calibration_of,
+            lambda: self.search.value,
+            self._last_faults,
+            self._publish_estimate,
+            lambda text: self.get_logger().error(text),
+        )
         self._listeners: list[SimpleQueue[Found]] = []
         self._searched: set[str] = set()
         self._passed_over = PassedOver()
@@ -75,7 +82,7 @@ class MonitorNode(ManagedNode):
     @property
     def idle(self) -> bool:
         """Whether no windows are identified: the node is not active."""
-        return not self._identification.is_running
+        return not self._is_active
 
     def configure(self) -> None:
         """Read the files, and create what publishes and serves."""
@@ -93,9 +100,8 @@ class MonitorNode(ManagedNode):
 
     def activate(self) -> None:
         """Listen, and identify what is heard."""
-        # A new one: that of before may still be in the middle of a compilation.
-        self._identification = self._make_identification()
-        self._identification.start()
+        self._is_active = True
+        self._worker.start()
         with self._lock:
             for unit in self._units.values():
                 if unit.watch.description is not None:
@@ -113,14 +119,16 @@ class MonitorNode(ManagedNode):
 
     def deactivate(self) -> None:
         """Stop listening; windows that still wait are refused."""
+        with self._lock:
+            self._is_active = False
         for subscription in self._subscriptions_in_use:
             self.destroy_subscription(subscription)
-        self._identification.stop()
+        self._worker.stop()
         with self._lock:
             for unit in self._units.values():
                 for found in unit.watch.finish():
                     if isinstance(found, Found):
-                        self._identification.refuse(found, "")
+                        self._worker.refuse(found, "")
 
     def clean_up(self) -> None:
         """Forget the actuators, and stop serving."""
@@ -129,7 +137,7 @@ class MonitorNode(ManagedNode):
         self._health.end()
         self.destroy_lifecycle_publisher(self._estimates)
         self._units.clear()
-        self._last_faults = LastFaults()
+        self._last_faults.clear()
         self._searched.clear()
         self._passed_over = PassedOver()
 
@@ -137,17 +145,17 @@ class MonitorNode(ManagedNode):
         """Return how each actuator fares."""
         with self._lock:
             tasks = [
-                task
-                for unit in self._units.values()
-                for task in unit.tasks(self._identification.waiting)
+                task for unit in self._units.values() for task in unit.tasks(self._worker.waiting)
             ]
             remarks = [] if self._units else ["no actuator heard of so far"]
             remarks += self._passed_over.remarks()
             message = "; ".join(remarks) or f"{len(self._units)} actuators watched"
-            counts = {"windows dropped": self._identification.dropped}
+            counts = {"windows dropped": self._worker.dropped}
             level = WARN if remarks else OK
             tasks += self._prognosis.tasks()
-            return [*tasks, Task("input", level, message, self.hardware_id, counts)]
+            tasks.append(Task("input", level, message, self.hardware_id, counts))
+            level, message = self._worker.status()
+            return [*tasks, Task("identification", level, message, self.hardware_id)]
 
     def unit(self, actuator_id: str) -> Unit:
         """Return one of the actuators that are watched: see ``Units.find``."""
@@ -236,20 +244,11 @@ class MonitorNode(ManagedNode):
                 queue.put(event)
             in_sim_time = self.get_parameter("use_sim_time").value
             most_waiting = None if in_sim_time else self.operation.value.waiting_windows
-            for gone in self._identification.put(event, most_waiting):
+            for gone in self._worker.add(event, most_waiting):
                 self.get_logger().warning(
                     f"{gone.description.actuator_id}: window {gone.number} is dropped, "
-                    f"{self._identification.waiting} wait"
+                    f"{self._worker.waiting} wait"
                 )
-
-    def _make_identification(self) -> IdentificationThread:
-        return IdentificationThread(
-            self._calibration_of,
-            lambda: self.search.value,
-            self._last_faults,
-            self._conclude,
-            lambda text: self.get_logger().error(text),
-        )
 
     def _calibration_of(self, description: ActuatorDescription) -> Calibration | str:
         """Return what to search with; the first search begins where the history ends."""
@@ -259,7 +258,7 @@ class MonitorNode(ManagedNode):
                 self._last_faults.note(description, latest)
         return self.store.of(description)
 
-    def _conclude(self, found: Found, estimate: Estimate) -> None:
+    def _publish_estimate(self, found: Found, estimate: Estimate) -> None:
         self._estimates.publish(estimate_to_message(estimate, found.number, found.description))
         now_ns = self.get_clock().now().nanoseconds
         # Without the lock: telemetry must not wait for a prognosis.

@@ -1,4 +1,4 @@
-"""Windows wait in order; where too many wait, the oldest gives way and nothing vanishes."""
+"""Windows wait in order; where too many wait, the oldest is dropped and its refusal published."""
 
 import sys
 import threading
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ema_core.description import ActuatorDescription
+from ema_monitor.monitor_worker import QueueClosedError, WindowQueue
 from ema_monitor.trigger import Refusal
-from ema_monitor.waiting_room import WaitingRoom
 from ema_monitor.watch import Found
 from ema_monitor.window import Window
 
@@ -23,25 +23,25 @@ def found(number: int, window: Window | Refusal = WINDOW) -> Found:
     return Found(number, ActuatorDescription(), window)
 
 
-def drain(room: WaitingRoom, count: int) -> list[Found]:
-    items = [room.get() for _ in range(count)]
+def drain(queue: WindowQueue, count: int) -> list[Found]:
+    items = [queue.next() for _ in range(count)]
     return [item for item in items if item is not None]
 
 
 def test_any_number_waits_in_order_when_there_is_no_limit():
-    room = WaitingRoom(None)
-    assert [room.put(found(number)) for number in range(100)] == [[]] * 100
-    assert (len(room), room.dropped) == (100, 0)
-    assert drain(room, 100) == [found(number) for number in range(100)]
-    assert len(room) == 0
+    queue = WindowQueue(None)
+    assert [queue.add(found(number)) for number in range(100)] == [[]] * 100
+    assert (len(queue), queue.dropped) == (100, 0)
+    assert drain(queue, 100) == [found(number) for number in range(100)]
+    assert len(queue) == 0
 
 
-def test_oldest_gives_way_and_leaves_its_refusal_in_its_place():
-    room = WaitingRoom(2)
-    gone = [room.put(found(number)) for number in range(5)]
+def test_oldest_is_dropped_and_leaves_its_refusal_in_its_place():
+    queue = WindowQueue(2)
+    gone = [queue.add(found(number)) for number in range(5)]
     assert [[item.number for item in items] for items in gone] == [[], [], [0], [1], [2]]
-    assert (len(room), room.dropped) == (2, 3)
-    left = drain(room, 5)
+    assert (len(queue), queue.dropped) == (2, 3)
+    left = drain(queue, 5)
     assert [item.number for item in left] == [0, 1, 2, 3, 4]
     assert [isinstance(item.window, Window) for item in left] == [False] * 3 + [True] * 2
     for item in left[:3]:
@@ -51,54 +51,61 @@ def test_oldest_gives_way_and_leaves_its_refusal_in_its_place():
 
 
 def test_refusals_take_no_place():
-    room = WaitingRoom(1)
-    assert room.put(found(0)) == []
-    assert [room.put(found(number, REFUSAL)) for number in (1, 2)] == [[], []]
-    assert len(room) == 1
-    assert room.put(found(3)) == [found(0)]
-    left = drain(room, 4)
+    queue = WindowQueue(1)
+    assert queue.add(found(0)) == []
+    assert [queue.add(found(number, REFUSAL)) for number in (1, 2)] == [[], []]
+    assert len(queue) == 1
+    assert queue.add(found(3)) == [found(0)]
+    left = drain(queue, 4)
     assert [item.number for item in left] == [0, 1, 2, 3]
     assert left[1:3] == [found(1, REFUSAL), found(2, REFUSAL)]
 
 
 def test_limit_that_is_lowered_holds_from_the_next_window_on():
-    room = WaitingRoom(None)
+    queue = WindowQueue(None)
     for number in range(4):
-        room.put(found(number))
-    room.limit(2)
-    assert len(room) == 4
-    room.put(found(4))
-    assert (len(room), room.dropped) == (2, 3)
-    left = drain(room, 5)
+        queue.add(found(number))
+    queue.limit(2)
+    assert len(queue) == 4
+    queue.add(found(4))
+    assert (len(queue), queue.dropped) == (2, 3)
+    left = drain(queue, 5)
     assert [isinstance(item.window, Window) for item in left] == [False] * 3 + [True] * 2
 
 
-def test_one_who_gets_waits_for_the_next():
-    room, got = WaitingRoom(1), []
-    getter = threading.Thread(target=lambda: got.append(room.get()))
+def test_consumer_waits_for_the_next_window():
+    queue, got = WindowQueue(1), []
+    getter = threading.Thread(target=lambda: got.append(queue.next()))
     getter.start()
     assert got == []
-    room.put(found(7))
+    queue.add(found(7))
     getter.join(5.0)
     assert got == [found(7)]
 
 
-def test_closing_sends_everybody_home():
-    room, got = WaitingRoom(None), [found(0)]
-    getter = threading.Thread(target=lambda: got.append(room.get()))  # type: ignore[arg-type]
+def test_closing_wakes_the_consumer():
+    queue, got = WindowQueue(None), [found(0)]
+    getter = threading.Thread(target=lambda: got.append(queue.next()))  # type: ignore[arg-type]
     getter.start()
-    assert room.close() == []
+    assert queue.close() == []
     getter.join(5.0)
     assert got == [found(0), None]
-    assert room.get() is None
+    assert queue.next() is None
 
 
-def test_closing_returns_who_was_left_in_order():
-    room = WaitingRoom(3)
+def test_closing_returns_the_waiting_windows_in_order():
+    queue = WindowQueue(3)
     for number in range(3):
-        room.put(found(number))
-    assert room.close() == [found(0), found(1), found(2)]
-    assert (len(room), room.get()) == (0, None)
+        queue.add(found(number))
+    assert queue.close() == [found(0), found(1), found(2)]
+    assert (len(queue), queue.next()) == (0, None)
+
+
+def test_closed_queue_accepts_no_window():
+    queue = WindowQueue()
+    queue.close()
+    with pytest.raises(QueueClosedError):
+        queue.add(found(0))
 
 
 @pytest.fixture
@@ -111,20 +118,20 @@ def frequent_switches() -> Iterator[None]:
 
 @pytest.mark.usefixtures("frequent_switches")
 def test_waiting_windows_are_counted_while_others_come_and_go():
-    room, ended, failures = WaitingRoom(None), threading.Event(), []
+    queue, ended, failures = WindowQueue(None), threading.Event(), []
     for number in range(50):
-        room.put(found(number))
+        queue.add(found(number))
 
     def come_and_go() -> None:
         while not ended.is_set():
-            room.put(found(0))
-            room.get()
+            queue.add(found(0))
+            queue.next()
 
     other = threading.Thread(target=come_and_go)
     other.start()
     try:
         for _ in range(2000):
-            assert 49 <= len(room) <= 51
+            assert 49 <= len(queue) <= 51
     except RuntimeError as error:
         failures.append(error)
     ended.set()

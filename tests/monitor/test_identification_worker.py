@@ -1,0 +1,218 @@
+"""The thread that identifies: every window gets an estimate, and no thread ends unnoticed."""
+
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ema_core.description import ActuatorDescription
+from ema_core.levels import ERROR, OK, WARN
+from ema_monitor import monitor_worker
+from ema_monitor.diagnosis import Search
+from ema_monitor.estimate import Estimate
+from ema_monitor.last_faults import LastFaults
+from ema_monitor.monitor_worker import IdentificationWorker
+from ema_monitor.trigger import Refusal
+from ema_monitor.watch import Found
+from ema_monitor.window import Window
+
+from .windows import window_from
+
+WINDOW = window_from(np.linspace(0.0, 1.0, 3))
+DEADLINE_S = 10.0
+
+
+def found(number: int, window: Window | Refusal = WINDOW) -> Found:
+    return Found(number, ActuatorDescription(), window)
+
+
+class Published:
+    """What a worker publishes; windows are refused for lack of a calibration."""
+
+    def __init__(self) -> None:
+        self.estimates: list[tuple[int, str]] = []
+        self.errors: list[str] = []
+        self.hold: Callable[[], Any] = lambda: None
+        self._changed = threading.Condition()
+
+    def worker(self) -> IdentificationWorker:
+        return IdentificationWorker(
+            lambda _: "no calibration", Search, LastFaults(), self._publish, self._log
+        )
+
+    def until(self, condition: Callable[[], bool]) -> None:
+        with self._changed:
+            assert self._changed.wait_for(condition, DEADLINE_S), self.estimates
+
+    def _log(self, text: str) -> None:
+        with self._changed:
+            self.errors.append(text)
+            self._changed.notify_all()
+
+    def _publish(self, found: Found, estimate: Estimate) -> None:
+        self.hold()
+        with self._changed:
+            self.estimates.append((found.number, estimate.reason))
+            self._changed.notify_all()
+
+
+@pytest.fixture
+def published() -> Published:
+    return Published()
+
+
+@pytest.fixture(autouse=True)
+def _nothing_to_compile(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(monitor_worker, "compile_kernels", lambda: None)
+
+
+@pytest.fixture
+def may_compile(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
+    """Compilation lasts until this is set."""
+    event = threading.Event()
+    monkeypatch.setattr(monitor_worker, "compile_kernels", event.wait)
+    monkeypatch.setattr(monitor_worker, "_JOIN_S", 0.0)
+    yield event
+    event.set()
+
+
+def test_windows_are_published_in_order(published: Published):
+    worker = published.worker()
+    worker.start()
+    assert (worker.is_running, worker.status()[0]) == (True, OK)
+    for number in range(5):
+        worker.add(found(number), None)
+    published.until(lambda: len(published.estimates) == 5)
+    worker.stop()
+    assert published.estimates == [(number, "no calibration") for number in range(5)]
+
+
+def test_failed_compilation_ends_the_thread_and_refuses_its_windows(
+    published: Published, monkeypatch: pytest.MonkeyPatch
+):
+    added = threading.Event()
+
+    def fail() -> None:
+        assert added.wait(DEADLINE_S)
+        raise OSError("no space left")
+
+    monkeypatch.setattr(monitor_worker, "compile_kernels", fail)
+    worker = published.worker()
+    worker.start()
+    worker.add(found(0), None)
+    added.set()
+    published.until(lambda: len(published.estimates) == 1)
+    assert not worker.is_running
+    level, message = worker.status()
+    assert (level, "no space left" in message) == (ERROR, True)
+    assert "Traceback" in published.errors[0]
+    # What comes later is not lost either.
+    worker.add(found(1), None)
+    assert [number for number, _ in published.estimates] == [0, 1]
+    assert all("no space left" in reason for _, reason in published.estimates)
+    worker.stop()
+
+
+def test_window_outside_of_start_and_stop_is_refused(published: Published):
+    worker = published.worker()
+    worker.add(found(0), None)
+    worker.start()
+    worker.stop()
+    assert (worker.is_running, worker.status()[0]) == (False, WARN)
+    worker.add(found(1), None)
+    worker.add(found(2, Refusal(5, 6, "gap")), None)
+    assert [number for number, _ in published.estimates] == [0, 1, 2]
+    assert all("not active" in reason for _, reason in published.estimates)
+
+
+def test_windows_that_wait_at_the_stop_are_refused_in_order(
+    published: Published, may_compile: threading.Event
+):
+    worker = published.worker()
+    worker.start()
+    for number in range(3):
+        worker.add(found(number), None)
+    worker.stop()
+    assert [number for number, _ in published.estimates] == [0, 1, 2]
+    assert all("stopped before" in reason for _, reason in published.estimates)
+    # The thread that was in the middle of a compilation does not disturb the next one.
+    worker.start()
+    may_compile.set()
+    worker.add(found(3), None)
+    published.until(lambda: len(published.estimates) == 4)
+    worker.stop()
+    assert published.estimates[3] == (3, "no calibration")
+
+
+def test_window_under_identification_is_refused_by_the_stop_alone(
+    published: Published, monkeypatch: pytest.MonkeyPatch
+):
+    begun, go_on, done = threading.Event(), threading.Event(), threading.Event()
+
+    def slow(self: IdentificationWorker, *args: Any) -> Any:
+        begun.set()
+        assert go_on.wait(DEADLINE_S)
+        return identify(self, *args)
+
+    run = IdentificationWorker._run
+
+    def run_and_tell(self: IdentificationWorker, *args: Any) -> None:
+        run(self, *args)
+        done.set()
+
+    identify = IdentificationWorker._identify
+    monkeypatch.setattr(IdentificationWorker, "_identify", slow)
+    monkeypatch.setattr(IdentificationWorker, "_run", run_and_tell)
+    monkeypatch.setattr(monitor_worker, "_JOIN_S", 0.0)
+    worker = published.worker()
+    worker.start()
+    worker.add(found(0), None)
+    assert begun.wait(DEADLINE_S)
+    worker.stop()
+    expected = [(0, "the monitor was stopped during the identification")]
+    assert published.estimates == expected
+    go_on.set()
+    assert done.wait(DEADLINE_S)
+    assert published.estimates == expected
+
+
+def test_stop_waits_for_the_estimate_that_is_being_published(
+    published: Published, monkeypatch: pytest.MonkeyPatch
+):
+    """Else the publishers would be destroyed under its hands."""
+    monkeypatch.setattr(monitor_worker, "_JOIN_S", 0.0)
+    begun, stopped = threading.Event(), threading.Event()
+    returned: list[bool] = []
+
+    def hold() -> None:
+        begun.set()
+        # A stop that does not wait returns at once.
+        returned.append(stopped.wait(0.2))
+
+    published.hold = hold
+    worker = published.worker()
+    worker.start()
+    worker.add(found(0), None)
+    assert begun.wait(DEADLINE_S)
+    worker.stop()
+    stopped.set()
+    assert returned == [False]
+    assert published.estimates == [(0, "no calibration")]
+
+
+def test_window_that_cannot_be_published_does_not_end_the_others(published: Published):
+    def fail() -> None:
+        raise OverflowError("made up")
+
+    worker = published.worker()
+    published.hold = fail
+    worker.start()
+    worker.add(found(0), None)
+    published.until(lambda: len(published.errors) == 2)
+    published.hold = lambda: None
+    worker.add(found(1), None)
+    published.until(lambda: published.estimates == [(1, "no calibration")])
+    assert worker.is_running
+    worker.stop()
