@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ema_cli.truths import truth_at
 from ema_cli.unit_course import Course
 from ema_core.faults import FAULT_NAMES, FAULTS, N_FAULTS
-from ema_monitor.prognosis.required_life import requirements_of
+from ema_monitor.prognosis.required_life import FITTED
 from ema_monitor.prognosis.requirements import REQUIREMENTS
 
 
@@ -68,7 +68,7 @@ def _share_of_the_way(course: Course, faults: NDArray[np.float64]) -> NDArray[np
         for number, fault in enumerate(FAULTS)
         if FAULT_NAMES[number] != "eccentricity_phase"
     ]
-    requirements = requirements_of(course.parameters, course.settings.requirements)
+    requirements = FITTED.of(course.parameters, course.settings.requirements)
     if not isinstance(requirements, str):
         shares += list(1.0 - requirements.exact_reserves(REQUIREMENTS, faults).T)
     return np.max(shares, axis=0)

@@ -83,6 +83,7 @@ class MonitorCalls:
                     f"made of {len(windows)} windows and stored in {path}; calibration_file has to "
                     "name it for it to be used after a restart"
                 )
+            self._node.calibrated(_description(unit))
             response.success, response.calibration_id = True, calibration.calibration_id
         except (ValueError, OSError) as error:
             response.success, response.message = False, str(error)

@@ -7,16 +7,23 @@ from ema_monitor.prognosis.count_book import CountBook, Unit
 from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
-from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.prognostics import Prognostics, RequirementsOf
+from ema_monitor.prognosis.required_life import FITTED
 
 
 class MonitorHistories:
     """Opens the history of each unit when it is first asked for; any thread may call.
 
     What was counted of a unit is kept until then.
+
+    Parameters
+    ----------
+    requirements_of
+        Gives the requirements of a unit, or why they cannot be watched.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, requirements_of: RequirementsOf = FITTED.of) -> None:
+        self._requirements_of = requirements_of
         self._lock = threading.Lock()
         # A lock a unit: that the history of one is long must not hold up the others.
         self._opening: dict[Unit, threading.Lock] = {}
@@ -105,7 +112,7 @@ class MonitorHistories:
 
     def _open(self, unit: Unit, settings: PrognosisSettings) -> None:
         path = history_path(self._folder, *unit) if self._folder else None
-        prognostics = Prognostics(History(*unit, path), settings)
+        prognostics = Prognostics(History(*unit, path), settings, self._requirements_of)
         with self._lock:
             if not self._is_serving:
                 prognostics.history.close()

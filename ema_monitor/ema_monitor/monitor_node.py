@@ -162,6 +162,10 @@ class MonitorNode(ManagedNode):
         with self._lock:
             return self._units.find(actuator_id)
 
+    def calibrated(self, description: ActuatorDescription) -> None:
+        """Have the requirements of an actuator fitted that has another calibration now."""
+        self._prognosis.refresh(description)
+
     @contextmanager
     def arrivals(self) -> Iterator[SimpleQueue[Found]]:
         """Give a queue into which goes every window that is found from now on."""

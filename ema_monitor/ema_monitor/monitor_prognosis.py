@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import traceback
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,7 +25,8 @@ from ema_monitor.prognosis.known_laws import KnownLawTexts
 from ema_monitor.prognosis.outlook import Outlook, outlook_of_one
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings, duty_of
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.requirements import RequirementLimits
+from ema_monitor.prognosis.required_life import BEING_COMPUTED, FITTED
+from ema_monitor.prognosis.requirements import RequirementLimits, Requirements
 from ema_monitor.prognosis.settings import TrackerSettings
 from ema_monitor.prognosis.usage import Service
 from ema_monitor.watch import Found
@@ -57,9 +59,11 @@ class MonitorPrognosis:
         self._tracker = LiveSettings(node, TrackerSettings, "tracker.")
         self._laws = LiveSettings(node, KnownLawTexts, "known_law.")
         self._service = LiveSettings(node, Service)
-        self._histories = MonitorHistories()
+        self._histories = MonitorHistories(self._requirements_of)
         self._described: SimpleQueue[ActuatorDescription] = SimpleQueue()
         self._told: dict[tuple[str, str], str] = {}
+        self._is_serving = False
+        self._resuming = threading.Lock()
 
     @property
     def settings(self) -> PrognosisSettings:
@@ -83,6 +87,7 @@ class MonitorPrognosis:
         in_sim_time = bool(self._node.get_parameter("use_sim_time").value)
         is_kept = bool(history_folder) and not in_sim_time
         self._histories.begin(_folder(history_folder) if is_kept else None)
+        self._is_serving = True
         self._open_soon = self._node.create_guard_condition(
             self._open_histories, callback_group=WaitingCallbackGroup()
         )
@@ -95,6 +100,9 @@ class MonitorPrognosis:
 
     def end(self) -> None:
         """Stop serving, and let go of the histories."""
+        # A health that is about to be published comes first.
+        with self._resuming:
+            self._is_serving = False
         self._node.destroy_service(self._call)
         self._node.destroy_guard_condition(self._open_soon)
         self._histories.end()
@@ -102,14 +110,24 @@ class MonitorPrognosis:
         self._described = SimpleQueue()
 
     def describe(self, description: ActuatorDescription) -> None:
-        """Have the history of a unit opened, in another thread, and its health told.
+        """Prepare for a unit that has just been described, as ``refresh`` does.
 
         Parameters
         ----------
         description
-            The unit, as it has just been described.
+            The unit.
         """
         self._histories.name((description.actuator_id, description.serial_number))
+        self.refresh(description)
+
+    def refresh(self, description: ActuatorDescription) -> None:
+        """Have requirements fitted, the history opened and health published, in another thread.
+
+        Parameters
+        ----------
+        description
+            The unit.
+        """
         self._described.put(description)
         self._open_soon.trigger()
 
@@ -168,6 +186,8 @@ class MonitorPrognosis:
             # What fails here must cost neither the estimate nor the alarm.
             reason = self.report_failure(description.actuator_id, error)
             return outlook_of_one(estimate, settings.limits, reason) if estimate.valid else None
+        if outlook and outlook.rul_requirements.reason == BEING_COMPUTED:
+            self.refresh(description)
         self._tell_problem(description, prognostics)
         for event in outlook.events if outlook else ():
             if event != prognostics.history.problem:
@@ -188,19 +208,34 @@ class MonitorPrognosis:
         ]
 
     def _open_histories(self) -> None:
-        """Read the histories of the units that were described, and tell their health."""
+        """Fit the requirements of units, read their histories, and publish their health."""
         while True:
             try:
                 description = self._described.get_nowait()
             except Empty:
                 return
             try:
-                prognostics = self._of(description)
-                outlook = prognostics.resume(self._parameters(description), self.settings)
-                if outlook is not None:
-                    self._resume(description, outlook)
+                parameters = self._parameters(description)
+                if parameters is not None:
+                    FITTED.of(parameters, self._requirements.value)
+                with self._resuming:
+                    if not self._is_serving:
+                        return
+                    outlook = self._of(description).resume(parameters, self.settings)
+                    if outlook is not None:
+                        self._resume(description, outlook)
             except Exception as error:
                 self.report_failure(description.actuator_id, error)
+
+    def _requirements_of(
+        self, parameters: ActuatorParameters, limits: RequirementLimits
+    ) -> Requirements | str:
+        """Return requirements as far as they are there: no window waits until they are fitted.
+
+        In simulated time windows may wait, so that a replay says what ``ema prognose`` does.
+        """
+        in_sim_time = self._node.get_parameter("use_sim_time").value
+        return (FITTED.of if in_sim_time else FITTED.if_ready)(parameters, limits)
 
     def _of(self, description: ActuatorDescription) -> Prognostics:
         unit = (description.actuator_id, description.serial_number)

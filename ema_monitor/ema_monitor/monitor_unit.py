@@ -132,7 +132,9 @@ class Unit:
         expected_period_s: float,
         now_ns: int,
     ) -> HealthMessage | None:
-        """Return the health after the latest test in the history, if there was none since.
+        """Return the health after the latest test in the history, unless it is published already.
+
+        It is published again when it has come to tell of requirements.
 
         Parameters
         ----------
@@ -145,10 +147,13 @@ class Unit:
         now_ns
             Time of the node's clock [ns].
         """
-        if self._judged is not None or not self._is_fitted(description):
+        if not self._is_fitted(description):
+            return None
+        if self._judged is None:
+            self._fresh_ns = outlook.stamp_ns
+        elif not _adds_requirements(self._outlook, outlook):
             return None
         self._judged, self._outlook = description, outlook
-        self._fresh_ns = outlook.stamp_ns
         self._stale_told = self._is_stale(expected_period_s, now_ns)
         if self._stale_told:
             self._say_stale(expected_period_s)
@@ -238,3 +243,9 @@ class Unit:
         """Return the health of the unit that was judged last, or else of the one described."""
         description = self._judged or self.watch.description
         return None if description is None else health_to_message(self._outlook, description)
+
+
+def _adds_requirements(before: Outlook, after: Outlook) -> bool:
+    """Return whether an outlook after the same test tells of requirements for the first time."""
+    is_same = before.stamp_ns == after.stamp_ns
+    return is_same and bool(after.health.requirements) and not before.health.requirements

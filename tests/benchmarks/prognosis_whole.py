@@ -20,7 +20,7 @@ from ema_monitor.prognosis.observation import Observation
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.required_life import requirements_of
+from ema_monitor.prognosis.required_life import FITTED
 from ema_monitor.prognosis.requirements import REQUIREMENTS, RequirementLimits, Requirements
 from ema_monitor.prognosis.settings import TrackerSettings
 from ema_sim.lives import SimulatedLife
@@ -140,7 +140,7 @@ def seconds(scored: ScoredLife) -> NDArray[np.float64]:
     observations = drawn(scored, scored.life())
     # Compiled code is loaded once a process, by any unit.
     _followed(observations[:1], TrackerSettings())
-    requirements_of.cache_clear()
+    FITTED.clear()
     _, spent = _followed(observations, TrackerSettings())
     return np.array(spent)
 
@@ -180,7 +180,7 @@ def _failure_hours(life: SimulatedLife) -> float:
 
 
 def _requirements() -> Requirements:
-    found = requirements_of(Calibration.builtin().model().parameters, RequirementLimits())
+    found = FITTED.of(Calibration.builtin().model().parameters, RequirementLimits())
     if isinstance(found, str):
         raise RuntimeError(found)
     return found

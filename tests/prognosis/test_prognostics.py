@@ -18,7 +18,7 @@ from ema_monitor.prognosis.outlook import Outlook, earlier
 from ema_monitor.prognosis.prediction import Life
 from ema_monitor.prognosis.prognosis_settings import duty_of
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.required_life import requirements_of
+from ema_monitor.prognosis.required_life import FITTED
 from ema_monitor.prognosis.requirements import REQUIREMENTS, RequirementLimits
 from ema_monitor.prognosis.settings import TrackerSettings
 from ema_monitor.prognosis.tracker import Tracker
@@ -65,7 +65,7 @@ def test_trends_are_those_of_the_laws(worn):
     now = fault_vector({item.name: item.value for item in worn[1][-1].health.faults})
     growth = np.array([trends.get(name, 0.0) for name in FAULT_NAMES])
     growth *= [name in ("friction", "backlash") for name in FAULT_NAMES]
-    requirements = requirements_of(PARAMETERS, RequirementLimits())
+    requirements = FITTED.of(PARAMETERS, RequirementLimits())
     assert not isinstance(requirements, str)
     before, after = requirements.model.performance([now - 60 * growth, now + 60 * growth])[-1]
     assert trends["torque_margin"] == pytest.approx((after - before) / 120.0, rel=0.15)
@@ -223,7 +223,7 @@ def test_set_aside_history_is_told_with_the_first_test(tmp_path: Path):
 
 
 def test_requirements_of_a_unit_are_made_once():
-    assert requirements_of(PARAMETERS, RequirementLimits()) is requirements_of(
+    assert FITTED.of(PARAMETERS, RequirementLimits()) is FITTED.of(
         ActuatorParameters(), RequirementLimits()
     )
 

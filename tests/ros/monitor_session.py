@@ -25,7 +25,10 @@ from ema_interfaces.msg import FaultEstimate, Health
 from ema_messages import topics
 from ema_messages.description import description_to_message
 from ema_messages.telemetry import telemetry_to_message
+from ema_monitor.calibration import Calibration
 from ema_monitor.monitor_node import MonitorNode
+from ema_monitor.prognosis.required_life import FITTED
+from ema_monitor.prognosis.requirements import RequirementLimits
 from ema_nodes.executor import NodeExecutor
 from ema_sim.actuator import SimulatedActuator
 
@@ -251,6 +254,8 @@ def monitor(
     One that lives while others come and go has to be apart from them. It keeps no history unless
     told so: all sources begin at the same stamp.
     """
+    # A health that is published before they are fitted is published again.
+    FITTED.of(Calibration.builtin().model().parameters, RequirementLimits())
     context = Context()
     context.init(domain_id=1 + (int(os.environ["ROS_DOMAIN_ID"]) + 50 * apart - 1) % 101)
     given = {"history_folder": "", **(parameters or {})}

@@ -2,6 +2,7 @@
 
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -18,10 +19,13 @@ from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
 from ema_monitor.prognosis.outlook import Outlook, earlier, worst_with_warning
 from ema_monitor.prognosis.prediction import Life, Prognosis, assumption_of
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
-from ema_monitor.prognosis.required_life import RequiredLife, required_life, requirements_of
+from ema_monitor.prognosis.required_life import FITTED, RequiredLife, required_life
+from ema_monitor.prognosis.requirements import RequirementLimits, Requirements
 from ema_monitor.prognosis.tracked_fault import TrackedFault
 from ema_monitor.prognosis.tracker import Tracker
 from ema_monitor.prognosis.usage import Usage
+
+RequirementsOf = Callable[[ActuatorParameters, RequirementLimits], Requirements | str]
 
 
 class Prognostics:
@@ -36,10 +40,18 @@ class Prognostics:
         Tests so far.
     settings
         What to go by at first.
+    requirements_of
+        Gives the requirements of a unit, or why they cannot be watched.
     """
 
-    def __init__(self, history: History, settings: PrognosisSettings | None = None) -> None:
+    def __init__(
+        self,
+        history: History,
+        settings: PrognosisSettings | None = None,
+        requirements_of: RequirementsOf = FITTED.of,
+    ) -> None:
         self.history = history
+        self._requirements_of = requirements_of
         self._lock = threading.RLock()
         self._settings = settings or PrognosisSettings()
         self._growth = self._told_anew()
@@ -230,7 +242,7 @@ class Prognostics:
         if parameters is None:
             reason = "requirements cannot be watched without a calibration"
             return RequiredLife.unknown(reason, limits)
-        requirements = requirements_of(parameters, limits)
+        requirements = self._requirements_of(parameters, limits)
         if isinstance(requirements, str):
             return RequiredLife.unknown(requirements, limits)
         faults, covariance = self._now(entry.estimate, tracked)

@@ -1,8 +1,8 @@
 """How long an actuator goes on to perform as required, by what its tracker tells."""
 
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -22,6 +22,9 @@ from ema_monitor.prognosis.requirements_life import OVERALL, life_by_requirement
 from ema_monitor.prognosis.settings import COMPONENTS, TrackerSettings
 from ema_monitor.prognosis.tracked_fault import TrackedFault
 from ema_monitor.prognosis.tracker import Tracker
+
+BEING_COMPUTED: Final = "requirements are being computed"
+"""Why nothing is said of the requirements of a unit as long as they are fitted elsewhere."""
 
 _SAMPLES: Final = 200
 _TIMES: Final = 33
@@ -69,25 +72,62 @@ class RequiredLife:
         return cls(healths, {}, lives, nothing, "", nothing)
 
 
-@lru_cache(maxsize=256)
-def requirements_of(
-    parameters: ActuatorParameters, limits: RequirementLimits
-) -> Requirements | str:
-    """Return the requirements of a unit, or why they cannot be watched.
-
-    The first call for a unit takes some seconds, others none.
+class FittedRequirements:
+    """The requirements of units, fitted once for each; any thread may call.
 
     Parameters
     ----------
-    parameters
-        Those of the unit.
-    limits
-        What is required.
+    most
+        How many to keep.
     """
-    try:
-        return Requirements(parameters, limits)
-    except ValueError as error:
-        return f"requirements cannot be watched: {error}"
+
+    def __init__(self, most: int = 256) -> None:
+        self._most = most
+        self._fitted: dict[tuple[ActuatorParameters, RequirementLimits], Requirements | str] = {}
+        self._fitting = threading.Lock()
+
+    def of(self, parameters: ActuatorParameters, limits: RequirementLimits) -> Requirements | str:
+        """Return the requirements of a unit, or why they cannot be watched.
+
+        The first call for a unit takes about a second on two cores, others none.
+
+        Parameters
+        ----------
+        parameters
+            Those of the unit.
+        limits
+            What is required.
+        """
+        with self._fitting:
+            key = parameters, limits
+            if key not in self._fitted:
+                while len(self._fitted) >= self._most:
+                    del self._fitted[next(iter(self._fitted))]
+                try:
+                    self._fitted[key] = Requirements(parameters, limits)
+                except ValueError as error:
+                    self._fitted[key] = f"requirements cannot be watched: {error}"
+            return self._fitted[key]
+
+    def if_ready(
+        self, parameters: ActuatorParameters, limits: RequirementLimits
+    ) -> Requirements | str:
+        """Return the same without waiting: ``BEING_COMPUTED`` where ``of`` has not been called.
+
+        Parameters
+        ----------
+        parameters, limits
+            As of ``of``.
+        """
+        return self._fitted.get((parameters, limits), BEING_COMPUTED)
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._fitted.clear()
+
+
+FITTED: Final = FittedRequirements()
+"""Those of all units in this process."""
 
 
 def required_life(
