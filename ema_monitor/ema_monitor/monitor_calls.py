@@ -1,30 +1,29 @@
 """What the monitor does on call: calibrate, and identify with an algorithm of choice."""
 
-from __future__ import annotations
-
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
+from rclpy.node import Node
 
+from ema_core.description import ActuatorDescription
 from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate
 from ema_messages.faults import faults_to_message
+from ema_monitor.calibration_store import CalibrationStore
 from ema_monitor.diagnosis import Diagnosis, Search
 from ema_monitor.healthy_fit import calibrate
 from ema_monitor.monitor_messages import estimate_to_message
+from ema_monitor.monitor_units import Unit
 from ema_monitor.trigger import Refusal
 from ema_monitor.watch import Found
 from ema_monitor.window import Window
 from ema_nodes.executor import WaitingCallbackGroup
-
-if TYPE_CHECKING:
-    from ema_monitor.monitor_node import MonitorNode
-    from ema_monitor.monitor_unit import Unit
 
 _POLL_S = 0.1
 _MOST_GOALS = 2
@@ -38,11 +37,41 @@ class MonitorCalls:
     Parameters
     ----------
     node
-        The monitor.
+        Gets service and action.
+    store
+        Calibrations of the actuators.
+    find
+        Gives the unit that is watched under a name.
+    search
+        Gives how to identify by default.
+    timeout_s
+        Gives how long to wait for a window [s].
+    is_active
+        Whether windows are found at all.
+    calibrated
+        Called with an actuator that has another calibration now.
     """
 
-    def __init__(self, node: MonitorNode) -> None:
+    def __init__(
+        self,
+        node: Node,
+        store: CalibrationStore,
+        find: Callable[[str], Unit],
+        search: Callable[[], Search],
+        timeout_s: Callable[[], float],
+        is_active: Callable[[], bool],
+        calibrated: Callable[[ActuatorDescription], None],
+    ) -> None:
         self._node = node
+        self._store = store
+        self._find = find
+        self._search = search
+        self._timeout_s = timeout_s
+        self._is_active = is_active
+        self._calibrated = calibrated
+        self._log = node.get_logger()
+        self._queues: list[SimpleQueue[Found]] = []
+        self._queues_lock = threading.Lock()
         self._goals = 0
         self._goal_lock = threading.Lock()
         self._service = node.create_service(
@@ -56,7 +85,7 @@ class MonitorCalls:
             IdentifyFaults,
             "~/identify_faults",
             self._identify,
-            goal_callback=self._judge_goal,
+            goal_callback=self._accept_or_reject,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
 
@@ -65,41 +94,65 @@ class MonitorCalls:
         self._node.destroy_service(self._service)
         self._action.destroy()
 
+    def offer(self, found: Found) -> None:
+        """Pass on a window that was just found to the calls that wait for one.
+
+        Parameters
+        ----------
+        found
+            The window.
+        """
+        with self._queues_lock:
+            for queue in self._queues:
+                queue.put(found)
+
+    @contextmanager
+    def _windows(self) -> Iterator[SimpleQueue[Found]]:
+        """Give a queue of the windows that are found from now on."""
+        queue: SimpleQueue[Found] = SimpleQueue()
+        with self._queues_lock:
+            self._queues.append(queue)
+        try:
+            yield queue
+        finally:
+            with self._queues_lock:
+                self._queues.remove(queue)
+
     def _calibrate(
         self, request: Calibrate.Request, response: Calibrate.Response
     ) -> Calibrate.Response:
         try:
-            unit = self._node.unit(request.actuator_id)
-            self._node.get_logger().info(f"{unit.actuator_id}: calibration is called for")
+            unit = self._find(request.actuator_id)
+            self._log.info(f"{unit.actuator_id}: calibration is called for")
             if request.load:
-                calibration, path = self._node.store.load(_description(unit), request.file)
+                calibration, path = self._store.load(_description(unit), request.file)
                 response.message = f"loaded from {path}"
             else:
-                path = self._node.store.prepare(_description(unit), request.file)
+                path = self._store.prepare(_description(unit), request.file)
                 windows = list(self._healthy_windows(unit, request.windows))
                 calibration = calibrate(windows, _description(unit))
-                self._node.store.keep(_description(unit), calibration, path)
+                self._store.keep(_description(unit), calibration, path)
                 response.message = (
                     f"made of {len(windows)} windows and stored in {path}; calibration_file has to "
                     "name it for it to be used after a restart"
                 )
-            self._node.calibrated(_description(unit))
+            self._calibrated(_description(unit))
             response.success, response.calibration_id = True, calibration.calibration_id
         except (ValueError, OSError) as error:
             response.success, response.message = False, str(error)
-        self._node.get_logger().info(f"calibration: {response.message}")
+        self._log.info(f"calibration: {response.message}")
         return response
 
     def _healthy_windows(self, unit: Unit, number: int) -> Iterator[Window]:
         """Yield the next windows of an actuator; those that cannot be used are passed over."""
         if number < 1:
             raise ValueError(f"windows = {number}: expected at least 1 healthy window")
-        with self._node.arrivals() as arrivals:
+        with self._windows() as windows:
             for made in range(number):
                 deadline = time.monotonic() + self._timeout_s()
                 window, passed_over = None, ""
                 while not isinstance(window, Window):
-                    found = self._next(arrivals, unit, deadline)
+                    found = self._next(windows, unit, deadline)
                     if found is None:
                         raise ValueError(
                             f"no healthy window came for {self._timeout_s():g} s after {made} of "
@@ -111,31 +164,25 @@ class MonitorCalls:
                 yield window
 
     def _next(
-        self, arrivals: SimpleQueue[Found], unit: Unit, deadline: float, goal: Any = None
+        self, windows: SimpleQueue[Found], unit: Unit, deadline: float, goal: Any = None
     ) -> Found | None:
         """Wait for the next window of an actuator; None when the time is over, or on cancelling."""
         while time.monotonic() < deadline and not (goal and goal.is_cancel_requested):
-            if self._is_over():
+            if not self._is_active():
                 raise ValueError("the monitor is not active")
             try:
-                found = arrivals.get(timeout=_POLL_S)
+                found = windows.get(timeout=_POLL_S)
             except Empty:
                 continue
             if found.description.actuator_id == unit.actuator_id:
                 return found
         return None
 
-    def _is_over(self) -> bool:
-        return self._node.stopping.is_set() or self._node.idle
-
-    def _timeout_s(self) -> float:
-        return self._node.operation.value.calibration_timeout_s
-
-    def _judge_goal(self, _: Any) -> GoalResponse:
-        """Take no more goals than leave the processor to the windows of the telemetry."""
+    def _accept_or_reject(self, _: Any) -> GoalResponse:
+        """Accept no more goals than leave the processor to the windows of the telemetry."""
         with self._goal_lock:
             if self._goals >= _MOST_GOALS:
-                self._node.get_logger().warning(
+                self._log.warning(
                     f"a goal of identify_faults is rejected: {_MOST_GOALS} run already"
                 )
                 return GoalResponse.REJECT
@@ -145,7 +192,7 @@ class MonitorCalls:
     def _identify(self, goal: Any) -> IdentifyFaults.Result:
         result = IdentifyFaults.Result()
         try:
-            self._pursue(goal, result)
+            self._identify_for(goal, result)
         except ValueError as error:
             result.success, result.message = False, str(error)
         finally:
@@ -160,19 +207,19 @@ class MonitorCalls:
             goal.abort()
         return result
 
-    def _pursue(self, goal: Any, result: IdentifyFaults.Result) -> None:
+    def _identify_for(self, goal: Any, result: IdentifyFaults.Result) -> None:
         """Identify what a goal asks for, unless it is cancelled."""
-        unit = self._node.unit(goal.request.actuator_id)
-        search = self._search(goal.request)
+        unit = self._find(goal.request.actuator_id)
+        search = self._search_for(goal.request)
         found = self._window(unit, goal)
         if found is None:
             return
         # Cold: what a goal leads to depends on its window and its figures alone.
-        run = Diagnosis(found, self._node.store.of(found.description), search)
+        run = Diagnosis(found, self._store.of(found.description), search)
         for generation in run:
             if goal.is_cancel_requested:
                 return
-            if self._is_over():
+            if not self._is_active():
                 raise ValueError("the monitor is not active")
             goal.publish_feedback(
                 IdentifyFaults.Feedback(
@@ -186,13 +233,13 @@ class MonitorCalls:
             result.estimate = estimate_to_message(run.estimate, found.number, found.description)
             result.success, result.message = run.estimate.valid, run.estimate.reason
 
-    def _search(self, request: IdentifyFaults.Goal) -> Search:
+    def _search_for(self, request: IdentifyFaults.Goal) -> Search:
         wanted: dict[str, Any] = {"seed": request.seed}
         if request.algorithm:
             wanted["algorithm"] = request.algorithm
         if request.budget:
             wanted["budget"] = request.budget
-        return replace(self._node.search.value, **wanted)
+        return replace(self._search(), **wanted)
 
     def _window(self, unit: Unit, goal: Any) -> Found | None:
         """Return the window that a goal is about; None when it is cancelled before it comes."""
@@ -200,8 +247,8 @@ class MonitorCalls:
             if unit.latest is None:
                 raise ValueError(f"actuator {unit.actuator_id!r} has had no complete window so far")
             return unit.latest
-        with self._node.arrivals() as arrivals:
-            found = self._next(arrivals, unit, time.monotonic() + self._timeout_s(), goal)
+        with self._windows() as windows:
+            found = self._next(windows, unit, time.monotonic() + self._timeout_s(), goal)
         if found is None and not goal.is_cancel_requested:
             raise ValueError(f"no window came for {self._timeout_s():g} s")
         return found

@@ -1,7 +1,5 @@
 """The prognosis of each unit that a monitor watches: settings, histories, topic and service."""
 
-from __future__ import annotations
-
 import os
 import threading
 import traceback
@@ -9,17 +7,21 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from rclpy.node import Node
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_interfaces.srv import PredictRemainingLife
 from ema_messages.stamps import stamp_from_message
+from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate
 from ema_monitor.health import HealthLimits
 from ema_monitor.monitor_histories import MonitorHistories
 from ema_monitor.monitor_messages import health_to_message
+from ema_monitor.monitor_units import Unit
 from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.known_laws import KnownLawTexts
 from ema_monitor.prognosis.outlook import Outlook, outlook_of_one
@@ -34,9 +36,6 @@ from ema_nodes.executor import WaitingCallbackGroup
 from ema_nodes.settings import LiveSettings
 from ema_nodes.status import Task
 
-if TYPE_CHECKING:
-    from ema_monitor.monitor_node import MonitorNode
-
 
 class MonitorPrognosis:
     """What a monitor knows of the growth of faults, unit by unit.
@@ -44,15 +43,25 @@ class MonitorPrognosis:
     Parameters
     ----------
     node
-        The monitor; gets the parameters.
+        Gets parameters and service.
+    calibration_of
+        Gives the calibration of an actuator, or why there is none.
+    find
+        Gives the unit that is watched under a name.
     resume
-        Called with a unit, once its history is read, and what there is to say after it.
+        Called with a unit, once its history is read, and the health and life that follow from it.
     """
 
     def __init__(
-        self, node: MonitorNode, resume: Callable[[ActuatorDescription, Outlook], None]
+        self,
+        node: Node,
+        calibration_of: Callable[[ActuatorDescription], Calibration | str],
+        find: Callable[[str], Unit],
+        resume: Callable[[ActuatorDescription, Outlook], None],
     ) -> None:
         self._node = node
+        self._calibration_of = calibration_of
+        self._find = find
         self._resume = resume
         self._limits = LiveSettings(node, HealthLimits, "limits.")
         self._requirements = LiveSettings(node, RequirementLimits, "requirements.")
@@ -60,8 +69,8 @@ class MonitorPrognosis:
         self._laws = LiveSettings(node, KnownLawTexts, "known_law.")
         self._service = LiveSettings(node, Service)
         self._histories = MonitorHistories(self._requirements_of)
-        self._described: SimpleQueue[ActuatorDescription] = SimpleQueue()
-        self._told: dict[tuple[str, str], str] = {}
+        self._to_refresh: SimpleQueue[ActuatorDescription] = SimpleQueue()
+        self._logged: dict[tuple[str, str], str] = {}
         self._is_serving = False
         self._resuming = threading.Lock()
 
@@ -88,8 +97,8 @@ class MonitorPrognosis:
         is_kept = bool(history_folder) and not in_sim_time
         self._histories.begin(_folder(history_folder) if is_kept else None)
         self._is_serving = True
-        self._open_soon = self._node.create_guard_condition(
-            self._open_histories, callback_group=WaitingCallbackGroup()
+        self._refresh_soon = self._node.create_guard_condition(
+            self._refresh_all, callback_group=WaitingCallbackGroup()
         )
         self._call = self._node.create_service(
             PredictRemainingLife,
@@ -104,10 +113,10 @@ class MonitorPrognosis:
         with self._resuming:
             self._is_serving = False
         self._node.destroy_service(self._call)
-        self._node.destroy_guard_condition(self._open_soon)
+        self._node.destroy_guard_condition(self._refresh_soon)
         self._histories.end()
-        self._told.clear()
-        self._described = SimpleQueue()
+        self._logged.clear()
+        self._to_refresh = SimpleQueue()
 
     def describe(self, description: ActuatorDescription) -> None:
         """Prepare for a unit that has just been described, as ``refresh`` does.
@@ -128,11 +137,11 @@ class MonitorPrognosis:
         description
             The unit.
         """
-        self._described.put(description)
-        self._open_soon.trigger()
+        self._to_refresh.put(description)
+        self._refresh_soon.trigger()
 
-    def hear(self, message: Any, described: ActuatorDescription | None) -> str:
-        """Take note of counted use; return what is wrong with it, empty when nothing.
+    def count(self, message: Any, described: ActuatorDescription | None) -> str:
+        """Record counted use; return what is wrong with it, empty when nothing.
 
         Parameters
         ----------
@@ -168,8 +177,8 @@ class MonitorPrognosis:
             return None
         return entries[-1].estimate if entries else None
 
-    def conclude(self, found: Found, estimate: Estimate) -> Outlook | None:
-        """Take a test, and return what there is to say after it; None when it is not valid.
+    def record(self, found: Found, estimate: Estimate) -> Outlook | None:
+        """Record a test; return health and life after it, None when it is not valid.
 
         Parameters
         ----------
@@ -188,14 +197,14 @@ class MonitorPrognosis:
             return outlook_of_one(estimate, settings.limits, reason) if estimate.valid else None
         if outlook and outlook.rul_requirements.reason == BEING_COMPUTED:
             self.refresh(description)
-        self._tell_problem(description, prognostics)
+        self._log_problem(description, prognostics)
         for event in outlook.events if outlook else ():
             if event != prognostics.history.problem:
                 self._node.get_logger().warning(f"{description.actuator_id}: {event}")
         return outlook
 
     def tasks(self) -> list[Task]:
-        """Return how each history fares."""
+        """Return the status of each history."""
         return [
             Task(
                 f"{actuator_id} history",
@@ -207,11 +216,11 @@ class MonitorPrognosis:
             for (actuator_id, serial_number), prognostics in self._histories.items()
         ]
 
-    def _open_histories(self) -> None:
+    def _refresh_all(self) -> None:
         """Fit the requirements of units, read their histories, and publish their health."""
         while True:
             try:
-                description = self._described.get_nowait()
+                description = self._to_refresh.get_nowait()
             except Empty:
                 return
             try:
@@ -240,25 +249,25 @@ class MonitorPrognosis:
     def _of(self, description: ActuatorDescription) -> Prognostics:
         unit = (description.actuator_id, description.serial_number)
         prognostics = self._histories.of(unit, self.settings)
-        self._tell_problem(description, prognostics)
+        self._log_problem(description, prognostics)
         return prognostics
 
     def _parameters(self, description: ActuatorDescription) -> ActuatorParameters | None:
-        calibration = self._node.store.of(description)
+        calibration = self._calibration_of(description)
         return None if isinstance(calibration, str) else calibration.model().parameters
 
-    def _tell_problem(self, description: ActuatorDescription, prognostics: Prognostics) -> None:
+    def _log_problem(self, description: ActuatorDescription, prognostics: Prognostics) -> None:
         problem, actuator_id = prognostics.history.problem, description.actuator_id
         unit = (actuator_id, description.serial_number)
-        if problem and self._told.get(unit) != problem:
+        if problem and self._logged.get(unit) != problem:
             self._node.get_logger().error(f"{actuator_id}: {problem}")
-        self._told[unit] = problem
+        self._logged[unit] = problem
 
     def _predict(
         self, request: PredictRemainingLife.Request, response: PredictRemainingLife.Response
     ) -> PredictRemainingLife.Response:
         try:
-            unit = self._node.unit(request.actuator_id)
+            unit = self._find(request.actuator_id)
             settings = duty_of(self.settings, request.duty)
             description = unit.watch.description
             if description is None:

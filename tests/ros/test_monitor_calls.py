@@ -198,7 +198,7 @@ def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
         assert not refused.valid
         assert all(text in refused.reason for text in ("no calibration", str(own)))
         future = session.start(Calibrate, NAME, Calibrate.Request(windows=2))
-        wait_for(lambda: session.node._listeners)
+        wait_for(lambda: session.node._calls._queues)
         blocks = source.cycle()
         # A window that cannot be used is passed over, and its estimate comes meanwhile.
         session.feed(b for i, b in enumerate(blocks) if i != in_window(blocks))
@@ -253,7 +253,7 @@ def test_calibration_that_cannot_be_stored_is_not_half_used(tmp_path: Path):
         session.until_told("flap telemetry", "no telemetry so far")
         request = Calibrate.Request(windows=1, file=f"{tmp_path}/folder.yaml")
         future = session.start(Calibrate, NAME, request)
-        wait_for(lambda: session.node._listeners)
+        wait_for(lambda: session.node._calls._queues)
         session.feed(source.cycle())
         answer = session.result(future)
         session.next_estimate()
@@ -270,11 +270,11 @@ def test_call_that_waits_is_answered_when_the_monitor_is_deactivated(call: str):
         session.until_told("flap telemetry", "no telemetry so far")
         if call == "calibrate":
             future = session.start(Calibrate, NAME, Calibrate.Request(windows=1))
-            wait_for(lambda: session.node._listeners)
+            wait_for(lambda: session.node._calls._queues)
             assert session.node.trigger_deactivate()
             assert not session.result(future, 4.0).success
         else:
             goal = Goal(session, next_window=True)
-            wait_for(lambda: session.node._listeners)
+            wait_for(lambda: session.node._calls._queues)
             assert session.node.trigger_deactivate()
             assert not goal.result(4.0)[1].success

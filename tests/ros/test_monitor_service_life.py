@@ -12,7 +12,7 @@ from ema_interfaces.msg import Usage
 from ema_messages import topics
 from ema_monitor.calibration import Calibration
 from ema_monitor.calibration_store import CalibrationStore
-from ema_monitor.monitor_unit import Unit
+from ema_monitor.monitor_units import Unit
 from ema_monitor.prognosis.prognostics import Prognostics
 
 from .monitor_session import FLAP, monitor
@@ -190,7 +190,7 @@ def test_health_that_cannot_be_published_costs_no_second_estimate(
     with monitor({"hours_per_cycle": HOURS}) as session:
         mount(session, FLAP)
         with monkeypatch.context() as patched:
-            patched.setattr(Unit, "conclude", fail)
+            patched.setattr(Unit, "record", fail)
             session.feed(cycles[:1])
             session.until_told("flap telemetry", "publishing health failed: OverflowError")
         live(session, cycles[1:2])

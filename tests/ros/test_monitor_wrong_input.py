@@ -252,7 +252,7 @@ def test_messages_without_actuator_are_counted_and_named(source: Source):
     nameless = description_to_message(FLAP)
     nameless.actuator_id = ""
     with monitor() as session:
-        session.until_told("input", "no actuator heard of so far", WARN)
+        session.until_told("input", "no message of an actuator so far", WARN)
         session.feed(source.cycle()[:2], actuator_id="")
         session.until_told("input", "2 messages without actuator_id", WARN)
         session.send(topics.DESCRIPTION, nameless)
