@@ -54,7 +54,7 @@ from trials import ACTUATOR, Workers, workers
 
 from ema_monitor.calibration import Calibration
 from ema_monitor.healthy_fit import calibrate
-from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.measurement import Measurement
 from ema_sim.lives import SimulatedLife
 
 try:
@@ -96,26 +96,26 @@ def score_drawn(scored: ScoredLife) -> Scores:
 def score_real(job: InTheLoop) -> Scores:
     """Score a life with the simulator and the estimator in the loop."""
     life = job.scored.life()
-    observations, last = [], None
+    measurements, last = [], None
     for test, (hours, window) in enumerate(zip(life.hours, life.windows, strict=True)):
         estimate = estimate_of(job.scored.case(life, test), window, job.calibration, last)
         if estimate is not None and estimate.valid:
             last = estimate.faults
-            observations.append(Observation.of(estimate, float(hours)))
-    return _scores(job.scored, life, observations)
+            measurements.append(Measurement.of(estimate, float(hours)))
+    return _scores(job.scored, life, measurements)
 
 
 def score_repaired(scored: ScoredLife) -> Scores:
     """Score a life with drawn estimates from its repair on; progpy's filter knows of no repair."""
     life = scored.life()
-    observations = drawn(scored, life)
+    measurements = drawn(scored, life)
     left_hours = life.end_hours - life.repair_hours
     return {
         name: LifeScore.of(
             scored.kind,
             scored.number,
             left_hours,
-            predict(life, observations).since(life.repair_hours),
+            predict(life, measurements).since(life.repair_hours),
         )
         for name, predict in PREDICTORS.items()
     }
@@ -138,12 +138,12 @@ def trend_reports(scored: ScoredLife) -> Reports:
 def _scores(
     scored: ScoredLife,
     life: SimulatedLife,
-    observations: Sequence[Observation],
+    measurements: Sequence[Measurement],
     methods: Mapping[str, Predictor] = METHODS,
 ) -> Scores:
     result = {}
     for name, predict in methods.items():
-        made = predict(life, observations)
+        made = predict(life, measurements)
         result[name] = LifeScore.of(
             scored.kind,
             scored.number,

@@ -24,7 +24,7 @@ from ema_core.faults import (
     N_FAULTS,
     healthy_faults,
 )
-from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.measurement import Measurement
 from ema_sim.lives import SimulatedLife
 
 FILE: Final = Path(__file__).with_name("estimator_errors.jsonl")
@@ -90,7 +90,7 @@ class ErrorModel:
 
     def draw(
         self, hours: float, faults: NDArray[np.float64], rng: np.random.Generator
-    ) -> Observation:
+    ) -> Measurement:
         """Return what the estimator could say of a test.
 
         Parameters
@@ -122,7 +122,7 @@ class ErrorModel:
         hidden[ECCENTRICITY_PHASE] = back[ECCENTRICITY]
         covariance = self.correlation[like] * np.outer(sigma, sigma)
         covariance[hidden], covariance[:, hidden] = np.nan, np.nan
-        return Observation(hours, found, covariance, hidden)
+        return Measurement(hours, found, covariance, hidden)
 
     def _errors(self, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return the errors of a window in units of sigma; what it does not show, of others."""
@@ -139,7 +139,7 @@ def error_model() -> ErrorModel:
     return ErrorModel.of()
 
 
-def drawn(scored: ScoredLife, life: SimulatedLife) -> list[Observation]:
+def drawn(scored: ScoredLife, life: SimulatedLife) -> list[Measurement]:
     """Return the estimates of a life's tests with a usable window, always the same.
 
     Parameters

@@ -25,8 +25,8 @@ from prognosis_scores import SHARES
 
 from ema_core.faults import FAULT_NAMES, FAULTS, healthy_faults
 from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.measurement import Measurement
 from ema_monitor.prognosis.metrics import ALPHA
-from ema_monitor.prognosis.observation import Observation
 from ema_monitor.prognosis.prediction import Fan
 from ema_monitor.prognosis.tracker import Tracker
 from ema_sim.lives import SimulatedLife
@@ -60,23 +60,23 @@ class ShownLife:
 
     scored: ScoredLife
     life: SimulatedLife
-    observations: Sequence[Observation]
+    measurements: Sequence[Measurement]
     predictions: Mapping[str, Predictions]
 
     @classmethod
     def of(cls, scored: ScoredLife) -> "ShownLife":
         """Predict a life by every method."""
         life = scored.life()
-        observations = drawn(scored, life)
-        made = {name: predict(life, observations) for name, predict in PREDICTORS.items()}
-        return cls(scored, life, observations, made)
+        measurements = drawn(scored, life)
+        made = {name: predict(life, measurements) for name, predict in PREDICTORS.items()}
+        return cls(scored, life, measurements, made)
 
     def fan(self, case: str) -> Fan:
         """Return how the growth is foreseen, up to a little beyond the end of life."""
         tracker = Tracker(HealthLimits(), SETTINGS[case])
-        for observation in self.observations:
-            if observation.hours <= FORESEEN_FROM * self.life.end_hours:
-                tracker.update(observation)
+        for measurement in self.measurements:
+            if measurement.hours <= FORESEEN_FROM * self.life.end_hours:
+                tracker.update(measurement)
         ahead_hours = 1.1 * self.life.end_hours - tracker.hours
         fan = tracker.fan(ahead_hours * np.linspace(0.0, 1.0, _FAN_TIMES), _FAN_LEVELS)
         return Fan(tracker.hours + fan.hours, fan.levels, fan.values)
@@ -142,9 +142,9 @@ def _draw_remaining(axes: Axes, shown: ShownLife) -> None:
 def _draw_growth(axes: Axes, shown: ShownLife) -> None:
     life = shown.life
     number = FAULT_NAMES.index(life.dominant)
-    hours = np.array([observation.hours for observation in shown.observations])
-    value = np.array([observation.faults[number] for observation in shown.observations])
-    variance = np.array([observation.variance[number] for observation in shown.observations])
+    hours = np.array([measurement.hours for measurement in shown.measurements])
+    value = np.array([measurement.faults[number] for measurement in shown.measurements])
+    variance = np.array([measurement.variance[number] for measurement in shown.measurements])
     seen = np.isfinite(variance)
     axes.errorbar(
         hours[seen],

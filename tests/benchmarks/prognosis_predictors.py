@@ -12,7 +12,7 @@ from prognosis_lives import LIMITS
 from ema_core.faults import FAULT_NAMES, healthy_faults
 from ema_core.growth_laws import hours_until
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.measurement import Measurement
 from ema_monitor.prognosis.settings import NOMINAL_LAWS, TrackerSettings
 from ema_monitor.prognosis.tracker import Tracker
 from ema_sim.growth import Growth
@@ -58,7 +58,7 @@ class Predictions:
     @classmethod
     def of(
         cls,
-        observations: Sequence[Observation],
+        measurements: Sequence[Measurement],
         samples: Sequence[NDArray[np.float64] | None],
         seconds: Sequence[float],
     ) -> "Predictions":
@@ -69,7 +69,7 @@ class Predictions:
             if one is not None:
                 rows[number] = one
         low, median, high = np.quantile(rows, [0.05, 0.5, 0.95], axis=1, method="inverted_cdf")
-        hours = np.array([observation.hours for observation in observations])
+        hours = np.array([measurement.hours for measurement in measurements])
         return cls(hours, low, median, high, rows, np.array(seconds))
 
     def since(self, start_hours: float) -> "Predictions":
@@ -85,33 +85,33 @@ class Predictions:
         )
 
 
-Predictor = Callable[[SimulatedLife, Sequence[Observation]], Predictions]
+Predictor = Callable[[SimulatedLife, Sequence[Measurement]], Predictions]
 
 
-def _tracked(observations: Sequence[Observation], settings: TrackerSettings) -> Predictions:
+def _tracked(measurements: Sequence[Measurement], settings: TrackerSettings) -> Predictions:
     tracker = Tracker(HealthLimits(), settings)
     samples: list[NDArray[np.float64] | None] = []
     seconds: list[float] = []
-    for observation in observations:
+    for measurement in measurements:
         start = time.process_time()
-        tracker.update(observation)
+        tracker.update(measurement)
         prognosis = tracker.predict()
         seconds.append(time.process_time() - start)
         samples.append(prognosis.samples if prognosis.overall.known else None)
-    return Predictions.of(observations, samples, seconds)
+    return Predictions.of(measurements, samples, seconds)
 
 
-def law_known(_: SimulatedLife, observations: Sequence[Observation]) -> Predictions:
+def law_known(_: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:
     """Return what the tracker predicts that is told laws and typical rates."""
-    return _tracked(observations, SETTINGS["law known"])
+    return _tracked(measurements, SETTINGS["law known"])
 
 
-def law_unknown(_: SimulatedLife, observations: Sequence[Observation]) -> Predictions:
+def law_unknown(_: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:
     """Return what the tracker predicts as shipped."""
-    return _tracked(observations, SETTINGS["law unknown"])
+    return _tracked(measurements, SETTINGS["law unknown"])
 
 
-def linear_trend(_: SimulatedLife, observations: Sequence[Observation]) -> Predictions:
+def linear_trend(_: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:
     """Return where least squares lines through the latest estimates first cross a limit.
 
     A component takes part once its slope is away from healthy by three standard errors; the
@@ -120,16 +120,16 @@ def linear_trend(_: SimulatedLife, observations: Sequence[Observation]) -> Predi
     rng = np.random.default_rng(0)
     samples: list[NDArray[np.float64] | None] = []
     seconds: list[float] = []
-    for number in range(len(observations)):
+    for number in range(len(measurements)):
         start = time.process_time()
-        latest = observations[max(0, number + 1 - TREND_TESTS) : number + 1]
+        latest = measurements[max(0, number + 1 - TREND_TESTS) : number + 1]
         samples.append(_first_crossing(latest, rng))
         seconds.append(time.process_time() - start)
-    return Predictions.of(observations, samples, seconds)
+    return Predictions.of(measurements, samples, seconds)
 
 
 def _first_crossing(
-    latest: Sequence[Observation], rng: np.random.Generator
+    latest: Sequence[Measurement], rng: np.random.Generator
 ) -> NDArray[np.float64] | None:
     """Return samples of the hours until the first limit; None where no component grows."""
     if len(latest) < 5:
@@ -157,7 +157,7 @@ def _first_crossing(
     return lives if np.any(np.isfinite(lives)) else None
 
 
-def oracle(life: SimulatedLife, observations: Sequence[Observation]) -> Predictions:
+def oracle(life: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:
     """Return what could be predicted at best: only the process noise of the future is unknown.
 
     It knows the true faults, laws, rates and hours of onset. To first order in the noise of the
@@ -166,18 +166,18 @@ def oracle(life: SimulatedLife, observations: Sequence[Observation]) -> Predicti
     rng = np.random.default_rng(0)
     samples: list[NDArray[np.float64] | None] = []
     seconds: list[float] = []
-    for observation in observations:
+    for measurement in measurements:
         start = time.process_time()
-        at = int(np.searchsorted(life.hours, observation.hours))
+        at = int(np.searchsorted(life.hours, measurement.hours))
         lives = np.full(_ORACLE_SAMPLES, np.inf)
         for name, growth in life.growths.items():
             away = life.faults[at, FAULT_NAMES.index(name)] - _healthy(name)
-            waiting = max(growth.onset - observation.hours, 0.0)
+            waiting = max(growth.onset - measurement.hours, 0.0)
             passage = _passage(growth, float(away), LIMITS[name], rng)
             lives = np.minimum(lives, waiting + passage)
         samples.append(lives if life.growths else None)
         seconds.append(time.process_time() - start)
-    return Predictions.of(observations, samples, seconds)
+    return Predictions.of(measurements, samples, seconds)
 
 
 def _healthy(name: str) -> float:

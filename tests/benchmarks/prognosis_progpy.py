@@ -33,8 +33,8 @@ from ema_core._jit import kernel
 from ema_core.faults import FAULT_NAMES, healthy_faults
 from ema_core.growth_laws import LAWS
 from ema_core.typical_growth import TYPICAL, TypicalGrowth, kind_of
-from ema_monitor.prognosis.observation import Observation
-from ema_sim.lives import LifeSettings, SimulatedLife
+from ema_monitor.prognosis.measurement import Measurement
+from ema_sim.lives import SimulatedLife, LifeSettings
 
 PARTICLES: Final = 1000
 SAMPLES: Final = 100
@@ -134,7 +134,7 @@ def _grow(
         state[2, i] = max(waiting - dt, 0.0)
 
 
-def particle_filter(life: SimulatedLife, observations: Sequence[Observation]) -> Predictions:
+def particle_filter(life: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:
     """Return the predictions of a life."""
     name = life.dominant
     number = FAULT_NAMES.index(name)
@@ -151,7 +151,7 @@ def particle_filter(life: SimulatedLife, observations: Sequence[Observation]) ->
             strict=True,
         )
     ]
-    begin = observations[0].hours - _INTERVAL_HOURS
+    begin = measurements[0].hours - _INTERVAL_HOURS
     noise = {"x": 1.0}
     filtered = ParticleFilter(
         model, UnweightedSamples(start), t0=begin, measurement_noise=noise, dt=_INTERVAL_HOURS
@@ -162,23 +162,23 @@ def particle_filter(life: SimulatedLife, observations: Sequence[Observation]) ->
     samples: list[NDArray[np.float64] | None] = []
     seconds: list[float] = []
     typical_life = _HORIZON_HOURS / 4.0
-    for observation in observations:
-        if observation.at_healthy[number] or observation.unobservable[number]:
+    for measurement in measurements:
+        if measurement.at_healthy[number] or measurement.unobservable[number]:
             samples.append(None)
             seconds.append(np.nan)
             continue
         started = time.process_time()
-        away = side * (observation.faults[number] - healthy_faults()[number])
+        away = side * (measurement.faults[number] - healthy_faults()[number])
         filtered.parameters["measurement_noise"] = {
-            "x": float(np.sqrt(observation.variance[number]))
+            "x": float(np.sqrt(measurement.variance[number]))
         }
-        filtered.estimate(observation.hours, {}, {"x": away})
+        filtered.estimate(measurement.hours, {}, {"x": away})
         # Steps so short that the last one does not show in what is left.
         step = float(np.clip(typical_life / _STEPS, 1.0, 2.0 * _INTERVAL_HOURS))
         result = predictor.predict(
             filtered.x,
             lambda t, x=None: no_load,
-            t0=observation.hours,
+            t0=measurement.hours,
             dt=step,
             n_samples=SAMPLES,
             horizon=_HORIZON_HOURS,
@@ -187,11 +187,11 @@ def particle_filter(life: SimulatedLife, observations: Sequence[Observation]) ->
         ends = [end for end in result.time_of_event.key("limit") if end is not None]
         left = np.full(SAMPLES, np.inf)
         # An event is noticed at the end of a step: half a step late on average.
-        left[: len(ends)] = np.maximum(np.array(ends) - observation.hours - 0.5 * step, 0.0)
+        left[: len(ends)] = np.maximum(np.array(ends) - measurement.hours - 0.5 * step, 0.0)
         seconds.append(time.process_time() - started)
         samples.append(left)
         typical_life = float(np.median(np.minimum(left, _HORIZON_HOURS)))
-    return Predictions.of(observations, samples, seconds)
+    return Predictions.of(measurements, samples, seconds)
 
 
 def accuracy_by_progpy(made: Predictions, end_hours: float) -> float:

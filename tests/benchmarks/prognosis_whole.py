@@ -16,7 +16,7 @@ from ema_monitor.estimate import Estimate
 from ema_monitor.prognosis import metrics
 from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.measurement import Measurement
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.prognostics import Prognostics
@@ -78,12 +78,12 @@ class WholeScore:
 def score_whole(scored: ScoredLife) -> dict[str, WholeScore]:
     """Score the remaining life that health messages tell over a life with drawn estimates."""
     life = scored.life()
-    observations = drawn(scored, life)
+    measurements = drawn(scored, life)
     failure = _failure_hours(life)
     end = min(life.end_hours, failure)
     scores = {}
     for name, settings in SETTINGS.items():
-        outlooks, _ = _followed(observations, settings)
+        outlooks, _ = _followed(measurements, settings)
         before = [outlook for outlook in outlooks if outlook.hours < end]
         hours = np.array([outlook.hours for outlook in before])
         low, median, high = np.array(
@@ -117,11 +117,11 @@ def whole_figures(scores: Sequence[WholeScore]) -> dict[str, Any]:
 def reports(scored: ScoredLife) -> tuple[bool, dict[str, Reports]]:
     """Return whether a constant life meets all requirements, and what is told of it by case."""
     life = scored.life()
-    observations = drawn(scored, life)
+    measurements = drawn(scored, life)
     reserves = _requirements().exact_reserves(REQUIREMENTS, life.faults[:1])
     told = {}
     for name, settings in SETTINGS.items():
-        outlooks, _ = _followed(observations, settings)
+        outlooks, _ = _followed(measurements, settings)
         required = [outlook.rul_requirements for outlook in outlooks]
         told[name] = Reports(
             len(outlooks),
@@ -137,16 +137,16 @@ def seconds(scored: ScoredLife) -> NDArray[np.float64]:
 
     That of the first test contains what is computed once a unit.
     """
-    observations = drawn(scored, scored.life())
+    measurements = drawn(scored, scored.life())
     # Compiled code is loaded once a process, by any unit.
-    _followed(observations[:1], TrackerSettings())
-    FITTED.clear()
-    _, spent = _followed(observations, TrackerSettings())
+    _followed(measurements[:1], TrackerSettings())
+    requirements_of.cache_clear()
+    _, spent = _followed(measurements, TrackerSettings())
     return np.array(spent)
 
 
 def _followed(
-    observations: Sequence[Observation], tracker: TrackerSettings
+    measurements: Sequence[Measurement], tracker: TrackerSettings
 ) -> tuple[list[Outlook], list[float]]:
     """Return what is said after each test, and its processor time [s]."""
     calibration = Calibration.builtin()
@@ -154,14 +154,14 @@ def _followed(
     prognostics = Prognostics(History("flap", "drawn"), settings)
     parameters = calibration.model().parameters
     outlooks, spent = [], []
-    for cycle, observation in enumerate(observations, 1):
-        estimate = _estimate(observation, calibration)
+    for cycle, measurement in enumerate(measurements, 1):
+        estimate = _estimate(measurement, calibration)
         start = time.process_time()
-        prognostics.tell(Count(estimate.end_ns, observation.hours, cycle))
+        prognostics.tell(Count(estimate.end_ns, measurement.hours, cycle))
         outlook = prognostics.take(estimate, parameters, settings)
         spent.append(time.process_time() - start)
         if outlook is None:
-            raise RuntimeError(f"nothing is said of a valid estimate at {observation.hours:g} h")
+            raise RuntimeError(f"nothing is said of a valid estimate at {measurement.hours:g} h")
         outlooks.append(outlook)
     return outlooks, spent
 
@@ -186,19 +186,19 @@ def _requirements() -> Requirements:
     return found
 
 
-def _estimate(observation: Observation, calibration: Calibration) -> Estimate:
-    """Return a valid estimate that makes an observation; its stamp is the service hour."""
+def _estimate(measurement: Measurement, calibration: Calibration) -> Estimate:
+    """Return a valid estimate that makes a measurement; its stamp is the service hour."""
     # Stamps begin after 0, which would be no time.
-    end_ns = round((observation.hours + 1.0) * _NS_PER_HOUR)
+    end_ns = round((measurement.hours + 1.0) * _NS_PER_HOUR)
     return Estimate(
         start_ns=end_ns - 500_000_000,
         end_ns=end_ns,
         algorithm="drawn",
         seed=0,
         calibration_id=calibration.calibration_id,
-        faults=observation.faults,
-        covariance=observation.covariance,
-        unobservable=observation.unobservable,
+        faults=measurement.faults,
+        covariance=measurement.covariance,
+        unobservable=measurement.unobservable,
         play=-1.0,
         fitness=0.01,
         goodness_of_fit=1.0,

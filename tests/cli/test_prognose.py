@@ -27,7 +27,7 @@ from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.counts import Count
-from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.measurement import Measurement
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.requirements import RequirementLimits
 from ema_monitor.prognosis.settings import NOMINAL_LAWS, TrackerSettings
@@ -163,7 +163,7 @@ def test_figures_are_those_of_the_tracker_fed_by_hand():
     course = course_of(estimates)
     tracker = Tracker(HealthLimits(), TrackerSettings())
     for one in estimates:
-        tracker.update(Observation.of(one, one.end_ns / NS_PER_HOUR))
+        tracker.update(Measurement.of(one, one.end_ns / NS_PER_HOUR))
     prognosis, said = tracker.predict(), course.outlooks[-1]
     assert said.rul_faults == prognosis.overall
     assert dict(said.lives)["friction"] == prognosis.components["friction"]
@@ -179,7 +179,7 @@ def test_known_law_and_limit_are_what_the_tracker_goes_by():
     estimates = growing(2e-3, 12, seed=2)
     tracker = Tracker(settings.limits, settings.tracker)
     for one in estimates:
-        tracker.update(Observation.of(one, one.end_ns / NS_PER_HOUR))
+        tracker.update(Measurement.of(one, one.end_ns / NS_PER_HOUR))
     assert course_of(estimates, settings).outlooks[-1].rul_faults == tracker.predict().overall
 
 

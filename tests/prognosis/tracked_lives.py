@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ema_core.faults import FAULT_NAMES, HIGHEST, fault_vector, healthy_faults
 from ema_monitor.prognosis.events import Event
-from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.measurement import Measurement
 from ema_monitor.prognosis.tracked_fault import TrackedFault
 from ema_monitor.prognosis.tracker import Tracker
 from ema_sim.growth import Growth, grow
@@ -22,7 +22,7 @@ def observed(
     rng: np.random.Generator | None = None,
     sigma: float = SIGMA,
     unobservable: Iterable[str] = (),
-) -> Observation:
+) -> Measurement:
     """Return a test of some faults; what lies within two sigma of healthy is put back to it."""
     faults = fault_vector(faults)
     if rng is not None:
@@ -31,7 +31,7 @@ def observed(
     faults = np.where(np.abs(faults - healthy) < 2.0 * sigma, healthy, faults)
     hidden = np.array([name in unobservable for name in FAULT_NAMES])
     hidden[PHASE] = True
-    return Observation(hours, faults, sigma**2 * np.eye(8), hidden)
+    return Measurement(hours, faults, sigma**2 * np.eye(8), hidden)
 
 
 def feed(

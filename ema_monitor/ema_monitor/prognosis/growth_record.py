@@ -7,7 +7,7 @@ from ema_core.faults import ECCENTRICITY_PHASE
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.events import OUTLIER
 from ema_monitor.prognosis.history_entry import Entry
-from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.measurement import Measurement
 from ema_monitor.prognosis.service_order import ServiceOrder
 from ema_monitor.prognosis.settings import TrackerSettings
 from ema_monitor.prognosis.tracker import Tracker
@@ -186,7 +186,7 @@ class GrowthRecord:
                 float(estimate.faults[ECCENTRICITY_PHASE]),
                 float(estimate.covariance[ECCENTRICITY_PHASE, ECCENTRICITY_PHASE]),
             )
-        events = self.tracker.update(Observation.of(estimate, entry.hours))
+        events = self.tracker.update(Measurement.of(estimate, entry.hours))
         self.doubtful = frozenset(item.component for item in events if item.kind == OUTLIER)
         return [f"{item.kind}: {item.text}" for item in events]
 

@@ -11,7 +11,7 @@ import numpy as np
 from ema_core.faults import N_FAULTS
 from ema_monitor.estimate import Estimate
 from ema_monitor.prognosis.counts import Count
-from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.measurement import Measurement
 
 _SHAPES: Final = {
     "faults": (N_FAULTS,),
@@ -54,7 +54,7 @@ class Entry:
     count: Count | None = None
 
     def __post_init__(self) -> None:
-        Observation.of(self.estimate, 0.0 if math.isnan(self.hours) else self.hours)
+        Measurement.of(self.estimate, 0.0 if math.isnan(self.hours) else self.hours)
 
     @property
     def stamp_ns(self) -> int:

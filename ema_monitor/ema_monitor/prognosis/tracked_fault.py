@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from ema_core.faults import HIGHEST
 from ema_core.growth_laws import increment
-from ema_monitor.prognosis.arrival import HEALTHY, INDICES
 from ema_monitor.prognosis.bank import Bank
+from ema_monitor.prognosis.measurement import HEALTHY, INDICES
 from ema_monitor.prognosis.settings import COMPONENTS
 
 

@@ -9,6 +9,7 @@ a prediction draws from it. A single extended Kalman filter would hold neither t
 many-peaked distribution of the rates nor several laws.
 """
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -16,15 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, HIGHEST, healthy_faults
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.arrival import INDICES, Arrival
 from ema_monitor.prognosis.bank import Bank
 from ema_monitor.prognosis.cells import grid
 from ema_monitor.prognosis.events import Event
 from ema_monitor.prognosis.forecast import draw, futures, lives
-from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.measurement import INDICES, Measurement
+from ema_monitor.prognosis.outliers import Opening, OutlierDetector
 from ema_monitor.prognosis.prediction import Fan, Prognosis
 from ema_monitor.prognosis.settings import COMPONENTS, TrackerSettings
-from ema_monitor.prognosis.suspicion import Opening, Suspicion
 from ema_monitor.prognosis.tracked_fault import TrackedFault, tracked_faults
 from ema_monitor.prognosis.verdict import Evidence, prognosis_of
 
@@ -53,7 +53,7 @@ class Tracker:
     settings
         What is assumed of growth; by default that no law is known.
     seed
-        Seed of the samples of predictions, at least 0. The same observations with the same seed
+        Seed of the samples of predictions, at least 0. The same measurements with the same seed
         give the same figures, so that a replay of the history restores a tracker.
 
     Raises
@@ -75,7 +75,7 @@ class Tracker:
         self._seed = seed
         self._bank = Bank(grid(self._limits, self._settings), self._settings)
         self._opening = Opening(self._settings)
-        self._suspicion = Suspicion(self._settings)
+        self._outliers = OutlierDetector(self._settings)
         self._tests = np.zeros(len(COMPONENTS), dtype=np.intp)
         self._first_hours = np.full(len(COMPONENTS), np.nan)
         self._growing = np.zeros(len(COMPONENTS), dtype=bool)
@@ -90,16 +90,16 @@ class Tracker:
 
     @property
     def updates(self) -> int:
-        """Number of observations taken."""
+        """Number of measurements so far."""
         return self._updates
 
-    def update(self, observation: Observation) -> list[Event]:
-        """Take what a test told.
+    def update(self, measurement: Measurement) -> list[Event]:
+        """Update by a test.
 
         Parameters
         ----------
-        observation
-            The test; missing tests and irregular intervals need no word, for the hours tell them.
+        measurement
+            The test; missing tests and irregular intervals show in its hours.
 
         Returns
         -------
@@ -111,51 +111,53 @@ class Tracker:
         ValueError
             When the test was before the latest one.
         """
-        if observation.hours < self._hours:
+        if measurement.hours < self._hours:
             raise ValueError(
-                f"hours = {observation.hours:g} h: expected at least those of the latest test, "
+                f"hours = {measurement.hours:g} h: expected at least those of the latest test, "
                 f"{self._hours:g} h"
             )
-        elapsed = observation.hours - self._hours
-        self._hours = observation.hours
+        elapsed = measurement.hours - self._hours
+        self._hours = measurement.hours
         self._updates += 1
-        if not observation.unobservable[ECCENTRICITY_PHASE]:
-            self._phase = float(observation.faults[ECCENTRICITY_PHASE])
-        arrival = Arrival.of(observation, self._settings.sigma_floor)
+        if not measurement.unobservable[ECCENTRICITY_PHASE]:
+            self._phase = float(measurement.faults[ECCENTRICITY_PHASE])
+        measurement = replace(measurement, sigma_floor=self._settings.sigma_floor)
         if not self._tests.any():
-            first, events = self._opening.judge(arrival)
+            first, events = self._opening.judge(measurement)
             if first is None:
                 return events
             self._use(first)
-            elapsed = arrival.hours - first.hours
+            elapsed = measurement.hours - first.hours
         else:
             events = []
         self._bank.advance(elapsed)
         mean, variance = self._bank.moments()
-        odd, changed, held = self._suspicion.judge(arrival, mean, variance, self._tests)
+        odd, changed, held = self._outliers.judge(measurement, mean, variance, self._tests)
         for number in np.flatnonzero(changed):
-            rose = abs(arrival.value[number]) > abs(mean[number])
-            self._restart(int(number), arrival, keep=KEPT_AFTER_STEP if rose else 0.0)
+            rose = abs(measurement.value[number]) > abs(mean[number])
+            self._restart(int(number), measurement, keep=KEPT_AFTER_STEP if rose else 0.0)
         if not held.all():
-            self._use(arrival, changed, held)
+            self._use(measurement, changed, held)
         return events + odd
 
     def _use(
         self,
-        arrival: Arrival,
+        measurement: Measurement,
         changed: NDArray[np.bool_] | None = None,
         held: NDArray[np.bool_] | None = None,
     ) -> None:
         """Update by a test, but for components whose level it has set and those held back."""
         none = np.zeros(len(COMPONENTS), dtype=bool)
         changed, held = (none if item is None else item for item in (changed, held))
-        fresh = self._begin(arrival, ~changed & ~held)
-        used = arrival.seen & ~changed & ~held & ~fresh
+        fresh = self._begin(measurement, ~changed & ~held)
+        used = measurement.seen & ~changed & ~held & ~fresh
         self._bank.change()
         mean, variance = self._bank.moments()
-        value, noise = arrival.without_common_errors(mean, variance, used & ~arrival.near_healthy)
-        self._bank.measure(value, noise, used, used & arrival.near_healthy)
-        self._tests += arrival.seen & ~held
+        value, noise = measurement.without_common_errors(
+            mean, variance, used & ~measurement.near_healthy
+        )
+        self._bank.measure(value, noise, used, used & measurement.near_healthy)
+        self._tests += measurement.seen & ~held
         constant = self._constant()
         begins = (constant < BEGINS_BELOW) & (self._tests >= LEAST_TESTS)
         self._growing = np.where(self._growing, constant < ENDS_ABOVE, begins)
@@ -164,21 +166,20 @@ class Tracker:
         """Return the probability that each component does not grow, ``(7,)``."""
         return self._bank.weight[self._bank.cells.slices["constant"]]
 
-    def _begin(self, arrival: Arrival, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _begin(self, measurement: Measurement, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return components whose level this test sets, being the first of them, ``(7,)``."""
-        first = arrival.seen & used & (self._tests == 0)
+        first = measurement.seen & used & (self._tests == 0)
         for number in np.flatnonzero(first):
-            self._restart(int(number), arrival, keep=0.0)
+            self._restart(int(number), measurement, keep=0.0)
         return first
 
-    def _restart(self, number: int, arrival: Arrival, keep: float) -> None:
-        value, variance = arrival.level(number)
+    def _restart(self, number: int, measurement: Measurement, keep: float) -> None:
         # The one test that a level starts from may have an occasional error.
-        variance += self._settings.occasional_error**2
-        self._bank.restart(number, value, variance, keep=keep)
+        variance = measurement.noise[number] + self._settings.occasional_error**2
+        self._bank.restart(number, float(measurement.value[number]), float(variance), keep=keep)
         self._tests[number] = 0
         if keep == 0.0:
-            self._first_hours[number] = arrival.hours
+            self._first_hours[number] = measurement.hours
             self._growing[number] = False
 
     def components(self) -> tuple[TrackedFault, ...]:

@@ -1,11 +1,11 @@
-"""Observations: what they take, refuse and tell."""
+"""Measurements: what they accept, refuse and show."""
 
 import numpy as np
 import pytest
 
 from ema_core.faults import FAULT_NAMES, healthy_faults
 from ema_monitor.estimate import Estimate, Settings, refusal
-from ema_monitor.prognosis.observation import Observation
+from ema_monitor.prognosis.measurement import Measurement
 
 PHASE = FAULT_NAMES.index("eccentricity_phase")
 NONE = np.zeros(8, dtype=bool)
@@ -34,18 +34,17 @@ def estimate(**changes) -> Estimate:
     return Estimate(**(figures | changes))
 
 
-def test_observation_of_an_estimate_takes_its_figures_and_its_last_stamp():
+def test_measurement_of_an_estimate_has_its_figures():
     faults = np.linspace(0.1, 0.8, 8)
-    seen = Observation.of(estimate(faults=faults), 120)
+    seen = Measurement.of(estimate(faults=faults), 120)
     assert seen.hours == 120.0
-    assert seen.stamp_ns == 2
     np.testing.assert_array_equal(seen.faults, faults)
     np.testing.assert_allclose(seen.variance, 1e-5)
 
 
-def test_invalid_estimate_tells_nothing():
-    with pytest.raises(ValueError, match="tells nothing: no motion"):
-        Observation.of(refusal(0, 1, Settings(), "c", "no motion"), 10.0)
+def test_invalid_estimate_measures_nothing():
+    with pytest.raises(ValueError, match="measures nothing: no motion"):
+        Measurement.of(refusal(0, 1, Settings(), "c", "no motion"), 10.0)
 
 
 def test_component_at_its_healthy_value_is_known_only_to_be_near_it():
@@ -53,7 +52,7 @@ def test_component_at_its_healthy_value_is_known_only_to_be_near_it():
     faults[0] = 0.02
     unobservable = NONE.copy()
     unobservable[1] = True
-    seen = Observation(10.0, faults, 1e-5 * np.eye(8), unobservable)
+    seen = Measurement(10.0, faults, 1e-5 * np.eye(8), unobservable)
     np.testing.assert_array_equal(np.flatnonzero(~seen.at_healthy), [0, 1])
 
 
@@ -63,7 +62,7 @@ def test_unobservable_components_need_no_figures():
     covariance[PHASE] = covariance[:, PHASE] = np.nan
     unobservable = NONE.copy()
     unobservable[PHASE] = True
-    seen = Observation(10.0, faults, covariance, unobservable)
+    seen = Measurement(10.0, faults, covariance, unobservable)
     assert seen.variance[PHASE] == np.inf
 
 
@@ -72,14 +71,14 @@ def test_unobservable_components_need_no_figures():
     [
         ({"hours": -1.0}, "hours = -1.0 h"),
         ({"hours": np.nan}, "hours = nan h"),
-        ({"faults": np.zeros(7)}, r"faults of an observation has shape \(7,\)"),
-        ({"covariance": np.zeros(8)}, "covariance of an observation has shape"),
+        ({"faults": np.zeros(7)}, r"faults of a measurement has shape \(7,\)"),
+        ({"covariance": np.zeros(8)}, "covariance of a measurement has shape"),
         ({"faults": np.full(8, np.nan)}, "is not finite"),
         ({"covariance": np.full((8, 8), np.nan)}, "variances"),
         ({"covariance": -np.eye(8)}, "variances"),
     ],
 )
-def test_impossible_observation_is_refused(changes, message):
+def test_impossible_measurement_is_refused(changes, message):
     figures = {
         "hours": 10.0,
         "faults": healthy_faults(),
@@ -87,4 +86,4 @@ def test_impossible_observation_is_refused(changes, message):
         "unobservable": NONE,
     }
     with pytest.raises(ValueError, match=message):
-        Observation(**(figures | changes))
+        Measurement(**(figures | changes))
