@@ -16,10 +16,11 @@ from ema_cli.identification_options import IdentificationOptions, identification
 from ema_cli.progress import progress_bar
 from ema_cli.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.windows import BagWindows, RecordedWindow, read_windows, require_windows
-from ema_core.faults import FAULT_NAMES, FAULTS, healthy_faults
+from ema_core.faults import FAULTS, healthy_faults
 from ema_monitor.calibration import Calibration
 from ema_monitor.diagnosis import Diagnosis
 from ema_monitor.estimate import Estimate
+from ema_monitor.estimate_record import by_fault, estimate_record
 from ema_monitor.last_faults import LastFaults
 from ema_monitor.model import compile_kernels
 from ema_monitor.window import MIN_TRAVEL
@@ -95,27 +96,12 @@ def estimate_windows(
 
 def as_object(one: Estimate, found: BagWindows) -> dict[str, Any]:
     """Return an estimate as plain values; what is not a number is null."""
-    return {
-        "faults": _by_fault(one.faults),
-        "sigma": _by_fault(one.sigma),
-        "fitness": _number(one.fitness),
-        "unobservable": _names(one.unobservable),
-        "insignificant": _names(one.insignificant),
-        "covariance": [[_number(value) for value in row] for row in one.covariance],
-        "goodness_of_fit": _number(one.goodness_of_fit),
-        "goodness_limit": _number(one.goodness_limit),
-        "excitation": _number(one.excitation),
+    record = estimate_record(one)
+    record["play_offset"] = record.pop("play")
+    record["calibration"] = record.pop("calibration_id")
+    return record | {
+        "sigma": by_fault(one.sigma),
         "excitation_limit": MIN_TRAVEL,
-        "play_offset": _number(one.play),
-        "evaluations": one.evaluations,
-        "computing_time_s": one.computing_time_s,
-        "valid": one.valid,
-        "reason": one.reason,
-        "algorithm": one.algorithm,
-        "seed": one.seed,
-        "warm_start": one.warm_start,
-        "calibration": one.calibration_id,
-        "calibration_windows": one.calibration_windows,
         "start": round(found.seconds(one.start_ns), 9),
         "end": round(found.seconds(one.end_ns), 9),
     }
@@ -142,18 +128,6 @@ def found_in_words(one: Estimate) -> str:
 
 def _figure(value: float) -> str:
     return f"{value:.2f}" if np.isfinite(value) else "unknown"
-
-
-def _by_fault(values: np.ndarray) -> dict[str, float | None]:
-    return dict(zip(FAULT_NAMES, map(_number, values), strict=True))
-
-
-def _names(components: np.ndarray) -> list[str]:
-    return [name for name, marked in zip(FAULT_NAMES, components, strict=True) if marked]
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _print(number: int, one: Estimate, found: BagWindows) -> None:

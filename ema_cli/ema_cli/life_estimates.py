@@ -1,20 +1,19 @@
 """What the monitor estimates in the tests of a simulated life, a line of JSON each."""
 
 import json
-import math
-from typing import Any
-
-from numpy.typing import NDArray
+from typing import Final
 
 from ema_cli.life_tests import LifeTest
 from ema_cli.life_unit import calibration_of_life
 from ema_core.description import ActuatorDescription
-from ema_core.faults import FAULT_NAMES
 from ema_monitor.diagnosis import Diagnosis, Search
 from ema_monitor.estimate import Estimate
+from ema_monitor.estimate_record import by_fault, estimate_record
 from ema_monitor.last_faults import LastFaults
 from ema_monitor.trigger import TriggerSettings
 from ema_monitor.watch import Found, Watch
+
+_MEASURED: Final = ("faults", "covariance", "unobservable", "goodness_of_fit")
 
 
 class LifeEstimator:
@@ -60,26 +59,14 @@ def as_line(test: LifeTest, estimate: Estimate) -> str:
     estimate
         What was found in it.
     """
-    content: dict[str, Any] = {
+    record = estimate_record(estimate)
+    content = {
         "test": test.number,
         "hours": test.hours,
         "window": test.window,
-        "valid": estimate.valid,
-        "reason": estimate.reason,
-        "truth": _by_fault(test.faults),
-        "faults": _by_fault(estimate.faults),
-        "covariance": [[_number(value) for value in row] for row in estimate.covariance],
-        "unobservable": [
-            name for name, hidden in zip(FAULT_NAMES, estimate.unobservable, strict=True) if hidden
-        ],
-        "goodness_of_fit": _number(estimate.goodness_of_fit),
+        "valid": record["valid"],
+        "reason": record["reason"],
+        "truth": by_fault(test.faults),
+        **{name: record[name] for name in _MEASURED},
     }
     return json.dumps(content) + "\n"
-
-
-def _by_fault(values: NDArray[Any]) -> dict[str, float | None]:
-    return {name: _number(value) for name, value in zip(FAULT_NAMES, values, strict=True)}
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if math.isfinite(value) else None
