@@ -234,7 +234,7 @@ def test_nodes_run_under_one_command_until_ctrl_c(tmp_path):
     assert recorded.topics["/ema/telemetry"].count > 10
     # Service hours are known without a parameter, and nothing is kept of a simulated unit.
     assert math.isfinite(health_in(bag)[0].flight_hours)
-    assert list((tmp_path / "ros_home").rglob("*.jsonl")) == []
+    assert list((tmp_path / "ros_home").rglob("*.sqlite")) == []
     assert processes_with(bag) == []
 
 

@@ -1,9 +1,13 @@
-"""The history of a unit survives being killed, and tells of what it cannot use."""
+"""The history of a unit survives being killed at any moment."""
 
 import os
+import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 
@@ -13,27 +17,43 @@ import pytest
 from ema_monitor.estimate import Estimate
 from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.history import History, history_path
-from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_line, from_line
+from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
 
 from .kept_histories import UNIT, entry, hours, kept
 from .made_tests import made_test
 
+NOBODY = 65534
+WRITER = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from made_tests import made_test
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import Entry
+history = History("flap", "SIM-0001", Path(sys.argv[1]))
+n = len(history.entries)
+while True:
+    history.append(Entry(made_test(n), 10.0 * n, n + 1))
+    n += 1
+    print(n, history.problem, flush=True)
+"""
+
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    return tmp_path / "histories" / "flap.jsonl"
+    return tmp_path / "histories" / "flap.sqlite"
 
 
 def test_every_figure_comes_back_to_the_last_bit(path: Path):
     estimate = made_test(0, seed=1, friction=0.1, backlash=0.2)
     history = History(*UNIT, path)
-    history.append(Entry(estimate, 12.345678901234567, 7, 1.25))
-    history.append(Entry(made_test(1), np.nan, 8, 1.0))
+    history.append(Entry(estimate, 12.345678901234567, 7))
+    history.append(Entry(made_test(1), np.nan, 8))
     history.close()
     again = History(*UNIT, path)
     again.close()
     first, second = again.entries
-    assert (first.hours, first.cycles, first.duty) == (12.345678901234567, 7, 1.25)
+    assert (first.hours, first.cycles) == (12.345678901234567, 7)
     assert np.isnan(second.hours)
     for item in fields(Estimate):
         np.testing.assert_array_equal(
@@ -46,7 +66,7 @@ def test_count_and_cycles_without_estimate_come_back(path: Path):
     count = Count(123, 45.5, 67)
     history = History(*UNIT, path)
     history.append(UnusedCycle(1))
-    history.append(Entry(made_test(0), 45.5, 67, 1.0, count))
+    history.append(Entry(made_test(0), 45.5, 67, count))
     history.append(UnusedCycle(2))
     history.append(UnusedCycle(3))
     history.close()
@@ -55,80 +75,54 @@ def test_count_and_cycles_without_estimate_come_back(path: Path):
     assert (len(again.entries), again.entries[0].count, again.unused_cycles) == (1, count, 2)
 
 
-def test_file_of_the_first_format_is_read_and_gone_on_with(path: Path):
-    """It has neither counts nor cycles without estimate."""
-    lines = [from_line(line) for line in kept(path, 2).splitlines()]
-    lines[0]["format"] = "ema_history 1"
-    for line in lines[1:]:
-        del line["count"]
-    path.write_bytes(b"".join(as_line(line) for line in lines))
-    history = History(*UNIT, path)
-    assert [item.count for item in history.entries] == [None, None]
-    history.append(UnusedCycle(1))
-    history.append(entry(5))
-    history.close()
-    assert hours(path) == ([0.0, 10.0, 50.0], "")
-
-
-def test_format_that_is_not_known_is_set_aside(path: Path):
-    path.parent.mkdir()
-    path.write_bytes(as_line({"format": "ema_history 3"}))
-    assert "its format is 'ema_history 3', expected 'ema_history 2'" in hours(path)[1]
-
-
 def test_nothing_is_made_before_the_first_test(path: Path):
     assert hours(path) == ([], "")
     assert not path.parent.exists()
 
 
-def test_file_cut_off_at_any_byte_loses_the_current_entry_at_most(path: Path):
-    whole = kept(path, 2)
-    ends = [i + 1 for i, byte in enumerate(whole) if byte == ord("\n")]
-    # Every byte around the ends of lines, and some between.
-    cuts = {c for end in [0, *ends] for c in range(end - 3, end + 4) if 0 <= c <= len(whole)}
-    for cut in sorted(cuts | set(range(0, len(whole), 97))):
-        path.write_bytes(whole[:cut])
-        complete = max(sum(end <= cut for end in ends) - 1, 0)
-        history = History(*UNIT, path)
-        assert (len(history.entries), history.problem) == (complete, ""), cut
-        history.append(entry(5))
-        history.close()
-        assert hours(path) == ([*[0.0, 10.0][:complete], 50.0], ""), cut
+def test_write_ahead_log_cut_off_at_any_byte_loses_the_latest_test_at_most(path: Path):
+    """As a loss of power leaves it: the log in part, and the file as it was before."""
+    running = History(*UNIT, path)
+    for number in range(3):
+        running.append(entry(number))
+    before = path.read_bytes()
+    running.append(entry(3))
+    whole = path.with_name(path.name + "-wal").read_bytes()
+    copy = path.with_name("copy.sqlite")
+    found = []
+    for cut in [*range(0, len(whole), 997), len(whole)]:
+        copy.write_bytes(before)
+        copy.with_name(copy.name + "-wal").write_bytes(whole[:cut])
+        restored, problem = hours(copy)
+        assert problem == ""
+        assert restored == [10.0 * number for number in range(len(restored))]
+        found.append(len(restored))
+    running.close()
+    assert found == sorted(found)
+    assert (found[0], found[-1]) == (3, 4)
 
 
-def test_remains_of_a_line_that_was_cut_off_are_gone_from_the_file(path: Path):
-    path.write_bytes(kept(path, 1) + b'{"hours": 10.0, ' + b" " * 10_000)
-    history = History(*UNIT, path)
-    history.append(entry(5))
-    history.close()
-    assert hours(path) == ([0.0, 50.0], "")
-    assert len(path.read_bytes().splitlines()) == 3
-    assert b"      " not in path.read_bytes()
-
-
-def test_history_survives_kill_in_the_midst_of_writing(path: Path):
-    """A process that appends without end is killed; the next one finds all that it told of."""
-    code = (
-        "import sys; from pathlib import Path; sys.path.insert(0, sys.argv[2]);"
-        "from made_tests import made_test;"
-        "from ema_monitor.prognosis.history import History;"
-        "from ema_monitor.prognosis.history_entry import Entry;"
-        "history = History('flap', 'SIM-0001', Path(sys.argv[1]));"
-        "n = 0\n"
-        "while True:\n"
-        "    history.append(Entry(made_test(n), 10.0 * n, n + 1, 1.0)); n += 1\n"
-        "    print(n, flush=True)\n"
-    )
-    with subprocess.Popen(
-        [sys.executable, "-c", code, path, Path(__file__).parent], stdout=subprocess.PIPE
-    ) as process:
-        assert process.stdout is not None
-        told = [int(process.stdout.readline()) for _ in range(20)]
-        process.send_signal(signal.SIGKILL)
-        told += [int(line) for line in process.stdout.read().split()]
-    found, problem = hours(path)
-    assert problem == ""
-    assert told[-1] <= len(found) <= told[-1] + 1
+def test_history_survives_being_killed_again_and_again(path: Path):
+    """A process that appends without end is killed; the next one finds all that was reported."""
+    reported = 0
+    for kill in range(5):
+        with subprocess.Popen(
+            [sys.executable, "-c", WRITER, path, Path(__file__).parent],
+            stdout=subprocess.PIPE,
+            text=True,
+        ) as process:
+            assert process.stdout is not None
+            said = [process.stdout.readline() for _ in range(3 + kill)]
+            process.send_signal(signal.SIGKILL)
+            said += process.stdout.readlines()
+        # Each line is the number of tests, and nothing wrong.
+        numbers = [int(line) for line in said]
+        assert numbers == list(range(reported + 1, reported + 1 + len(numbers)))
+        found, problem = hours(path)
+        assert problem == ""
+        assert numbers[-1] <= len(found) <= numbers[-1] + 1
+        assert found == [10.0 * number for number in range(len(found))]
+        reported = len(found)
 
 
 def test_windows_without_estimate_are_held_as_well(path: Path):
@@ -143,30 +137,91 @@ def test_windows_without_estimate_are_held_as_well(path: Path):
     assert [again.holds_valid(stamp) for stamp in (1, stamp_ns)] == [False, True]
 
 
-def test_disk_that_cannot_be_written_is_told_and_caught_up_with(
+def test_full_disk_is_reported_and_caught_up_with(path: Path):
+    history = History(*UNIT, path)
+    history.append(entry(0))
+    assert history._db is not None
+    pages = history._db.execute("PRAGMA page_count").fetchone()[0]
+    history._db.execute(f"PRAGMA max_page_count = {pages}")
+    for number in (1, 2, 3):
+        history.append(entry(number))
+    assert "cannot be written: database or disk is full" in history.problem
+    assert "in memory only" in history.problem
+    assert len(history.entries) == 4
+    history._db.execute("PRAGMA max_page_count = 100000")
+    history.append(entry(4))
+    assert history.problem == ""
+    history.close()
+    assert hours(path) == ([0.0, 10.0, 20.0, 30.0, 40.0], "")
+
+
+def test_disk_that_is_full_from_the_beginning_is_caught_up_with(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     history = History(*UNIT, path)
-    history.append(entry(0))
 
-    def full(_: int) -> None:
-        raise OSError(28, "No space left on device")
+    def full(*_: object, **__: object) -> None:
+        raise sqlite3.OperationalError("unable to open database file")
 
     with monkeypatch.context() as patched:
-        patched.setattr(os, "fsync", full)
-        history.append(entry(1))
-    assert "No space left on device" in history.problem
-    assert len(history.entries) == 2
-    history.append(entry(2))
+        patched.setattr(sqlite3, "connect", full)
+        history.append(entry(0))
+    assert "unable to open database file" in history.problem
+    history.append(entry(1))
     assert history.problem == ""
     history.close()
-    assert hours(path) == ([0.0, 10.0, 20.0], "")
+    assert hours(path) == ([0.0, 10.0], "")
+
+
+@contextmanager
+def read_only(folder: Path) -> Iterator[None]:
+    """Nothing in a folder can be written, by root neither."""
+    is_root = os.geteuid() == 0
+    paths = [folder, *folder.iterdir()]
+    modes = [item.stat().st_mode for item in paths]
+    for item in paths:
+        item.chmod(0o555)
+    if is_root:
+        # pytest's folders are open to their owner alone.
+        for parent in list(folder.parents)[:4]:
+            if parent != Path("/tmp") and parent.stat().st_mode & 0o7777 == 0o700:
+                parent.chmod(0o711)
+        os.seteuid(NOBODY)
+    try:
+        yield
+    finally:
+        if is_root:
+            os.seteuid(0)
+        for item, mode in zip(paths, modes, strict=True):
+            item.chmod(mode)
+
+
+@pytest.mark.parametrize("is_killed", [False, True])
+def test_history_on_read_only_media_is_read_and_gone_on_with_in_memory(path: Path, is_killed: bool):
+    writer = History(*UNIT, path)
+    for number in range(3):
+        writer.append(entry(number))
+    media = path.parent
+    if is_killed:
+        # With a write-ahead log that nobody has transferred.
+        media = path.parent.with_name("media")
+        shutil.copytree(path.parent, media)
+    writer.close()
+    with read_only(media):
+        history = History(*UNIT, media / path.name)
+        history.append(entry(3))
+    assert [item.hours for item in history.entries] == [0.0, 10.0, 20.0, 30.0]
+    assert "cannot be written" in history.problem
+    assert "in memory only" in history.problem
+    assert history.path is None
+    history.close()
+    assert hours(media / path.name) == ([0.0, 10.0, 20.0], "")
 
 
 def test_folder_that_cannot_be_made_leaves_the_history_in_memory(tmp_path: Path):
     blocked = tmp_path / "file"
     blocked.write_text("no folder")
-    history = History(*UNIT, blocked / "flap.jsonl")
+    history = History(*UNIT, blocked / "flap.sqlite")
     history.append(entry(0))
     assert len(history.entries) == 1
     assert "cannot be" in history.problem

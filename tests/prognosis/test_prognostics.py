@@ -96,7 +96,7 @@ def test_healthy_actuator_is_told_no_life_and_no_alarm():
 
 
 def test_restart_changes_nothing(tmp_path: Path):
-    path = tmp_path / "history.jsonl"
+    path = tmp_path / "history.sqlite"
     _, expected = lived(40)
     first, _ = lived(25, path=path)
     # Killed: nothing is closed, but for the lock that goes with a process.
@@ -214,7 +214,7 @@ def test_worst_requirement_with_a_warning_is_named_while_no_life_is_known():
 
 
 def test_set_aside_history_is_told_with_the_first_test(tmp_path: Path):
-    path = tmp_path / "history.jsonl"
+    path = tmp_path / "history.sqlite"
     path.write_text("nothing\n")
     prognostics, told = lived(2, path=path)
     prognostics.history.close()

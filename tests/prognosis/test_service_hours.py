@@ -140,7 +140,7 @@ def test_test_before_the_first_count_is_not_mixed_with_counted_ones():
 
 @pytest.mark.parametrize("settings", [PrognosisSettings(), TEN_HOURS])
 def test_count_that_stops_is_noticed_after_ten_tests(settings: PrognosisSettings, tmp_path: Path):
-    path = tmp_path / "history.jsonl"
+    path = tmp_path / "history.sqlite"
     prognostics = Prognostics(History(*UNIT, path), settings)
     cycles = [worn(n, h) for n, h in enumerate(ten_hours_a_test(20))]
     told = follow(prognostics, [*cycles, *(worn(n) for n in range(20, 31))], settings)
@@ -177,7 +177,7 @@ def test_reason_of_unknown_hours_is_true_where_a_count_came_later():
 
 
 def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):
-    path = tmp_path / "history.jsonl"
+    path = tmp_path / "history.sqlite"
     for _ in range(3):
         prognostics = Prognostics(History(*UNIT, path), TEN_HOURS)
         follow(prognostics, [worn(0, valid=False)] * 2)
@@ -217,17 +217,17 @@ def test_restart_at_any_test_goes_on_as_if_there_had_been_none(tmp_path: Path, s
         hours = {"none": math.nan, "right": right, "high": 9.0 * right, "low": right / 4}[kind]
         hours = math.nan if seed % 2 else hours
         cycles.append(worn(number, hours, valid=rng.random() > 0.3))
-    path = tmp_path / "history.jsonl"
+    path = tmp_path / "history.sqlite"
     live = Prognostics(History(*UNIT, path), settings)
     expected = []
     for number, cycle in enumerate(cycles, 1):
         expected += follow(live, [cycle], settings)
         if number % 4 == 3:
             # What a kill would leave.
-            (tmp_path / f"{number}.jsonl").write_bytes(path.read_bytes())
+            (tmp_path / f"{number}.sqlite").write_bytes(path.read_bytes())
     live.history.close()
     for number in (3, 7, 11, 15):
-        again = Prognostics(History(*UNIT, tmp_path / f"{number}.jsonl"), settings)
+        again = Prognostics(History(*UNIT, tmp_path / f"{number}.sqlite"), settings)
         told = follow(again, cycles[number:], settings)
         again.history.close()
         assert [plain(one) if one else None for one in told] == [
@@ -236,7 +236,7 @@ def test_restart_at_any_test_goes_on_as_if_there_had_been_none(tmp_path: Path, s
 
 
 def test_cycles_without_estimate_count_across_a_restart(tmp_path: Path):
-    path = tmp_path / "history.jsonl"
+    path = tmp_path / "history.sqlite"
     first, _ = lived(5, path=path, missing=(3, 4))
     first.history.close()
     second = Prognostics(History(*UNIT, path), TEN_HOURS)
@@ -248,7 +248,7 @@ def test_cycles_without_estimate_count_across_a_restart(tmp_path: Path):
 
 
 def test_unit_is_judged_after_a_restart_without_a_new_test(tmp_path: Path):
-    path = tmp_path / "history.jsonl"
+    path = tmp_path / "history.sqlite"
     first, told = lived(12, path=path)
     first.history.close()
     second = Prognostics(History(*UNIT, path), TEN_HOURS)

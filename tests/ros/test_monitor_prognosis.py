@@ -98,7 +98,7 @@ def test_health_tells_of_required_performances_in_their_units(health: Health):
 
 def test_status_carries_life_and_history(session: MonitorSession, folder: Path):
     history = session.until_told("flap history", f"{TESTS} tests", b"\x00")
-    [file] = folder.iterdir()
+    [file] = folder.glob("*.sqlite")
     assert {item.key: item.value for item in history.values}["file"] == str(file)
     life = session.until_told("flap health", f": {session.healths()[-1].dominant_fault}")
     values = {item.key: float(item.value) for item in life.values}
@@ -173,7 +173,7 @@ def test_restart_goes_on_where_the_history_ends(cycles: list[Telemetry], folder:
     """Of what the first monitor left in the file alone, while that one still runs."""
     copy = folder.with_name("copied")
     copy.mkdir()
-    [file] = folder.iterdir()
+    [file] = folder.glob("*.sqlite")
     (copy / file.name).write_bytes(file.read_bytes())
     with monitor({"hours_per_cycle": HOURS, "history_folder": str(copy)}) as restarted:
         restarted.describe()
@@ -200,7 +200,7 @@ def test_restart_goes_on_where_the_history_ends(cycles: list[Telemetry], folder:
 def test_second_monitor_of_a_unit_leaves_the_history_alone(
     cycles: list[Telemetry], folder: Path, session: MonitorSession
 ):
-    [file] = folder.iterdir()
+    [file] = folder.glob("*.sqlite")
     content = file.read_bytes()
     with monitor({"hours_per_cycle": HOURS, "history_folder": str(folder)}) as second:
         second.describe()
@@ -210,7 +210,7 @@ def test_second_monitor_of_a_unit_leaves_the_history_alone(
 
 
 def test_corrupted_history_is_told_in_health_and_status(cycles: list[Telemetry], tmp_path: Path):
-    file = tmp_path / "flap+SIM-0001.jsonl"
+    file = tmp_path / "flap+SIM-0001.sqlite"
     file.write_text("not a history\n")
     with monitor({"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}) as session:
         session.describe()
@@ -218,7 +218,7 @@ def test_corrupted_history_is_told_in_health_and_status(cycles: list[Telemetry],
         session.until_told("flap history", "set aside", b"\x01")
     assert any("set aside" in event for event in first.events)
     assert (second.cycles, second.events) == (2, [])
-    assert (tmp_path / "flap+SIM-0001.set_aside_1.jsonl").read_text() == "not a history\n"
+    assert (tmp_path / "flap+SIM-0001.set_aside_1.sqlite").read_text() == "not a history\n"
 
 
 def test_telemetry_is_received_while_a_prognosis_is_made(
@@ -320,7 +320,7 @@ def test_replayed_bag_gives_the_health_of_the_live_monitor(cycles: list[Telemetr
             session.feed(parts)
             session.until(lambda number=number: len(session.healths()) >= number)
         expected = session.healths()
-    [file] = living.iterdir()
+    [file] = living.glob("*.sqlite")
     content = file.read_bytes()
     with Graph() as graph:
         graph.start("monitor", use_sim_time=True, history_folder=living)

@@ -1,38 +1,39 @@
-"""The history of one unit, test by test, in a file that survives being killed at any moment.
+"""The history of one unit, test by test, in a database that survives a kill at any moment."""
 
-The file is JSON lines: a header with format and unit, then a test a line, each flushed to the
-disk before the next, each with a checksum of its own.
-"""
-
-import fcntl
 import os
 import shutil
+import sqlite3
+import threading
+import zlib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO, Final
+from tempfile import TemporaryDirectory
+from typing import Final
 from urllib.parse import quote
 
-from ema_monitor.prognosis.history_entry import (
-    Entry,
-    UnusedCycle,
-    as_line,
-    from_line,
-    read_line,
+from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_text, entry_of
+from ema_monitor.prognosis.history_import import import_lines
+
+SCHEMA_VERSION: Final = 3
+"""``user_version`` of the database; 1 and 2 were files of JSON lines."""
+
+_SCHEMA: Final = (
+    "CREATE TABLE unit (actuator_id TEXT NOT NULL, serial_number TEXT NOT NULL)",
+    "CREATE TABLE test (number INTEGER PRIMARY KEY, record TEXT NOT NULL, crc32 INTEGER NOT NULL)",
+    f"PRAGMA user_version = {SCHEMA_VERSION}",
 )
-
-FORMAT: Final = "ema_history 2"
-
-_READABLE: Final = ("ema_history 1", FORMAT)
-
-_LONGEST_LINE: Final = 65_536
+_DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 
 
 class History:
     """Tests of one unit, in memory and, where there is a path, in a file.
 
-    A last line that was cut off is dropped. A file that is corrupted, of another unit or of
-    another format is renamed, and a new one begun; one that is deleted or moved while in use is
-    written anew. Nothing here raises because of a file: what is wrong is told, and the history goes
-    on in memory.
+    The file is an SQLite database with a write-ahead log, one transaction a test, locked for this
+    process alone. A file that is damaged, of another unit or of another kind is set aside under
+    another name, and a new one begun with the tests before the damage; one that is deleted or
+    moved while in use is written anew. A file of an earlier version beside it is imported once.
+    Nothing here raises because of a file: ``problem`` says what is wrong, and the history goes on
+    in memory.
 
     Parameters
     ----------
@@ -47,27 +48,30 @@ class History:
         The valid tests in the order in which they came.
     unused_cycles
         How many test cycles since the latest of them had no valid estimate.
+    imported
+        What was imported from a file of an earlier version; empty when nothing.
     """
 
     def __init__(self, actuator_id: str, serial_number: str, path: Path | None = None) -> None:
         self.entries: list[Entry] = []
         self.unused_cycles = 0
+        self.imported = ""
+        self._unit = (actuator_id, serial_number)
         self._tests: list[Entry | UnusedCycle] = []
         self._stamps_ns: set[int] = set()
-        self._unit = {"actuator_id": actuator_id, "serial_number": serial_number}
         self._path = path
-        self._file: BinaryIO | None = None
-        self._end = 0
-        # What is not in the file yet, for want of a file or of space.
-        self._unwritten = b""
+        self._lock = threading.Lock()
+        self._db: sqlite3.Connection | None = None
+        self._file_id = (0, 0)
+        # Tests in the file; those after them are to be written.
+        self._written = 0
         self._mended = ""
         self._trouble = ""
         if path is not None:
             try:
                 self._open(path)
-            except OSError as error:
-                self._trouble = f"the history {path} cannot be read: {error.strerror or error}"
-                self.close()
+            except (sqlite3.Error, OSError) as error:
+                self._read_copy(path, error)
 
     @property
     def path(self) -> Path | None:
@@ -95,48 +99,25 @@ class History:
         test
             The test.
         """
-        self._take(test)
-        if self._path is None:
-            return
-        self._unwritten += test.line()
-        try:
-            if self._file is not None and not _is_file_at(self._path, self._file):
-                self._begin_anew()
-            if self._file is None:
-                self._path.parent.mkdir(parents=True, exist_ok=True)
-                if self._lock(self._path) and self._holds_unread():
-                    self._trouble = (
-                        f"the history {self._path} was written by another monitor since this one "
-                        "began; this one's is in memory only until it starts again"
-                    )
-                    self.close()
-            if self._file is not None:
-                self._write(self._file)
-        except OSError as error:
-            self._trouble = (
-                f"the history {self._path} cannot be written: {error.strerror or error}; "
-                "tests since then are in memory only"
-            )
-        else:
-            if self._file is not None:
-                self._trouble = ""
+        with self._lock:
+            self._add(test)
+            if self._path is None:
+                return
+            try:
+                self._write_pending(self._path)
+            except (sqlite3.Error, OSError) as error:
+                self._trouble = (
+                    f"the history {self._path} cannot be written: {_reason(error)}; "
+                    "tests since then are in memory only"
+                )
 
     def close(self) -> None:
-        """Let go of the file; what is added from now on is in memory only."""
-        self._path = None
-        self._release()
+        """Release the file; what is added from now on is in memory only."""
+        with self._lock:
+            self._path = None
+            self._release()
 
-    def _begin_anew(self) -> None:
-        """Have everything written to a new file, for that in use is no longer at its place."""
-        self._mended = (
-            f"the history {self._path} was deleted or moved while it was in use; a new file with "
-            "all its tests is begun"
-        )
-        self._release()
-        self._end = 0
-        self._unwritten = b"".join(test.line() for test in self._tests)
-
-    def _take(self, test: Entry | UnusedCycle) -> None:
+    def _add(self, test: Entry | UnusedCycle) -> None:
         self._tests.append(test)
         self._stamps_ns.add(test.stamp_ns)
         if isinstance(test, Entry):
@@ -146,94 +127,163 @@ class History:
             self.unused_cycles += 1
 
     def _release(self) -> None:
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        if self._db is not None:
+            self._db.close()
+            self._db = None
 
     def _open(self, path: Path) -> None:
-        """Read a file that is there, and set it aside when it is of no use."""
-        if not path.exists() or not self._lock(path) or self._file is None:
-            return
-        content = self._file.read()
-        whole = content[: content.rfind(b"\n") + 1]
-        is_cut = _is_cut_line(content[len(whole) :])
-        try:
-            if not whole and not is_cut:
-                raise ValueError("it holds no line of a history")
-            header, *lines = whole.splitlines() or [b""]
-            if whole:
-                self._check_header(header)
-            tests = [read_line(line) for line in lines]
-        except (ValueError, KeyError, TypeError) as error:
-            self._release()
-            aside = _free_name(path)
-            path.rename(aside)
-            self._mended = (
-                f"the history {path} is set aside as {aside.name} and a new one is begun: "
-                f"{_reason(error)}"
-            )
-            return
-        self._end = len(whole)
-        for test in tests:
-            self._take(test)
-        if not is_cut:
-            aside = _free_name(path)
-            shutil.copy2(path, aside)
-            _sync(aside)
-            _sync(path.parent)
-            self._file.truncate(self._end)
-            os.fsync(self._file.fileno())
-            self._mended = (
-                f"the history {path} has a damaged end, which is left out; the file as it was is "
-                f"kept as {aside.name}"
-            )
+        """Read a file that is there, or import one of an earlier version."""
+        earlier = path.with_suffix(".jsonl")
+        if path.exists():
+            try:
+                db = self._connect(path)
+                self._read(db)
+            except (sqlite3.DatabaseError, ValueError, KeyError, TypeError) as error:
+                if isinstance(error, sqlite3.Error) and _code(error) not in _DAMAGE:
+                    raise
+                self._set_aside(path, error)
+        if not self._tests and not self._mended and earlier.exists():
+            tests, self.imported = import_lines(earlier, *self._unit)
+            for test in tests:
+                self._add(test)
+        if self._written < len(self._tests):
+            self._insert(self._db or self._connect(path), self._tests)
 
-    def _holds_unread(self) -> bool:
-        """Return whether the file has more in it than was read of it."""
-        return self._file is not None and self._file.seek(0, os.SEEK_END) > self._end
+    def _connect(self, path: Path) -> sqlite3.Connection:
+        """Open the database for this process alone, and make its tables if it has none.
 
-    def _lock(self, path: Path) -> bool:
-        """Open the file for this process alone; return whether no other one has it."""
-        is_new = not path.exists()
-        file = path.open("x+b" if is_new else "r+b")
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            file.close()
+        Raises
+        ------
+        sqlite3.Error
+            When another process has it, or it cannot be written.
+        ValueError
+            When it is of another unit or kind.
+        """
+        db = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
+        self._db = db
+        # Held until the connection is closed, or the process ends.
+        db.execute("PRAGMA locking_mode = EXCLUSIVE")
+        is_new = not db.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]
+        if not is_new:
+            self._check_kind(db)
+        db.execute("PRAGMA journal_mode = WAL")
+        db.execute("PRAGMA synchronous = FULL")
+        # After each test: a copy or a move of the file alone has all tests.
+        db.execute("PRAGMA wal_autocheckpoint = 1")
+        db.execute("BEGIN IMMEDIATE")
+        with db:
+            if is_new:
+                for statement in _SCHEMA:
+                    db.execute(statement)
+                db.execute("INSERT INTO unit VALUES (?, ?)", self._unit)
+        self._file_id = _file_id(path)
+        return db
+
+    def _check_kind(self, db: sqlite3.Connection) -> None:
+        version = db.execute("PRAGMA user_version").fetchone()[0]
+        if version != SCHEMA_VERSION:
+            raise ValueError(f"its schema version is {version}, expected {SCHEMA_VERSION}")
+        units = db.execute("SELECT actuator_id, serial_number FROM unit").fetchall()
+        if units != [self._unit]:
+            raise ValueError(f"it is of unit {units}, not {self._unit}")
+
+    def _read(self, db: sqlite3.Connection) -> None:
+        """Add the tests in the file up to the first that is damaged, for which it raises."""
+        rows = db.execute("SELECT number, record, crc32 FROM test ORDER BY number")
+        for expected, (number, record, checksum) in enumerate(rows, 1):
+            if number != expected or zlib.crc32(str(record).encode()) != checksum:
+                raise ValueError(f"test {expected} is damaged: its checksum or number is wrong")
+            self._add(entry_of(record))
+        if (result := db.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
+            raise ValueError(f"it is damaged: {result}")
+        self._written = len(self._tests)
+
+    def _read_copy(self, path: Path, error: Exception) -> None:
+        """Read a file that cannot be opened for writing, as on read-only media; keep to memory."""
+        self.close()
+        if _code(error) == sqlite3.SQLITE_BUSY:
             self._trouble = (
                 f"the history {path} is in use by another monitor; this one's is in memory only"
             )
-            self._path = None
-            return False
-        except OSError:
-            # A file system without locks.
-            pass
-        self._file = file
-        if is_new:
-            _sync(path.parent)
-        return True
-
-    def _write(self, file: BinaryIO) -> None:
-        # Over what a write that failed has left behind.
-        file.seek(self._end)
-        file.truncate()
-        header = b"" if self._end else as_line({"format": FORMAT, **self._unit})
-        file.write(header + self._unwritten)
-        file.flush()
-        os.fsync(file.fileno())
-        self._end += len(header) + len(self._unwritten)
-        self._unwritten = b""
-
-    def _check_header(self, line: bytes) -> None:
+            return
+        self._trouble = f"the history {path} cannot be written: {_reason(error)}"
+        if self._tests:
+            return
         try:
-            values = from_line(line)
-        except ValueError as error:
-            raise ValueError(f"it does not begin with a header of {FORMAT!r}: {error}") from error
-        if values.get("format") not in _READABLE:
-            raise ValueError(f"its format is {values.get('format')!r}, expected {FORMAT!r}")
-        for name, own in self._unit.items():
-            if values.get(name) != own:
-                raise ValueError(f"it is of {name} {values.get(name)!r}, not {own!r}")
+            with TemporaryDirectory() as folder:
+                copy = Path(folder) / path.name
+                for suffix in ("", "-wal"):
+                    if (source := _with(path, suffix)).exists():
+                        shutil.copyfile(source, _with(copy, suffix))
+                if copy.exists():
+                    self._read(self._connect(copy))
+                self._release()
+        except (sqlite3.Error, OSError, ValueError, KeyError, TypeError) as damage:
+            self._release()
+            self._trouble += f"; nor read: {_reason(damage)}"
+        self._trouble += "; tests from now on are in memory only"
+
+    def _set_aside(self, path: Path, error: Exception) -> None:
+        self._release()
+        self._written = 0
+        aside = _free_name(path)
+        for suffix in ("-wal", ""):
+            if (source := _with(path, suffix)).exists():
+                source.rename(_with(aside, suffix))
+        kept = f" with the {len(self._tests)} test cycles before the damage" if self._tests else ""
+        self._mended = (
+            f"the history {path} is set aside as {aside.name} and a new one is begun{kept}: "
+            f"{_reason(error)}"
+        )
+
+    def _write_pending(self, path: Path) -> None:
+        if self._db is not None and _file_id(path) != self._file_id:
+            self._mended = (
+                f"the history {path} was deleted or moved while it was in use; a new file with "
+                "all its tests is begun"
+            )
+            self._release()
+            self._written = 0
+        if self._db is None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if self._is_of_another(path):
+                self._path = None
+                self._trouble = (
+                    f"the history {path} was written by another monitor since this one began; "
+                    "this one's is in memory only until it starts again"
+                )
+                return
+        for test in self._tests[self._written :]:
+            self._insert(self._db or self._connect(path), [test])
+        self._trouble = ""
+
+    def _is_of_another(self, path: Path) -> bool:
+        """Connect, and return whether the file is another's, or holds tests not read."""
+        try:
+            db = self._connect(path)
+        except ValueError:
+            self._release()
+            return True
+        except sqlite3.Error as error:
+            self._release()
+            if _code(error) in (*_DAMAGE, sqlite3.SQLITE_BUSY):
+                return True
+            raise
+        if db.execute("SELECT count(*) FROM test").fetchone()[0]:
+            self._release()
+            return True
+        return False
+
+    def _insert(self, db: sqlite3.Connection, tests: Sequence[Entry | UnusedCycle]) -> None:
+        """Add tests to the file in one transaction."""
+        rows = [(number, as_text(test)) for number, test in enumerate(tests, self._written + 1)]
+        db.execute("BEGIN IMMEDIATE")
+        with db:
+            for number, text in rows:
+                db.execute(
+                    "INSERT INTO test VALUES (?, ?, ?)", (number, text, zlib.crc32(text.encode()))
+                )
+        self._written += len(rows)
 
 
 def history_path(folder: Path, actuator_id: str, serial_number: str) -> Path:
@@ -246,16 +296,22 @@ def history_path(folder: Path, actuator_id: str, serial_number: str) -> Path:
     actuator_id, serial_number
         The unit.
     """
-    return folder / f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}.jsonl"
+    return folder / f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}.sqlite"
 
 
-def _is_cut_line(tail: bytes) -> bool:
-    """Return whether what follows the last whole line is the beginning of one, or nothing."""
-    return b"\0" not in tail and len(tail) < _LONGEST_LINE and tail[:1] in (b"", b"{")
+def _code(error: Exception) -> int:
+    """Return the primary result code of SQLite; 0 for other errors."""
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF
 
 
 def _reason(error: Exception) -> str:
-    return f"{error} is missing" if isinstance(error, KeyError) else str(error)
+    if isinstance(error, KeyError):
+        return f"{error} is missing"
+    return getattr(error, "strerror", None) or str(error)
+
+
+def _with(path: Path, suffix: str) -> Path:
+    return path.with_name(path.name + suffix)
 
 
 def _free_name(path: Path) -> Path:
@@ -268,18 +324,10 @@ def _free_name(path: Path) -> Path:
         number += 1
 
 
-def _is_file_at(path: Path, file: BinaryIO) -> bool:
-    """Return whether an open file is still the one that a path names."""
+def _file_id(path: Path) -> tuple[int, int]:
+    """Return device and inode of a file; zeros when there is none."""
     try:
-        return os.path.samestat(path.stat(), os.fstat(file.fileno()))
+        status = os.stat(path)
     except FileNotFoundError:
-        return False
-
-
-def _sync(path: Path) -> None:
-    """See to it that a new file, or the name of one in a folder, is on the disk as well."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+        return 0, 0
+    return status.st_dev, status.st_ino

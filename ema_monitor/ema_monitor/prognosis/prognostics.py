@@ -55,7 +55,7 @@ class Prognostics:
         self._lock = threading.RLock()
         self._settings = settings or PrognosisSettings()
         self._growth = self._told_anew()
-        self._events: tuple[str, ...] = (history.problem,) if history.problem else ()
+        self._events = tuple(filter(None, (history.imported, history.problem)))
         self._usage = Usage.after(history.entries, history.unused_cycles)
 
     @property
@@ -113,7 +113,7 @@ class Prognostics:
             else:
                 service = settings.service
                 age = self._usage.at(estimate.end_ns, service.hours_per_cycle)
-                entry = Entry(estimate, age.hours, age.cycles, service.duty, age.count)
+                entry = Entry(estimate, age.hours, age.cycles, age.count)
                 told = [*self._oddities(entry), *self._growth.take(entry)]
                 self.history.append(entry)
                 self._events = (*self._events, *told)

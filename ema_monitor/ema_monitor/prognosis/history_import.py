@@ -1,0 +1,84 @@
+"""Histories of earlier versions: files of JSON lines, each line with a checksum."""
+
+import json
+import math
+import zlib
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ema_core.faults import FAULT_NAMES
+from ema_monitor.estimate_record import estimate_of
+from ema_monitor.prognosis.counts import Count
+from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
+
+_FORMATS: Final = ("ema_history 1", "ema_history 2")
+_CHECKSUM: Final = b', "crc32": "'
+
+
+def import_lines(
+    path: Path, actuator_id: str, serial_number: str
+) -> tuple[list[Entry | UnusedCycle], str]:
+    """Return the tests in a file of an earlier version, and what there is to say of the import.
+
+    The file is left as it is. Of a damaged one, the tests before the damage are returned.
+
+    Parameters
+    ----------
+    path
+        The file.
+    actuator_id, serial_number
+        The unit that it must be of.
+
+    Raises
+    ------
+    OSError
+        When it cannot be read.
+    """
+    # What follows the last line break is a line that a kill cut off.
+    header, *lines = path.read_bytes().split(b"\n")[:-1] or [b""]
+    tests: list[Entry | UnusedCycle] = []
+    is_of_unit = False
+    try:
+        _check_header(_values(header), actuator_id, serial_number)
+        is_of_unit = True
+        for line in lines:
+            tests.append(_test(_values(line)))
+    except (ValueError, KeyError, TypeError) as error:
+        number = len(tests) + 1 + is_of_unit
+        reason = f"line {number} is damaged or of another kind: {error}"
+        return tests, f"{len(tests)} test cycles are imported from {path.name}, not all: {reason}"
+    return tests, f"{len(tests)} test cycles are imported from {path.name}, which stays as it is"
+
+
+def _values(line: bytes) -> dict[str, Any]:
+    body, mark, checksum = line.rpartition(_CHECKSUM)
+    if not mark or checksum != f'{zlib.crc32(body):08x}"}}'.encode():
+        raise ValueError("its checksum is wrong")
+    return json.loads(body + b"}")
+
+
+def _check_header(values: dict[str, Any], actuator_id: str, serial_number: str) -> None:
+    if values.get("format") not in _FORMATS:
+        raise ValueError(f"format {values.get('format')!r} is none of {', '.join(_FORMATS)}")
+    unit = (values.get("actuator_id"), values.get("serial_number"))
+    if unit != (actuator_id, serial_number):
+        raise ValueError(f"it is of unit {unit}, not {(actuator_id, serial_number)}")
+
+
+def _test(values: dict[str, Any]) -> Entry | UnusedCycle:
+    if "without_estimate_ns" in values:
+        return UnusedCycle(int(values["without_estimate_ns"]))
+    estimate = values["estimate"]
+    estimate["faults"] = dict(zip(FAULT_NAMES, estimate["faults"], strict=True))
+    for name in ("unobservable", "insignificant"):
+        estimate[name] = [FAULT_NAMES[number] for number in np.flatnonzero(estimate[name])]
+    count = values.get("count")
+    hours = values["hours"]
+    return Entry(
+        estimate_of(estimate),
+        math.nan if hours is None else hours,
+        values["cycles"],
+        Count(**count) if count else None,
+    )
