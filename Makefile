@@ -4,7 +4,7 @@ MAKEFLAGS += --no-print-directory
 activate = . ./activate.sh
 DEMO_S ?= 60
 
-.PHONY: help setup test lint demo bench bench-peers calibration sample errata lock clean distclean
+.PHONY: help setup test lint demo bench bench-peers calibration sample lock clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -49,9 +49,6 @@ sample: setup ## the sample bag anew, after a change of the reference actuator o
 	$(activate) && ema simulate --fault friction=0.25 --fault eccentricity=0.1 \
 	    --fault eccentricity_phase=0.7 --current-noise 0.02 \
 	    --quantise current=0.005,position=1e-6,speed=0.05 --seed 1 --force -o bags/faulty_flap.mcap
-
-errata: setup ## docs/errata.md anew, after a change of its evidence
-	$(activate) && python -m ema_study.errata > docs/errata.md
 
 lock: setup ## compile both locks anew (ARGS=--upgrade takes newer versions)
 	tools/lock.sh $(ARGS)

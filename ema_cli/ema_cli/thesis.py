@@ -1,4 +1,4 @@
-"""``ema thesis``: the thesis's study of optimizers again."""
+"""``ema thesis``: the thesis's study of optimizers, repeated."""
 
 import time
 from collections.abc import Sequence
@@ -14,15 +14,14 @@ from rich.table import Table
 from ema_cli.errors import one_clear_line
 from ema_cli.progress import progress_bar
 from ema_monitor.cores import available_cpus
-from ema_study.averages import single_fault_runs
-from ema_study.execution import EXECUTORS, execute, local_executor
+from ema_study.execution import EXECUTORS, execute, local_executor, time_executors
 from ema_study.models import MODELS
 from ema_study.plan import RUNS, Job, plan
 from ema_study.record import Record, as_frame
 from ema_study.report import write_report
+from ema_study.sources import single_fault_runs
 from ema_study.store import RunStore, numerics_version
 from ema_study.tables import study_tables, write_tables
-from ema_study.timing import time_executors
 
 QUICK_RUNS: Final = 2
 
@@ -37,7 +36,7 @@ _TIMING = "timing.csv"
     default="thesis-study",
     show_default=True,
     type=click.Path(path_type=Path, file_okay=False),
-    help="Folder of runs, tables, figures and report. What is in it already is not run again.",
+    help="Folder of runs, tables, figures and report. Runs that it already holds are kept.",
 )
 @click.option(
     "--model",
@@ -77,8 +76,8 @@ def thesis(
 ) -> None:
     """Repeat the thesis's study: ten single faults and a multiple one by GA, PSO, DE and GWO.
 
-    Stop it with Ctrl-C at any time: the same command goes on from there. Further models and runs
-    add to the folder.
+    Stop it with Ctrl-C at any time: the same command resumes. Further models and runs are added to
+    the folder.
     """
     if quick and runs is not None:
         raise click.UsageError("--quick and --runs exclude each other")
@@ -90,22 +89,21 @@ def thesis(
     jobs = [job for model in models for job in plan(model, runs, with_trials=not quick)]
     with one_clear_line(), RunStore(folder) as store:
         missing = store.missing(jobs)
-        if there := len(jobs) - len(missing):
-            click.echo(f"{folder}: {there} of {len(jobs)} runs are there already")
+        if done := len(jobs) - len(missing):
+            click.echo(f"{folder}: {done} of {len(jobs)} runs are already done")
         started = time.perf_counter()
         try:
             _run(missing, store, kind, workers)
             timing = _timing(folder, models)
         except KeyboardInterrupt:
-            there = len(jobs) - len(store.missing(jobs))
+            done = len(jobs) - len(store.missing(jobs))
             raise click.ClickException(
-                f"stopped with {there} of {len(jobs)} runs in {folder}; the same command goes on "
-                "from there"
+                f"stopped with {done} of {len(jobs)} runs in {folder}; the same command resumes"
             ) from None
         except BrokenExecutor as error:
             raise click.ClickException(
-                f"a worker was killed ({error}); the runs so far are in {folder}, the same command "
-                "goes on from there"
+                f"a worker process ended ({error}); the runs so far are in {folder}, the same "
+                "command resumes"
             ) from error
         minutes = (time.perf_counter() - started) / 60.0
         click.echo("writing tables, figures and report")
@@ -120,7 +118,7 @@ def thesis(
                 "models": ", ".join(sorted(set(frame["model"]))),
                 "executor": f"{kind}, {workers} runs at once, each on one core",
                 "cores": str(available_cpus()),
-                "last sitting": f"{len(missing)} runs and the timing in {minutes:.1f} min",
+                "last session": f"{len(missing)} runs and the timing in {minutes:.1f} min",
             },
         )
     _print_summary(frame)
@@ -134,11 +132,11 @@ def _run(jobs: Sequence[Job], store: RunStore, kind: str, workers: int) -> None:
         task = progress.add_task("study", total=len(jobs), state="starting")
         for record in execute(jobs, executor):
             store.add(record)
-            progress.update(task, advance=1, state=_in_words(record))
+            progress.update(task, advance=1, state=_progress_text(record))
 
 
 def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:
-    """Return the timing of executors with each model, measured where it has not been yet."""
+    """Return the timing of executors with each model; what the folder lacks is measured."""
     path = folder / _TIMING
     timing = pd.read_csv(path) if path.exists() else pd.DataFrame({"model": [], "version": []})
     timing = timing[timing["version"] == numerics_version()]
@@ -152,11 +150,9 @@ def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:
     return timing.drop(columns="version")
 
 
-def _in_words(record: Record) -> str:
-    return (
-        f"{record.model}: {record.algorithm}, {record.fault.replace('_', ' ')} {record.level}, "
-        f"run {record.run}: {record.error_percent:.2f} %"
-    )
+def _progress_text(record: Record) -> str:
+    job = record.job
+    return f"{job.model}: {job.algorithm}, {job.case}, run {job.run}: {record.error_percent:.2f} %"
 
 
 def _print_summary(frame: pd.DataFrame) -> None:

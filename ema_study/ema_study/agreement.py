@@ -1,23 +1,27 @@
-"""Whether our errors agree with the thesis's, fault by fault, and why not where they do not."""
+"""Our errors beside the thesis's, fault by fault, and the time of an evaluation."""
 
 from typing import Final
 
 import numpy as np
 import pandas as pd
 
-from ema_study.agreement_reasons import reason
 from ema_study.cases import CASES, MULTIPLE, StudyCase
-from ema_study.causes import component
+from ema_study.means import PRECISION_STUDY
 from ema_study.plan import ALGORITHMS, VARIANTS
 from ema_study.printed_runs import PRINTED, printed_runs
 from ema_study.record import K
-from ema_study.reliability import PRECISION_STUDY
 from ema_study.sources import ALGORITHM_NAMES, MODEL_LABELS, by_source, counted
 
 ALGORITHM: Final = "pso"
 """The algorithm that is compared: the thesis's best, and Matlab's own rather than its author's."""
 
-_WINDOWS = 10_000
+WITHIN: Final = "within"
+BETTER: Final = "better"
+WORSE: Final = "worse"
+"""Verdicts on a mean error: in, below or above the range of the thesis's errors."""
+
+_WINDOWS: Final = 10_000
+_OF_MODELS: Final = frozenset(MODEL_LABELS.values())
 
 
 def agreement(runs: pd.DataFrame) -> pd.DataFrame:
@@ -35,34 +39,26 @@ def agreement(runs: pd.DataFrame) -> pd.DataFrame:
         57). Columns (source, quantity). Of "printed": "component" that is faulty (empty for the
         multiple fault), its "true value", "runs", "lowest error [%]", "mean error [%]", "highest
         error [%]" and the "mean estimate" of the component. Of each of our models that has runs:
-        "runs", "mean error [%]", "mean estimate", "within" (whether the mean error is between the
-        thesis's lowest and highest, to 0.01 %; None without runs) and "reason" (why not; else
-        empty).
+        "runs", "mean error [%]", "mean estimate" and "verdict": ``WITHIN`` the thesis's lowest to
+        highest error, ``BETTER`` or ``WORSE``; empty without runs.
     """
-    ours = {
-        label: frame for label, frame in by_source(runs).items() if label in MODEL_LABELS.values()
-    }
-    models = {label: model for model, label in MODEL_LABELS.items()}
-    rows: dict[str, dict[tuple[str, str], object]] = {}
+    of_printed = printed_runs()
+    of_models = {label: of for label, of in by_source(runs).items() if label in _OF_MODELS}
+    rows = {}
     for name, case in CASES.items():
-        thesis = _of_case(printed_runs(), case)
-        row: dict[tuple[str, str], object] = {
-            (PRINTED, what): value for what, value in _printed_side(case, thesis).items()
+        thesis = _of_case(of_printed, case)
+        sides = {PRINTED: _printed_side(case, thesis)}
+        for label, of_model in of_models.items():
+            sides[label] = _our_side(case, _of_case(of_model, case), thesis["error_percent"])
+        rows[name] = {
+            (source, what): x for source, side in sides.items() for what, x in side.items()
         }
-        for label, frame in ours.items():
-            side = _our_side(models[label], case, _of_case(frame, case), thesis)
-            row |= {(label, what): value for what, value in side.items()}
-        rows[name] = row
-    columns = pd.MultiIndex.from_tuples(
-        list(next(iter(rows.values()))), names=["source", "quantity"]
-    )
-    cells = [list(row.values()) for row in rows.values()]
-    table = pd.DataFrame(cells, index=pd.Index(list(rows), name="fault"), columns=columns)
-    return table.astype({column: object for column in columns if column[1] == "within"})
+    table = pd.DataFrame.from_dict(rows, orient="index").rename_axis("fault")
+    return table.rename_axis(["source", "quantity"], axis=1)
 
 
 def time_per_10000_windows(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return what 10,000 evaluations take: the median over runs, by algorithm [s].
+    """Return the time of 10,000 evaluations: the median over runs, by algorithm [s].
 
     Parameters
     ----------
@@ -72,23 +68,20 @@ def time_per_10000_windows(runs: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Index the algorithms as called, the thesis's own DE and GWO apart; columns "printed" and
-        the labels of our models. Runs of tables 11 to 57; the thesis's evaluations are those of
-        ``printed_runs``.
+        Index the names of the algorithms, the thesis's own DE and GWO in rows of their own; columns
+        "printed" and the labels of our models. Runs of tables 11 to 57; the thesis's evaluations
+        are those of ``printed_runs``.
     """
-    columns = {PRINTED: _median_time(counted(printed_runs()))}
-    ours = counted(runs)
-    for model, label in MODEL_LABELS.items():
-        if not ours.empty and (ours["model"] == model).any():
-            columns[label] = _median_time(ours[ours["model"] == model])
+    everything = pd.concat([counted(printed_runs()), counted(runs)])
+    time_s = _WINDOWS * everything["time_s"] / everything["evaluations"]
+    table = time_s.groupby([everything["algorithm"], everything["model"]]).median().unstack()
+    models = {PRINTED: PRINTED, **MODEL_LABELS}
     names = dict(ALGORITHM_NAMES)
     names |= {VARIANTS[name]: f"{ALGORITHM_NAMES[name]}, thesis's code" for name in VARIANTS}
-    table = pd.DataFrame(columns).reindex([*ALGORITHMS, *VARIANTS.values()])
-    return table.rename(index=names).rename_axis("algorithm")
-
-
-def _median_time(runs: pd.DataFrame) -> pd.Series:
-    return (_WINDOWS * runs["time_s"] / runs["evaluations"]).groupby(runs["algorithm"]).median()
+    table = table.reindex(
+        index=[*ALGORITHMS, *VARIANTS.values()], columns=[one for one in models if one in table]
+    )
+    return table.rename(index=names, columns=models).rename_axis(columns=None)
 
 
 def _of_case(runs: pd.DataFrame, case: StudyCase) -> pd.DataFrame:
@@ -99,38 +92,33 @@ def _of_case(runs: pd.DataFrame, case: StudyCase) -> pd.DataFrame:
     return runs[of_case & (runs["level"] == case.level)]
 
 
-def _component(case: StudyCase) -> str | None:
-    """Return the column of the one faulty component; None of the multiple fault."""
-    place = component(case.name)
-    return None if place is None else K[place]
+def _mean_of_component(case: StudyCase, runs: pd.DataFrame, prefix: str = "") -> float:
+    return np.nan if case.component is None else runs[prefix + K[case.component]].mean()
 
 
 def _printed_side(case: StudyCase, thesis: pd.DataFrame) -> dict[str, object]:
-    column = _component(case)
     errors = thesis["error_percent"]
     return {
-        "component": column or "",
-        "true value": thesis[f"true_{column}"].mean() if column else np.nan,
+        "component": "" if case.component is None else K[case.component],
+        "true value": _mean_of_component(case, thesis, "true_"),
         "runs": len(thesis),
         "lowest error [%]": errors.min(),
         "mean error [%]": errors.mean(),
         "highest error [%]": errors.max(),
-        "mean estimate": thesis[column].mean() if column else np.nan,
+        "mean estimate": _mean_of_component(case, thesis),
     }
 
 
-def _our_side(
-    model: str, case: StudyCase, ours: pd.DataFrame, thesis: pd.DataFrame
-) -> dict[str, object]:
-    column = _component(case)
+def _our_side(case: StudyCase, ours: pd.DataFrame, printed: pd.Series) -> dict[str, object]:
     error = ours["error_percent"].mean()
-    lowest, highest = thesis["error_percent"].min(), thesis["error_percent"].max()
     # The thesis prints its errors to 0.01 %.
-    within = None if ours.empty else bool(lowest <= round(error, 2) <= highest)
+    if round(error, 2) < printed.min():
+        verdict = BETTER
+    else:
+        verdict = WORSE if round(error, 2) > printed.max() else WITHIN
     return {
         "runs": len(ours),
         "mean error [%]": error,
-        "mean estimate": ours[column].mean() if column else np.nan,
-        "within": within,
-        "reason": reason(model, case, ours, thesis) if within is False else "",
+        "mean estimate": _mean_of_component(case, ours),
+        "verdict": "" if ours.empty else verdict,
     }

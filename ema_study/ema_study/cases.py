@@ -42,6 +42,12 @@ class StudyCase:
         return " ".join((*self.fault.split("_"), self.level)).strip()
 
     @property
+    def component(self) -> int | None:
+        """Index of the one faulty component in the fault vector; None of the multiple fault."""
+        [name, *others] = self.faults
+        return None if others else FAULT_NAMES.index(name)
+
+    @property
     def truth(self) -> NDArray[np.float64]:
         """Fault vector, ``(8,)``."""
         return fault_vector(self.faults)
@@ -66,7 +72,7 @@ CASES: Final[dict[str, StudyCase]] = {
             dict(
                 zip(
                     FAULT_NAMES,
-                    # The thesis took its random k7 = 0.8009 for the angle in radians.
+                    # The thesis used its random k7 = 0.8009 as the angle in radians.
                     (0.0068, 0.0, 9.19e-3, 0.0013, 8.6e-4, 0.0111, 0.627, 0.38038),
                     strict=True,
                 )

@@ -1,14 +1,17 @@
-"""Jobs over an executor: processes, threads, or any other of ``concurrent.futures``."""
+"""Runs on an executor: processes, threads, or any other of ``concurrent.futures``."""
 
 import multiprocessing
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from typing import Final
 
-from ema_monitor.cores import limit_threads
+import pandas as pd
+
+from ema_monitor.cores import available_cpus, limit_threads
 from ema_study.plan import Job
 from ema_study.record import Record
 from ema_study.run import run_job
@@ -17,17 +20,22 @@ EXECUTORS: Final = ("processes", "threads", "serial")
 """Executors on this machine: several runs at once, in processes or in threads, or one by one. Each
 run has one thread, so that its time does not depend on the executor."""
 
+_ROUNDS: Final = 3
+_GENERATIONS: Final = 20
+_RUNS_PER_WORKER: Final = 2
+
+
 
 @contextmanager
 def local_executor(kind: str, workers: int) -> Iterator[Executor]:
-    """Provide an executor on this machine; when the block is left early, its runs are given up.
+    """Provide an executor on this machine; an exception in the block cancels its runs.
 
     Parameters
     ----------
     kind
         One of ``EXECUTORS``.
     workers
-        How many runs at once; "serial" has one.
+        Number of runs at once; "serial" has one.
 
     Raises
     ------
@@ -61,18 +69,18 @@ def local_executor(kind: str, workers: int) -> Iterator[Executor]:
 
 
 def execute(jobs: Iterable[Job], executor: Executor) -> Iterator[Record]:
-    """Run jobs and yield their records as they are done.
+    """Run jobs and yield their records as they end.
 
     Parameters
     ----------
     jobs
-        What to run.
+        Runs to be made.
     executor
-        Any executor; where it is in other processes, this package must be there, too. What has not
-        begun is cancelled when this iterator is closed.
+        Any executor; one in other processes must have this package there, too. Runs that have not
+        begun are cancelled when this iterator is closed.
     """
-    # An interrupt of the terminal goes to all processes. Those that are started here inherit the
-    # mask, so that it ends the study in one place only.
+    # An interrupt of the terminal reaches all processes. Those started here inherit the mask, so
+    # that only this process handles it.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         futures = [executor.submit(_run, job) for job in jobs]
@@ -84,6 +92,70 @@ def execute(jobs: Iterable[Job], executor: Executor) -> Iterator[Record]:
     finally:
         for future in futures:
             future.cancel()
+
+
+def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
+    """Time the same runs on one core, with each generation on all cores, and in processes.
+
+    As the thesis in its tables 9 and 10: differential evolution on the small friction fault.
+
+    Parameters
+    ----------
+    model
+        Name of the monitor model.
+    workers
+        Number of processes; by default that of the cores.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row a mode: ``model``, ``algorithm``, ``how``, ``workers``, ``runs``, ``generations``,
+        ``seconds`` (median of three rounds, the modes alternating), ``seconds_a_run``, ``speedup``.
+    """
+    workers = workers or available_cpus()
+    runs = _RUNS_PER_WORKER * workers
+    warm, *jobs = (
+        Job(model, 10, "de", "friction low", "low", run, "all_generations", 50, generations)
+        for run, generations in enumerate([1] + runs * [_GENERATIONS])
+    )
+    with local_executor("processes", workers) as pool:
+        modes: dict[str, Callable[[], object]] = {
+            "serial, one core": lambda: _in_turn(jobs, 1),
+            "serial, each generation on all cores": lambda: _in_turn(jobs, None),
+            "runs side by side in processes": lambda: list(execute(jobs, pool)),
+        }
+        # Not timed: processes start, kernels are loaded, the reference is run.
+        list(execute(4 * workers * [warm], pool))
+        run_job(warm)
+        seconds: dict[str, list[float]] = {how: [] for how in modes}
+        for _ in range(_ROUNDS):
+            for how, work in modes.items():
+                started = time.perf_counter()
+                work()
+                seconds[how].append(time.perf_counter() - started)
+    frame = pd.DataFrame(
+        {
+            "model": model,
+            "algorithm": "de",
+            "how": list(modes),
+            "workers": [1, 1, workers],
+            "runs": runs,
+            "generations": _GENERATIONS,
+            "seconds": pd.DataFrame(seconds).median().to_numpy(),
+        }
+    )
+    frame["seconds_a_run"] = frame["seconds"] / runs
+    frame["speedup"] = frame["seconds"].iloc[0] / frame["seconds"]
+    return frame
+
+
+def _in_turn(jobs: list[Job], cores: int | None) -> None:
+    limit_threads(cores)
+    try:
+        for job in jobs:
+            run_job(job)
+    finally:
+        limit_threads(None)
 
 
 def _never() -> bool:

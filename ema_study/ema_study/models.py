@@ -1,4 +1,4 @@
-"""The monitor models of the study, and what is minimised with them."""
+"""The monitor models of the study, and the objectives that are minimised with them."""
 
 from functools import cache
 from typing import Final, NamedTuple
@@ -28,7 +28,7 @@ FITNESS: Final = "total_least_squares"
 
 
 class Problem(NamedTuple):
-    """What a run minimises.
+    """The problem that a run solves.
 
     Attributes
     ----------
@@ -37,8 +37,8 @@ class Problem(NamedTuple):
     truth
         Fault vector of the reference, ``(8,)``.
     cost_at_truth
-        What the true fault vector costs [A^2.s]. Where the model describes the fault, no search
-        gets far below it.
+        Cost of the true fault vector [A^2.s]. Where the model describes the fault, no search
+        comes far below it.
     """
 
     objective: Objective
@@ -81,7 +81,7 @@ def calibration(model: str) -> Calibration:
 
 @cache
 def problem(model: str, case: str) -> Problem:
-    """Return what is minimised with a model in a case.
+    """Return the problem of a model in a case.
 
     Parameters
     ----------
@@ -94,3 +94,25 @@ def problem(model: str, case: str) -> Problem:
     objective = Objective(reference_window(truth), calibration(model), FITNESS, cartesian=False)
     [at_truth] = objective.residuals(objective.encode(truth)[None])
     return Problem(objective, truth, float(at_truth @ at_truth))
+
+
+@cache
+def truth_and_healthy_costs(model: str, case: str) -> tuple[float, float]:
+    """Return the costs of a case's true faults and of the healthy ones [A^2.s].
+
+    Parameters
+    ----------
+    model
+        One of ``MODELS``.
+    case
+        One of ``ema_study.cases.CASES``.
+    """
+    objective, _, at_truth = problem(model, case)
+    [residuals] = objective.residuals(objective.encode(healthy_faults())[None])
+    return at_truth, float(residuals @ residuals)
+
+
+def describes(model: str, case: str) -> bool:
+    """Return whether a model describes a case: its true faults cost less than the healthy ones."""
+    at_truth, at_healthy = truth_and_healthy_costs(model, case)
+    return at_truth < at_healthy

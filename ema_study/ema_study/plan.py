@@ -1,8 +1,8 @@
-"""What is run: the thesis's own list of runs, and a few that explain it."""
+"""The runs of the study: those of the thesis, and a few under its printed stop rule."""
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from ema_study.cases import CASES, LEVELS, MULTIPLE
@@ -11,23 +11,26 @@ from ema_study.stop_rules import uncounted_populations
 POPULATION: Final = 50
 GENERATIONS: Final = 200
 RUNS: Final = 10
-"""How the thesis ran its algorithms: size, most generations, runs of each."""
+"""Settings of the thesis's algorithms: population, largest number of generations, runs of each."""
 
 ALGORITHMS: Final = ("ga", "pso", "de", "gwo")
 """The thesis's four algorithms, in the order of its tables."""
 
 VARIANTS: Final = {"de": "de_thesis", "gwo": "gwo_thesis"}
-"""What the thesis wrote itself, as it wrote it, by the algorithm that it meant."""
+"""The thesis's own code, errors included, by the algorithm that it implements."""
 
-# Each fault has a table for each algorithm, low before high, and a summary behind them.
+KEY: Final = ("model", "table", "algorithm", "run", "rule")
+"""Fields that identify a run within a study."""
+
+# Each fault has a table for each algorithm, low before high, then a summary.
 _FIRST_TABLE = 11
 _TABLES_OF_A_FAULT = 2 * len(ALGORITHMS) + 1
 
-_DE_TABLES = {9: (("F", 0.5), ("CR", 0.9)), 10: (("F", 0.9), ("CR", 0.95))}
+_DE_TABLES = {9: {"F": 0.5, "CR": 0.9}, 10: {"F": 0.9, "CR": 0.95}}
 _MULTIPLE_TABLES = {56: ("fast_stop", "floor_corrected"), 57: ("stall_stop", "unchanged")}
 
 # Table 8: fault, population and generations of its trials of GA by their number. The level of the
-# fault is not printed: low is taken. The first trial is left out, of which no generations are told.
+# fault is not printed: low is assumed. Trial 1 is left out: its generations are not printed.
 _GA_TRIALS = {
     2: ("short circuit low", 100, 11),
     3: ("short circuit low", 100, 43),
@@ -45,14 +48,14 @@ _GA_TRIALS = {
 
 @dataclass(frozen=True)
 class Job:
-    """One run to be made.
+    """A run to be made.
 
     Attributes
     ----------
     model
         Name of the monitor model.
     table
-        Number of the thesis's table that it belongs to.
+        Number of the thesis's table.
     algorithm
         Registered name of the optimizer.
     case
@@ -78,12 +81,12 @@ class Job:
     rule: str
     population: int = POPULATION
     max_generations: int = GENERATIONS
-    settings: tuple[tuple[str, float], ...] = ()
+    settings: dict[str, float] = field(default_factory=dict)
 
     @property
-    def key(self) -> tuple[str, int, str, int, str]:
-        """What tells it from all other runs of a study."""
-        return (self.model, self.table, self.algorithm, self.run, self.rule)
+    def key(self) -> tuple[object, ...]:
+        """Values of ``KEY``."""
+        return tuple(getattr(self, name) for name in KEY)
 
     @property
     def seed(self) -> int:
@@ -107,7 +110,7 @@ def plan(model: str, runs: int, *, with_trials: bool = True) -> list[Job]:
     runs
         How many runs of each algorithm and case.
     with_trials
-        Whether to make those of table 8, too.
+        Whether to include table 8.
     """
     jobs = [
         job for run in range(1, runs + 1) for job in (*_single(model, run), *_multiple(model, run))

@@ -10,7 +10,7 @@ from ema_study.plan import GENERATIONS, POPULATION
 from ema_study.stop_rules import uncounted_populations
 
 PRINTED: Final = "printed"
-"""Name of the thesis where a model's name is expected."""
+"""Name of the thesis in place of a model's name."""
 
 
 @cache
@@ -41,6 +41,6 @@ def printed_runs() -> pd.DataFrame:
 
     Notes
     -----
-    The true backlash is 0.747 as printed; see ``ema_study.error_forms`` for 74/99.
+    The true backlash is 0.747 as printed; its errors follow from 0.7474 (docs/errata.md).
     """
     return _read().copy()

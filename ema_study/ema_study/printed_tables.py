@@ -1,4 +1,4 @@
-"""The figures that the thesis prints about its runs: tables 8, 19 to 61, means beside runs."""
+"""Figures that the thesis prints about its runs: tables 8, 19 to 61, means beside runs."""
 
 from functools import cache
 from importlib.resources import files
@@ -16,10 +16,10 @@ MEAN: Final = "mean"
 SUM: Final = "sum"
 
 OVERVIEWS: Final[dict[int, str]] = {58: "error_percent", 59: "time_s"}
-"""What the overviews by algorithm, level and fault show, by table."""
+"""Column of the overviews by algorithm, level and fault, by table."""
 
 SUMMARIES: Final[dict[int, str]] = dict(zip((19, 28, 37, 46, 55), SINGLE_FAULTS, strict=True))
-"""Fault of the tables that summarise one."""
+"""Faults of the summary tables, by table."""
 
 
 @cache
@@ -97,11 +97,6 @@ def reliability_multiple() -> pd.DataFrame:
     index = pd.Index([*ALGORITHMS, SUM], name="algorithm")
     columns = ["time_s", "error_percent", "time x error", "RC"]
     return pd.DataFrame(rows, index=index, columns=columns, dtype=float)
-
-
-def multiple_deviations() -> dict[str, float]:
-    """Return the standard deviations of errors that section 7.3 tells of table 57 [%]."""
-    return dict(_printed()["multiple_deviations"])
 
 
 def _by_key(

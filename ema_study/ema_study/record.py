@@ -1,15 +1,17 @@
-"""What a run of the study found, and runs as a table."""
+"""The result of a run, and runs as a table."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 
 from ema_core.faults import N_FAULTS
+from ema_study.cases import CASES
+from ema_study.plan import Job
 
-K: list[str] = [f"k{i}" for i in range(1, N_FAULTS + 1)]
+K: Final = [f"k{i}" for i in range(1, N_FAULTS + 1)]
 """Columns of the estimate; those of the truth begin with ``true_``."""
 
 
@@ -19,36 +21,18 @@ class Record:
 
     Attributes
     ----------
-    model
-        Name of the monitor model, one of ``ema_study.models.MODELS``.
-    table
-        Number of the thesis's table that the run belongs to.
-    algorithm
-        Registered name of the optimizer.
-    fault, level
-        Kind and level of the fault, as in the thesis's runs; the level of the multiple fault names
-        the study: "fast_stop" (table 56) or "stall_stop" (table 57).
-    run
-        Running number, from 1.
-    rule
-        Name of the stop rule.
-    population, max_generations
-        Of the optimizer.
-    settings
-        Further settings of the optimizer, by name.
-    seed
-        Of its random numbers.
-    truth, estimate
-        Fault vectors, eight values.
+    job
+        The run.
+    estimate
+        Fault vector, eight values.
     error_percent
-        Error of the estimate in percent of the range (M14).
+        Error of the estimate in percent of the range (M14) [%].
     cost, cost_at_truth
         Of estimate and truth [A^2.s].
     threshold
-        Cost at which the rule may stop [A^2.s]; None where it knows none.
+        Cost at which the rule may stop [A^2.s]; None for a rule without one.
     generations, evaluations
-        How many were made; as in the thesis, the starting population counts as a generation of GWO
-        only.
+        Numbers made; as in the thesis, the starting population counts as a generation of GWO only.
     time_s
         Time of the run on one core [s].
     costs, errors_percent
@@ -56,18 +40,7 @@ class Record:
         start on.
     """
 
-    model: str
-    table: int
-    algorithm: str
-    fault: str
-    level: str
-    run: int
-    rule: str
-    population: int
-    max_generations: int
-    settings: dict[str, float]
-    seed: int
-    truth: list[float]
+    job: Job
     estimate: list[float]
     error_percent: float
     cost: float
@@ -79,18 +52,25 @@ class Record:
     costs: list[float]
     errors_percent: list[float]
 
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What identifies the run within a study."""
+        return self.job.key
+
 
 def as_frame(records: Iterable[Record]) -> pd.DataFrame:
     """Return runs as a table, one a row, with the columns of the thesis's runs and more.
 
-    Truth and estimate are spread over ``true_k1`` to ``true_k8`` and ``k1`` to ``k8``.
+    Those of the job come first, its case as ``fault``; the truth is in ``true_k1`` to ``true_k8``,
+    the estimate in ``k1`` to ``k8``.
     """
     rows: list[dict[str, Any]] = []
     for record in records:
         row = asdict(record)
-        truth, estimate = row.pop("truth"), row.pop("estimate")
+        job, estimate = row.pop("job"), row.pop("estimate")
+        case = CASES[job["case"]]
+        job |= {"case": case.fault, "seed": record.job.seed}
         row["threshold"] = np.nan if record.threshold is None else record.threshold
-        row |= dict(zip([f"true_{k}" for k in K], truth, strict=True))
-        row |= dict(zip(K, estimate, strict=True))
-        rows.append(row)
-    return pd.DataFrame(rows)
+        truth = dict(zip([f"true_{k}" for k in K], case.truth.tolist(), strict=True))
+        rows.append(job | row | truth | dict(zip(K, estimate, strict=True)))
+    return pd.DataFrame(rows).rename(columns={"case": "fault"})

@@ -8,47 +8,37 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ema_study.agreement import agreement, time_per_10000_windows
-from ema_study.causes import STEPS, causes_table, modulation_table
-from ema_study.claims import claims_table
-from ema_study.errata import errata
-from ema_study.error_forms import reproduction
-from ema_study.printed_runs import printed_runs
-from ema_study.report_figures import (
+from ema_study.figures.pictures import (
     Picture,
     bar_pictures,
-    comparison_pictures,
     convergence_pictures,
     estimate_pictures,
+    monitor_pictures,
     noise_pictures,
     response_pictures,
 )
-from ema_study.report_sentences import (
-    agreement_sentences,
-    claims_sentence,
+from ema_study.html_tables import html_table, narrowed
+from ema_study.printed_runs import printed_runs
+from ema_study.report_text import (
     completeness,
     printed_rule_sentences,
     ranking_sentences,
-    reasons,
+    verdict,
 )
-from ema_study.report_tables import html_table, narrowed
 from ema_study.tables import study_tables
 
-_RELIABILITY_TABLES: Final = (60, 61)
-
 SECTIONS: Final = {
-    "agreement": "What agrees and what does not",
+    "agreement": "Agreement with the thesis",
     "settings": "Settings and definitions",
     "errors": "Error and time by algorithm",
     "times": "Computing time",
     "reliability": "Reliability",
     "convergence": "Convergence",
-    "estimates": "What was found",
+    "estimates": "Estimates",
     "tables": "Tables 8 to 61",
     "responses": "Responses of the actuator",
     "noise": "Noise",
     "monitor": "Reference against monitor",
-    "error-formula": "The formula of the error",
-    "errata": "Errata of the thesis",
 }
 """Titles of the sections by anchor, in order."""
 
@@ -61,19 +51,19 @@ def write_report(
     Parameters
     ----------
     folder
-        Where to; it is made where it is missing.
+        Folder of the report; it is made where it is missing.
     runs
         Our runs, as of ``ema_study.record.as_frame``: one model or both, complete or not, or none.
     timing
-        Serial and parallel execution, as of ``ema_study.timing.time_executors``; None where it was
-        not measured.
+        Serial and parallel execution, as of ``ema_study.execution.time_executors``; None where it
+        was not measured.
     settings
-        What the study was made with, as text by name.
+        Settings of the study, as text by name.
 
     Returns
     -------
     pathlib.Path
-        The page. It has its style and its pictures in it and no scripts.
+        The page, with its style and its pictures, without scripts.
     """
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     pictures = _pictures(runs)
@@ -88,7 +78,11 @@ def write_report(
     )
     environment.filters |= {"html_table": html_table, "narrowed": narrowed}
     text = environment.get_template("report.html.j2").render(
-        sections=SECTIONS, settings=settings, pictures=pictures, **_tables(runs, timing)
+        sections=SECTIONS,
+        settings=settings,
+        pictures=pictures,
+        timing=timing,
+        **_results(runs),
     )
     path = folder / "report.html"
     path.write_text(text, encoding="utf-8")
@@ -104,32 +98,19 @@ def _pictures(runs: pd.DataFrame) -> dict[str, list[Picture]]:
         "estimates": list(estimate_pictures(everything)),
         "responses": list(response_pictures()),
         "noise": list(noise_pictures()),
-        "monitor": list(comparison_pictures()),
+        "monitor": list(monitor_pictures()),
     }
 
 
-def _tables(runs: pd.DataFrame, timing: pd.DataFrame | None) -> dict[str, Any]:
-    """Return the tables and sentences that the template shows."""
-    of_agreement = agreement(runs)
-    of_study = study_tables(runs)
+def _results(runs: pd.DataFrame) -> dict[str, Any]:
+    """Return the tables and sentences of the template."""
+    of_agreement, window_times = agreement(runs), time_per_10000_windows(runs)
     return {
-        "sentences": [
-            *agreement_sentences(of_agreement),
-            claims_sentence(),
-            *ranking_sentences(runs),
-            *printed_rule_sentences(runs),
-        ],
+        "verdict": verdict(of_agreement, window_times),
+        "agreement": of_agreement,
         "completeness": completeness(runs),
-        "agreement": of_agreement.drop(columns="reason", level=1, errors="ignore"),
-        "reasons": reasons(of_agreement),
-        "causes": causes_table(),
-        "steps": STEPS,
-        "modulation": modulation_table(),
-        "window_times": time_per_10000_windows(runs),
-        "timing": timing,
-        "reliability": [table for table in of_study if table.number in _RELIABILITY_TABLES],
-        "study_tables": of_study,
-        "claims": claims_table(),
-        "reproduction": reproduction(printed_runs()),
-        "errata": pd.DataFrame(errata()),
+        "ranking": list(ranking_sentences(runs)),
+        "printed_rule": list(printed_rule_sentences(runs)),
+        "window_times": window_times,
+        "study_tables": study_tables(runs),
     }

@@ -21,11 +21,11 @@ COMMANDS: Final = {"step": Command("step", amplitude=1.0), "chirp": THESIS_CHIRP
 
 NOISE_SEED: Final = 2018
 NOISE_GAINS: Final = (0.0, 1.0, 10.0, 100.0)
-"""K_noise of figure 4.50, and none."""
+"""K_noise of figure 4.50, and no noise."""
 
 
 class Severity(NamedTuple):
-    """A degree of a fault: how it is called, and the components that are not healthy."""
+    """A severity of a fault: its label, and the components that are not healthy."""
 
     label: str
     faults: Mapping[str, float]
@@ -40,7 +40,7 @@ SEVERITIES: Final[dict[str, tuple[Severity, ...]]] = {
         Severity(f"{factor} × nominal", {"backlash": (factor - 1) / 99})
         for factor in (1, 2, 10, 50, 100)
     ),
-    # Without any turns left, the inductance is none and the current has no limit.
+    # Without any turns left, the inductance is zero and the current has no limit.
     "short_circuit": tuple(
         Severity(f"{percent} % of A bypassed", {"short_circuit_a": percent / 100})
         for percent in (0, 25, 50, 75, 99)
@@ -53,7 +53,7 @@ SEVERITIES: Final[dict[str, tuple[Severity, ...]]] = {
         for factor in (0.5, 0.75, 1.0, 1.25, 1.5)
     ),
 }
-"""Growing degrees of each fault (figures 4.3 to 4.46), by kind."""
+"""Growing severities of each fault (figures 4.3 to 4.46), by kind."""
 
 COMPARED: Final[dict[str, Severity]] = {
     "friction": SEVERITIES["friction"][2],
@@ -62,10 +62,10 @@ COMPARED: Final[dict[str, Severity]] = {
     "eccentricity": SEVERITIES["eccentricity"][2],
     "gain": SEVERITIES["gain"][4],
 }
-"""Degrees with which reference and monitor are compared (figures 4.10, 4.19, 4.29, 4.40, 4.47)."""
+"""Severities at which reference and monitor are compared (figures 4.10, 4.19, 4.29, 4.40, 4.47)."""
 
 
-class Comparison(NamedTuple):
+class Currents(NamedTuple):
     """Currents of reference and monitor in one window, each ``(n,)`` [A].
 
     ``monitor`` holds the current by the name of the model.
@@ -100,7 +100,7 @@ def reference_response(fault: str, severity: int, command: str) -> Telemetry:
 
 
 def reference_responses(fault: str, command: str) -> dict[str, Telemetry]:
-    """Return the responses to a command by the label of the fault's degree.
+    """Return the responses to a command by the label of the fault's severity.
 
     Parameters
     ----------
@@ -127,8 +127,8 @@ def noisy_response(noise_gain: float) -> Telemetry:
 
 
 @cache
-def chirp_comparison(fault: str) -> Comparison:
-    """Compare reference and calibrated monitors under the chirp.
+def chirp_currents(fault: str) -> Currents:
+    """Return the currents of reference and calibrated monitors under the chirp.
 
     Parameters
     ----------
@@ -141,12 +141,12 @@ def chirp_comparison(fault: str) -> Comparison:
     for model in MODELS:
         objective = Objective(window, calibration(model), FITNESS, cartesian=False)
         monitor[model] = objective.expect(faults[None], np.zeros(1)).current[0]
-    return Comparison(window.current, monitor)
+    return Currents(window.current, monitor)
 
 
 @cache
-def step_comparison(severity: int) -> Comparison:
-    """Compare reference and monitors under the step with a degree of friction (figure 4.6).
+def step_currents(severity: int) -> Currents:
+    """Return the currents of reference and monitors under the step, with friction (figure 4.6).
 
     Parameters
     ----------
@@ -155,12 +155,12 @@ def step_comparison(severity: int) -> Comparison:
 
     Notes
     -----
-    The monitors have the structure that the calibration found. Its row of differences belongs to
+    The monitors have the fitted parameters of their calibration. Its row of differences belongs to
     the chirp alone and is left out.
     """
     window = Window(reference_response("friction", severity, "step"), play=0.0)
     faults = fault_vector(SEVERITIES["friction"][severity].faults)
-    return Comparison(
+    return Currents(
         window.current,
         {
             model: calibration(model).model().respond(window, faults, 0.0).current[0]
@@ -170,10 +170,10 @@ def step_comparison(severity: int) -> Comparison:
 
 
 @cache
-def uncalibrated_comparison() -> Comparison:
-    """Compare reference and monitors before the row of differences is added (figure 6.4)."""
+def uncalibrated_currents() -> Currents:
+    """Return the currents before the row of differences is added (figure 6.4)."""
     window = reference_window(healthy_faults())
-    return Comparison(
+    return Currents(
         window.current,
         {model: window.current - calibration(model).correction for model in MODELS},
     )

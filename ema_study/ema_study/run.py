@@ -1,4 +1,4 @@
-"""One run of the study."""
+"""A single run of the study."""
 
 import time
 from collections.abc import Callable
@@ -10,16 +10,10 @@ from ema_core.faults import estimation_error
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import minimise
 from ema_monitor.optimizers.interface import Hints
-from ema_study.cases import CASES
 from ema_study.models import problem
 from ema_study.plan import Job
 from ema_study.record import Record
-from ema_study.stop_rules import (
-    Threshold,
-    ThresholdAndStall,
-    stop_rule,
-    uncounted_populations,
-)
+from ema_study.stop_rules import stop_rule, uncounted_populations
 
 
 class CancelledError(Exception):
@@ -32,9 +26,9 @@ def run_job(job: Job, cancelled: Callable[[], bool] = lambda: False) -> Record:
     Parameters
     ----------
     job
-        What to run. As in the thesis, the whole starting population is random.
+        The run. As in the thesis, the whole starting population is random.
     cancelled
-        Asked after every generation whether to give up.
+        Called after every generation; the run ends when it returns True.
 
     Raises
     ------
@@ -43,9 +37,9 @@ def run_job(job: Job, cancelled: Callable[[], bool] = lambda: False) -> Record:
     """
     objective, truth, floor = problem(job.model, job.case)
     rng = np.random.default_rng(job.seed)
-    own: dict[str, Any] = {"population": job.population, **dict(job.settings)}
+    settings: dict[str, Any] = {"population": job.population, **job.settings}
     start = rng.random(objective.dimension)
-    optimizer = ALGORITHMS[job.algorithm](start, rng, Hints(budget=job.budget), **own)
+    optimizer = ALGORITHMS[job.algorithm](start, rng, Hints(budget=job.budget), **settings)
     stop = stop_rule(job.rule, job.algorithm, job.level, job.budget, floor)
     uncounted = uncounted_populations(job.algorithm)
     costs, errors = [], []
@@ -58,28 +52,17 @@ def run_job(job: Job, cancelled: Callable[[], bool] = lambda: False) -> Record:
         evaluations = progress.evaluations
         costs.append(float(f"{progress.cost:.6g}"))
         errors.append(round(estimation_error(faults, truth), 4))
-        # GA does not evaluate its elite again, so that its budget would last for more.
+        # GA does not evaluate its elite again: its budget alone would allow more generations.
         if progress.generation - uncounted == job.max_generations:
             break
     time_s = time.perf_counter() - started
     return Record(
-        model=job.model,
-        table=job.table,
-        algorithm=job.algorithm,
-        fault=CASES[job.case].fault,
-        level=job.level,
-        run=job.run,
-        rule=job.rule,
-        population=job.population,
-        max_generations=job.max_generations,
-        settings=dict(job.settings),
-        seed=job.seed,
-        truth=truth.tolist(),
+        job=job,
         estimate=faults.tolist(),
         error_percent=errors[-1],
         cost=costs[-1],
         cost_at_truth=floor,
-        threshold=stop.threshold if isinstance(stop, Threshold | ThresholdAndStall) else None,
+        threshold=getattr(stop, "threshold", None),
         generations=len(costs) - uncounted,
         evaluations=evaluations,
         time_s=time_s,

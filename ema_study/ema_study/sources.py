@@ -1,14 +1,15 @@
-"""Where runs come from: the thesis, or our models, each with and without the thesis's own code."""
+"""Sources of runs: the thesis, or our models, each with and without the thesis's own code."""
 
 from typing import Final, NamedTuple
 
 import pandas as pd
 
+from ema_study.cases import SINGLE_FAULTS
 from ema_study.plan import ALGORITHMS, VARIANTS
 from ema_study.printed_runs import PRINTED, printed_runs
 
 PRINTED_RUNS: Final = "printed runs"
-"""Label of what is computed from the thesis's runs, beside ``PRINTED``, what it prints itself."""
+"""Label of figures computed from the thesis's runs; ``PRINTED`` is that of figures it prints."""
 
 THESIS_MODEL: Final = "thesis's model"
 FAST_MODEL: Final = "fast model"
@@ -17,7 +18,7 @@ MODEL_LABELS: Final = {"thesis": THESIS_MODEL, "fast": FAST_MODEL}
 """Labels of our sources by name of the model, in the order of the tables."""
 
 ALGORITHM_NAMES: Final = {"ga": "GA", "pso": "PSO", "de": "DE", "gwo": "GWO"}
-"""What the algorithms are called, in the order of the tables."""
+"""Names of the algorithms, in the order of the tables."""
 
 _FIRST_TABLE_OF_RUNS: Final = 9
 _FIRST_COMPARISON: Final = 11
@@ -31,7 +32,7 @@ def with_own_code(label: str) -> str:
 
 
 class Source(NamedTuple):
-    """Where runs come from: the thesis or a model, and whether the thesis's own code searched."""
+    """The thesis or a model, and whether the thesis's own code of DE and GWO was used."""
 
     model: str
     own_code: bool
@@ -52,15 +53,14 @@ SOURCES: Final = (
 def counted(runs: pd.DataFrame, first_table: int = _FIRST_COMPARISON) -> pd.DataFrame:
     """Return the runs that statistics are made of: those of tables 11 to 57.
 
-    The trials of table 8 are none of them, nor are those of DE (tables 9 and 10), nor the runs
-    that show that the printed threshold is never met.
+    The trials of GA and DE (tables 8 to 10) and the runs under the printed rule are left out.
 
     Parameters
     ----------
     runs
         Runs of any models; may be empty, even of columns.
     first_table
-        Another table to begin with, e.g. 9 where DE's trials are to be shown.
+        Another first table, e.g. 9 to include the trials of DE.
     """
     if runs.empty or not set(_NEEDED) <= set(runs.columns):
         return pd.DataFrame(columns=list(_NEEDED))
@@ -70,8 +70,14 @@ def counted(runs: pd.DataFrame, first_table: int = _FIRST_COMPARISON) -> pd.Data
     return runs[chosen]
 
 
+def single_fault_runs(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the runs of tables 11 to 54 that statistics are made of."""
+    runs = counted(runs)
+    return runs[runs["fault"].isin(SINGLE_FAULTS)]
+
+
 def of_source(runs: pd.DataFrame, source: Source) -> pd.DataFrame:
-    """Return the runs of a model whose search was, or was not, the thesis's own code."""
+    """Return the runs of a source."""
     own_code = runs["algorithm"].isin(list(_BY_VARIANT))
     return runs[(runs["model"] == source.model) & (own_code == source.own_code)]
 
@@ -82,14 +88,14 @@ def by_source(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     Parameters
     ----------
     runs
-        Ours, as of ``ema_study.record.as_frame``; may be empty.
+        Our runs, as of ``ema_study.record.as_frame``; may be empty.
 
     Returns
     -------
     dict
-        ``PRINTED`` and then our sources, as far as there are runs. "algorithm" is one of the four
-        everywhere; where the thesis's code runs DE and GWO, GA and PSO are the same as without,
-        and "own_code" tells which is which.
+        ``PRINTED`` and then our sources that have runs. "algorithm" is one of the thesis's four; a
+        source with the thesis's own code of DE and GWO shares GA and PSO with that without, and
+        "own_code" is True for the former only.
     """
     ours = counted(runs, _FIRST_TABLE_OF_RUNS)
     ours = ours[ours["algorithm"].isin([*ALGORITHMS, *_BY_VARIANT])]

@@ -1,6 +1,6 @@
 """The thesis's stop rules (its section 7.1), each a `StopRule` of the optimizers' driver.
 
-The best costs that they see begin with that of the starting population. GA, PSO and DE do not count
+Their best costs begin with that of the starting population. GA, PSO and DE do not count
 it as a generation, GWO does (appendix B evaluates it within its first iteration).
 """
 
@@ -11,7 +11,7 @@ from typing import Final
 from ema_monitor.optimizers.driver import StopRule
 
 THRESHOLD: Final = 1e-3
-"""Cost at which the thesis lets DE and GWO, and its study of speed, stop [A^2.s]."""
+"""Cost at which DE and GWO, and the study of speed, stop in the thesis [A^2.s]."""
 
 TOLERANCES: Final = {"ga": 1e-9, "pso": 1e-9, "de": 1e-12, "gwo": 1e-16}
 """Function tolerance by family of algorithms: a share for GA and PSO [-], else [A^2.s]."""
@@ -38,7 +38,7 @@ class Threshold:
     threshold: float
 
     def reached(self, best_costs: Sequence[float]) -> bool:
-        """Return whether the best cost is down at the threshold."""
+        """Return whether the best cost has reached the threshold."""
         return best_costs[-1] <= self.threshold
 
 
@@ -84,9 +84,9 @@ class RelativeStall:
     budget
         Largest number of evaluations.
     generations
-        Over how many.
+        Number of generations over which the fall is measured.
     tolerance
-        Share of the cost that it must fall by at least; per generation where ``averaged`` [-].
+        Smallest fall as a share of the cost; per generation where ``averaged`` [-].
     averaged
         Whether the fall is divided by the number of generations, as Matlab's ``ga`` does;
         ``particleswarm`` does not.
@@ -123,12 +123,11 @@ class Unchanged:
 RULES: Final = ("all_generations", "printed", "floor_corrected", "unchanged")
 """Names of the rules.
 
-The two in the middle are that of the tables in which they are used: the stall of GA and PSO, the
-threshold and stall of DE and GWO, or the threshold alone in table 56. "printed" takes the
-threshold as the thesis prints it, "floor_corrected" adds what the true faults cost: a model
-without the reference's PWM ripple does not come far below that. Where the model does not describe
-the fault, as eq. 4.24 the eccentricity, the true faults cost more than others, and that threshold
-is met at once.
+"printed" and "floor_corrected" depend on the algorithm: the stall of GA and PSO, the threshold and
+stall of DE and GWO, or the threshold alone in table 56. "printed" uses the threshold as printed,
+"floor_corrected" adds the cost of the true faults, below which a model without the reference's PWM
+ripple hardly comes. Where the model does not describe the fault, as eq. 4.24 the eccentricity, the
+true faults cost more than others, and that threshold is met at once.
 """
 
 
@@ -140,7 +139,7 @@ def stop_rule(rule: str, algorithm: str, level: str, budget: int, floor: float) 
     rule
         One of ``RULES``.
     algorithm
-        Registered name of the optimizer; of a variant, that of its family counts.
+        Registered name of the optimizer; a variant has the rule of its family.
     level
         Level of the fault; "fast_stop" for the study of speed.
     budget
@@ -175,5 +174,5 @@ def uncounted_populations(algorithm: str) -> int:
 
 
 def family_of(algorithm: str) -> str:
-    """Return which of the thesis's four algorithms a registered one is or is a variant of."""
+    """Return the one of the thesis's four algorithms that a registered one implements."""
     return algorithm.removesuffix("_thesis")

@@ -5,21 +5,17 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Final, Self
 
 import numba
 import numpy as np
 
 from ema_study.plan import Job
 from ema_study.record import Record, as_frame
-
-_RUNS: Final = "runs.jsonl"
-_LOCK: Final = ".lock"
-_VERSION: Final = "version"
 
 _NUMERICS: Final = (
     "ema_core",
@@ -46,14 +42,14 @@ _NUMERICS: Final = (
     "ema_study.run",
     "ema_study.stop_rules",
 )
-"""Packages and modules that a run depends on."""
+"""Packages and modules that the result of a run depends on."""
 
 
 class RunStore:
     """Runs of a study in a folder, for one process at a time.
 
-    Each run is a line of ``runs.jsonl``, on disk before the next one is told of. A line that was
-    cut off by the end of a process is dropped when the folder is opened again.
+    Each run is a line of ``runs.jsonl``, on disk before `add` returns. A line that was cut off by
+    the end of a process is dropped when the folder is opened again.
 
     Parameters
     ----------
@@ -72,8 +68,8 @@ class RunStore:
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
-        self._path = folder / _RUNS
-        self._lock = (folder / _LOCK).open("w")
+        self._path = folder / "runs.jsonl"
+        self._lock = (folder / ".lock").open("w")
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -92,19 +88,19 @@ class RunStore:
         self.close()
 
     def close(self) -> None:
-        """Leave the folder to others."""
+        """Release the folder."""
         self._lock.close()
 
     def missing(self, jobs: Iterable[Job]) -> list[Job]:
-        """Return the jobs that have no run yet."""
-        there = {(r.model, r.table, r.algorithm, r.run, r.rule) for r in self.records}
-        return [job for job in jobs if job.key not in there]
+        """Return the jobs without a run."""
+        made = {record.key for record in self.records}
+        return [job for job in jobs if job.key not in made]
 
     def add(self, record: Record) -> None:
         """Write a run to disk."""
-        line = json.dumps({_VERSION: numerics_version(), **asdict(record)}, allow_nan=False) + "\n"
+        content = {"version": numerics_version(), **asdict(record)}
         with self._path.open("a") as file:
-            file.write(line)
+            file.write(json.dumps(content, allow_nan=False) + "\n")
             file.flush()
             os.fsync(file.fileno())
         self.records.append(record)
@@ -120,39 +116,32 @@ class RunStore:
     def _read(self) -> list[Record]:
         lines = self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []
         complete = [line for line in lines if line.endswith(b"\n")]
-        records = []
-        for number, line in enumerate(complete, 1):
-            where = f"{self._path}, line {number}"
-            content = _content(line, where)
-            version = content.pop(_VERSION)
-            if version != numerics_version():
-                raise ValueError(
-                    f"{where} is a run of other models or algorithms than the present ones "
-                    f"(version {version}, expected {numerics_version()}): give another folder"
-                )
-            records.append(Record(**content))
+        records = [_record(line, f"{self._path}, line {n}") for n, line in enumerate(complete, 1)]
         if len(complete) < len(lines):
             os.truncate(self._path, sum(map(len, complete)))
         return records
 
 
-def _content(line: bytes, where: str) -> dict[str, Any]:
+def _record(line: bytes, where: str) -> Record:
     try:
         content = json.loads(line)
-    except ValueError as error:
+        version = content.pop("version")
+    except (ValueError, AttributeError, TypeError, KeyError) as error:
+        raise ValueError(f"{where} is damaged: expected a run with its version") from error
+    if version != numerics_version():
+        raise ValueError(
+            f"{where} is a run of other models or algorithms than the present ones (version "
+            f"{version}, expected {numerics_version()}): use another folder"
+        )
+    try:
+        return Record(job=Job(**content.pop("job")), **content)
+    except (TypeError, KeyError) as error:
         raise ValueError(f"{where} is damaged: {error}") from error
-    expected = {_VERSION, *(field.name for field in fields(Record))}
-    if not isinstance(content, dict) or _VERSION not in content:
-        raise ValueError(f"{where} is damaged: expected a run with its version")
-    if content[_VERSION] == numerics_version() and set(content) != expected:
-        wrong = ", ".join(sorted(set(content) ^ expected))
-        raise ValueError(f"{where} is damaged: missing or unknown: {wrong}")
-    return content
 
 
 @cache
 def numerics_version() -> str:
-    """Return a digest of all sources that a run depends on, and of the libraries below them."""
+    """Return a digest of all sources that a run depends on, and of the libraries they use."""
     digest = hashlib.sha256(f"{np.__version__} {numba.__version__}".encode())
     for name in _NUMERICS:
         spec = find_spec(name)

@@ -67,7 +67,7 @@ def test_what_is_there_is_not_run_again(ema, tmp_path, small, without_report):
     before = (folder / "runs.jsonl").read_text()
     result = ema("thesis", "-o", folder, "--runs", "2", "--executor", "serial")
     assert result.exit_code == 0, result.output
-    assert f"3 of {len(JOBS)} runs are there already" in result.output
+    assert f"3 of {len(JOBS)} runs are already done" in result.output
     after = (folder / "runs.jsonl").read_text()
     assert after.startswith(before)
     assert len(after.splitlines()) == len(JOBS)
@@ -93,7 +93,7 @@ def test_folder_of_other_numerics_is_refused(ema, tmp_path, small, without_repor
     result = ema("thesis", "-o", folder, "--runs", "1", "--executor", "serial")
     assert result.exit_code == 1
     assert "other models or algorithms" in result.stderr
-    assert "give another folder" in result.stderr
+    assert "use another folder" in result.stderr
 
 
 @pytest.mark.parametrize(
@@ -120,20 +120,20 @@ def test_folder_in_use_is_refused(ema, tmp_path, small):
     assert "is in use by another study" in result.stderr
 
 
-def test_killed_worker_is_told_in_a_line(ema, tmp_path, small, monkeypatch):
+def test_worker_that_was_killed_is_reported_in_a_line(ema, tmp_path, small, monkeypatch):
     def execute(jobs, executor):
         raise BrokenExecutor("a process ended abruptly")
 
     monkeypatch.setattr(command, "execute", execute)
     result = ema("thesis", "-o", tmp_path, "--executor", "serial")
     assert result.exit_code == 1
-    assert "a worker was killed (a process ended abruptly)" in result.stderr
+    assert "a worker process ended (a process ended abruptly)" in result.stderr
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("executor", ["processes", "threads"])
-def test_interrupted_study_keeps_its_runs_and_goes_on(tmp_path, executor):
+def test_interrupted_study_keeps_its_runs_and_resumes(tmp_path, executor):
     """As Ctrl-C does: the signal goes to the whole process group."""
     folder = tmp_path / "study"
     study = subprocess.Popen(
@@ -156,7 +156,7 @@ def test_interrupted_study_keeps_its_runs_and_goes_on(tmp_path, executor):
     output, _ = study.communicate(timeout=60.0)
     assert study.returncode == 1
     assert "Traceback" not in output
-    assert "the same command goes on from there" in output
+    assert "the same command resumes" in output
     done = runs.read_text().splitlines()
     assert len(done) >= 2
-    assert all(json.loads(line)["algorithm"] for line in done)
+    assert all(json.loads(line)["job"]["algorithm"] for line in done)

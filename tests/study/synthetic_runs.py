@@ -1,4 +1,4 @@
-"""Runs of the study that were never made, for tables and figures that need many."""
+"""Invented runs of the study, for tables and figures that need many."""
 
 import numpy as np
 import pandas as pd
@@ -24,18 +24,7 @@ def synthetic_runs(model: str, runs: int) -> pd.DataFrame:
         fall = np.exp(-np.arange(populations) / 2.0)
         records.append(
             Record(
-                model=model,
-                table=job.table,
-                algorithm=job.algorithm,
-                fault=CASES[job.case].fault,
-                level=job.level,
-                run=job.run,
-                rule=job.rule,
-                population=job.population,
-                max_generations=job.max_generations,
-                settings=dict(job.settings),
-                seed=job.seed,
-                truth=truth.tolist(),
+                job=job,
                 estimate=estimate.tolist(),
                 error_percent=float(rng.uniform(1.0, 4.0)),
                 cost=FLOOR + float(fall[-1]),

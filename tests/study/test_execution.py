@@ -1,4 +1,4 @@
-"""Jobs over executors."""
+"""Runs on executors."""
 
 import os
 import signal
@@ -7,9 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from ema_study.execution import execute, local_executor
+from ema_study.execution import execute, local_executor, time_executors
 from ema_study.plan import Job
-from ema_study.timing import time_executors
 
 JOBS = [
     Job("fast", 10, "de", "friction low", "low", run, "all_generations", 8, 2) for run in (1, 2, 3)
@@ -17,7 +16,7 @@ JOBS = [
 
 
 def results(records):
-    return {record.run: record.estimate for record in records}
+    return {record.job.run: record.estimate for record in records}
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +50,7 @@ def interruptible():
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_interrupt_gives_up_what_runs():
+def test_interrupt_cancels_runs_that_have_begun():
     """Without it, each of these would take minutes."""
     long = [
         Job("fast", 10, "de", "friction low", "low", run, "all_generations", 50, 100_000)
@@ -82,7 +81,7 @@ def test_impossible_executor_is_refused(kind, workers, message):
 
 
 @pytest.mark.slow
-def test_timing_tells_each_way_beside_one_core():
+def test_timing_compares_each_mode_with_one_core():
     frame = time_executors("fast", workers=2)
     assert frame["how"].str.contains("one core|all cores|processes").tolist() == [True] * 3
     assert frame["workers"].tolist() == [1, 1, 2]

@@ -10,19 +10,19 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from ema_study.figures_bars import ERROR, TIME, draw_multiple_fault, draw_single_faults
-from ema_study.figures_convergence import COSTS, ERRORS, draw_convergence, median_course
-from ema_study.figures_estimates import draw_estimates, draw_phases_of_gwo
-from ema_study.figures_responses import (
+from ema_study.figures.bars import ERROR, TIME, draw_multiple_fault, draw_single_faults
+from ema_study.figures.convergence import COSTS, ERRORS, draw_convergence, median_course
+from ema_study.figures.estimates import draw_estimates, draw_phases_of_gwo
+from ema_study.figures.pictures import bar_pictures, convergence_pictures, noise_pictures
+from ema_study.figures.responses import (
     draw_calibration,
-    draw_comparison,
+    draw_monitor,
+    draw_monitor_step,
     draw_noise,
     draw_responses,
-    draw_step_comparison,
 )
-from ema_study.figures_style import COLOURS, DASHES, STYLES, severity_colours, with_family
+from ema_study.figures.style import COLOURS, DASHES, STYLES, severity_colours, with_family
 from ema_study.printed_runs import printed_runs
-from ema_study.report_figures import bar_pictures, convergence_pictures, noise_pictures
 from ema_study.responses import NOISE_GAINS, reference_response, reference_responses
 from ema_study.sources import SOURCES
 
@@ -99,9 +99,7 @@ def test_whiskers_are_a_standard_deviation_and_stay_positive_on_a_log_axis(every
     assert min(lows) > 0.0
 
 
-def test_captions_state_the_runs_there_are_and_whiskers_only_where_there_are_some(
-    ours, everything, monkeypatch
-):
+def test_captions_state_the_number_of_runs(ours, everything, monkeypatch):
     monkeypatch.setattr(Figure, "savefig", lambda figure, file, **options: None)
     [errors, _, multiple] = [picture.caption for picture in bar_pictures(everything)]
     single = everything[(everything.run == 1) & (everything.table > 10)]
@@ -114,9 +112,7 @@ def test_captions_state_the_runs_there_are_and_whiskers_only_where_there_are_som
     numbers = "printed 10; thesis's model 2; thesis's model, thesis's code 2; fast model 3"
     assert numbers in errors
     assert numbers in multiple
-    assert "Whiskers" in errors
     assert "printed 1; thesis's model 1" in alone
-    assert "Whiskers" not in alone
     assert "median over the 2 runs" in courses
     assert "a single run" in of_one
 
@@ -151,14 +147,14 @@ def test_median_course_keeps_the_last_value_of_stopped_runs():
     assert median_course([[8.0, 4.0], [6.0, 5.0, 1.0], [7.0, 3.0, 2.0]]).tolist() == [7.0, 4.0, 2.0]
 
 
-def test_convergence_shows_runs_medians_and_both_limits(ours):
+def test_convergence_shows_runs_medians_and_the_band_up_to_the_threshold(ours):
     figure = draw_convergence(ours, "fast", COSTS)
     figure.savefig(io.BytesIO(), dpi=20)
     axes = panel(figure, "friction, high")
-    # Three runs of six algorithms, their medians, and two lines across.
-    assert len(axes.lines) == 6 * 3 + 6 + 2
-    levels = [ys(line)[0] for line in axes.lines[-2:]]
-    assert levels == [FLOOR, THRESHOLD]
+    # Three runs of six algorithms and their medians.
+    assert len(axes.lines) == 6 * 3 + 6
+    [band] = rectangles(axes)
+    assert (band.get_y(), band.get_y() + band.get_height()) == pytest.approx((FLOOR, THRESHOLD))
     mine = ours[
         (ours.model == "fast") & (ours.table == 16) & (ours.algorithm == "pso")
     ].costs.tolist()
@@ -215,19 +211,43 @@ def test_noise_figure_has_a_row_for_each_gain():
 
 
 def test_comparisons_show_two_monitors_and_what_they_miss():
-    for figure in (draw_comparison("gain"), draw_step_comparison(), draw_calibration()):
+    for figure in (draw_monitor("gain"), draw_monitor_step(), draw_calibration()):
         figure.savefig(io.BytesIO(), dpi=20)
         upper, lower, *_ = figure.axes
         assert (len(upper.lines), len(lower.lines)) == (3, 2)
 
 
-def test_algorithms_and_degrees_are_told_apart():
+def test_algorithms_and_severities_are_distinct():
     assert len(set(COLOURS.values())) == len(COLOURS) == len(DASHES)
     assert len(set(map(str, DASHES.values()))) == len(DASHES)
     weights = np.array([0.299, 0.587, 0.114])
-    # In grey, too: each degree is darker than the one before.
+    # In grey, too: each severity is darker than the one before.
     greys = [weights @ np.array(colour[:3]) for colour in severity_colours(5)]
     assert np.all(np.diff(greys) < -0.05)
+
+
+def legend(figure):
+    return [text.get_text() for one in figure.legends for text in one.get_texts()]
+
+
+def test_every_mark_is_in_a_legend_of_at_most_eight_entries(everything, ours):
+    sources = [source.label for source in SOURCES]
+    for figure in (draw_single_faults(everything, ERROR), draw_multiple_fault(everything)):
+        assert legend(figure) == [*sources, "one standard deviation"]
+    algorithms = ["GA", "PSO", "DE", "GWO", "DE, thesis's code", "GWO, thesis's code"]
+    costs = [*algorithms, "single runs", "cost of the true faults to threshold"]
+    assert legend(draw_convergence(ours, "fast", COSTS)) == costs
+    assert legend(draw_convergence(ours, "fast", ERRORS)) == [*algorithms, "single runs"]
+    assert legend(draw_estimates(everything)) == ["truth", *sources]
+    assert legend(draw_phases_of_gwo(everything)) == [*sources, "exactly 0"]
+    monitors = ["monitor, fast model", "monitor, thesis's model", "reference"]
+    assert legend(draw_monitor("gain")) == monitors
+
+
+def test_marks_that_a_figure_of_single_runs_lacks_are_not_in_its_legend(everything, ours):
+    alone = everything[(everything.run == 1) & (everything.model != "printed")]
+    assert "one standard deviation" not in legend(draw_single_faults(alone, ERROR))
+    assert "single runs" not in legend(draw_convergence(ours[ours.run == 1], "fast", COSTS))
 
 
 def test_figures_without_any_runs_say_so():

@@ -9,16 +9,15 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from ema_study.agreement import agreement
+from ema_study.agreement import agreement, time_per_10000_windows
+from ema_study.html_tables import html_table, narrowed, significant
 from ema_study.report import SECTIONS, write_report
-from ema_study.report_sentences import (
-    agreement_sentences,
+from ema_study.report_text import (
     completeness,
     printed_rule_sentences,
     ranking_sentences,
-    reasons,
+    verdict,
 )
-from ema_study.report_tables import html_table, narrowed, significant
 from ema_study.tables import study_tables
 
 from .synthetic_runs import FLOOR, synthetic_runs
@@ -222,20 +221,39 @@ def test_missing_runs_are_named_by_table(ours):
     assert whole["runs"] == whole["of the full study"]
 
 
-def test_sentences_count_what_they_say(ours):
+def test_report_opens_with_a_verdict_of_three_sentences(page, ours):
+    lines = verdict(agreement(ours), time_per_10000_windows(ours))
+    assert len(lines) == 3
+    opening = page.text.partition(SECTIONS["agreement"])[0]
+    assert all(line in opening for line in lines)
+    assert lines[0].startswith("With the thesis's model")
+    assert lines[1].startswith("With the fast model")
+    assert "One evaluation of the monitor within PSO takes" in lines[2]
+    # Its swarm: 50 particles a generation, 12.65 s each.
+    assert lines[2].endswith("253 ms in the thesis.")
+
+
+def test_verdict_counts_the_faults_on_each_side_of_the_range(ours):
     found = agreement(ours)
-    within = found["fast model", "within"].dropna().astype(bool)
-    [of_fast] = [one for one in agreement_sentences(found) if "fast model" in one]
-    assert f"in {within.sum()} of {len(within)} faults" in of_fast
-    outside = found["fast model"].loc[within.index[~within]]
-    above = outside["mean error [%]"] > found["printed"].loc[outside.index, "highest error [%]"]
-    assert above.any()
-    assert f"above in {above.sum()}: {above.index[above][0]}" in of_fast
-    assert ("below" in of_fast) == (not above.all())
-    assert len(reasons(found)) == sum(
-        (~found[name, "within"].dropna().astype(bool)).sum()
-        for name in ("fast model", "thesis's model")
+    verdicts = found["fast model", "verdict"]
+    assert set(verdicts) == {"better", "within", "worse"}
+    _, of_fast, _ = verdict(found, time_per_10000_windows(ours))
+    better, within, worse = (
+        int((verdicts == name).sum()) for name in ("better", "within", "worse")
     )
+    assert f"better than all of the thesis's runs in {better} of 11 faults" in of_fast
+    assert f"within their range in {within} and worse in {worse} " in of_fast
+    assert f"({', '.join(verdicts.index[verdicts == 'worse'])})" in of_fast
+
+
+def test_a_result_better_than_the_thesis_is_not_marked_as_a_failure(ours):
+    better = ours[ours.model == "fast"].assign(error_percent=0.01)
+    found = agreement(better)
+    assert set(found["fast model", "verdict"]) == {"better"}
+    assert "<td>no</td>" not in html_table(found)
+
+
+def test_runs_under_the_printed_rule_are_counted(ours):
     under = ours[(ours["rule"] == "printed") & (ours.model == "fast")]
     assert under.cost.min() > FLOOR
     [sentence] = list(printed_rule_sentences(ours[ours.model == "fast"]))
@@ -249,5 +267,5 @@ def test_thesis_ranks_as_its_table_58():
 
 
 def test_model_without_runs_is_named(ours):
-    only_fast = ours[ours.model == "fast"]
-    assert any("no runs" in one for one in agreement_sentences(agreement(only_fast)))
+    of_thesis, *_ = verdict(agreement(ours[ours.model == "fast"]), time_per_10000_windows(ours))
+    assert of_thesis == "There are no PSO runs with the thesis's model."

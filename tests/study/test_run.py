@@ -33,7 +33,7 @@ def test_same_job_makes_the_same_run():
     assert run_job(replace(SHORT, run=2)).estimate != run_job(SHORT).estimate
 
 
-def test_record_tells_the_run():
+def test_record_describes_the_run():
     record = run_job(SHORT)
     assert record.generations == 8
     assert record.evaluations == 20 * 9
@@ -41,7 +41,7 @@ def test_record_tells_the_run():
     assert record.costs == sorted(record.costs, reverse=True)
     objective, truth, floor = problem("fast", "friction high")
     assert record.cost_at_truth == floor
-    assert record.truth == truth.tolist()
+    assert record.key == ("fast", 10, "de", 1, "all_generations")
     assert record.error_percent == pytest.approx(estimation_error(record.estimate, truth), abs=1e-4)
     [residuals] = objective.residuals(np.array([record.estimate]))
     assert record.cost == pytest.approx(residuals @ residuals, rel=1e-5)
@@ -78,8 +78,8 @@ def test_stop_rule_ends_the_run():
 
 def test_settings_reach_the_optimizer():
     """CR = 0 takes one component of the donor only."""
-    slow = run_job(replace(SHORT, settings=(("F", 0.5), ("CR", 0.0))))
-    assert slow.settings == {"F": 0.5, "CR": 0.0}
+    slow = run_job(replace(SHORT, settings={"F": 0.5, "CR": 0.0}))
+    assert slow.job.settings == {"F": 0.5, "CR": 0.0}
     assert slow.costs[-1] != run_job(SHORT).costs[-1]
 
 

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import asdict
 
 import pandas as pd
 import pytest
@@ -52,10 +53,12 @@ def test_cut_line_is_dropped_and_run_again(tmp_path, records):
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("{", "Expecting property name"),
+        ("{", "expected a run with its version"),
         ("{}", "expected a run with its version"),
         ("[]", "expected a run with its version"),
-        ('{"version": "%s", "cost": 1.0, "rust": 2}', "missing or unknown: .*algorithm.*rust"),
+        ('{"version": "%s", "cost": 1.0}', "'job'"),
+        ('{"version": "%s", "job": {"model": "fast"}}', ".* missing .* 'table', 'algorithm'"),
+        ('{"version": "%s", "rust": 2, "job": __JOB__}', ".* unexpected keyword argument 'rust'"),
     ],
 )
 def test_damaged_line_is_named(tmp_path, records, line, message):
@@ -63,6 +66,7 @@ def test_damaged_line_is_named(tmp_path, records, line, message):
     path = tmp_path / "runs.jsonl"
     lines = path.read_text().splitlines()
     line = line.replace("%s", store_module.numerics_version())
+    line = line.replace("__JOB__", json.dumps(asdict(JOBS[0])))
     path.write_text("\n".join([lines[0], line]) + "\n")
     with pytest.raises(ValueError, match=rf"runs\.jsonl, line 2 is damaged: {message}"):
         RunStore(tmp_path)

@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from ema_study.cases import SINGLE_FAULTS
+from ema_study.means import reliability_coefficients
 from ema_study.printed_runs import PRINTED, printed_runs
 from ema_study.printed_tables import SUM, TOTAL
-from ema_study.reliability import reliability_coefficients
 from ema_study.sources import FAST_MODEL, PRINTED_RUNS, THESIS_MODEL, with_own_code
 from ema_study.tables import study_tables, write_tables
 
@@ -146,7 +146,7 @@ def test_tables_of_incomplete_runs_have_empty_cells(missing, runs):
         assert f"{FAST_MODEL} " in tables[58].notes[1]
 
 
-def test_tables_say_where_the_threshold_is_met_at_once(tables):
+def test_notes_name_the_tables_whose_threshold_is_met_at_once(tables):
     noted = {
         number for number, table in tables.items() if "floor-corrected" in " ".join(table.notes)
     }

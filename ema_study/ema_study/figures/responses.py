@@ -1,6 +1,7 @@
 """Figures of chapter 4: responses, noise, and reference against monitor."""
 
-from typing import Final, NamedTuple
+from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,27 +10,27 @@ from matplotlib.lines import Line2D
 
 from ema_core.description import SAMPLE_PERIOD
 from ema_monitor.residual import BAND_S, band_limited
-from ema_study.figures_style import FAULT_NAMES, severity_colours, tidy
+from ema_study.figures.style import FAULT_NAMES, severity_colours, tidy
 from ema_study.responses import (
     COMMANDS,
     COMPARED,
     NOISE_GAINS,
     SEVERITIES,
-    Comparison,
-    chirp_comparison,
+    Currents,
+    chirp_currents,
     noisy_response,
     reference_responses,
-    step_comparison,
+    step_currents,
     times,
-    uncalibrated_comparison,
+    uncalibrated_currents,
 )
 from ema_study.sources import MODEL_LABELS
 
 _DETAILS: Final = {"step": (0.005, 0.06), "chirp": (0.30, 0.40)}
-"""Stretch that is shown once more by command, enlarged [s]."""
+"""Stretch that the right panels enlarge, by command [s]."""
 
 _START: Final = (0.009, 0.02)
-"""That of backlash under the step, which shows at the start alone [s]."""
+"""Stretch for backlash under the step, which has an effect at the start only [s]."""
 
 _MODEL_STYLES: Final = {
     "fast": {"color": "#0072b2", "lw": 1.1},
@@ -39,28 +40,8 @@ _REFERENCE: Final = {"color": "0.1", "lw": 0.8}
 _COMMAND: Final = {"color": "0.45", "lw": 1.0, "ls": (0, (2, 2))}
 
 
-class _Row(NamedTuple):
-    column: str
-    label: str
-    scale: float
-
-
-_ROWS: Final = {
-    "step": (
-        _Row("position", "user position [rad]", 1.0),
-        _Row("speed", "motor speed [rad/s]", 1.0),
-        _Row("current", "current [A]", 1.0),
-    ),
-    "chirp": (
-        _Row("position", "user position [mrad]", 1e3),
-        _Row("speed", "motor speed [rad/s]", 1.0),
-        _Row("current", "current [A]", 1.0),
-    ),
-}
-
-
 def draw_responses(fault: str, command: str) -> Figure:
-    """Return position, speed and current for growing degrees of a fault.
+    """Return position, speed and current for growing severities of a fault.
 
     Parameters
     ----------
@@ -73,8 +54,14 @@ def draw_responses(fault: str, command: str) -> Figure:
     colours = severity_colours(len(responses))
     figure = Figure(figsize=(9.0, 7.5), layout="constrained")
     panels = figure.subplots(3, 2, width_ratios=[1.6, 1.0], sharex="col")
+    is_chirp = command == "chirp"
+    rows = {
+        "position": ("user position [mrad]", 1e3) if is_chirp else ("user position [rad]", 1.0),
+        "speed": ("motor speed [rad/s]", 1.0),
+        "current": ("current [A]", 1.0),
+    }
     commanded = np.concatenate([[0.0], COMMANDS[command].sample(SAMPLE_PERIOD)])
-    for (column, label, scale), row in zip(_ROWS[command], panels, strict=True):
+    for (column, (label, scale)), row in zip(rows.items(), panels, strict=True):
         for axes in row:
             tidy(axes)
             # The mildest last, so that the worst does not cover it.
@@ -82,9 +69,8 @@ def draw_responses(fault: str, command: str) -> Figure:
                 values = scale * getattr(response, column)
                 axes.plot(times(len(response)), values, color=colour, lw=1.0)
         row[0].set_ylabel(label)
-        starts = fault == "backlash" and command == "step"
-        _enlarge(row[1], *(_START if starts else _DETAILS[command]))
-        if column == "position" and command == "chirp":
+        _enlarge(row[1], *(_START if fault == "backlash" and not is_chirp else _DETAILS[command]))
+        if column == "position" and is_chirp:
             for axes in row:
                 axes.plot(times(len(commanded)), scale * commanded, **_COMMAND)
     for axes in panels[-1]:
@@ -93,7 +79,7 @@ def draw_responses(fault: str, command: str) -> Figure:
         Line2D([], [], color=colour, lw=2.0, label=label)
         for label, colour in zip(responses, colours, strict=True)
     ]
-    if command == "chirp":
+    if is_chirp:
         handles.append(Line2D([], [], label="command", **_COMMAND))
     figure.suptitle(f"{FAULT_NAMES[fault].capitalize()}, {command}", fontsize="large")
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
@@ -101,7 +87,7 @@ def draw_responses(fault: str, command: str) -> Figure:
 
 
 def draw_noise() -> Figure:
-    """Return the current under the chirp with more and more noise on its reference."""
+    """Return the current under the chirp with growing noise on its reference."""
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     panels = figure.subplots(len(NOISE_GAINS), 2, width_ratios=[1.6, 1.0], sharex="col")
     for gain, row in zip(NOISE_GAINS, panels, strict=True):
@@ -117,81 +103,67 @@ def draw_noise() -> Figure:
     return figure
 
 
-def draw_comparison(fault: str) -> Figure:
-    """Return the currents of reference and monitors, healthy and faulty, and what they differ by.
+def draw_monitor(fault: str) -> Figure:
+    """Return the currents of reference and monitors, healthy and faulty, and their differences.
 
     Parameters
     ----------
     fault
         One of ``ema_study.responses.COMPARED``.
     """
-    healthy, faulty = chirp_comparison("none"), chirp_comparison(fault)
-    named = f"{FAULT_NAMES[fault]}, {COMPARED[fault].label}"
-    return _draw_comparisons({"healthy": healthy, named: faulty})
+    title = f"{FAULT_NAMES[fault]}, {COMPARED[fault].label}"
+    return _draw_currents({"healthy": chirp_currents("none"), title: chirp_currents(fault)})
 
 
-def draw_step_comparison() -> Figure:
+def draw_monitor_step() -> Figure:
     """Return the currents of reference and monitors under the step (figure 4.6)."""
     doubled = SEVERITIES["friction"].index(COMPARED["friction"])
-    return _draw_comparisons(
-        {"nominal friction": step_comparison(0), "friction doubled": step_comparison(doubled)}
+    return _draw_currents(
+        {"nominal friction": step_currents(0), "friction doubled": step_currents(doubled)}
     )
 
 
 def draw_calibration() -> Figure:
-    """Return the healthy currents before the row of differences is added (figure 6.4)."""
-    return _draw_comparisons(
+    """Return the healthy currents before and after the row of differences is added (figure 6.4)."""
+    return _draw_currents(
         {
-            "healthy, before calibration": uncalibrated_comparison(),
-            "healthy, calibrated": chirp_comparison("none"),
+            "healthy, before calibration": uncalibrated_currents(),
+            "healthy, calibrated": chirp_currents("none"),
         }
     )
 
 
-def _draw_comparisons(comparisons: dict[str, Comparison]) -> Figure:
-    figure = Figure(figsize=(9.0, 1.0 + 3.6 * len(comparisons)), layout="constrained")
+def _draw_currents(by_title: Mapping[str, Currents]) -> Figure:
+    """Draw currents and, below them, the differences without the PWM's ripple."""
+    figure = Figure(figsize=(9.0, 1.0 + 3.6 * len(by_title)), layout="constrained")
     panels = figure.subplots(
-        2 * len(comparisons), 1, sharex=True, height_ratios=[2.0, 1.0] * len(comparisons)
+        2 * len(by_title), 1, sharex=True, height_ratios=[2.0, 1.0] * len(by_title)
     )
     lowers = panels[1::2]
-    for upper, lower, (title, comparison) in zip(
-        panels[::2], lowers, comparisons.items(), strict=True
-    ):
-        _draw_currents(upper, comparison)
-        _draw_differences(lower, comparison)
+    for upper, lower, (title, currents) in zip(panels[::2], lowers, by_title.items(), strict=True):
+        tidy(upper)
+        tidy(lower)
+        t = times(len(currents.reference) + 1)[1:]
+        for model, current in currents.monitor.items():
+            style, label = _MODEL_STYLES[model], f"monitor, {MODEL_LABELS[model]}"
+            upper.plot(t, current, label=label, **style)
+            difference = band_limited(currents.reference - current, SAMPLE_PERIOD)
+            lower.plot(BAND_S / 2.0 * np.arange(1, len(difference) + 1), difference, **style)
+        upper.plot(t, currents.reference, label="reference", **_REFERENCE)
+        upper.set_ylabel("current [A]")
+        lower.set_ylabel("reference −\nmonitor [A]", fontsize="small")
         upper.set_title(title, fontsize="medium", loc="left")
     widest = max(0.1, *(abs(limit) for axes in lowers for limit in axes.get_ylim()))
     for axes in lowers:
         axes.set_ylim(-widest, widest)
     panels[-1].set_xlabel("time [s]")
-    handles = [Line2D([], [], label="reference", **_REFERENCE)]
-    handles += [
-        Line2D([], [], label=f"monitor, {MODEL_LABELS[model]}", **style)
-        for model, style in _MODEL_STYLES.items()
-    ]
+    handles, _ = panels[0].get_legend_handles_labels()
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
     return figure
 
 
-def _draw_currents(axes: Axes, comparison: Comparison) -> None:
-    tidy(axes)
-    t = times(len(comparison.reference) + 1)[1:]
-    for model, current in comparison.monitor.items():
-        axes.plot(t, current, **_MODEL_STYLES[model])
-    axes.plot(t, comparison.reference, **_REFERENCE)
-    axes.set_ylabel("current [A]")
-
-
-def _draw_differences(axes: Axes, comparison: Comparison) -> None:
-    tidy(axes)
-    for model, current in comparison.monitor.items():
-        missed = band_limited(comparison.reference - current, SAMPLE_PERIOD)
-        axes.plot(BAND_S / 2.0 * np.arange(1, len(missed) + 1), missed, **_MODEL_STYLES[model])
-    axes.set_ylabel("reference −\nmonitor [A]", fontsize="small")
-
-
 def _enlarge(axes: Axes, low: float, high: float) -> None:
-    """Show a stretch of a panel, with the vertical limits of what is in it."""
+    """Show a stretch of a panel, with the vertical limits of its lines there."""
     lines = [np.array(line.get_xydata()) for line in axes.get_lines()]
     inside = np.concatenate([xy[(xy[:, 0] >= low) & (xy[:, 0] <= high), 1] for xy in lines])
     margin = 0.05 * float(np.ptp(inside))

@@ -1,37 +1,39 @@
 """How cost and error fall over the generations, by algorithm and fault."""
 
 from itertools import zip_longest
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from ema_study.cases import LEVELS, MULTIPLE, SINGLE_FAULTS
-from ema_study.figures_style import (
+from ema_study.figures.style import (
     ALGORITHM_NAMES,
     COLOURS,
     DASHES,
     FAULT_NAMES,
     LEVEL_NAMES,
     in_order,
+    say_no_runs,
     tidy,
 )
 from ema_study.sources import counted
 
-_AT_TRUTH: Final = {"color": "0.1", "lw": 1.0, "ls": "-"}
-_THRESHOLD: Final = {"color": "0.1", "lw": 1.0, "ls": ":"}
+_RUN: Final[dict[str, Any]] = {"lw": 0.6, "alpha": 0.4}
+_THRESHOLD: Final = {"color": "0.6", "lw": 0.8, "alpha": 0.7}
 _GENERATIONS: Final = (0, 5, 10, 20, 50, 100, 200)
 _LINEAR_GENERATIONS: Final = 20
-"""Most is done by then: the axis is linear up to here and logarithmic beyond."""
+"""Most of the fall is over by then: the axis is linear up to here and logarithmic beyond."""
 
 
 class Course(NamedTuple):
-    """A column with a value a generation, and what its axis says."""
+    """A column with a value a generation, and the label of its axis."""
 
     column: str
     label: str
@@ -53,7 +55,7 @@ def draw_convergence(runs: pd.DataFrame, model: str, course: Course) -> Figure:
     model
         Name of the model.
     course
-        ``COSTS``, with the cost at the truth and the threshold, or ``ERRORS``.
+        ``COSTS``, with a band from the cost at the truth to the threshold, or ``ERRORS``.
     """
     chosen = counted(runs)
     chosen = chosen[chosen.model == model]
@@ -63,14 +65,14 @@ def draw_convergence(runs: pd.DataFrame, model: str, course: Course) -> Figure:
     for fault, row in zip_longest(faults, panels):
         levels = ("fast_stop", "stall_stop") if fault == MULTIPLE else LEVELS
         for axes, level in zip(row, levels, strict=True):
-            part = chosen[(chosen.fault == fault) & (chosen.level == level)]
-            _draw(axes, part, course)
+            _draw(axes, chosen[(chosen.fault == fault) & (chosen.level == level)], course)
             if fault:
                 axes.set_title(f"{FAULT_NAMES[fault]}, {LEVEL_NAMES[level]}", fontsize="medium")
         row[0].set_ylabel(course.label, fontsize="small")
     for axes in panels[-1]:
         axes.set_xlabel("generation")
-    _legend(figure, chosen, course)
+    if faults:
+        _legend(figure, chosen, course)
     return figure
 
 
@@ -94,38 +96,30 @@ def _draw(axes: Axes, runs: pd.DataFrame, course: Course) -> None:
     axes.set_xticks(_GENERATIONS, [str(number) for number in _GENERATIONS])
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xlim(0, _GENERATIONS[-1])
-    courses = {
-        algorithm: [values for values in
-                    runs.loc[runs.algorithm == algorithm, course.column] if len(values)]
-        for algorithm in in_order(runs.algorithm, ALGORITHM_NAMES)
-    }  # fmt: skip
-    courses = {algorithm: rows for algorithm, rows in courses.items() if rows}
-    if not courses:
-        axes.text(0.5, 0.5, "no runs", transform=axes.transAxes, ha="center", color="0.4")
+    if runs.empty:
+        say_no_runs(axes)
         return
-    for algorithm, rows in courses.items():
-        for row in rows:
-            axes.plot(row, color=COLOURS[algorithm], lw=0.6, alpha=0.4)
-    for algorithm, rows in courses.items():
-        axes.plot(
-            median_course(rows), color=COLOURS[algorithm], lw=1.8, ls=DASHES[algorithm], zorder=3
-        )
+    for algorithm in in_order(runs.algorithm, ALGORITHM_NAMES):
+        rows = runs.loc[runs.algorithm == algorithm, course.column].tolist()
+        colour = COLOURS[algorithm]
+        if len(rows) > 1:
+            for row in rows:
+                axes.plot(row, color=colour, **_RUN)
+        axes.plot(median_course(rows), color=colour, lw=1.8, ls=DASHES[algorithm], zorder=3)
     if course is COSTS:
-        axes.axhline(runs.cost_at_truth.median(), **_AT_TRUTH)
-        if runs.threshold.notna().any():
-            axes.axhline(runs.threshold.median(), **_THRESHOLD)
+        at_truth, threshold = runs.cost_at_truth.median(), runs.threshold.astype(float).median()
+        axes.axhspan(at_truth, at_truth if np.isnan(threshold) else threshold, **_THRESHOLD)
 
 
 def _legend(figure: Figure, runs: pd.DataFrame, course: Course) -> None:
-    handles = [
+    handles: list[object] = [
         Line2D([], [], color=COLOURS[name], ls=DASHES[name], lw=1.8, label=ALGORITHM_NAMES[name])
         for name in in_order(runs.algorithm, ALGORITHM_NAMES)
     ]
-    if course is COSTS and handles:
-        handles.append(Line2D([], [], label="cost of the true faults", **_AT_TRUTH))
-        if runs.threshold.notna().any():
-            handles.append(Line2D([], [], label="threshold of the stop rule", **_THRESHOLD))
-    if handles:
-        figure.legend(
-            handles=handles, loc="outside lower center", ncols=4, frameon=False, handlelength=3.5
-        )
+    if runs.groupby(["algorithm", "table"]).size().max() > 1:
+        handles.append(Line2D([], [], color="0.3", label="single runs", **_RUN))
+    if course is COSTS:
+        handles.append(Patch(label="cost of the true faults to threshold", **_THRESHOLD))
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=4, frameon=False, handlelength=3.5
+    )

@@ -9,24 +9,25 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from ema_study.cases import LEVELS, MULTIPLE, SINGLE_FAULTS
-from ema_study.figures_style import (
+from ema_study.figures.style import (
     ALGORITHM_NAMES,
     FAULT_NAMES,
     LEVEL_NAMES,
     STYLES,
-    in_order,
     present_sources,
+    say_no_runs,
     tidy,
     with_family,
 )
 from ema_study.plan import ALGORITHMS
-from ema_study.sources import Source, of_source
+from ema_study.sources import of_source
 
-_MULTIPLE_LEVELS: Final = ("fast_stop", "stall_stop")
+_WHISKERS: Final = {"fmt": "none", "ecolor": "0.15", "elinewidth": 0.8, "capsize": 1.5,
+                    "capthick": 0.8}  # fmt: skip
 
 
 class Quantity(NamedTuple):
-    """A column of runs, what its axis says, and the kind of that axis."""
+    """A column of runs, the label of its axis, and the kind of that axis."""
 
     column: str
     label: str
@@ -52,20 +53,16 @@ def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
     """
     chosen = with_family(runs)
     chosen = chosen[chosen.fault.isin(SINGLE_FAULTS)]
-    sources = present_sources(chosen)
     figure = Figure(figsize=(9.0, 10.0), layout="constrained")
     panels = figure.subplots(len(ALGORITHMS), 2, sharex=True, sharey="row", squeeze=False)
+    labels = {name: FAULT_NAMES[name].replace(" ", "\n") for name in SINGLE_FAULTS}
     for row, algorithm in zip(panels, ALGORITHMS, strict=True):
         for axes, level in zip(row, LEVELS, strict=True):
             part = chosen[(chosen.family == algorithm) & (chosen.level == level)]
-            _draw(axes, part, "fault", SINGLE_FAULTS, sources, quantity)
-            axes.set_xticks(
-                range(len(SINGLE_FAULTS)),
-                [FAULT_NAMES[name].replace(" ", "\n") for name in SINGLE_FAULTS],
-            )
+            _draw(axes, part, "fault", labels, quantity)
             axes.set_title(f"{ALGORITHM_NAMES[algorithm]}, {level}", fontsize="medium")
         row[0].set_ylabel(quantity.label)
-    _legend(figure, sources)
+    _legend(figure, chosen)
     return figure
 
 
@@ -79,65 +76,55 @@ def draw_multiple_fault(runs: pd.DataFrame) -> Figure:
     """
     chosen = with_family(runs)
     chosen = chosen[chosen.fault == MULTIPLE]
-    sources = present_sources(chosen)
     figure = Figure(figsize=(9.0, 5.6), layout="constrained")
     panels = figure.subplots(2, 2, sharex=True, sharey="row", squeeze=False)
+    labels = {name: ALGORITHM_NAMES[name] for name in ALGORITHMS}
     for row, quantity in zip(panels, (ERROR, TIME), strict=True):
-        for axes, level in zip(row, _MULTIPLE_LEVELS, strict=True):
-            part = chosen[chosen.level == level]
-            _draw(axes, part, "family", ALGORITHMS, sources, quantity)
-            axes.set_xticks(range(len(ALGORITHMS)), [ALGORITHM_NAMES[name] for name in ALGORITHMS])
+        for axes, level in zip(row, ("fast_stop", "stall_stop"), strict=True):
+            _draw(axes, chosen[chosen.level == level], "family", labels, quantity)
             axes.set_title(LEVEL_NAMES[level], fontsize="medium")
         row[0].set_ylabel(quantity.label)
-    _legend(figure, sources)
+    _legend(figure, chosen)
     return figure
 
 
 def _draw(
-    axes: Axes,
-    runs: pd.DataFrame,
-    group: str,
-    order: tuple[str, ...],
-    sources: list[Source],
-    quantity: Quantity,
+    axes: Axes, runs: pd.DataFrame, group: str, labels: dict[str, str], quantity: Quantity
 ) -> None:
+    """Draw the means of the groups in ``labels``; a panel has room for its own sources only."""
     tidy(axes)
     axes.grid(visible=False, axis="x")
-    axes.set_xlim(-0.5, len(order) - 0.5)
+    axes.set_xlim(-0.5, len(labels) - 0.5)
+    axes.set_xticks(range(len(labels)), list(labels.values()))
     if quantity.log:
         axes.set_yscale("log")
-    # Only what this panel has takes room.
-    shown = [one for one in sources if len(of_source(runs, one))]
-    if not shown:
-        axes.text(0.5, 0.5, "no runs", transform=axes.transAxes, ha="center", color="0.4")
+    sources = present_sources(runs)
+    if not sources:
+        say_no_runs(axes)
         return
-    width = 0.8 / len(shown)
-    for n, source in enumerate(shown):
+    width = 0.8 / len(sources)
+    for n, source in enumerate(sources):
+        values = of_source(runs, source).groupby(group)[quantity.column].agg(["mean", "std"])
+        values = values.reindex(list(labels))
+        places = np.arange(len(labels)) + (n + 0.5) * width - 0.4
         style = STYLES[source.label]
-        part = of_source(runs, source)
-        grouped = part.groupby(group, observed=True)[quantity.column].agg(["mean", "std"])
-        names = in_order(grouped.index, order)
-        places = np.array([order.index(name) for name in names]) + (n + 0.5) * width - 0.4
-        mean = grouped["mean"].loc[names].to_numpy()
-        std = grouped["std"].loc[names].to_numpy()
-        axes.bar(places, mean, 0.92 * width, color=style.colour, hatch=style.hatch,
+        axes.bar(places, values["mean"], 0.92 * width, color=style.colour, hatch=style.hatch,
                  edgecolor="white", lw=0.3)  # fmt: skip
+        mean, std = values[values["std"].notna()].to_numpy().T
         down = np.minimum(std, 0.9 * mean if quantity.log else mean)
-        several = np.isfinite(std)  # a single run has no deviation
-        axes.errorbar(places[several], mean[several], np.array([down, std])[:, several],
-                      fmt="none", ecolor="0.15", elinewidth=0.8, capsize=1.5,
-                      capthick=0.8)  # fmt: skip
+        axes.errorbar(places[values["std"].notna()], mean, [down, std], **_WHISKERS)
 
 
-def _legend(figure: Figure, sources: list[Source]) -> None:
-    handles = [
-        Patch(
-            facecolor=STYLES[one.label].colour,
-            hatch=STYLES[one.label].hatch,
-            edgecolor="white",
-            label=one.label,
-        )
-        for one in sources
+def _legend(figure: Figure, runs: pd.DataFrame) -> None:
+    handles: list[object] = [
+        Patch(facecolor=style.colour, hatch=style.hatch, edgecolor="white", label=source.label)
+        for source in present_sources(runs)
+        for style in [STYLES[source.label]]
     ]
-    if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    if not handles:
+        return
+    if runs.groupby(["model", "algorithm", "table"]).size().max() > 1:
+        handles.append(
+            figure.axes[0].errorbar([], [], [], label="one standard deviation", **_WHISKERS)
+        )
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)

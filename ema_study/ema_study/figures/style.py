@@ -1,4 +1,4 @@
-"""What all figures of the study have in common: names, colours, axes."""
+"""Names, colours and axes that all figures of the study share."""
 
 from collections.abc import Iterable
 from typing import Any, Final, NamedTuple
@@ -7,6 +7,7 @@ import pandas as pd
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 
+from ema_study.cases import LEVELS, MULTIPLE, SINGLE_FAULTS
 from ema_study.plan import VARIANTS
 from ema_study.printed_runs import PRINTED
 from ema_study.sources import ALGORITHM_NAMES as PLAIN_NAMES
@@ -16,20 +17,13 @@ from ema_study.stop_rules import family_of
 ALGORITHM_NAMES: Final = PLAIN_NAMES | {
     variant: with_own_code(PLAIN_NAMES[name]) for name, variant in VARIANTS.items()
 }
-"""What the algorithms are called, the thesis's own code last."""
+"""Names of the algorithms, the thesis's own code last."""
 
-FAULT_NAMES: Final = {
-    "friction": "friction",
-    "backlash": "backlash",
-    "short_circuit": "short circuit",
-    "eccentricity": "eccentricity",
-    "gain": "gain",
-    "multiple": "multiple fault",
+FAULT_NAMES: Final = {name: name.replace("_", " ") for name in SINGLE_FAULTS} | {
+    MULTIPLE: "multiple fault"
 }
 
-LEVEL_NAMES: Final = {
-    "low": "low",
-    "high": "high",
+LEVEL_NAMES: Final = {level: level for level in LEVELS} | {
     "fast_stop": "study of speed",
     "stall_stop": "study of precision",
 }
@@ -52,26 +46,28 @@ DASHES: Final = {
     "de_thesis": (0, (6, 1, 1, 1, 1, 1)),
     "gwo_thesis": (0, (8, 2)),
 }
-"""Dashes of algorithms, to tell them apart in print."""
+"""Dashes of algorithms, to distinguish them in print."""
 
 
 class Style(NamedTuple):
-    """Colour and hatch of what comes from a source."""
+    """Colour and hatch of the runs of a source."""
 
     colour: str
     hatch: str
 
 
 STYLES: Final = {
-    source.label: Style(colour, "////" if source.own_code else "")
+    source.label: Style(
+        {PRINTED: "#9a9a9a", "thesis": "#d55e00", "fast": "#0072b2"}[source.model],
+        "////" if source.own_code else "",
+    )
     for source in SOURCES
-    for colour in [{PRINTED: "#9a9a9a", "thesis": "#d55e00", "fast": "#0072b2"}[source.model]]
 }
 """Styles by label of the source."""
 
 
 def with_family(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs that count, with the ``family`` of their algorithm.
+    """Return the runs that statistics are made of, with the ``family`` of their algorithm.
 
     Parameters
     ----------
@@ -94,7 +90,7 @@ def in_order(names: Iterable[Any], order: Iterable[str]) -> list[str]:
 
 
 def severity_colours(number: int) -> list[Any]:
-    """Return colours from light to dark, told apart in grey, too."""
+    """Return colours from light to dark, distinct in grey, too."""
     ramp = colormaps["viridis_r"]
     return [ramp(0.15 + 0.8 * i / max(1, number - 1)) for i in range(number)]
 
@@ -105,3 +101,8 @@ def tidy(axes: Axes) -> None:
     axes.grid(color="0.5", alpha=0.2, lw=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize="small")
+
+
+def say_no_runs(axes: Axes) -> None:
+    """Write into a panel that it has no runs."""
+    axes.text(0.5, 0.5, "no runs", transform=axes.transAxes, ha="center", color="0.4")

@@ -11,7 +11,7 @@ import pandas as pd
 from ema_study.record import K
 
 _WIDEST: Final = 16
-"""Most columns that stand side by side."""
+"""Largest number of columns side by side."""
 
 
 def narrowed(frame: pd.DataFrame) -> pd.DataFrame:
@@ -35,9 +35,9 @@ def html_table(frame: pd.DataFrame, *, index: bool = True) -> str:
     Parameters
     ----------
     frame
-        The table. The name of a column says how its numbers are written: estimates with four
-        decimals as in the thesis, errors and other percentages with two, times with three
-        significant digits, others with four.
+        The table. The format of a column's numbers follows from its name: estimates have four
+        decimals as in the thesis, errors and other percentages two, times three significant digits,
+        others four.
     index
         Whether to show the names of the rows.
     """
@@ -68,10 +68,10 @@ def significant(value: float, digits: int = 3) -> str:
 
 
 def _formatter(name: str) -> Callable[[Any], str]:
-    """Return how the values of a column are written."""
+    """Return the format of a column's values."""
     lower = name.lower()
 
-    def written(value: Any) -> str:
+    def formatted(value: Any) -> str:
         if isinstance(value, bool | np.bool_):
             return "yes" if value else "no"
         if not isinstance(value, Real):
@@ -87,4 +87,4 @@ def _formatter(name: str) -> Callable[[Any], str]:
             return significant(number)
         return f"{number:,.0f}" if number.is_integer() else significant(number, 4)
 
-    return written
+    return formatted

@@ -1,0 +1,219 @@
+"""Figures of the report with their captions."""
+
+import base64
+import io
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from ema_study.cases import MULTIPLE
+from ema_study.figures.bars import ERROR, TIME, draw_multiple_fault, draw_single_faults
+from ema_study.figures.convergence import COSTS, ERRORS, draw_convergence
+from ema_study.figures.estimates import draw_estimates, draw_phases_of_gwo
+from ema_study.figures.responses import (
+    draw_calibration,
+    draw_monitor,
+    draw_monitor_step,
+    draw_noise,
+    draw_responses,
+)
+from ema_study.figures.style import FAULT_NAMES, present_sources
+from ema_study.sources import MODEL_LABELS, counted, of_source, single_fault_runs
+
+_DPI: Final = 150
+
+_RESPONSE_FIGURES: Final = {
+    ("friction", "step"): "4.3 to 4.5",
+    ("friction", "chirp"): "4.7 to 4.9",
+    ("backlash", "step"): "4.14 and 4.15",
+    ("backlash", "chirp"): "4.16 to 4.18",
+    ("short_circuit", "step"): "4.22 to 4.24",
+    ("short_circuit", "chirp"): "4.26 to 4.28",
+    ("eccentricity", "step"): "4.35 to 4.37",
+    ("eccentricity", "chirp"): "4.38 and 4.39",
+    ("gain", "step"): "4.43",
+    ("gain", "chirp"): "4.44 to 4.46",
+}
+_MONITOR_FIGURES: Final = {
+    "friction": "4.10",
+    "backlash": "4.19",
+    "short_circuit": "4.29",
+    "eccentricity": "4.40",
+    "gain": "4.47",
+}
+
+
+class Picture(NamedTuple):
+    """A figure as a PNG, its file name without ending, and its caption."""
+
+    name: str
+    caption: str
+    png: bytes
+
+    @property
+    def uri(self) -> str:
+        """The PNG as a data URI."""
+        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+
+    def save(self, folder: Path) -> Path:
+        """Write the PNG to a folder."""
+        path = folder / f"{self.name}.png"
+        path.write_bytes(self.png)
+        return path
+
+
+def bar_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
+    """Yield mean error and time by algorithm and fault.
+
+    Parameters
+    ----------
+    runs
+        Runs of all sources, the printed ones with ``model`` "printed".
+    """
+    single = _run_numbers(single_fault_runs(runs))
+    multiple = counted(runs)
+    multiple = _run_numbers(multiple[multiple["fault"] == MULTIPLE])
+    yield _picture(
+        "errors",
+        f"Mean error of each algorithm on each single fault (figure 7.1). {single} Each row has "
+        "its own scale.",
+        draw_single_faults(runs, ERROR),
+    )
+    yield _picture(
+        "times",
+        f"Mean time of a run (figure 7.2), logarithmic. {single}",
+        draw_single_faults(runs, TIME),
+    )
+    yield _picture(
+        "multiple_fault",
+        f"Mean error and time on the multiple fault (tables 56 and 57). {multiple}",
+        draw_multiple_fault(runs),
+    )
+
+
+def convergence_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
+    """Yield the courses of cost and error with each model that has runs.
+
+    Parameters
+    ----------
+    runs
+        Our runs.
+    """
+    runs = counted(runs)
+    for model, label in MODEL_LABELS.items():
+        of_model = runs[runs["model"] == model]
+        if of_model.empty:
+            continue
+        sizes = of_model.groupby(["algorithm", "fault", "level"]).size()
+        lines = (
+            ", a single run of each algorithm on each fault."
+            if sizes.max() == 1
+            else f": median over the {_range(sizes)} runs of each algorithm on each fault."
+        )
+        yield _picture(
+            f"costs_{model}",
+            f"Lowest cost after each generation with the {label}{lines} A run that has stopped "
+            "keeps its last value. The axis of generations is logarithmic beyond 20.",
+            draw_convergence(runs, model, COSTS),
+        )
+        yield _picture(
+            f"courses_of_errors_{model}",
+            f"Error of the best point after each generation with the {label}{lines}",
+            draw_convergence(runs, model, ERRORS),
+        )
+
+
+def estimate_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
+    """Yield the estimates.
+
+    Parameters
+    ----------
+    runs
+        Runs of all sources.
+    """
+    yield _picture(
+        "estimates",
+        f"Estimate of the faulty component, a dot a run. {_run_numbers(single_fault_runs(runs))}",
+        draw_estimates(runs),
+    )
+    yield _picture(
+        "phases_of_gwo",
+        "GWO's estimates of k7, the direction of the eccentricity, in all faults. In the thesis's "
+        "code the leaders start at exactly 0.",
+        draw_phases_of_gwo(runs),
+    )
+
+
+@cache
+def response_pictures() -> tuple[Picture, ...]:
+    """Return the responses to step and chirp for each fault."""
+    return tuple(
+        _picture(
+            f"{fault}_{command}",
+            f"{FAULT_NAMES[fault].capitalize()}, {command} (figures {figures}). Right: a stretch "
+            "enlarged.",
+            draw_responses(fault, command),
+        )
+        for (fault, command), figures in _RESPONSE_FIGURES.items()
+    )
+
+
+@cache
+def noise_pictures() -> tuple[Picture, ...]:
+    """Return the responses with noise."""
+    caption = (
+        "Current under the chirp with white noise on the reference current, its gain K above each "
+        "row (figure 4.50); the noise is held for 1 µs, its seed is fixed."
+    )
+    return (_picture("noise", caption, draw_noise()),)
+
+
+@cache
+def monitor_pictures() -> tuple[Picture, ...]:
+    """Return the currents of reference and monitors."""
+    calibration = _picture(
+        "calibration",
+        "Differences between the models on the healthy actuator, which the calibration removes "
+        "(figure 6.4). Differences are shown without the ripple above 1 kHz.",
+        draw_calibration(),
+    )
+    by_fault = (
+        _picture(
+            f"{fault}_monitor",
+            f"Reference and monitor, {FAULT_NAMES[fault]} (figure {figure}).",
+            draw_monitor(fault),
+        )
+        for fault, figure in _MONITOR_FIGURES.items()
+    )
+    step = _picture(
+        "step_monitor",
+        "Reference and monitor under the step, for which the monitors are not calibrated "
+        "(figure 4.6).",
+        draw_monitor_step(),
+    )
+    return (calibration, *by_fault, step)
+
+
+def _run_numbers(runs: pd.DataFrame) -> str:
+    """Return a sentence on the number of runs of each source by algorithm and fault."""
+    counts = "; ".join(
+        f"{source.label} "
+        f"{_range(of_source(runs, source).groupby(['algorithm', 'fault', 'level']).size())}"
+        for source in present_sources(runs)
+    )
+    return f"Runs of each algorithm on each fault: {counts or 'none'}."
+
+
+def _range(sizes: "pd.Series[int]") -> str:
+    low, high = int(sizes.min()), int(sizes.max())
+    return str(low) if low == high else f"{low} to {high}"
+
+
+def _picture(name: str, caption: str, figure: Figure) -> Picture:
+    with io.BytesIO() as file:
+        figure.savefig(file, format="png", dpi=_DPI)
+        return Picture(name, caption, file.getvalue())

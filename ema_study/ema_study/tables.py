@@ -1,0 +1,329 @@
+"""The thesis's tables 8 to 61 beside ours."""
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+import pandas as pd
+
+from ema_study.means import (
+    PRECISION_STUDY,
+    SPEED_STUDY,
+    fault_means_of,
+    multiple_fault_reliability,
+    overview_of,
+    reliability_of_overviews,
+)
+from ema_study.plan import ALGORITHMS, VARIANTS
+from ema_study.printed_runs import PRINTED
+from ema_study.printed_tables import (
+    MEAN,
+    OVERVIEWS,
+    SIGMA,
+    SUMMARIES,
+    TOTAL,
+    fault_means,
+    ga_trials,
+    overview,
+    reliability_multiple,
+    reliability_single,
+    run_means,
+)
+from ema_study.record import K
+from ema_study.sources import (
+    ALGORITHM_NAMES,
+    MODEL_LABELS,
+    PRINTED_RUNS,
+    by_source,
+    single_fault_runs,
+)
+from ema_study.threshold_notes import summary_notes, table_notes
+
+Sources: TypeAlias = Mapping[str, pd.DataFrame]
+
+_OF_RUN: Final = {
+    **{k: k for k in K},
+    "error_percent": "error [%]",
+    "generations": "generations",
+    "time_s": "time [s]",
+}
+_OF_TRIAL: Final = {
+    "population": "population",
+    "max_generations": "most generations",
+    "generations": "generations",
+    "time_s": "time [s]",
+    "speed": "evaluations per second",
+}
+_MEANS: Final = {"time_s": "mean time [s]", "error_percent": "mean error [%]"}
+_OF_RELIABILITY: Final = {
+    "time x error": "time x error [s.%]",
+    "RC": "RC [%]",
+    "time_s": "time [s]",
+    "error_percent": "error [%]",
+}
+_MIXED: Final = f"times of table {SPEED_STUDY}, errors of {PRECISION_STUDY}"
+_TITLES: Final = {
+    9: "Friction low, DE with F = 0.5 and CR = 0.9",
+    10: "Friction low, DE with F = 0.9 and CR = 0.95",
+    SPEED_STUDY: "Multiple fault, study of speed",
+    PRECISION_STUDY: "Multiple fault, study of precision",
+}
+
+
+@dataclass(frozen=True)
+class StudyTable:
+    """A table of the thesis beside ours.
+
+    Attributes
+    ----------
+    number
+        Of the thesis's table.
+    title
+        What it shows.
+    frame
+        Columns (source, quantity), rows as in the thesis; NaN where there is nothing.
+    notes
+        Remarks on how to read it, a sentence each.
+    """
+
+    number: int
+    title: str
+    frame: pd.DataFrame
+    notes: list[str] = field(default_factory=list)
+
+
+def study_tables(runs: pd.DataFrame) -> list[StudyTable]:
+    """Return the thesis's tables 8 to 61, in their order, each beside ours.
+
+    Parameters
+    ----------
+    runs
+        Our runs, as of ``ema_study.record.as_frame``: one model or both, complete or not, or none.
+    """
+    sources = by_source(runs)
+    tables = [
+        _trials(runs),
+        *(_per_run(number, sources) for number in run_means().index.unique("table")),
+        *(_fault_summary(number, sources) for number in SUMMARIES),
+        *(_overview(number, sources) for number in OVERVIEWS),
+        _single_fault_reliability(sources),
+        _multiple_fault_reliability(sources),
+    ]
+    return sorted(tables, key=lambda table: table.number)
+
+
+def write_tables(tables: Iterable[StudyTable], folder: Path) -> list[Path]:
+    """Write each table as ``table_<number>.csv``, and all of them as ``tables.json``.
+
+    Parameters
+    ----------
+    tables
+        The tables.
+    folder
+        Folder of the files; it is made where it is missing.
+
+    Returns
+    -------
+    list of pathlib.Path
+        The files, ``tables.json`` last.
+
+    Notes
+    -----
+    In the CSV files a column is named "source: quantity". The JSON file is a list of objects:
+    number, title, notes, file (the CSV file), index (names and rows), columns and data, null where
+    there is nothing.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written, objects = [], []
+    for table in tables:
+        path = folder / f"table_{table.number:02d}.csv"
+        columns = [": ".join(map(str, column)) for column in table.frame.columns]
+        table.frame.set_axis(columns, axis=1).to_csv(path, float_format="%.7g")
+        written.append(path)
+        objects.append(_as_object(table, path.name))
+    path = folder / "tables.json"
+    text = json.dumps(objects, indent=1, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+    return [*written, path]
+
+
+def _as_object(table: StudyTable, file: str) -> dict[str, Any]:
+    frame = table.frame
+    rows = [row if isinstance(row, tuple) else (row,) for row in frame.index]
+    return {
+        "number": table.number,
+        "title": table.title,
+        "notes": table.notes,
+        "file": file,
+        "index": {"names": list(frame.index.names), "rows": [list(row) for row in rows]},
+        "columns": [list(column) for column in frame.columns],
+        "data": frame.astype(object).where(frame.notna(), None).to_numpy().tolist(),
+    }
+
+
+def _trials(runs: pd.DataFrame) -> StudyTable:
+    """Return table 8: the trials of GA; of ours, the number of a run is that of its trial."""
+    trials = ga_trials()
+    shown = _OF_TRIAL | {
+        "failure": "fault",
+        "tolerance": "tolerance",
+        "time_limit_s": "time limit [s]",
+        "parallel": "parallel",
+    }
+    printed = _with_speed(trials).rename(columns=shown)[list(shown.values())]
+    is_bound = trials["at_least"].astype(bool)
+    printed.loc[is_bound, "evaluations per second"] = np.nan
+    blocks = {PRINTED: printed}
+    shown = _OF_TRIAL | {"fault": "fault", "error_percent": "error [%]"}
+    for model, label in MODEL_LABELS.items():
+        ours = runs if runs.empty else runs[(runs["table"] == 8) & (runs["model"] == model)]
+        if not ours.empty:
+            ours = ours.drop_duplicates("run", keep="last").set_index("run")
+            blocks[label] = _with_speed(ours).rename(columns=shown)[list(shown.values())]
+    bounds = ", ".join(str(trial) for trial in trials.index[is_bound])
+    notes = [
+        f"The times of trials {bounds} are lower bounds.",
+        "The thesis prints neither the level of its faults nor the fault of every trial; ours are "
+        "at the low level.",
+    ]
+    return StudyTable(8, "Calibration of GA", _side_by_side(blocks), notes)
+
+
+def _with_speed(trials: pd.DataFrame) -> pd.DataFrame:
+    speed = trials["population"] * trials["generations"] / trials["time_s"]
+    return trials.assign(speed=speed)
+
+
+def _per_run(number: int, sources: Sources) -> StudyTable:
+    """Return a table of runs: truth, runs, mean and deviation over them, and the printed mean.
+
+    They are grouped by algorithm where the table shows all four.
+    """
+    of_table = {label: _runs_of_table(number, runs) for label, runs in sources.items()}
+    of_table = {label: runs for label, runs in of_table.items() if not runs.empty}
+    printed = of_table[PRINTED]
+    algorithms = [name for name in ALGORITHMS if name in set(printed["algorithm"])]
+    frames = []
+    for algorithm in algorithms:
+        blocks = {label: _runs_of(algorithm, runs) for label, runs in of_table.items()}
+        means = run_means().loc[[(number, algorithm)]].rename(columns=_OF_RUN)
+        blocks[PRINTED] = pd.concat([blocks[PRINTED], means.set_axis(["mean as printed"])])
+        runs = {int(row) for block in blocks.values() for row in block.index if row.isdigit()}
+        rows = ["truth", *map(str, sorted(runs)), MEAN, SIGMA, "mean as printed"]
+        frames.append(pd.concat(blocks, axis=1, names=["source", "quantity"]).reindex(rows))
+    frame = pd.concat(frames, keys=algorithms, names=["algorithm", "run"])
+    if len(algorithms) == 1:
+        frame = frame.droplevel("algorithm")
+    run = printed.iloc[0]
+    title = f"{_in_words(run['fault'])} {run['level']}, {ALGORITHM_NAMES[run['algorithm']]}"
+    counts = "; ".join(f"{label} {len(runs)}" for label, runs in of_table.items())
+    notes = [f"Number of runs: {counts}.", *table_notes(number, of_table)]
+    return StudyTable(number, _TITLES.get(number, title), frame, notes)
+
+
+def _runs_of_table(number: int, runs: pd.DataFrame) -> pd.DataFrame:
+    """Return a table's runs; of the thesis's own code, only DE and GWO, where it differs."""
+    of_table = runs[runs["table"] == number]
+    if runs["own_code"].any():
+        of_table = of_table[of_table["algorithm"].isin(list(VARIANTS))]
+    return of_table.drop_duplicates(["algorithm", "run"], keep="last")
+
+
+def _runs_of(algorithm: str, runs: pd.DataFrame) -> pd.DataFrame:
+    """Return truth, runs, mean and deviation of an algorithm in a table, a row each."""
+    runs = runs[runs["algorithm"] == algorithm].sort_values("run")
+    block = runs.set_index(runs["run"].astype(str))[list(_OF_RUN)].astype(float)
+    truth = pd.DataFrame(np.nan, index=["truth"], columns=list(_OF_RUN))
+    if len(runs):
+        truth.loc["truth", K] = runs[[f"true_{k}" for k in K]].iloc[0].to_numpy(dtype=float)
+    summary = pd.DataFrame({MEAN: block.mean(), SIGMA: block.std()}, dtype=float).T
+    return pd.concat([truth, block, summary]).rename(columns=_OF_RUN)
+
+
+def _fault_summary(number: int, sources: Sources) -> StudyTable:
+    """Return the means of a fault over all four algorithms, by level."""
+    fault = SUMMARIES[number]
+    blocks = {PRINTED: fault_means().loc[[number]].droplevel("table")}
+    blocks |= {label: fault_means_of(runs, fault) for label, runs in _computed(sources).items()}
+    frame = _side_by_side(blocks).rename(columns=_MEANS, level="quantity")
+    notes = [_run_counts(sources, [fault]), *summary_notes(sources, fault)]
+    return StudyTable(number, f"{_in_words(fault)}, mean over the algorithms", frame, notes)
+
+
+def _overview(number: int, sources: Sources) -> StudyTable:
+    """Return mean errors or times by algorithm, level and fault."""
+    quantity = OVERVIEWS[number]
+    blocks = {PRINTED: overview(number)}
+    blocks |= {label: overview_of(runs, quantity) for label, runs in _computed(sources).items()}
+    frame = _side_by_side(blocks).rename(columns=lambda name: name.replace("_", " "), level=1)
+    notes = [
+        f"{TOTAL.capitalize()} and {SIGMA} are those of the five means to the left.",
+        _run_counts(sources),
+        *summary_notes(sources),
+    ]
+    title = f"{_MEANS[quantity].capitalize()} by algorithm, level and fault"
+    return StudyTable(number, title, frame, notes)
+
+
+def _single_fault_reliability(sources: Sources) -> StudyTable:
+    """Return table 60."""
+    blocks = {PRINTED: reliability_single()}
+    for label, runs in _computed(sources).items():
+        blocks[label] = reliability_of_overviews(
+            overview_of(runs, "time_s"), overview_of(runs, "error_percent")
+        )
+    for label, block in blocks.items():
+        names = [f"{fault.replace('_', ' ')}, {_OF_RELIABILITY[x]}" for fault, x in block.columns]
+        blocks[label] = block.set_axis(names, axis=1)
+    notes = [_run_counts(sources), *summary_notes(sources)]
+    return StudyTable(60, "Reliability coefficient, single faults", _side_by_side(blocks), notes)
+
+
+def _multiple_fault_reliability(sources: Sources) -> StudyTable:
+    """Return table 61 as the thesis computed it, and from each of its two studies alone."""
+    blocks = {PRINTED: reliability_multiple()}
+    for label, runs in _computed(sources).items():
+        for what, times_of, errors_of in (
+            (_MIXED, SPEED_STUDY, PRECISION_STUDY),
+            (f"table {SPEED_STUDY}", SPEED_STUDY, SPEED_STUDY),
+            (f"table {PRECISION_STUDY}", PRECISION_STUDY, PRECISION_STUDY),
+        ):
+            blocks[f"{label}, {what}"] = multiple_fault_reliability(runs, times_of, errors_of)
+    counts = "; ".join(
+        f"{label} {int((runs['fault'] == 'multiple').sum())}" for label, runs in sources.items()
+    )
+    notes = [
+        f"As printed, it multiplies the {_MIXED}: no run had both.",
+        f"Number of runs: {counts}.",
+    ]
+    frame = _side_by_side(blocks).rename(columns=_OF_RELIABILITY, level="quantity")
+    return StudyTable(61, "Reliability coefficient, multiple fault", frame, notes)
+
+
+def _computed(sources: Sources) -> Sources:
+    """Return the sources under the labels of figures computed from runs."""
+    return {PRINTED_RUNS if label == PRINTED else label: runs for label, runs in sources.items()}
+
+
+def _side_by_side(blocks: dict[str, pd.DataFrame]) -> pd.DataFrame:
+    """Return one table of those of several sources; the first one gives the rows."""
+    first = next(iter(blocks.values()))
+    return pd.concat(blocks, axis=1, names=["source", "quantity"]).reindex(first.index)
+
+
+def _run_counts(sources: Sources, faults: list[str] | None = None) -> str:
+    """Return a note on the number of single-fault runs of each source."""
+    counts = []
+    for label, runs in sources.items():
+        single = single_fault_runs(runs)
+        if faults is not None:
+            single = single[single["fault"].isin(faults)]
+        counts.append(f"{label} {len(single)}")
+    return f"Number of runs: {'; '.join(counts)}. A mean over means is empty where one is missing."
+
+
+def _in_words(fault: str) -> str:
+    return fault.replace("_", " ").capitalize()
