@@ -1,7 +1,7 @@
-"""The one place that owns the compilation options of every kernel.
+"""Compilation options of all kernels, and the folder of their cache.
 
 numba's file cache of a function goes stale when a function that it calls changes in another file.
-The cache folder is therefore keyed on a digest of all sources that may hold kernels.
+The name of the cache folder therefore contains a digest of all sources that may contain kernels.
 """
 
 import hashlib
@@ -35,7 +35,7 @@ def _cache_folder() -> str:
 def kernel() -> Callable[[Callable[..., Any]], Any]:
     """Return the decorator that compiles a kernel.
 
-    Kernels divide by zero as IEEE 754 says, release the interpreter lock, never raise and are
+    Kernels divide by zero according to IEEE 754, release the interpreter lock, never raise and are
     cached on disk.
     """
 

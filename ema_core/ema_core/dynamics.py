@@ -1,6 +1,6 @@
-"""Kernels of the parts that reference and monitor model share: controller, mechanics, filter.
+"""Kernels that the reference and the monitor model share: controller, mechanics, filter.
 
-They take single floats and lanes of `ema_core.simd` alike.
+They accept single floats and lanes of `ema_core.simd`, except where a docstring says otherwise.
 """
 
 import math
@@ -11,17 +11,17 @@ from ema_core.parameters import ControlConstants, MechanicalConstants
 from ema_core.simd import select
 
 LAG_TIME_CONSTANT: Final = 1e-5
-"""Time constant of each of the three lags behind the equivalent current [s]."""
+"""Time constant of each of the three lags that filter the equivalent current [s]."""
 
 
 def lag_factor(dt: float) -> float:
-    """Return the share of the input that a lag takes up in one step.
+    """Return the relative approach of a first-order lag to its input in one step [-].
 
     Parameters
     ----------
     dt
         Step [s]. The factor is exact for an input that is constant over the step, so that models
-        with different steps delay the current alike.
+        with different steps delay the current by the same time.
     """
     return -math.expm1(-dt / LAG_TIME_CONSTANT)
 
@@ -40,9 +40,9 @@ def speed_error(c: ControlConstants, command, theta_user, omega):
 
 @kernel()
 def reference_current(c: ControlConstants, error, integral, last_error, disturbance, dt):
-    """Speed loop: reference current [A] from the error of speed (equation M1).
+    """Speed loop: reference current [A] from the speed error [rad/s] (equation M1).
 
-    ``integral`` is that of the error [rad], ``disturbance`` is added before the limit [A].
+    ``integral`` is the integral of the error [rad]; ``disturbance`` [A] is added before the limit.
     """
     torque = c.GAP * error + c.GAI * integral + c.GAD * (error - last_error) / dt
     return clip(torque / c.k_t + disturbance, c.I_max)
@@ -52,9 +52,9 @@ def reference_current(c: ControlConstants, error, integral, last_error, disturba
 def next_speed(m: MechanicalConstants, omega, torque, breakaway, dt):
     """Motor speed after one step under ``torque``, motor less load, with dry friction (M7).
 
-    Borello's model: at rest friction holds any torque up to ``breakaway``, at least ``f_d``; in
-    motion it is ``f_d`` against the motion; a step that would pass through zero speed ends at
-    zero.
+    Borello's model: at rest, friction balances any torque up to ``breakaway``, at least ``f_d``; in
+    motion it opposes the motion with ``f_d``; a step that would cross zero speed ends at zero.
+    For single floats only.
     """
     net = torque - m.C * omega
     if omega == 0.0:
@@ -69,7 +69,7 @@ def next_speed(m: MechanicalConstants, omega, torque, breakaway, dt):
 def next_speed_of_lanes(m: MechanicalConstants, omega, torque, breakaway, dt):
     """Motor speed after one step, as `next_speed`, with selections in place of branches (M7).
 
-    Lanes have no branches; a single float is 6 % faster with them.
+    Lanes cannot branch; the reference actuator, a single float, is 6 % faster with branches.
     """
     net = torque - m.C * omega
     rests = omega == 0.0
@@ -80,5 +80,5 @@ def next_speed_of_lanes(m: MechanicalConstants, omega, torque, breakaway, dt):
 
 @kernel()
 def follow_in_play(theta_out, theta_motor, half_backlash):
-    """Angle behind the backlash (fast shaft) once the motor stands at ``theta_motor`` (M8)."""
+    """Fast-shaft angle [rad] on the user side of the backlash, for a motor angle (M8)."""
     return min(max(theta_out, theta_motor - half_backlash), theta_motor + half_backlash)

@@ -1,7 +1,7 @@
-"""Parameters of an actuator: definitions, validation and the flat tuples that kernels take.
+"""Parameters of an actuator: definitions, validation and the flat tuples for kernels.
 
-The default values are those of the thesis's table 2 (Politecnico di Torino, 2018); the gear ratio
-is not printed there and reproduces its figures.
+The default values are those of table 2 of the thesis (Politecnico di Torino, 2018); the gear ratio
+is not printed there and is chosen so that its figures are reproduced.
 """
 
 import dataclasses
@@ -63,7 +63,7 @@ class MechanicalConstants(NamedTuple):
 
 @dataclass(frozen=True)
 class ActuatorParameters:
-    """Everything that defines an actuator, in SI units, referred to the motor shaft.
+    """Parameters of an actuator in SI units, referred to the motor shaft.
 
     Raises
     ------
@@ -109,7 +109,7 @@ class ActuatorParameters:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "ActuatorParameters":
-        """Build from names and values; what is not named keeps its default.
+        """Build from names and values; other parameters keep their defaults.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class PlantConstants(NamedTuple):
 
 
 def constants(parameters: ActuatorParameters) -> PlantConstants:
-    """Return the healthy constants that kernels take.
+    """Return the constants of a healthy plant, for kernels.
 
     Parameters
     ----------

@@ -1,11 +1,10 @@
-"""Vectors of lanes inside kernels: the physics reads as for one float and runs for all lanes.
+"""Vectors of lanes inside kernels: written as for one float, computed for all lanes.
 
-A kernel loads a `Vector` from an array and calculates with it as with a float; what would be a
-branch is a `select`. LLVM maps the vectors onto the registers of whatever processor it finds.
-``+ - * /``, unary minus, ``abs``, ``min``, ``max``, ``math.floor``, ``math.copysign``, the
-comparisons and (slowly) ``math.cos`` and ``math.sin`` act lane by lane; a number stands for the
-same value in all lanes. Comparisons give a `Mask`, which knows ``& | ~``. No lane ever sees
-another.
+A kernel loads a `Vector` from an array and calculates with it as with a float; `select` takes the
+place of a branch. LLVM maps the vectors to the registers of the processor. ``+ - * /``, unary
+minus, ``abs``, ``min``, ``max``, ``math.floor``, ``math.copysign``, the comparisons and (slowly)
+``math.cos`` and ``math.sin`` act lane by lane; a number has the same value in all lanes.
+Comparisons return a `Mask`, which supports ``& | ~``. Lanes are independent of each other.
 """
 
 import math
@@ -20,14 +19,14 @@ from numba.core.typeconv.castgraph import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, lower_cast, register_model
 
-# The llvmlite that numba itself writes with.
+# The llvmlite that numba itself uses.
 ir: Final = cgutils.ir  # pyright: ignore[reportPrivateImportUsage]
-# Type checkers take the typing context, which a call does not pass, for a parameter.
+# To type checkers the typing context, which a call does not pass, is a parameter.
 _kernel_function: Final[Any] = intrinsic
 _TUPLE: Final[Any] = types.BaseTuple
 
 LANES: Final = 16
-"""Lanes of a vector: with 8 the processor waits for results, with 32 it runs out of registers."""
+"""Lanes of a vector: with 8 the processor stalls on latency, with 32 it lacks registers."""
 
 _DOUBLES: Final = ir.VectorType(ir.DoubleType(), LANES)
 _BITS: Final = ir.VectorType(ir.IntType(1), LANES)
@@ -44,7 +43,7 @@ class Vector(types.Type):
         super().__init__(name=f"Vector({LANES})")
 
     def can_convert_from(self, typingctx, other):
-        """Let any number become a vector."""
+        """Convert any number to a vector."""
         return Conversion.safe if isinstance(other, types.Number) else None
 
 
@@ -84,7 +83,7 @@ def _broadcast(context, builder, fromty, toty, val):
 def _register(
     function: Callable[..., Any], operands: int, operand: types.Type, result: types.Type, emit: Any
 ) -> None:
-    """Give an operator or function its meaning for lanes; ``emit(builder, *values)`` writes it."""
+    """Define an operator or function for lanes; ``emit(builder, *values)`` generates the code."""
 
     class LaneByLane(AbstractTemplate):
         def generic(self, args, kws):
@@ -116,7 +115,7 @@ def _arithmetic(name: str) -> Callable[..., Any]:
 
 
 def _compare(symbol: str) -> Callable[..., Any]:
-    # As for floats, only "not equal" holds of NaN.
+    # As for floats, only "not equal" is true for NaN.
     unordered = symbol == "!="
     return lambda builder, a, b: (
         builder.fcmp_unordered(symbol, a, b) if unordered else builder.fcmp_ordered(symbol, a, b)
@@ -124,7 +123,7 @@ def _compare(symbol: str) -> Callable[..., Any]:
 
 
 def _extreme(symbol: str) -> Callable[..., Any]:
-    # The first where one is not a number, as for floats.
+    # Where one is NaN the result is the first, as for floats.
     return lambda builder, a, b: builder.select(builder.fcmp_ordered(symbol, b, a), b, a)
 
 
@@ -163,7 +162,7 @@ _register(max, 2, VECTOR, VECTOR, _extreme(">"))
 
 @_kernel_function
 def select(typingctx, condition, a, b):
-    """Take ``a`` in the lanes where ``condition`` is true and ``b`` in the others.
+    """Return ``a`` in the lanes where ``condition`` is true and ``b`` in the others.
 
     A single condition selects between single floats.
     """
@@ -187,10 +186,10 @@ def broadcast(typingctx, number):
 
 @_kernel_function
 def load(typingctx, values, start):
-    """Return vectors for arrays: their `LANES` values from ``start`` on.
+    """Return arrays as vectors: their `LANES` values from ``start`` on.
 
-    Arrays are contiguous, ``(n,)``, and hold that many. In a tuple, named or nested, every array
-    gives a vector; numbers stay what they are.
+    Arrays are contiguous, ``(n,)``, with at least ``start + LANES`` values; this is not checked. In
+    a tuple, named or nested, every array becomes a vector; numbers remain numbers.
     """
 
     def lower(context, builder, sig, args):
@@ -232,7 +231,7 @@ def _load(context: Any, builder: Any, kind: Any, value: Any, start: Any) -> Any:
 
 @_kernel_function
 def store(typingctx, array, row, column, vector):
-    """Write lane after lane to ``array[row, column]``, ``array[row + 1, column]`` and so on."""
+    """Write the lanes to ``array[row, column]``, ``array[row + 1, column]`` and so on."""
 
     def lower(context, builder, sig, args):
         array_value, row, column, lanes = args

@@ -1,6 +1,6 @@
-"""The two forms of the monitor's drive: how the current follows, and what torque it gives.
+"""The two forms of the monitor's drive: from reference current to current and torque.
 
-Their kernels take lanes of `ema_core.simd` as well as single floats; the numbers (M10) to (M12)
+The kernels accept lanes of `ema_core.simd` as well as single floats; the numbers (M10) to (M12)
 are those of ``docs/model.md``.
 """
 
@@ -18,13 +18,13 @@ from ema_core.parameters import MotorConstants
 from ema_core.simd import select
 
 IDLE_CONTRAST: Final = 0.5
-"""How much more an idle phase lifts the equivalent current when it has fewer turns than the driven
-pair: share of the lift for a difference of one in the healthy fractions of the turns [-]."""
+"""Relative increase of the lift of the equivalent current per difference between the healthy
+fractions of turns of the driven pair and of the idle phase [-]."""
 
 _PHASE_ANGLES = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
 
 PerLane = NDArray[np.float64] | float
-"""A constant of each individual, ``(n,)``, or of a single one."""
+"""A constant of several individuals, ``(n,)``, or of one."""
 
 Pairs = tuple[PerLane, PerLane, PerLane]
 """A constant of the driven pairs BC, AB and AC."""
@@ -33,9 +33,10 @@ Pairs = tuple[PerLane, PerLane, PerLane]
 class FastDrive(NamedTuple):
     """Constants of the fast form; tuples hold those of the driven pairs BC, AB and AC.
 
-    The torque constant is ``K + K_cos cos(theta_m) + K_sin sin(theta_m)``, ``slew`` is dt / L;
-    the eccentricity has ``waves`` in a turn of the shaft, ``lift`` is that of the idle phase (M12)
-    and ``ripples`` what an ampere is in half-bands, 1 / h_b.
+    The torque constant is ``K + K_cos cos(theta_m) + K_sin sin(theta_m)`` [N.m/A]; ``slew`` is
+    dt / L [s/H], ``waves`` the number of periods of the eccentricity per turn of the shaft,
+    ``lift`` that of the idle phase (M12) [A] and ``ripples`` the inverse of the half-band, 1 / h_b
+    [1/A].
     """
 
     V_max: float
@@ -55,8 +56,8 @@ class FastDrive(NamedTuple):
 class SourceDrive(NamedTuple):
     """Constants of the source form; ``f`` holds those of the driven pairs BC, AB and AC.
 
-    The eccentricity is ``1 + e_cos cos(theta_e) + (e_sin + e_saw sawtooth) sin(theta_e)``, it has
-    ``waves`` in a turn of the shaft; ``slew`` is dt / L.
+    The eccentricity is ``1 + e_cos cos(theta_e) + (e_sin + e_saw sawtooth) sin(theta_e)``, with
+    ``waves`` periods per turn of the shaft; ``slew`` is dt / L [s/H].
     """
 
     V_max: float
@@ -131,9 +132,9 @@ def source_constants(motor: MotorConstants, dt: float) -> SourceDrive:
 
 @kernel()
 def pair_position(half_turns):
-    """Return where in the half turn of the three driven pairs an electrical angle stands, 0 to 1.
+    """Return the position of an electrical angle within the cycle of driven pairs, 0 to 1.
 
-    Below 1/3 the pair is BC, below 2/3 AB, then AC (eq. 4.13).
+    The cycle is half an electrical turn: BC below 1/3, AB below 2/3, then AC (eq. 4.13).
     """
     from_bc = half_turns + 1.0 / 6.0
     return from_bc - math.floor(from_bc)
@@ -141,32 +142,33 @@ def pair_position(half_turns):
 
 @kernel()
 def of_pair(position, constants):
-    """Return that of the constants for BC, AB and AC which belongs to the driven pair."""
+    """Return the constant of the driven pair, from those of BC, AB and AC."""
     bc, ab, ac = constants
     return select(position < 1.0 / 3.0, bc, select(position < 2.0 / 3.0, ab, ac))
 
 
 @kernel()
 def fast_drive(drive: FastDrive, position, cos, sin, I, I_ref, omega):
-    """Return current, torque and ripple of the torque one step on.
+    """Return current [A], torque and torque ripple [N.m] after one step.
 
-    The current follows its reference as fast as V_max lets it. Resistance, inductance and torque
+    The current follows its reference at a rate limited by V_max. Resistance, inductance and torque
     constant are those of the driven pair (M10); ``cos`` and ``sin`` are those of theta_m.
     """
     K = of_pair(position, drive.K)
     K += of_pair(position, drive.K_cos) * cos + of_pair(position, drive.K_sin) * sin
     slew = of_pair(position, drive.slew)
-    fallen = I - slew * (of_pair(position, drive.R) * I + K * omega)
-    I = min(max(I_ref, fallen - slew * drive.V_max), fallen + slew * drive.V_max)
+    decayed = I - slew * (of_pair(position, drive.R) * I + K * omega)
+    I = min(max(I_ref, decayed - slew * drive.V_max), decayed + slew * drive.V_max)
     return I, clip(K * I, drive.T_max), K * drive.h_b
 
 
 @kernel()
 def source_drive(drive: SourceDrive, position, cos, sin, I, I_ref, omega):
-    """Return current, torque and its ripple by the thesis: full voltage by the error's sign.
+    """Return current [A], torque and torque ripple [N.m] after one step, as in the thesis.
 
-    The form of the eccentricity is that printed in the thesis, eq. 4.24 and 4.25, which does not
-    describe the reference actuator (M11); ``cos`` and ``sin`` are those of theta_e.
+    The full voltage has the sign of the current error. The eccentricity is that of eq. 4.24 and
+    4.25 of the thesis, which does not describe the reference actuator (M11); ``cos`` and ``sin``
+    are those of theta_e.
     """
     f = of_pair(position, drive.f)
     sawtooth = 2.0 * (3.0 * position - math.floor(3.0 * position))
@@ -179,18 +181,18 @@ def source_drive(drive: SourceDrive, position, cos, sin, I, I_ref, omega):
 
 @kernel()
 def lifted_current(drive: FastDrive, position, I):
-    """Return the equivalent current: that of the pair, lifted by the idle phase's ripple (M12)."""
+    """Return the equivalent current: that of the pair plus the idle phase's ripple (M12) [A]."""
     return I + of_pair(position, drive.lift) * clip(drive.ripples * I, 1.0)
 
 
 @kernel()
 def single_current(drive: SourceDrive, position, I):
-    """Return the equivalent current of the one phase that there is."""
+    """Return the equivalent current of the single phase [A]."""
     return I
 
 
 def _by_form(fast: Any, source: Any) -> Any:
-    """Return a function that calls one of two kernels, by the type of the constants it is given."""
+    """Return a function that calls one of two kernels, by the type of its first argument."""
 
     def dispatch(drive, *arguments):
         raise NotImplementedError

@@ -1,4 +1,4 @@
-"""The monitor model: what an actuator with given faults would do in a window."""
+"""The monitor model: the response of an actuator with given faults in a window."""
 
 from typing import Final, NamedTuple
 
@@ -16,7 +16,7 @@ from ema_monitor.model_kernel import run_lanes
 from ema_monitor.window import Window
 
 FORMS: Final = {"fast": 2e-5, "source": 1e-6}
-"""Forms of the model and the integration step that each takes by default [s]."""
+"""Forms of the model and their default integration step [s]."""
 
 
 class Response(NamedTuple):
@@ -39,8 +39,8 @@ class MonitorModel:
     dt
         Integration step [s], by default that of the form.
     lift
-        How much the idle phase of a healthy motor lifts the equivalent current [A] (M12); the
-        source form knows none.
+        Contribution of a healthy motor's idle phase to the equivalent current [A] (M12); the
+        source form has none.
 
     Raises
     ------
@@ -77,14 +77,14 @@ class MonitorModel:
         Parameters
         ----------
         window
-            Command and initial state, ``n`` samples behind the start.
+            Command and initial state, ``n`` samples after the initial one.
         faults
             Fault vectors, ``(m, 8)``.
         play
-            Where in its play the motor stands at the start, ``(m,)`` or one value for all
+            Initial position of the motor within the backlash, ``(m,)`` or one value for all
             [half-widths, -1 to 1].
         corrections
-            What to add to current and speed of all individuals, ``(n,)`` each; None for nothing.
+            Added to current and speed of all individuals, ``(n,)`` each; None for zeros.
 
         Returns
         -------
@@ -100,7 +100,7 @@ class MonitorModel:
         faults = np.atleast_2d(np.asarray(faults, dtype=np.float64))
         m = len(faults)
         groups = -(-m // LANES)
-        # What is missing to full groups are copies of the last individual.
+        # Copies of the last individual fill the last group.
         lane_of = np.minimum(np.arange(groups * LANES), m - 1)
         control, motor, mechanics = degrade(self._plant, faults[lane_of])
         if self.form == "fast":
@@ -139,7 +139,7 @@ class MonitorModel:
         return Response(current[:m], speed[:m])
 
     def steps(self, sample_period: float) -> int:
-        """Return how many integration steps make a sample.
+        """Return the number of integration steps per sample.
 
         Parameters
         ----------
@@ -161,7 +161,7 @@ class MonitorModel:
 
 
 def compile_kernels() -> None:
-    """Compile the kernels, or load them from the cache, before there is any hurry."""
+    """Compile the kernels, or load them from the cache, ahead of their first use."""
     at_rest = Telemetry(0, 1e-4, 1, *(np.zeros(2) for _ in COLUMNS))
     for form in FORMS:
         MonitorModel(ActuatorParameters(), form).respond(Window(at_rest), healthy_faults())

@@ -30,8 +30,9 @@ class ModelState(NamedTuple):
     """State of the monitor model between two steps, a vector of lanes each.
 
     ``theta_m`` [rad] and ``omega`` [rad/s] belong to the motor shaft, ``cos`` and ``sin`` to the
-    angle of the eccentricity. ``theta_b`` [rad] is the fast-shaft angle behind the backlash, ``I``
-    the current [A], ``integral`` [rad] and ``error`` [rad/s] are the memory of the speed loop.
+    angle of the eccentricity. ``theta_b`` [rad] is the fast-shaft angle on the user side of the
+    backlash, ``I`` the current [A]; ``integral`` [rad] and ``error`` [rad/s] belong to the speed
+    loop.
     """
 
     theta_m: Any
@@ -65,8 +66,7 @@ def advance(
 ):
     """Return the state one step of ``dt`` [s] later, under a ``command`` [rad].
 
-    With ``proportional``, the speed loop has no other part and its reference current is computed
-    without the memory.
+    ``proportional`` computes the reference current of a speed loop whose other gains are 0.
     """
     error = speed_error(c, command, x.theta_b * mech.tau, x.omega)
     if proportional:
@@ -105,13 +105,13 @@ def run_lanes(
     current,
     speed,
 ):
-    """Run the individuals from ``first`` on, one a lane, and fill their rows of the response.
+    """Run `LANES` individuals from row ``first`` on and fill their rows of the response.
 
     ``current`` [A] and ``speed`` [rad/s] are ``(n_lanes, n)``; their corrections, ``(n,)``, are
-    added. Constants that differ between individuals are arrays ``(n_lanes,)``, as is ``play``:
-    where in its play the motor stands at the start, in half-widths of the backlash. ``command`` is
-    ``(n + 1,)``: its first value belongs to the start, at which the user shaft stands at
-    ``position_0`` [rad], the motor turns with ``speed_0`` [rad/s] and draws ``current_0`` [A].
+    added. Constants that differ between individuals are arrays ``(n_lanes,)``, as is ``play``: the
+    initial position of the motor within the backlash, in half-widths. ``command`` is ``(n + 1,)``,
+    its first value that at the start. The initial state is ``position_0`` [rad] of the user shaft,
+    ``speed_0`` [rad/s] and ``current_0`` [A] of the motor.
     """
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     theta_b = broadcast(position_0 / mech.tau)
@@ -133,7 +133,7 @@ def run_lanes(
         slope = (command[k + 1] - command[k]) / steps
         for j in range(steps):
             position = pair_position(drive.half_turns * x.theta_m)
-            # An Euler step responds half a step too soon: the command is read half a step late.
+            # An Euler step responds half a step too early: the command is read half a step later.
             x = advance(c, drive, mech, x, proportional, command[k] + (j - 0.5) * slope, dt)
             lag_1 += lag * (equivalent_current(drive, position, x.I) - lag_1)
             lag_2 += lag * (lag_1 - lag_2)

@@ -1,4 +1,4 @@
-"""The simulated actuator: the reference kernels with their state, advanced block by block."""
+"""The simulated actuator: the reference kernels and their state, advanced block by block."""
 
 import math
 from collections.abc import Mapping
@@ -15,14 +15,14 @@ from ema_sim.reference import DT, State, advance
 
 
 class SimulatedActuator:
-    """A high-fidelity actuator that is given commands and returns telemetry.
+    """A high-fidelity actuator: commands in, telemetry out.
 
     The samples do not depend on how a command is cut into blocks.
 
     Parameters
     ----------
     parameters
-        What the plant really is.
+        True parameters of the plant.
     sample_period
         Period of the telemetry [s], a whole multiple of 1 us.
     noise_gain
@@ -39,7 +39,7 @@ class SimulatedActuator:
     Raises
     ------
     ValueError
-        When a period is no whole multiple of the step, or the noise gain is negative.
+        When a period is not a whole multiple of the step, or the noise gain is negative.
     """
 
     def __init__(
@@ -76,13 +76,13 @@ class SimulatedActuator:
 
     @property
     def faults(self) -> NDArray[np.float64]:
-        """Fault vector, ``(8,)``; assigning one takes effect from the next sample on.
+        """Fault vector, ``(8,)``; an assignment is effective from the next sample on.
 
         Raises
         ------
         ValueError
-            When it is no fault vector, or leaves a phase so little inductance that the step of
-            1 us is too long for it.
+            When it is not a fault vector, or leaves a phase with so little inductance that the
+            step of 1 us is too long.
         """
         return self._faults.copy()
 
@@ -103,7 +103,7 @@ class SimulatedActuator:
         self._plant, self._faults = plant, k
 
     def advance(self, command: ArrayLike, load: ArrayLike | float = 0.0) -> Telemetry:
-        """Run the actuator through the samples of a command.
+        """Simulate the samples of a command.
 
         Parameters
         ----------
@@ -169,7 +169,7 @@ def at_rest(theta_m: float = 0.0, theta_b: float = 0.0) -> State:
     Parameters
     ----------
     theta_m, theta_b
-        Angle of the motor, and of the fast shaft behind the backlash [rad].
+        Angle of the motor, and of the fast shaft on the user side of the backlash [rad].
     """
     currents_and_lags = (0.0,) * 3 + (1.0,) * 3 + (0.0,) * 6
     return State(float(theta_m), 0.0, float(theta_b), *currents_and_lags)

@@ -63,8 +63,8 @@ class RunningCycle:
     samples
         How many samples it has, the pause included.
     blocks
-        Its blocks as they are measured, each with the torque of the motor at its end [N.m]; they
-        are computed one by one.
+        Its measured blocks, each with the torque of the motor at its end [N.m]; they are
+        computed one by one.
     """
 
     number: int
@@ -78,25 +78,25 @@ class RunningCycle:
 class ActuatorBench:
     """Runs a simulated actuator through test cycles.
 
-    What is set while a cycle runs holds from the next one on; it may be set from another thread
-    than that which runs the cycles. The samples do not depend on the length of the blocks.
+    Command and faults are effective from the next cycle on; they may be set from another thread
+    than the one that runs the cycles. The samples do not depend on the length of the blocks.
 
     Parameters
     ----------
     description
-        The actuator as its maker describes it.
+        Description of the actuator by its manufacturer.
     settings
-        Of the bench.
+        Settings of the bench.
     parameters
-        What the plant really is; as described when None.
+        True parameters of the plant; those of the description when None.
     resolutions
         Resolution of the sensors by column: rad, A, rad/s. Others are perfect.
 
     Raises
     ------
     ValueError
-        When a value is impossible, or the sample period is longer than 10 ms or no whole multiple
-        of the step of the simulation.
+        When a value is impossible, or the sample period is longer than 10 ms or not a whole
+        multiple of the step of the simulation.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class ActuatorBench:
         return self._end_ns
 
     def set_command(self, command: Command) -> None:
-        """Set what the actuator is tested with, from the next cycle on.
+        """Set the test command, from the next cycle on.
 
         Raises
         ------
@@ -156,9 +156,9 @@ class ActuatorBench:
         Parameters
         ----------
         faults
-            Fault vector, as ``ema_core.faults.fault_vector`` takes it.
+            Fault vector, in any form that ``ema_core.faults.fault_vector`` accepts.
         growths
-            Growth by component; what is not named stays constant.
+            Growth by component; the other components stay constant.
         hours_per_cycle
             Service hours that one test cycle stands for [h]; those of the settings when None.
 
@@ -179,19 +179,19 @@ class ActuatorBench:
             self._hours = 0.0
 
     def compile_kernels(self) -> None:
-        """Compile what the simulation needs, or load it, so that no cycle has to wait for it."""
+        """Compile the kernels of the simulation, or load them, ahead of the first cycle."""
         h = self.description.sample_period
         SimulatedActuator(self._actuator.parameters, sample_period=h).advance([0.0])
 
     def begin_cycle(self, start_ns: int | None = None) -> RunningCycle:
         """Begin the next test cycle.
 
-        Blocks of the cycle before that were not asked for are never computed.
+        Blocks of the previous cycle that were not requested are never computed.
 
         Parameters
         ----------
         start_ns
-            When it starts [ns]; where the samples so far end when None.
+            When it starts [ns]; at the end of the last sample when None.
         """
         with self._lock:
             faults, samples = self._faults, self._samples

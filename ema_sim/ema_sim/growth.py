@@ -1,7 +1,7 @@
-"""How simulated faults grow with service life: one law and its figures for each component.
+"""Growth of simulated faults with service hours: one law with its parameters per component.
 
-u is service hours, x the distance of a component from its healthy value. A law takes x over any
-number of hours by its exact solution, so that the length of the steps does not show.
+u is service hours, x the distance of a component from its healthy value. Laws are evaluated by
+their exact solution over any number of hours, so that the result does not depend on the steps.
 """
 
 import math
@@ -18,16 +18,16 @@ from ema_core.quantity import check_quantities, quantity, text
 
 @dataclass(frozen=True)
 class Growth:
-    """How one component grows.
+    """Growth of one component.
 
     ``linear`` is dx/du = a, ``exponential`` dx/du = a (x + x_0), ``archard`` dx/du = a (1 + b x),
     ``self_heating`` dx/du = a exp(b x), ``power`` x = (u / c)^p and ``drift`` dk = a du + s dW; a
     and c are ``rate``, x_0, b and p are ``shape``, s is ``noise``.
 
-    A component whose healthy value lies inside its range can leave it either way. It goes on to
-    the side on which it is; from the healthy value itself to that which the sign of ``rate``
-    tells, whose amount is the law's figure. A drift alone is signed throughout and may pass
-    through the healthy value.
+    A component whose healthy value lies inside its range can grow in either direction. It
+    continues on the side on which it is; from the healthy value itself the sign of ``rate`` gives
+    the direction, and its magnitude is the parameter of the law. Only a drift is signed throughout
+    and may cross the healthy value.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Growth:
     rate
         Rate a of the law [1/h]; of ``power`` its time scale c [h].
     shape
-        Second figure of the law [-]; ignored where there is none.
+        Second parameter of the law [-]; ignored by laws without one.
     noise
         Process noise: each increment is multiplied by a lognormal factor of mean 1 and this
         sigma [-]; of ``drift`` its diffusion s [1/sqrt(h)].
@@ -67,7 +67,7 @@ class Growth:
 
     @property
     def is_constant(self) -> bool:
-        """Whether nothing ever changes by it."""
+        """Whether the component never changes."""
         if self.law == "drift":
             return self.rate == 0.0 and self.noise == 0.0
         return self.law == "constant" or self.rate == 0.0
@@ -79,7 +79,7 @@ def check_growths(growths: Mapping[str, Growth]) -> dict[str, Growth]:
     Raises
     ------
     ValueError
-        When a component is unknown, or is to grow to below a healthy value of 0.
+        When a component is unknown, or would fall below a healthy value of 0.
     """
     for name, growth in growths.items():
         if name not in FAULT_NAMES:
@@ -99,18 +99,18 @@ def grow(
     hours_step: float,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """Return a fault vector after more hours in service.
+    """Return a fault vector after further service hours.
 
     Parameters
     ----------
     faults
-        Fault vector before, as ``ema_core.faults.fault_vector`` takes it.
+        Fault vector before, in any form that ``ema_core.faults.fault_vector`` accepts.
     growths
-        Growth by component; what is not named stays constant.
+        Growth by component; the other components stay constant.
     hours_before
         Service hours since the growths were set [h].
     hours_step
-        Service hours to go on by [h].
+        Service hours to advance by [h].
     rng
         Random numbers of the process noise.
 
@@ -128,7 +128,7 @@ def grow(
         raise ValueError(f"hours_step = {hours_step:g} h: expected a number of at least 0")
     k = fault_vector(faults)
     growths = check_growths(growths)
-    # In the order of the components, whatever that of the mapping: the same seed, the same life.
+    # In the order of the components, so that a seed gives the same life for any order of growths.
     for i, fault in enumerate(FAULTS):
         growth = growths.get(fault.name)
         if growth is None or growth.is_constant:

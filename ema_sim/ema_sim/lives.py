@@ -1,8 +1,8 @@
-"""Simulated lives: faults grow from new until one of them reaches its limit.
+"""Simulated lives: faults grow from a new actuator until one of them reaches its limit.
 
-One fault dominates; it follows its law at the rate of this actuator, drawn about that of the type.
-The others follow theirs in a time that runs five times as slowly. Tests come at a fixed interval;
-some are missing, and some windows are spoiled by noise of the current sensor or by a gap.
+One fault dominates; it follows its law at a rate of this actuator, drawn around that of the type.
+The others follow their laws five times as slowly. Tests have a fixed interval; some are missing,
+and some windows are spoiled by noise of the current sensor or by a gap.
 """
 
 import math
@@ -25,7 +25,7 @@ from ema_core.typical_growth import TYPICAL, TypicalGrowth
 from ema_sim.growth import Growth, grow
 
 WindowKind = Literal["good", "noisy", "gap", "missing"]
-"""What became of a test's window."""
+"""Quality of a test's window."""
 
 NOISE_OF_SPOILED: Final = 1.0
 """Standard deviation of the current sensor's noise in a noisy window [A]."""
@@ -35,10 +35,10 @@ _MOST_DRAWS: Final = 1000
 
 @dataclass(frozen=True)
 class LifeSettings:
-    """How lives are drawn.
+    """Settings of drawn lives.
 
-    A life that would be shorter or longer than the settings allow is drawn anew; that of a
-    repaired actuator is counted from its repair.
+    A life that is shorter or longer than the settings allow is drawn again; that of a repaired
+    actuator counts from its repair.
 
     Raises
     ------
@@ -77,7 +77,7 @@ class SimulatedLife:
     faults
         True fault vectors at them, ``(n, 8)``.
     windows
-        What became of each window.
+        Quality of each window.
     end_hours
         Service hour at which a fault reaches its limit [h]; infinite in a life without growth.
     repair_hours
@@ -109,27 +109,27 @@ def run_to_failure(
     limits
         Largest distance from healthy of each component but the direction of eccentricity [-].
     rng
-        Random numbers of everything.
+        Random numbers of all draws.
     kind
         Dominant fault, of ``typical``; drawn when None.
     settings
-        How lives are drawn.
+        Settings of the draw.
     with_repair
-        Whether the dominant fault is put back to healthy once, a fifth to a half of the longest
-        life's tests after the start.
+        Whether the dominant fault is reset to healthy once, after a fifth to a half of the tests
+        of the longest life.
     typical
         Growth in actuators of the type, by kind of fault.
 
     Raises
     ------
     ValueError
-        When a limit is missing, the kind is unknown, or no life is as long as it should be.
+        When a limit is missing, the kind is unknown, or no drawn life has an allowed length.
     """
     settings = settings or LifeSettings()
     _check(limits, kind, typical)
     for _ in range(_MOST_DRAWS):
         chosen = kind or str(rng.choice(list(typical)))
-        life = _grown_old(limits, rng, chosen, typical, settings, with_repair=with_repair)
+        life = _draw_life(limits, rng, chosen, typical, settings, with_repair=with_repair)
         if life is not None:
             return life
     raise ValueError(
@@ -201,9 +201,9 @@ def _hours(n: int, settings: LifeSettings) -> NDArray[np.float64]:
 
 def _windows(n: int, rng: np.random.Generator, settings: LifeSettings) -> tuple[WindowKind, ...]:
     spoiled = settings.spoiled_share / 2.0
-    taken = 1.0 - settings.missing_share
+    present = 1.0 - settings.missing_share
     kinds: tuple[WindowKind, ...] = ("missing", "noisy", "gap", "good")
-    shares = (1.0 - taken, taken * spoiled, taken * spoiled)
+    shares = (1.0 - present, present * spoiled, present * spoiled)
     picked = np.searchsorted(np.cumsum(shares), rng.random(n), side="right")
     return tuple(kinds[number] for number in picked)
 
@@ -211,7 +211,7 @@ def _windows(n: int, rng: np.random.Generator, settings: LifeSettings) -> tuple[
 def _drawn_growth(
     typical: TypicalGrowth, rng: np.random.Generator, share: float, settings: LifeSettings
 ) -> Growth:
-    """Return the growth of one actuator, in a time that runs at a share of its own."""
+    """Return the growth of one actuator, at a share of its rate."""
     rate = typical.rate * math.exp(typical.rate_sigma * rng.standard_normal())
     onset = typical.latest_onset * rng.random()
     side = float(rng.choice([-1.0, 1.0]))
@@ -229,7 +229,7 @@ def _drawn_growth(
     )
 
 
-def _grown_old(
+def _draw_life(
     limits: Mapping[str, float],
     rng: np.random.Generator,
     kind: str,
@@ -280,7 +280,7 @@ def _grown_old(
 def _first_passing(
     before: NDArray[np.float64], after: NDArray[np.float64], reach: NDArray[np.float64]
 ) -> tuple[int, float]:
-    """Return which component passes its limit first, and after which share of a step if it does."""
+    """Return which component passes its limit first and after which share of the step, or inf."""
     was, distance = np.abs(before - healthy_faults()), np.abs(after - healthy_faults())
     share = np.full(reach.shape, np.inf)
     passing = distance >= reach

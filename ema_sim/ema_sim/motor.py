@@ -14,15 +14,17 @@ _THIRD = 2.0 * math.pi / 3.0
 _SIN_THIRD = math.sin(_THIRD)
 
 GAP_REACH: Final = 5e-3
-"""How far the series of the eccentric gap are used [rad], to 3e-14 of it."""
+"""Largest angle at which the series of the eccentric gap are used [rad]; their relative error is
+3e-14 there."""
 
 
 class Sector(NamedTuple):
-    """Stretch of the motor's turn between two commutations, in which (M2) is linear.
+    """Range of motor angles between two commutations, in which (M2) is linear.
 
-    It reaches from ``start`` to ``end``, at most to the end stops, around ``middle`` [rad]. A
+    It extends from ``start`` to ``end``, at most to the end stops, around ``middle`` [rad]. A
     phase is driven with the sign ``s`` (+1, 0 or -1) of the reference current; its back-EMF
-    constant without eccentricity is ``k`` [V.s/rad] in the middle and grows by ``dk`` [V.s/rad^2].
+    constant without eccentricity is ``k`` [V.s/rad] in the middle, with the slope ``dk``
+    [V.s/rad^2].
     """
 
     start: float
@@ -63,7 +65,7 @@ class Gap(NamedTuple):
 
 @kernel()
 def trapezoid(theta_e):
-    """Unclipped back-EMF shape of a phase at its electrical angle; beyond +-1 it is driven (M2)."""
+    """Unclipped back-EMF shape of a phase at its electrical angle; driven beyond +-1 (M2)."""
     turn = theta_e / (2.0 * math.pi) + 0.25
     turn -= math.floor(turn)
     return 12.0 * (0.25 - abs(turn - 0.5))
@@ -71,13 +73,13 @@ def trapezoid(theta_e):
 
 @kernel()
 def commutation(shape):
-    """Sign of the current that a phase is driven with: +1, 0 or -1 (M2)."""
+    """Sign of the current in a phase: +1, 0 or -1 (M2)."""
     return (1.0 if shape > 1.0 else 0.0) - (1.0 if shape < -1.0 else 0.0)
 
 
 @kernel()
 def phase_in_sector(motor: MotorConstants, N, middle, half, shift):
-    """Sign, back-EMF constant and its growth, for a phase of ``N`` turns ``shift`` rad behind A."""
+    """Sign, back-EMF constant and its slope, for a phase of ``N`` turns, ``shift`` rad after A."""
     sign = commutation(trapezoid(motor.P * middle - shift))
     before = clip(trapezoid(motor.P * (middle - half) - shift), 1.0)
     after = clip(trapezoid(motor.P * (middle + half) - shift), 1.0)
@@ -87,7 +89,7 @@ def phase_in_sector(motor: MotorConstants, N, middle, half, shift):
 
 @kernel()
 def sector_at(motor: MotorConstants, mech: MechanicalConstants, theta_m):
-    """Sector that the motor stands in."""
+    """Sector of a motor angle."""
     half = math.pi / 6.0 / motor.P
     middle = 2.0 * half * round(theta_m / (2.0 * half))
     s_a, k_a, dk_a = phase_in_sector(motor, motor.N_a, middle, half, 0.0)
@@ -99,7 +101,7 @@ def sector_at(motor: MotorConstants, mech: MechanicalConstants, theta_m):
 
 @kernel()
 def windings(motor: MotorConstants):
-    """Phases of a motor, half of what is measured between two of them."""
+    """Phases of a motor, each half of what is measured between two terminals."""
     R, L = 0.5 * motor.R_s, 0.5 * motor.L_s
     L_a, L_b, L_c = L * motor.N_a**2, L * motor.N_b**2, L * motor.N_c**2
     parallel = 1.0 / (1.0 / L_a + 1.0 / L_b + 1.0 / L_c)
@@ -118,7 +120,7 @@ def windings(motor: MotorConstants):
 
 @kernel()
 def gap_at(motor: MotorConstants, theta_m):
-    """Air gap as it is at an angle of the motor."""
+    """Air gap at a motor angle."""
     angle = theta_m + motor.phi
     return Gap(theta_m, motor.zeta * math.cos(angle), motor.zeta * math.sin(angle))
 
@@ -139,5 +141,5 @@ def modulation(gap: Gap, delta):
 
 @kernel()
 def overshoot(switch, current, target):
-    """How far a current is beyond its target on the side that its leg drives it to [A] (M3)."""
+    """Excess of a current over its target in the direction in which its leg drives it [A] (M3)."""
     return switch * (current - target)

@@ -1,4 +1,4 @@
-"""Keeps simulated time in step with the wall clock, and tells when it cannot."""
+"""Synchronises simulated time with the wall clock and measures how far it lags."""
 
 import math
 import threading
@@ -7,16 +7,16 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 TOLERANCE_S: Final = 0.1
-"""Lateness that is made up for [s]; the schedule is given up beyond it."""
+"""Lateness that is caught up [s]; beyond it the schedule is shifted."""
 
 _MEASURED_S: Final = 1.0
 
 
 class Pace(NamedTuple):
-    """How the simulation keeps up.
+    """Lag and rate of the simulation.
 
-    ``behind`` tells whether it was late by more than ``TOLERANCE_S`` in this cycle or the one
-    before, ``lag_s`` by how much at most [s]. ``achieved_rate`` is simulated over wall time and
+    ``behind`` is whether it was late by more than ``TOLERANCE_S`` in this or the previous cycle,
+    ``lag_s`` the largest lag in them [s]. ``achieved_rate`` is simulated over wall time and
     ``busy_share`` the share of wall time that was not spent waiting, both of the last one to two
     seconds.
     """
@@ -36,15 +36,15 @@ class _Mark(NamedTuple):
 class Pacer:
     """Waits until a block is due.
 
-    Short delays are made up for. After a longer one the schedule goes on from where it is, so
-    that a suspended process does not publish in a burst all that it has missed.
+    Short delays are caught up. After a longer one the schedule continues from the present, so that
+    a suspended process does not publish all missed blocks in a burst.
 
     Parameters
     ----------
     rate
         Simulated over wall time [-].
     clock
-        Wall clock that never goes back [s].
+        Monotonic wall clock [s].
     """
 
     def __init__(self, rate: float, clock: Callable[[], float] = time.monotonic) -> None:
@@ -61,7 +61,7 @@ class Pacer:
         Parameters
         ----------
         from_now
-            Whether its schedule starts now instead of where that of the cycle before ends.
+            Whether its schedule starts now instead of at the end of the previous cycle's.
         """
         self._lag_before_s, self._lag_s, self._given_up_s = self._lag_s, 0.0, 0.0
         if from_now:
@@ -80,7 +80,7 @@ class Pacer:
         Returns
         -------
         bool
-            Whether it is due; False when the wait was ended.
+            Whether it is due; False when ``stop`` ended the wait.
         """
         self._due += simulated_s / self._rate
         before = now = self._clock()
@@ -100,7 +100,7 @@ class Pacer:
         return not stop.is_set()
 
     def pace(self) -> Pace:
-        """Return how the simulation keeps up; may be asked for by another thread."""
+        """Return lag and rate of the simulation; any thread may call this."""
         mark = self._marks[0]
         elapsed = self._clock() - mark.wall_s
         lag = max(self._lag_s, self._lag_before_s)

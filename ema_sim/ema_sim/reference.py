@@ -1,9 +1,9 @@
 """Kernels of the reference actuator: three-phase BLDC motor, inverter, control and mechanics.
 
 One step is an explicit Euler step of 1 us, section 3.1 of the thesis; the numbers (M1) to (M8) are
-those of ``docs/model.md``. What changes only now and then (the commutation, a leg's switching, the
-end stop) lies behind branches that are seldom taken: processors predict those, so that a step
-waits for little more than the chain from voltage over current and torque to speed.
+those of ``docs/model.md``. Rare events (commutation, switching of a leg, the end stop) are behind
+branches that the processor predicts well, so that the duration of a step is little more than the
+latency from voltage over current and torque to speed.
 """
 
 import math
@@ -36,7 +36,7 @@ class State(NamedTuple):
     """State of the reference actuator between two steps.
 
     ``theta_m`` [rad] and ``omega`` [rad/s] belong to the motor shaft, ``theta_b`` [rad] is the
-    fast-shaft angle behind the backlash, ``i_a`` to ``i_c`` are phase currents [A], ``q_a`` to
+    fast-shaft angle after the backlash, ``i_a`` to ``i_c`` are phase currents [A], ``q_a`` to
     ``q_c`` the switching states (+1 or -1 for plus or minus half the supply), ``lag_1`` to
     ``lag_3`` the filtered equivalent current [A], ``integral`` [rad] and ``error`` [rad/s] the
     memory of the speed loop, ``torque`` the motor torque of the last step [N.m].
@@ -81,15 +81,14 @@ def advance_sample(
 
     ``command`` is the angle at the start [rad], ``load`` the external torque against positive
     motion [N.m]; both grow by their slope in each step. ``disturbances`` is the noise on the
-    reference current [A], each held for ``hold`` steps; the sample starts at step ``first`` of
-    them. ``lag`` is the share that ``lag_factor`` gives for ``dt``. Returns the new state and the
-    sum of ``lag_3`` after each step.
+    reference current [A], each held for ``hold`` steps; the sample starts at their step ``first``.
+    ``lag`` is ``lag_factor(dt)``. Returns the new state and the sum of ``lag_3`` over the steps.
     """
     theta_m, omega, theta_b, i_a, i_b, i_c, q_a, q_b, q_c = x[:9]
     lag_1, lag_2, lag_3, integral, last_error, torque = x[9:]
     half_V, h_b = 0.5 * motor.V_max, motor.h_b
     rise_a, rise_b, rise_c = dt / phases.L_a, dt / phases.L_b, dt / phases.L_c
-    # Found anew in each sample, so that samples do not depend on how a command is cut into blocks.
+    # Recomputed in each sample, so that samples do not depend on the division into blocks.
     sector, gap = sector_at(motor, mech, theta_m), gap_at(motor, theta_m)
     total = 0.0
     for j in range(steps):
@@ -119,7 +118,7 @@ def advance_sample(
             k_b += k_b * m_b
             k_c += k_c * m_c
 
-        # Star with floating centre: its voltage is that which keeps the sum of the currents (M4).
+        # Floating star point: its voltage keeps the sum of the currents constant (M4).
         v_a = half_V * q_a - phases.R_a * i_a - k_a * omega
         v_b = half_V * q_b - phases.R_b * i_b - k_b * omega
         v_c = half_V * q_c - phases.R_c * i_c - k_c * omega
@@ -213,6 +212,6 @@ def advance(
         current[k] = total / steps
         position[k] = x.theta_b * mech.tau
         speed[k] = x.omega
-    # Not the NamedTuple itself: to build one, numba runs Python code, and an interrupt that arrives
-    # there (Ctrl-C) ends in a crash.
+    # Not the NamedTuple itself: to return one, numba runs Python code, and an interrupt during it
+    # (Ctrl-C) crashes the process.
     return x[:]

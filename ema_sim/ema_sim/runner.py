@@ -1,4 +1,4 @@
-"""Runs a test bench cycle by cycle, in step with the wall clock, in a thread of its own."""
+"""Runs a test bench cycle by cycle, synchronised with the wall clock, in its own thread."""
 
 import threading
 import time
@@ -9,15 +9,15 @@ from ema_core.telemetry import Telemetry
 from ema_sim.bench import ActuatorBench, RunningCycle
 from ema_sim.pacing import TOLERANCE_S, Pace, Pacer
 
-_PATIENCE_S: Final = 0.5
+_JOIN_TIMEOUT_S: Final = 0.5
 
 
 class BenchRunner:
-    """Runs the cycles of a bench while it is started.
+    """Runs the cycles of a bench from start to stop.
 
-    At rate 1 the stamps are those of the wall clock: a cycle starts where the one before ends,
-    or when it really starts if that is something else. At other rates simulated time runs on
-    without a gap, from the time at which the bench first ran.
+    At rate 1 the stamps follow the wall clock: a cycle starts at the end of the previous one, or at
+    the present time where that differs by more than the tolerance. At other rates simulated time
+    continues without a gap from the first start.
 
     Parameters
     ----------
@@ -31,12 +31,12 @@ class BenchRunner:
         Called with each block when its last sample is due, and the torque of the motor at its
         end [N.m].
     on_failure
-        Called with what ended the run unexpectedly.
+        Called with the exception that ended the run.
 
     Attributes
     ----------
     doing
-        What is going on, in words.
+        Current activity, in words.
     cycle
         Running number of the cycle.
     """
@@ -63,11 +63,11 @@ class BenchRunner:
 
     @property
     def pace(self) -> Pace:
-        """How the simulation keeps up."""
+        """Lag and rate of the simulation."""
         return self._pacer.pace()
 
     def start(self) -> None:
-        """Begin to run, with a new cycle."""
+        """Start to run, with a new cycle."""
         self._stop = threading.Event()
         self._thread = threading.Thread(
             target=self._run, args=(self._stop,), name="simulation", daemon=True
@@ -75,11 +75,11 @@ class BenchRunner:
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop at the next block, which is not told any more."""
+        """Stop at the next block, for which ``on_block`` is no longer called."""
         self._stop.set()
         if self._thread is not None:
-            # A compilation cannot be broken off; its thread ends by itself when it is done.
-            self._thread.join(_PATIENCE_S)
+            # A compilation cannot be interrupted; its thread ends by itself afterwards.
+            self._thread.join(_JOIN_TIMEOUT_S)
         self.doing = "idle"
 
     def _run(self, stop: threading.Event) -> None:
@@ -109,7 +109,7 @@ class BenchRunner:
         return True
 
     def _start_ns(self) -> int | None:
-        """Return when the next cycle starts, None where the one before ends."""
+        """Return the start of the next cycle [ns]; None for the end of the previous one."""
         now_ns, end_ns = time.time_ns(), self._bench.end_ns
         if self._rate != 1.0:
             return None if end_ns else now_ns

@@ -1,4 +1,4 @@
-"""What sensors make of the telemetry: noise on the current, and finite resolution."""
+"""Sensors: noise on the current, and finite resolution."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -9,7 +9,7 @@ from ema_core.telemetry import COLUMNS, Telemetry
 
 
 class Sensors:
-    """Sensors between the actuator and whoever reads its telemetry.
+    """Sensors between the actuator and its telemetry.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ class Sensors:
     Raises
     ------
     ValueError
-        When a figure is negative or not finite, or a column is unknown.
+        When a value is negative or not finite, or a column is unknown.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Sensors:
         self._rng = rng
 
     def measure(self, block: Telemetry) -> Telemetry:
-        """Return a block as it is measured.
+        """Return the measured block.
 
         Parameters
         ----------

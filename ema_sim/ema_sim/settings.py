@@ -9,7 +9,7 @@ from ema_core.quantity import check_quantities, quantity, text
 
 @dataclass(frozen=True)
 class RunSettings:
-    """What is simulated and how fast.
+    """Simulated actuator and rate of the simulation.
 
     Raises
     ------
@@ -43,7 +43,7 @@ class ResolutionSettings:
         check_quantities(self)
 
     def resolutions(self) -> dict[str, float]:
-        """Return the resolutions of the columns that have one."""
+        """Return the resolutions by column, without perfect sensors."""
         return {name: value for name, value in asdict(self).items() if value > 0.0}
 
 

@@ -1,7 +1,7 @@
-"""Kernel of the performance test: what the fast form of the monitor does under a command.
+"""Kernels of the performance test: figures of merit of the fast form under a command.
 
-It advances the model of `ema_monitor.model_kernel` from rest, but keeps figures of merit instead of
-samples; the equation numbers are those of ``docs/model.md``.
+The model starts at rest; figures of merit are kept instead of samples. The equation numbers are
+those of ``docs/model.md``.
 """
 
 import math
@@ -15,10 +15,10 @@ from ema_monitor.model_kernel import ModelState, advance
 
 @kernel()
 def available_current(drive: FastDrive, x: ModelState, I, I_max):
-    """Return the current that the driven pair could carry in the direction of ``I`` [A].
+    """Return the largest current of the driven pair in the direction of ``I`` [A].
 
-    The least of what the limit of the current, that of the torque and the voltage left by the
-    back-EMF allow.
+    It is limited by the current limit, by the torque limit and by the voltage that the back-EMF
+    leaves.
     """
     position = pair_position(drive.half_turns * x.theta_m)
     K = of_pair(position, drive.K)
@@ -34,7 +34,7 @@ def run_test(
     drive_of_lanes: FastDrive,
     mechanics: MechanicalConstants,
     first,
-    heard,
+    delayed_command,
     command,
     cos_phase,
     sin_phase,
@@ -45,13 +45,14 @@ def run_test(
     real,
     imaginary,
 ):
-    """Run the actuators from ``first`` on, one a lane, from rest in the middle of their play.
+    """Run `LANES` actuators from row ``first`` on, from rest in the middle of their backlash.
 
-    ``command`` is that at the end of each step, ``heard`` that half a step before its start, both
-    ``(n,)`` [rad]. Written are, ``(n_lanes, 1)`` each, the largest error of the user shaft [rad]
-    and the largest share of the available torque in use [-], and, ``(n_lanes, b)`` each, the user
-    shaft's angle times ``cos_phase`` and ``sin_phase`` ``(n,)``, summed over the steps between two
-    ``edges`` ``(b + 1,)`` [rad].
+    ``command`` is the command at the end of each step, ``delayed_command`` that half a step before
+    its start, both ``(n,)`` [rad]. The results cover the steps between two ``edges``, ``(b + 1,)``,
+    and have shape ``(n_lanes, b)``: ``error_peak`` is the largest error of the user shaft [rad],
+    ``used_peak`` the largest ratio of the current to the available current [-], ``real`` and
+    ``imaginary`` are the sums of the user shaft's angle times ``cos_phase`` and ``sin_phase``,
+    both ``(n,)`` [rad].
     """
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     zero = broadcast(0.0)
@@ -60,7 +61,7 @@ def run_test(
         worst, used, in_phase, in_quadrature = zero, zero, zero, zero
         for k in range(edges[b], edges[b + 1]):
             before = x
-            x = advance(c, drive, mech, before, False, heard[k], dt)
+            x = advance(c, drive, mech, before, False, delayed_command[k], dt)
             available = available_current(drive, before, x.I, c.I_max)
             used = max(used, select(abs(x.I) < available, abs(x.I) / available, 1.0))
             user = x.theta_b * mech.tau
@@ -74,14 +75,14 @@ def run_test(
 
 
 @kernel()
-def run_stand_in(points, weights, known, known_weights, per_length, values):
-    """Evaluate a cubic trend and a kriged correction at points, many lanes at a time.
+def evaluate_surrogate(points, weights, known, known_weights, per_length, values):
+    """Evaluate a cubic trend and a kriging correction at points, `LANES` at a time.
 
-    ``points`` are ``(9, m)``, the first row ones, with ``weights`` of the products of three of
-    the rows; ``known`` are ``(k, 9)``, in the same coordinates, with ``known_weights``. Written are
-    ``values``, ``(m, 1)``; m is a whole number of `ema_core.simd.LANES`. The correlation is the
-    rational quadratic (1 + d^2 / 8)^-4, which needs no exponential, with d in correlation lengths,
-    ``per_length`` to the unit.
+    ``points`` are ``(9, m)`` with ones in the first row; ``weights`` belong to the products of
+    three rows. ``known`` points are ``(k, 9)``, in the same coordinates, with ``known_weights``.
+    The results are stored in ``values``, ``(m, 1)``; m is a multiple of `ema_core.simd.LANES`. The
+    correlation is the rational quadratic (1 + d^2 / 8)^-4, which needs no exponential, at the
+    distance d in correlation lengths; ``per_length`` is the inverse of that length.
     """
     width = points.shape[0]
     for first in range(0, points.shape[1], LANES):

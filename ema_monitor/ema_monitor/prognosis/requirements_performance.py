@@ -157,7 +157,7 @@ class PerformanceModel:
         error, used, real, imaginary = np.full((4, len(faults), bins), np.nan)
         if known.size:
             groups = -(-known.size // LANES)
-            # What is missing to full groups are copies of the last actuator.
+            # Copies of the last actuator fill the last group.
             lane_of = known[np.minimum(np.arange(groups * LANES), known.size - 1)]
             control, motor, mechanics = degrade(self._plant, faults[lane_of])
             drive = fast_constants(motor, self.dt, 0.0)
@@ -169,7 +169,7 @@ class PerformanceModel:
                     drive,
                     mechanics,
                     group * LANES,
-                    figures.heard,
+                    figures.delayed_command,
                     figures.command,
                     figures.cos_phase,
                     figures.sin_phase,
@@ -197,9 +197,9 @@ class _Figures:
             return t * (f0 + rate * t / 2.0)
 
         self.command = command.amplitude * np.sin(2 * np.pi * turns(t))
-        # An Euler step answers half a step too soon: the command is read half a step late.
-        late = np.maximum(t - 1.5 * dt, 0.0)
-        self.heard = command.amplitude * np.sin(2 * np.pi * turns(late))
+        # An Euler step responds half a step too early: the command is read half a step later.
+        delayed = np.maximum(t - 1.5 * dt, 0.0)
+        self.delayed_command = command.amplitude * np.sin(2 * np.pi * turns(delayed))
         phase = 2 * np.pi * turns(t)
         self.cos_phase, self.sin_phase = np.cos(phase), np.sin(phase)
         whole = np.arange(math.ceil(turns(t)[-1] - 0.01))

@@ -20,7 +20,7 @@ from ema_core.faults import (
     SHORT_CIRCUITS,
 )
 from ema_core.simd import LANES
-from ema_monitor.prognosis.requirements_kernel import run_stand_in
+from ema_monitor.prognosis.requirements_kernel import evaluate_surrogate
 
 CORRELATION_LENGTH: Final = 0.5
 """Distance in ``coordinates`` over which the error of the trend is alike [-]."""
@@ -133,7 +133,7 @@ class StandIn:
         points = np.ones((_WIDTH, -(-m // LANES) * LANES))
         points[1:, :m] = coordinates(faults).T
         values = np.empty((points.shape[1], 1))
-        run_stand_in(
+        evaluate_surrogate(
             points,
             self._weights,
             self._known,
