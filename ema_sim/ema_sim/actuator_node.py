@@ -45,7 +45,7 @@ _COMMAND_FIGURES: Final = tuple(
 
 
 class ActuatorNode(ManagedNode):
-    """Simulated actuator that is tested again and again.
+    """Simulated actuator, run through test cycles.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class ActuatorNode(ManagedNode):
         for name in FAULT_NAMES:
             declare(self, Growth, f"growth.{name}.")
         declare(self, self._description.parameters, "plant.")
-        self._told_behind = False
+        self._reported_behind = False
 
     @property
     def hardware_id(self) -> str:
@@ -116,10 +116,10 @@ class ActuatorNode(ManagedNode):
         ]
 
     def activate(self) -> None:
-        """Begin to run cycles in a thread of their own."""
+        """Start to run cycles in their own thread."""
         message = description_to_message(self._description, time.time_ns())
         self._publish(topics.DESCRIPTION, message)
-        self._told_behind = False
+        self._reported_behind = False
         self._runner.start()
 
     def deactivate(self) -> None:
@@ -127,14 +127,14 @@ class ActuatorNode(ManagedNode):
         self._runner.stop()
 
     def clean_up(self) -> None:
-        """Let go of publishers and services."""
+        """Destroy publishers and services."""
         for publisher in self._publishers_by_topic.values():
             self.destroy_lifecycle_publisher(publisher)
         for service in self._own_services:
             self.destroy_service(service)
 
     def tasks(self) -> list[Task]:
-        """Return how the simulation keeps up."""
+        """Return whether the simulation keeps up."""
         runner, pace = self._runner, self._runner.pace
         values = {
             "cycle": runner.cycle,
@@ -144,7 +144,7 @@ class ActuatorNode(ManagedNode):
             "busy share": pace.busy_share,
         }
         if pace.behind and runner.doing == "running":
-            return [Task("simulation", WARN, self._complaint(pace), self.hardware_id, values)]
+            return [Task("simulation", WARN, self._lag_message(pace), self.hardware_id, values)]
         return [Task("simulation", OK, runner.doing, self.hardware_id, values)]
 
     def _publish(self, topic: str, message: Any) -> None:
@@ -165,21 +165,21 @@ class ActuatorNode(ManagedNode):
         telemetry = telemetry_to_message(block, self._description.actuator_id)
         self._publish(topics.TELEMETRY, telemetry)
         self._publish(topics.JOINT_STATES, joint_state_after(block, torque, self._description))
-        self._tell_pace()
+        self._report_pace()
 
-    def _tell_pace(self) -> None:
-        """Say once when the simulation falls behind, and once when it keeps up again."""
+    def _report_pace(self) -> None:
+        """Log once when the simulation falls behind, and once when it keeps up again."""
         pace = self._runner.pace
-        if pace.behind == self._told_behind:
+        if pace.behind == self._reported_behind:
             return
-        self._told_behind = pace.behind
+        self._reported_behind = pace.behind
         if pace.behind:
-            self.get_logger().warning(self._complaint(pace))
+            self.get_logger().warning(self._lag_message(pace))
         else:
             self.get_logger().info(f"keeps up again with rate {self._rate:g}")
         self.report()
 
-    def _complaint(self, pace: Pace) -> str:
+    def _lag_message(self, pace: Pace) -> str:
         return (
             f"cannot keep up: lag {pace.lag_s:.3g} s, rate {pace.achieved_rate:.3g} instead of "
             f"{self._rate:g}"
