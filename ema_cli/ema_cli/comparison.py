@@ -13,8 +13,8 @@ from ema_cli.progress import progress_bar
 from ema_cli.windows import BagWindows
 from ema_core.faults import estimation_error
 from ema_monitor.calibration import Calibration
-from ema_monitor.diagnosis import Diagnosis
 from ema_monitor.estimate import Estimate
+from ema_monitor.identification import Identification
 from ema_monitor.model import compile_kernels
 from ema_monitor.objective import Objective
 from ema_monitor.watch import Found
@@ -156,11 +156,13 @@ def compare_algorithms(
         runs = []
         for algorithm in algorithms:
             search = replace(options.search, algorithm=algorithm, warm_start=False)
-            diagnosis = Diagnosis(found, calibration, search, force=force)
+            run = Identification(
+                found.window, found.description, calibration, search, force=force
+            )
             task = progress.add_task(algorithm, total=search.budget)
             evaluations, costs = [], []
             try:
-                for one in diagnosis:
+                for one in run:
                     if interrupted.is_set():
                         raise click.Abort
                     evaluations.append(one.evaluations)
@@ -172,8 +174,8 @@ def compare_algorithms(
                     )
             except ValueError as error:
                 raise ValueError(f"{algorithm}: {error}") from error
-            if diagnosis.estimate is not None:
-                runs.append(Run(diagnosis.estimate, evaluations, costs))
+            if run.estimate is not None:
+                runs.append(Run(run.estimate, evaluations, costs))
             progress.update(task, completed=search.budget)
         best = _fittest(runs)
         at_truth = None

@@ -18,9 +18,9 @@ from ema_cli.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.windows import BagWindows, RecordedWindow, read_windows, require_windows
 from ema_core.faults import FAULTS, healthy_faults
 from ema_monitor.calibration import Calibration
-from ema_monitor.diagnosis import Diagnosis
 from ema_monitor.estimate import Estimate
 from ema_monitor.estimate_record import by_fault, estimate_record
+from ema_monitor.identification import Identification
 from ema_monitor.last_faults import LastFaults
 from ema_monitor.model import compile_kernels
 from ema_monitor.window import MIN_TRAVEL
@@ -79,8 +79,15 @@ def estimate_windows(
     with progress_bar() as progress:
         task = progress.add_task("identifying", total=len(windows))
         for number, window in enumerate(windows):
-            run = Diagnosis(
-                window.load(), calibration, options.search, force=force, last_faults=last_faults
+            found = window.load()
+            description = found.description
+            run = Identification(
+                found.window,
+                description,
+                calibration,
+                options.search,
+                force=force,
+                previous=last_faults.of(description, calibration),
             )
             for generation in run:
                 progress.update(
@@ -89,7 +96,9 @@ def estimate_windows(
                     f"{generation.evaluations} evaluations, "
                     f"fitness {generation.fitness:.5f} A^2.s",
                 )
-            estimates += [run.estimate] if run.estimate else []
+            if run.estimate is not None:
+                last_faults.record(description, run.estimate)
+                estimates.append(run.estimate)
             progress.advance(task)
     return estimates
 

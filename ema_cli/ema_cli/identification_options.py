@@ -9,20 +9,20 @@ from typing import Any
 import click
 
 from ema_monitor.calibration import Calibration
-from ema_monitor.diagnosis import Search
 from ema_monitor.fitness import FITNESS
 from ema_monitor.optimizers import ALGORITHMS
+from ema_monitor.search_settings import SearchSettings
 
 _OF_A_SERIES = (
     click.option(
         "--algorithm",
-        default=Search.algorithm,
+        default=SearchSettings.algorithm,
         show_default=True,
         type=click.Choice(list(ALGORITHMS)),
     ),
     click.option(
         "--warm-start/--no-warm-start",
-        default=Search.warm_start,
+        default=SearchSettings.warm_start,
         show_default=True,
         help="Begin each search at the faults of the actuator's last valid estimate.",
     ),
@@ -30,20 +30,20 @@ _OF_A_SERIES = (
 _OF_EACH_SEARCH = (
     click.option(
         "--fitness",
-        default=Search.fitness,
+        default=SearchSettings.fitness,
         show_default=True,
         type=click.Choice(list(FITNESS)),
     ),
     click.option(
         "--budget",
-        default=Search.budget,
+        default=SearchSettings.budget,
         show_default=True,
         type=click.IntRange(1),
         help="Largest number of model evaluations a window.",
     ),
     click.option(
         "--goodness-limit",
-        default=Search.goodness_limit,
+        default=SearchSettings.goodness_limit,
         show_default=True,
         type=click.FloatRange(0.1, 1e6),
         help="Goodness of fit beyond which no fault explains a window, without short circuit.",
@@ -72,7 +72,7 @@ class IdentificationOptions:
         File of the calibration; None for the shipped one.
     """
 
-    search: Search
+    search: SearchSettings
     calibration_file: Path | None
 
     def calibration(self) -> Calibration:
@@ -116,11 +116,11 @@ def _with_options(
         goodness_limit: float,
         seed: int,
         calibration_file: Path | None,
-        algorithm: str = Search.algorithm,
+        algorithm: str = SearchSettings.algorithm,
         warm_start: bool = False,
         **others: Any,
     ) -> None:
-        search = Search(
+        search = SearchSettings(
             algorithm,
             fitness,
             budget=budget,

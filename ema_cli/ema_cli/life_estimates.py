@@ -6,9 +6,9 @@ from typing import Final
 from ema_cli.life_tests import LifeTest
 from ema_cli.life_unit import calibration_of_life
 from ema_core.description import ActuatorDescription
-from ema_monitor.diagnosis import Diagnosis, Search
 from ema_monitor.estimate import Estimate
 from ema_monitor.estimate_record import by_fault, estimate_record
+from ema_monitor.identification import identify
 from ema_monitor.last_faults import LastFaults
 from ema_monitor.trigger import TriggerSettings
 from ema_monitor.watch import Found, Watch
@@ -41,12 +41,10 @@ class LifeEstimator:
         watch = Watch(TriggerSettings(), self._description)
         events = [event for block in test.blocks for event in watch.feed(block)]
         found = next(item for item in [*events, *watch.finish()] if isinstance(item, Found))
-        run = Diagnosis(found, self._calibration, Search(), last_faults=self._last_faults)
-        for _ in run:
-            pass
-        if run.estimate is None:
-            raise RuntimeError("a diagnosis ended without an estimate")
-        return run.estimate
+        previous = self._last_faults.of(self._description, self._calibration)
+        estimate = identify(found.window, self._description, self._calibration, previous=previous)
+        self._last_faults.record(self._description, estimate)
+        return estimate
 
 
 def as_line(test: LifeTest, estimate: Estimate) -> str:

@@ -15,10 +15,11 @@ from ema_core.faults import (
     healthy_faults,
 )
 from ema_monitor.calibration import Calibration
-from ema_monitor.estimate import Estimate, Settings
+from ema_monitor.estimate import Estimate
 from ema_monitor.model import Response
 from ema_monitor.objective import Linearisation, Objective
 from ema_monitor.residual import band_limited, rms
+from ema_monitor.search_settings import SearchSettings
 from ema_monitor.significance import refitted, significant_components
 from ema_monitor.uncertainty import CORRELATION_S, sandwich_covariance, uncertainty_of_faults
 from ema_monitor.window import Window
@@ -40,7 +41,7 @@ class Conclusion:
         How it was identified.
     """
 
-    def __init__(self, window: Window, calibration: Calibration, settings: Settings) -> None:
+    def __init__(self, window: Window, calibration: Calibration, settings: SearchSettings) -> None:
         self._window = window
         self._calibration = calibration
         self._settings = settings

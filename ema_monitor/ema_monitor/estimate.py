@@ -1,65 +1,12 @@
-"""How an identification is asked for, and what it answers."""
+"""The estimate of the faults in a window, or the refusal of one."""
 
 from dataclasses import dataclass, field
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import N_FAULTS
-from ema_monitor.fitness import DEFAULT_FITNESS, FITNESS
-from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
-from ema_monitor.optimizers.driver import StopRule, Termination
-
-GOODNESS_LIMIT: Final = 3.5
-"""Calibrated on simulated windows: a few in 1,000 with faults pass it, and those are wrong [-]."""
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How to identify.
-
-    Attributes
-    ----------
-    algorithm
-        Registered name.
-    fitness
-        Name of the distance that is minimised.
-    termination
-        When to stop.
-    seed
-        Seed of the algorithm's random numbers.
-    parsimonious
-        Whether components that do not differ significantly from healthy are put back to healthy
-        and the rest is fitted anew.
-    goodness_limit
-        Goodness of fit beyond which none of the faults explains a window of a motor without short
-        circuit [-].
-
-    Raises
-    ------
-    ValueError
-        When a name is unknown, the limit not positive or the seed negative.
-    """
-
-    algorithm: str = DEFAULT_ALGORITHM
-    fitness: str = DEFAULT_FITNESS
-    termination: StopRule = field(default_factory=Termination)
-    seed: int = 0
-    parsimonious: bool = True
-    goodness_limit: float = GOODNESS_LIMIT
-
-    def __post_init__(self) -> None:
-        if self.algorithm not in ALGORITHMS:
-            raise ValueError(
-                f"algorithm {self.algorithm!r} is unknown; known: {', '.join(ALGORITHMS)}"
-            )
-        if self.fitness not in FITNESS:
-            raise ValueError(f"fitness {self.fitness!r} is unknown; known: {', '.join(FITNESS)}")
-        if not self.goodness_limit > 0.0:
-            raise ValueError(f"goodness_limit = {self.goodness_limit:g}: expected a number above 0")
-        if self.seed < 0:
-            raise ValueError(f"seed = {self.seed}: expected a whole number of at least 0")
+from ema_monitor.search_settings import SearchSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +84,7 @@ class Estimate:
 def refusal(
     start_ns: int,
     end_ns: int,
-    settings: Settings,
+    settings: SearchSettings,
     calibration_id: str,
     reason: str,
     excitation: float = float("nan"),

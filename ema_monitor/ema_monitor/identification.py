@@ -1,5 +1,6 @@
-"""Identification: from a window of telemetry to the faults that explain it."""
+"""Identification: from a window, or its refusal, to the estimate of the faults."""
 
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,11 +12,13 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_monitor.calibration import Calibration
 from ema_monitor.conclusion import Conclusion
-from ema_monitor.estimate import Estimate, Settings, refusal
+from ema_monitor.estimate import Estimate, refusal
 from ema_monitor.objective import Objective
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import minimise
 from ema_monitor.optimizers.interface import Hints
+from ema_monitor.search_settings import SearchSettings
+from ema_monitor.trigger import Refusal
 from ema_monitor.window import Window
 
 
@@ -35,26 +38,27 @@ class Identification:
     Parameters
     ----------
     window
-        The window to be diagnosed.
+        The window, or why there is none: then the estimate is a refusal.
     description
         The actuator it was taken from.
     calibration
-        Calibration of the model. If it does not belong to that actuator or to the window's
-        command, the estimate is refused.
+        Calibration of the model, or why there is none. If there is none, or it does not belong to
+        that actuator or to the window's command, the estimate is a refusal.
     settings
         How to identify.
     force
         Make an estimate all the same; it says so in its reason.
     previous
-        Faults found in an earlier window, ``(8,)``: the search begins there.
+        Faults found in an earlier window, ``(8,)``: the search begins there if the settings want
+        a warm start.
     """
 
     def __init__(
         self,
-        window: Window,
+        window: Window | Refusal,
         description: ActuatorDescription,
-        calibration: Calibration,
-        settings: Settings,
+        calibration: Calibration | str,
+        settings: SearchSettings,
         *,
         force: bool = False,
         previous: ArrayLike | None = None,
@@ -64,28 +68,38 @@ class Identification:
         self._force = force
         self._calibration = calibration
         self._settings = settings
-        self._previous = None if previous is None else fault_vector(previous)
+        is_warm = settings.warm_start and previous is not None
+        self._previous = fault_vector(previous) if is_warm else None
         self.estimate: Estimate | None = None
 
     def __iter__(self) -> Iterator[Generation]:
-        """Yield the progress after each generation."""
+        """Yield the progress after each generation; there is none where a window is refused."""
+        if isinstance(self._window, Refusal):
+            self.estimate = self._refuse(self._window.reason)
+        elif isinstance(self._calibration, str):
+            self.estimate = self._refuse(self._calibration)
+        else:
+            yield from self._search(self._window, self._calibration)
+
+    def _search(self, window: Window, calibration: Calibration) -> Iterator[Generation]:
         started = time.perf_counter()
-        refused, caveats = self._objections()
+        refused, caveats = self._objections(window, calibration)
         if refused:
             self.estimate = self._refuse(refused)
             return
         settings = self._settings
         optimizer_class = ALGORITHMS[settings.algorithm]
         objective = Objective(
-            self._window,
-            self._calibration,
+            window,
+            calibration,
             settings.fitness,
             cartesian=optimizer_class.uses_residuals,
         )
         warm = self._previous is not None
         start = objective.healthy if self._previous is None else objective.encode(self._previous)
-        conclusion = Conclusion(self._window, self._calibration, settings)
-        budget = settings.termination.budget - conclusion.most_evaluations
+        conclusion = Conclusion(window, calibration, settings)
+        termination = settings.termination
+        budget = termination.budget - conclusion.most_evaluations
         optimizer = optimizer_class(
             start, np.random.default_rng(settings.seed), Hints(objective.good_cost, budget)
         )
@@ -93,7 +107,7 @@ class Identification:
         for progress in minimise(
             objective.residuals,
             optimizer,
-            settings.termination,
+            termination,
             reserve=conclusion.most_evaluations,
         ):
             faults, _ = objective.decode(progress.point[None])
@@ -111,9 +125,8 @@ class Identification:
         except np.linalg.LinAlgError as error:
             self.estimate = self._refuse(f"the uncertainty cannot be computed: {error}")
 
-    def _objections(self) -> tuple[str, list[str]]:
+    def _objections(self, window: Window, calibration: Calibration) -> tuple[str, list[str]]:
         """Return why no estimate can be made, and what an estimate must be read with."""
-        calibration, window = self._calibration, self._window
         if reason := calibration.shape_mismatch(window) or window.excitation_defect():
             return reason, []
         doubts = [
@@ -126,22 +139,24 @@ class Identification:
         return "", [f"forced although {doubt}" for doubt in doubts]
 
     def _refuse(self, reason: str) -> Estimate:
+        window, calibration = self._window, self._calibration
+        is_calibrated = not isinstance(calibration, str)
         return refusal(
-            self._window.start_ns,
-            self._window.end_ns,
+            window.start_ns,
+            window.end_ns,
             self._settings,
-            self._calibration.calibration_id,
+            calibration.calibration_id if is_calibrated else "",
             reason,
-            self._window.excitation,
-            self._calibration.windows,
+            window.excitation if isinstance(window, Window) else math.nan,
+            calibration.windows if is_calibrated else 0,
         )
 
 
 def identify(
-    window: Window,
+    window: Window | Refusal,
     description: ActuatorDescription,
-    calibration: Calibration,
-    settings: Settings | None = None,
+    calibration: Calibration | str,
+    settings: SearchSettings | None = None,
     *,
     force: bool = False,
     previous: ArrayLike | None = None,
@@ -157,7 +172,7 @@ def identify(
         window,
         description,
         calibration,
-        settings or Settings(),
+        settings or SearchSettings(),
         force=force,
         previous=previous,
     )

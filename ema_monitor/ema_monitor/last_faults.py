@@ -24,7 +24,7 @@ class LastFaults:
         self._last.clear()
 
     def of(
-        self, description: ActuatorDescription, calibration: Calibration
+        self, description: ActuatorDescription, calibration: Calibration | str
     ) -> NDArray[np.float64] | None:
         """Return the faults to begin at, ``(8,)``; None when there are none.
 
@@ -33,16 +33,16 @@ class LastFaults:
         description
             The actuator.
         calibration
-            What its next window is identified with.
+            What its next window is identified with, or why there is nothing.
         """
         described, calibration_id, faults = self._last.get(
             description.actuator_id, (None, "", None)
         )
-        if described != description or calibration_id != calibration.calibration_id:
+        if isinstance(calibration, str) or described != description:
             return None
-        return faults
+        return faults if calibration_id == calibration.calibration_id else None
 
-    def note(self, description: ActuatorDescription, estimate: Estimate) -> None:
+    def record(self, description: ActuatorDescription, estimate: Estimate) -> None:
         """Remember an estimate if it is valid.
 
         Parameters

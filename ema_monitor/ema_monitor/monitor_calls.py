@@ -16,10 +16,11 @@ from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate
 from ema_messages.faults import faults_to_message
 from ema_monitor.calibration_store import CalibrationStore
-from ema_monitor.diagnosis import Diagnosis, Search
 from ema_monitor.healthy_fit import calibrate
+from ema_monitor.identification import Identification
 from ema_monitor.monitor_messages import estimate_to_message
 from ema_monitor.monitor_units import Unit
+from ema_monitor.search_settings import SearchSettings
 from ema_monitor.trigger import Refusal
 from ema_monitor.watch import Found
 from ema_monitor.window import Window
@@ -57,7 +58,7 @@ class MonitorCalls:
         node: Node,
         store: CalibrationStore,
         find: Callable[[str], Unit],
-        search: Callable[[], Search],
+        search: Callable[[], SearchSettings],
         timeout_s: Callable[[], float],
         is_active: Callable[[], bool],
         calibrated: Callable[[ActuatorDescription], None],
@@ -215,7 +216,8 @@ class MonitorCalls:
         if found is None:
             return
         # Cold: what a goal leads to depends on its window and its figures alone.
-        run = Diagnosis(found, self._store.of(found.description), search)
+        calibration = self._store.of(found.description)
+        run = Identification(found.window, found.description, calibration, search)
         for generation in run:
             if goal.is_cancel_requested:
                 return
@@ -233,7 +235,7 @@ class MonitorCalls:
             result.estimate = estimate_to_message(run.estimate, found.number, found.description)
             result.success, result.message = run.estimate.valid, run.estimate.reason
 
-    def _search_for(self, request: IdentifyFaults.Goal) -> Search:
+    def _search_for(self, request: IdentifyFaults.Goal) -> SearchSettings:
         wanted: dict[str, Any] = {"seed": request.seed}
         if request.algorithm:
             wanted["algorithm"] = request.algorithm

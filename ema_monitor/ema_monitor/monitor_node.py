@@ -12,7 +12,6 @@ from ema_messages import topics
 from ema_messages.description import description_from_message
 from ema_monitor.calibration import Calibration
 from ema_monitor.calibration_store import CalibrationStore
-from ema_monitor.diagnosis import Search
 from ema_monitor.estimate import Estimate
 from ema_monitor.last_faults import LastFaults
 from ema_monitor.monitor_calls import MonitorCalls
@@ -22,6 +21,7 @@ from ema_monitor.monitor_settings import Files, Operation
 from ema_monitor.monitor_units import Units, UnitsCallbacks
 from ema_monitor.monitor_worker import IdentificationWorker
 from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.search_settings import SearchSettings
 from ema_monitor.trigger import TriggerSettings
 from ema_monitor.watch import Found
 from ema_nodes.actuator_file import load_description
@@ -43,7 +43,7 @@ class MonitorNode(ManagedNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("monitor", **kwargs)
-        self._search = LiveSettings(self, Search)
+        self._search = LiveSettings(self, SearchSettings)
         self._operation = LiveSettings(self, Operation)
         self._trigger = LiveSettings(
             self, TriggerSettings, on_change=lambda new: self._units.restart(new)
@@ -205,7 +205,7 @@ class MonitorNode(ManagedNode):
         if description.actuator_id not in self._searched and self._is_active:
             self._searched.add(description.actuator_id)
             if (latest := self._prognosis.latest(description)) is not None:
-                self._last_faults.note(description, latest)
+                self._last_faults.record(description, latest)
         return self._store.of(description)
 
     def _publish_estimate(self, found: Found, estimate: Estimate) -> None:

@@ -10,15 +10,17 @@ from dataclasses import replace
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
 from ema_monitor.calibration import Calibration
-from ema_monitor.diagnosis import Diagnosis, Search
 from ema_monitor.estimate import Estimate
+from ema_monitor.identification import Identification, identify
 from ema_monitor.last_faults import LastFaults
 from ema_monitor.model import compile_kernels
+from ema_monitor.search_settings import SearchSettings
 from ema_monitor.trigger import Refusal
 from ema_monitor.watch import Found
 from ema_monitor.window import Window
 
 _JOIN_S = 1.0
+_STOPPED_DURING = "the monitor was stopped during the identification"
 
 
 class QueueClosedError(Exception):
@@ -172,10 +174,10 @@ class IdentificationWorker:
     ----------
     calibration_of
         Gives the calibration of an actuator, or why there is none.
-    search
-        Gives how to identify; asked for each window.
+    settings
+        Gives how to search; asked for each window.
     last_faults
-        Where searches begin.
+        Where warm searches begin.
     publish
         Called with each window and its estimate.
     log_error
@@ -190,13 +192,13 @@ class IdentificationWorker:
     def __init__(
         self,
         calibration_of: Callable[[ActuatorDescription], Calibration | str],
-        search: Callable[[], Search],
+        settings: Callable[[], SearchSettings],
         last_faults: LastFaults,
         publish: Callable[[Found, Estimate], None],
         log_error: Callable[[str], object],
     ) -> None:
         self._calibration_of = calibration_of
-        self._search = search
+        self._settings = settings
         self._last_faults = last_faults
         self._publish = publish
         self._log_error = log_error
@@ -270,7 +272,7 @@ class IdentificationWorker:
         thread.join(None if self.failure else _JOIN_S)
         current = self._queue.abandon()
         if current is not None:
-            self.refuse(current, "the monitor was stopped during the identification")
+            self.refuse(current, _STOPPED_DURING)
         for found in waiting:
             self.refuse(found, "the monitor was stopped before the window was identified")
 
@@ -306,6 +308,7 @@ class IdentificationWorker:
         with queue.publishing(found) as is_wanted:
             if not is_wanted:
                 return
+            self._last_faults.record(found.description, estimate)
             try:
                 self._publish(found, estimate)
             except Exception as error:
@@ -316,15 +319,21 @@ class IdentificationWorker:
                     self._failed(found, second)
 
     def _identify(self, found: Found, queue: WindowQueue) -> Estimate:
-        run = self._diagnosis(found)
+        description = found.description
+        calibration = self._calibration_of(description)
+        previous = self._last_faults.of(description, calibration)
+        run = Identification(
+            found.window, description, calibration, self._settings(), previous=previous
+        )
         try:
             for _ in run:
                 if queue.is_closed:
-                    reason = "the monitor was stopped during the identification"
-                    return self._refusal(found, reason)
+                    return self._refusal(found, _STOPPED_DURING)
         except ValueError as error:
             return self._refusal(found, str(error))
-        return _estimate_of(run)
+        if run.estimate is None:
+            raise RuntimeError("the identification ended without an estimate")
+        return run.estimate
 
     def _failed(self, found: Found, error: Exception) -> str:
         reason = f"the identification failed: {error!r}"
@@ -332,19 +341,6 @@ class IdentificationWorker:
         return reason
 
     def _refusal(self, found: Found, reason: str) -> Estimate:
-        window = found.window
+        window, description = found.window, found.description
         refused = Refusal(window.start_ns, window.end_ns, reason) if reason else window
-        run = self._diagnosis(replace(found, window=refused))
-        for _ in run:
-            pass
-        return _estimate_of(run)
-
-    def _diagnosis(self, found: Found) -> Diagnosis:
-        calibration = self._calibration_of(found.description)
-        return Diagnosis(found, calibration, self._search(), last_faults=self._last_faults)
-
-
-def _estimate_of(run: Diagnosis) -> Estimate:
-    if run.estimate is None:
-        raise RuntimeError("the diagnosis ended without an estimate")
-    return run.estimate
+        return identify(refused, description, self._calibration_of(description), self._settings())

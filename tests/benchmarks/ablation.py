@@ -12,8 +12,8 @@ from trials import ACTUATOR, Job, Variant, Workers, errors_percent
 from ema_core.faults import healthy_faults
 from ema_monitor.alignment import moved
 from ema_monitor.calibration import Calibration
-from ema_monitor.estimate import Settings
 from ema_monitor.healthy_fit import calibrate
+from ema_monitor.search_settings import SearchSettings
 from ema_monitor.window import Window
 
 
@@ -22,7 +22,7 @@ class Step(NamedTuple):
 
     name: str
     calibrated: Callable[[Calibration, list[Window]], Calibration]
-    settings: Settings = Settings()
+    settings: SearchSettings = SearchSettings()
 
 
 def _as_it_is(calibration: Calibration, windows: list[Window]) -> Calibration:
@@ -65,9 +65,11 @@ STEPS: Final = (
         "correction rows only (the thesis's calibration)",
         _with_structure(lift=0.0, friction_scale=1.0, inertia_scale=1.0),
     ),
-    Step("fitness: total least squares", _as_it_is, Settings(fitness="total_least_squares")),
-    Step("fitness: least squares", _as_it_is, Settings(fitness="least_squares")),
-    Step("without putting insignificant faults back", _as_it_is, Settings(parsimonious=False)),
+    Step("fitness: total least squares", _as_it_is, SearchSettings(fitness="total_least_squares")),
+    Step("fitness: least squares", _as_it_is, SearchSettings(fitness="least_squares")),
+    Step(
+        "without putting insignificant faults back", _as_it_is, SearchSettings(parsimonious=False)
+    ),
 )
 """The method, and the method without one step each."""
 

@@ -23,11 +23,10 @@ from scipy.optimize import differential_evolution, least_squares
 from trials import ACTUATOR
 
 from ema_monitor.calibration import Calibration
-from ema_monitor.estimate import Settings
 from ema_monitor.identification import Identification
 from ema_monitor.objective import Objective
-from ema_monitor.optimizers.driver import Termination
 from ema_monitor.optimizers.least_squares import DIFFERENCE
+from ema_monitor.search_settings import SearchSettings
 from ema_monitor.window import Window
 
 STARTS: Final = 8
@@ -107,9 +106,8 @@ def ours(algorithm: str, *, parsimonious: bool = True) -> Method:
     """Identification as shipped: all that ``identify`` does, its last word included."""
 
     def run(task: Task) -> list[Moment]:
-        termination = Termination(budget=task.budget)
-        settings = Settings(
-            algorithm, termination=termination, seed=task.seed, parsimonious=parsimonious
+        settings = SearchSettings(
+            algorithm, budget=task.budget, seed=task.seed, parsimonious=parsimonious
         )
         started = time.perf_counter()
         identification = Identification(task.window, ACTUATOR, task.calibration, settings)

@@ -27,11 +27,11 @@ from trials import ACTUATOR, Job, Variant, workers
 
 from ema_core.faults import FAULTS, estimation_error, healthy_faults
 from ema_monitor.calibration import Calibration
-from ema_monitor.estimate import Settings
 from ema_monitor.healthy_fit import calibrate
 from ema_monitor.identification import Identification, identify
 from ema_monitor.objective import Objective
 from ema_monitor.residual import band_limited, band_samples
+from ema_monitor.search_settings import SearchSettings
 from ema_monitor.window import Window
 
 HERE: Final = Path(__file__).parent
@@ -82,8 +82,12 @@ def convergence_figure(
     axes = figure.add_subplot()
     grid = np.geomspace(50.0, 1e4, 200)
     runs = {
-        "least_squares": (Settings(), "least squares (default)", _OURS),
-        "pso": (Settings(algorithm="pso", termination=AllGenerations()), "particle swarm", _SWARM),
+        "least_squares": (SearchSettings(), "least squares (default)", _OURS),
+        "pso": (
+            SearchSettings(algorithm="pso", stop_rule=AllGenerations()),
+            "particle swarm",
+            _SWARM,
+        ),
     }
     for settings, label, colour in runs.values():
         curves, longest = [], 0

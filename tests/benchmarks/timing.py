@@ -14,8 +14,9 @@ from yardstick import seconds_per_window
 
 from ema_core.faults import ECCENTRICITY_PHASE, fault_vector, healthy_faults
 from ema_monitor.calibration import Calibration
-from ema_monitor.estimate import Estimate, Settings
+from ema_monitor.estimate import Estimate
 from ema_monitor.identification import identify
+from ema_monitor.search_settings import SearchSettings
 from ema_monitor.window import Window
 
 GROWTH: Final = 1.015
@@ -64,7 +65,7 @@ def measure(progress: Progress, healthy: Healthy, sizes: Sizes) -> dict[str, Any
         )
 
     def swarm(number: int) -> Estimate:
-        settings = Settings(algorithm="pso", termination=AllGenerations())
+        settings = SearchSettings(algorithm="pso", stop_rule=AllGenerations())
         return identify(windows[number], ACTUATOR, calibration, settings)
 
     track = progress.track

@@ -17,8 +17,9 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import ECCENTRICITY_PHASE, estimation_error
 from ema_monitor.calibration import Calibration
 from ema_monitor.cores import limit_threads
-from ema_monitor.estimate import Estimate, Settings
+from ema_monitor.estimate import Estimate
 from ema_monitor.identification import identify
+from ema_monitor.search_settings import SearchSettings
 
 ACTUATOR: Final = ActuatorDescription()
 """What the monitor is told of every actuator, whatever the plant really is."""
@@ -43,7 +44,7 @@ class Variant:
 
     calibration: Calibration
     noisy: bool = False
-    settings: Settings = Settings()  # noqa: RUF009 - frozen
+    settings: SearchSettings = SearchSettings()  # noqa: RUF009 - frozen
 
 
 class Job(NamedTuple):

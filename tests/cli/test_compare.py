@@ -16,8 +16,9 @@ from ema_cli.windows import read_windows
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FAULTS, estimation_error, fault_vector
 from ema_monitor.calibration import Calibration
-from ema_monitor.diagnosis import Diagnosis, Search
+from ema_monitor.identification import Identification
 from ema_monitor.optimizers import ALGORITHMS
+from ema_monitor.search_settings import SearchSettings
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
 
@@ -51,7 +52,7 @@ def compared(ema, bag):
 @pytest.fixture(scope="module")
 def quick(bag) -> Comparison:
     found = read_windows(bag, SOURCE)
-    options = IdentificationOptions(Search(budget=400), None)
+    options = IdentificationOptions(SearchSettings(budget=400), None)
     calibration = Calibration.builtin()
     truth = found.true_faults(found.windows[0].start_ns)
     return compare_algorithms(
@@ -220,13 +221,13 @@ def test_estimates_that_are_not_valid_exit_with_3(ema, bag):
 
 
 def test_interrupt_ends_it_in_one_line(ema, bag, tmp_path, monkeypatch):
-    class Interrupted(Diagnosis):
+    class Interrupted(Identification):
         def __iter__(self):
             for generation in super().__iter__():
                 signal.raise_signal(signal.SIGINT)
                 yield generation
 
-    monkeypatch.setattr(comparison, "Diagnosis", Interrupted)
+    monkeypatch.setattr(comparison, "Identification", Interrupted)
     picture = tmp_path / "none.png"
     result = ema("compare", bag, *QUICK, "-o", picture)
     assert (result.exit_code, result.stderr.strip()) == (1, "Aborted!")

@@ -7,7 +7,7 @@ import pytest
 
 from ema_core.faults import FAULT_NAMES, FAULTS, fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN
-from ema_monitor.estimate import GOODNESS_LIMIT, Estimate, Settings, refusal
+from ema_monitor.estimate import Estimate, refusal
 from ema_monitor.health import (
     ONE_SIDED_95,
     FaultHealth,
@@ -16,6 +16,7 @@ from ema_monitor.health import (
     assess,
     with_requirements,
 )
+from ema_monitor.search_settings import GOODNESS_LIMIT, SearchSettings
 
 LIMITS = HealthLimits()
 SIGMA = 0.01
@@ -34,7 +35,7 @@ def estimate(
     covariance = sigma**2 * np.eye(8)
     covariance[unobservable] = covariance[:, unobservable] = np.nan
     made: dict[str, Any] = {
-        **vars(refusal(0, 1, Settings(), "c", reason)),
+        **vars(refusal(0, 1, SearchSettings(), "c", reason)),
         "faults": fault_vector(faults or {}),
         "covariance": covariance,
         "unobservable": unobservable,
@@ -161,7 +162,7 @@ def test_confidence_falls_as_the_fit_comes_near_its_limit(
 
 def test_no_health_without_a_valid_estimate():
     with pytest.raises(ValueError, match="gap of 3 samples"):
-        assess(refusal(0, 1, Settings(), "", "gap of 3 samples"), LIMITS)
+        assess(refusal(0, 1, SearchSettings(), "", "gap of 3 samples"), LIMITS)
 
 
 @pytest.mark.parametrize("name", ["friction", "gain", "warn_share"])

@@ -15,10 +15,10 @@ from ema_core.faults import (
     healthy_faults,
 )
 from ema_core.parameters import constants
-from ema_monitor.estimate import Estimate, Settings
+from ema_monitor.estimate import Estimate
 from ema_monitor.healthy_fit import calibrate
 from ema_monitor.identification import identify
-from ema_monitor.optimizers.driver import Termination
+from ema_monitor.search_settings import SearchSettings
 from ema_monitor.trigger import WindowTrigger
 from ema_monitor.window import Window
 from ema_sim.actuator import SimulatedActuator, at_rest
@@ -169,7 +169,7 @@ def test_estimate_says_where_it_comes_from(estimates, windows_of, calibration):
 @pytest.mark.parametrize("case", ["friction low", "eccentricity low"])
 def test_particle_swarm_finds_the_same(windows_of, calibration, description, case):
     [window] = windows_of(CASES[case])
-    settings = Settings("pso", termination=Termination(budget=2000))
+    settings = SearchSettings("pso", budget=2000)
     estimate = identify(window, description, calibration, settings)
     assert estimate.valid
     assert estimate.algorithm == "pso"
@@ -206,7 +206,7 @@ def test_same_seed_makes_the_same_estimate(estimates, windows_of, calibration, d
 
 def test_another_seed_finds_the_same_faults(estimates, windows_of, calibration, description):
     [window] = windows_of(CASES["short circuit low"])
-    other = identify(window, description, calibration, Settings(seed=3))
+    other = identify(window, description, calibration, SearchSettings(seed=3))
     assert other.seed == 3
     assert not same(other, estimates("short circuit low"))
     # An eccentricity of 0.004 is at the limit of what is put back to zero.

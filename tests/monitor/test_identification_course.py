@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from ema_core.faults import ECCENTRICITY_PHASE, estimation_error, fault_vector
-from ema_monitor.estimate import Settings
 from ema_monitor.identification import Identification, identify
 from ema_monitor.model import MonitorModel
-from ema_monitor.optimizers.driver import Termination
+from ema_monitor.search_settings import SearchSettings
 
 from .reference_cases import CASES
 
@@ -34,7 +33,7 @@ def counted(monkeypatch):
 def test_progress_falls_to_the_estimate(windows_of, calibration, description, algorithm):
     """Where nothing is put back to healthy."""
     [window] = windows_of(CASES["gain high"])
-    settings = Settings(algorithm, termination=Termination(budget=1000), parsimonious=False)
+    settings = SearchSettings(algorithm, budget=1000, parsimonious=False)
     identification = Identification(window, description, calibration, settings)
     assert identification.estimate is None
     generations = list(identification)
@@ -60,7 +59,7 @@ def test_reported_evaluations_are_those_made(
     windows_of, calibration, description, counted, case, algorithm, parsimonious
 ):
     [window] = windows_of(CASES[case])
-    settings = Settings(algorithm, termination=Termination(budget=500), parsimonious=parsimonious)
+    settings = SearchSettings(algorithm, budget=500, parsimonious=parsimonious)
     estimate = identify(window, description, calibration, settings)
     assert estimate.evaluations == sum(counted) <= 500
 
@@ -70,20 +69,20 @@ def test_no_budget_is_passed(windows_of, calibration, description, counted, know
     """Be it spent to the last evaluation, with what putting back to healthy takes."""
     [window] = windows_of(CASES["friction low"])
     window = window if known else replace(window, play=None)
-    whole = Identification(window, description, calibration, Settings())
+    whole = Identification(window, description, calibration, SearchSettings())
     done = [generation.evaluations for generation in whole]
     # Two linearisations with each ninth component, and some to spare.
     for evaluations in done[1:4]:
         for budget in range(evaluations + 50, evaluations + 62):
             counted.clear()
-            settings = Settings(termination=Termination(budget=budget))
+            settings = SearchSettings(budget=budget)
             estimate = identify(window, description, calibration, settings)
             assert estimate.evaluations == sum(counted) <= budget
 
 
 def test_cancelled_identification_has_no_estimate(windows_of, calibration, description):
     [window] = windows_of(CASES["gain high"])
-    identification = Identification(window, description, calibration, Settings())
+    identification = Identification(window, description, calibration, SearchSettings())
     for generation in identification:
         assert np.all(np.isfinite(generation.faults))
         break
@@ -93,7 +92,7 @@ def test_cancelled_identification_has_no_estimate(windows_of, calibration, descr
 def test_budget_below_one_generation_is_refused(windows_of, calibration, description):
     [window] = windows_of(CASES["friction low"])
     with pytest.raises(ValueError, match="budget = 7 evaluations"):
-        identify(window, description, calibration, Settings(termination=Termination(budget=7)))
+        identify(window, description, calibration, SearchSettings(budget=7))
 
 
 # A healthy window begins at its optimum either way.

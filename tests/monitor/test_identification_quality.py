@@ -10,11 +10,11 @@ from ema_core.faults import (
     fault_vector,
     healthy_faults,
 )
-from ema_monitor.estimate import GOODNESS_LIMIT, Settings
 from ema_monitor.fitness import FITNESS
 from ema_monitor.healthy_fit import calibrate
 from ema_monitor.identification import identify
 from ema_monitor.residual import band_limited, rms
+from ema_monitor.search_settings import GOODNESS_LIMIT, SearchSettings
 from ema_monitor.uncertainty import (
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
@@ -37,7 +37,7 @@ def test_fitness_is_the_sum_of_squares_at_the_estimate(
     """Of an eccentric motor: where the phase is not observable it is set after the search."""
     truth = CASES["eccentricity low"]
     [window] = windows_of(truth)
-    estimate = identify(window, description, calibration, Settings(fitness=fitness))
+    estimate = identify(window, description, calibration, SearchSettings(fitness=fitness))
     response = expected_response(calibration, window, estimate.faults, estimate.play)
     row = FITNESS[fitness](window, calibration).residuals(response)
     # Fault vectors to the point and back: rounding, times a steep current.
@@ -90,7 +90,7 @@ def test_goodness_limit_is_a_setting_and_follows_the_worst_short_circuit(
     assert estimate.valid
     expected = GOODNESS_LIMIT / np.sqrt(1.0 - estimate.faults[2])
     assert estimate.goodness_limit == pytest.approx(expected, rel=1e-12)
-    strict = Settings(goodness_limit=0.5)
+    strict = SearchSettings(goodness_limit=0.5)
     refused = identify(window, description, calibration, strict)
     assert not refused.valid
     assert refused.goodness_limit == pytest.approx(expected * 0.5 / GOODNESS_LIMIT, rel=1e-12)
@@ -109,7 +109,7 @@ def test_insignificant_components_are_exactly_healthy(windows_of, calibration, d
     far = np.abs(fault_vector(CASES[case]) - healthy_faults()) > 0.04
     assert not np.any(estimate.insignificant[far])
     assert np.sum(estimate.insignificant) >= (0 if case == "wide" else 3)
-    every = identify(window, description, calibration, Settings(parsimonious=False))
+    every = identify(window, description, calibration, SearchSettings(parsimonious=False))
     assert not np.any(every.insignificant)
     assert every.fitness <= estimate.fitness * (1 + 1e-3)
 
@@ -122,7 +122,7 @@ def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, descrip
     [window] = windows_of(CASES["eccentricity high"])
     noise = np.random.default_rng(12).normal(0.0, 1.0, len(window) + 1)
     window = changed(window, current=window.telemetry.current + noise)
-    settings = Settings(fitness="least_squares")
+    settings = SearchSettings(fitness="least_squares")
     estimate = identify(window, description, calibration, settings)
 
     # As far as in the plane, and one-sided at the walls.
@@ -172,6 +172,6 @@ def test_speed_decides_what_the_current_does_not(windows_of, calibration, descri
     right = identify(window, description, calibration)
     off = changed(window, speed=1.03 * window.telemetry.speed)
     assert identify(off, description, calibration).fitness > 3 * right.fitness
-    blind = Settings(fitness="least_squares")
+    blind = SearchSettings(fitness="least_squares")
     one, other = (identify(w, description, calibration, blind).fitness for w in (window, off))
     assert one == pytest.approx(other, rel=0.05)

@@ -8,8 +8,9 @@ import pytest
 from ema_core.description import ActuatorDescription
 from ema_core.faults import estimation_error, fault_vector
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.estimate import Estimate, Settings
+from ema_monitor.estimate import Estimate
 from ema_monitor.identification import Identification, identify
+from ema_monitor.search_settings import SearchSettings
 from ema_monitor.window import Window
 
 FAULTS = {"friction": 0.25}
@@ -93,7 +94,7 @@ def test_calibration_of_another_length_is_refused(window, calibration, descripti
 
 
 def test_refused_identification_has_no_generations(window, calibration):
-    identification = Identification(window, OTHER_UNIT, calibration, Settings())
+    identification = Identification(window, OTHER_UNIT, calibration, SearchSettings())
     assert list(identification) == []
     assert identification.estimate is not None
 
@@ -134,5 +135,5 @@ def test_measured_current_that_is_no_number_is_refused(window, calibration, desc
 )
 def test_impossible_settings_are_refused_by_name(name, value, said):
     with pytest.raises(ValueError, match=name) as error:
-        Settings(**{name: value})
+        SearchSettings(**{name: value})
     assert said in str(error.value)

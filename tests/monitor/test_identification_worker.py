@@ -10,10 +10,10 @@ import pytest
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
 from ema_monitor import monitor_worker
-from ema_monitor.diagnosis import Search
 from ema_monitor.estimate import Estimate
 from ema_monitor.last_faults import LastFaults
 from ema_monitor.monitor_worker import IdentificationWorker
+from ema_monitor.search_settings import SearchSettings
 from ema_monitor.trigger import Refusal
 from ema_monitor.watch import Found
 from ema_monitor.window import Window
@@ -39,7 +39,7 @@ class Published:
 
     def worker(self) -> IdentificationWorker:
         return IdentificationWorker(
-            lambda _: "no calibration", Search, LastFaults(), self._publish, self._log
+            lambda _: "no calibration", SearchSettings, LastFaults(), self._publish, self._log
         )
 
     def until(self, condition: Callable[[], bool]) -> None:

@@ -5,7 +5,6 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from ema_monitor.estimate import Settings
 from ema_monitor.identification import Identification
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.differential_evolution import (
@@ -23,6 +22,7 @@ from ema_monitor.optimizers.genetic import (
 from ema_monitor.optimizers.grey_wolf import GreyWolf, ThesisGreyWolf, encircled, shrinking
 from ema_monitor.optimizers.interface import Hints
 from ema_monitor.optimizers.particle_swarm import ParticleSwarm
+from ema_monitor.search_settings import SearchSettings
 
 from .reference_cases import CASES
 
@@ -97,7 +97,7 @@ def test_identification_tells_what_is_known(
 
     monkeypatch.setitem(ALGORITHMS, name, Listening)
     [window] = windows_of(CASES["healthy"])
-    settings = Settings(name, termination=Termination(budget=400))
+    settings = SearchSettings(name, budget=400)
     next(iter(Identification(window, description, calibration, settings)))
     [hints] = told
     # Some linearisations of 17 evaluations each.

@@ -3,7 +3,8 @@
 import numpy as np
 
 from ema_core.faults import FAULT_NAMES, N_FAULTS, fault_vector
-from ema_monitor.estimate import Estimate, Settings, refusal
+from ema_monitor.estimate import Estimate, refusal
+from ema_monitor.search_settings import SearchSettings
 
 FIRST_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 10_000_000_000
@@ -17,7 +18,7 @@ def made_test(
     """The estimate of test ``number``; with a seed it errs by a standard deviation of 0.004."""
     end_ns = FIRST_NS + number * PERIOD_NS
     if not valid:
-        return refusal(end_ns - 500_000_000, end_ns, Settings(), "", "a gap of 3 samples")
+        return refusal(end_ns - 500_000_000, end_ns, SearchSettings(), "", "a gap of 3 samples")
     k = fault_vector(faults)
     if seed is not None:
         errors = SIGMA * np.random.default_rng([seed, number]).standard_normal(N_FAULTS)

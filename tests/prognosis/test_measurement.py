@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from ema_core.faults import FAULT_NAMES, healthy_faults
-from ema_monitor.estimate import Estimate, Settings, refusal
+from ema_monitor.estimate import Estimate, refusal
 from ema_monitor.prognosis.measurement import Measurement
+from ema_monitor.search_settings import SearchSettings
 
 PHASE = FAULT_NAMES.index("eccentricity_phase")
 NONE = np.zeros(8, dtype=bool)
@@ -44,7 +45,7 @@ def test_measurement_of_an_estimate_has_its_figures():
 
 def test_invalid_estimate_measures_nothing():
     with pytest.raises(ValueError, match="measures nothing: no motion"):
-        Measurement.of(refusal(0, 1, Settings(), "c", "no motion"), 10.0)
+        Measurement.of(refusal(0, 1, SearchSettings(), "c", "no motion"), 10.0)
 
 
 def test_component_at_its_healthy_value_is_known_only_to_be_near_it():

@@ -12,27 +12,18 @@ from rosgraph_msgs.msg import Clock
 
 from ema_core.faults import healthy_faults
 from ema_monitor import monitor_worker
-from ema_monitor.calibration import Calibration
-from ema_monitor.diagnosis import Diagnosis, Search
 from ema_monitor.estimate import refusal
+from ema_monitor.identification import Identification
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.watch import Found
 from ema_monitor.window import Window
 
 from .monitor_session import DEADLINE_S, FLAP, MonitorSession, Source, in_window, monitor
 
 
-class HeldDiagnosis(Diagnosis):
+class HeldIdentification(Identification):
     """One that is made when it may, and finds nothing wrong."""
 
     may = threading.Event()
-
-    def __init__(
-        self, found: Found, calibration: Calibration | str, search: Search, **options: Any
-    ) -> None:
-        super().__init__(found, calibration, search, **options)
-        self._window = found.window
-        self._asked = search.settings()
 
     def __iter__(self) -> Iterator[Any]:
         if not isinstance(self._window, Window):
@@ -40,7 +31,7 @@ class HeldDiagnosis(Diagnosis):
             return
         while not self.may.wait(0.01):
             yield None
-        found = refusal(self._window.start_ns, self._window.end_ns, self._asked, "", "")
+        found = refusal(self._window.start_ns, self._window.end_ns, self._settings, "", "")
         self.estimate = replace(
             found,
             valid=True,
@@ -54,10 +45,10 @@ class HeldDiagnosis(Diagnosis):
 @pytest.fixture
 def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
     """Identification goes on when this is set."""
-    monkeypatch.setattr(monitor_worker, "Diagnosis", HeldDiagnosis)
-    monkeypatch.setattr(HeldDiagnosis, "may", threading.Event())
-    yield HeldDiagnosis.may
-    HeldDiagnosis.may.set()
+    monkeypatch.setattr(monitor_worker, "Identification", HeldIdentification)
+    monkeypatch.setattr(HeldIdentification, "may", threading.Event())
+    yield HeldIdentification.may
+    HeldIdentification.may.set()
 
 
 def count(session: MonitorSession, task: str, key: str) -> int:

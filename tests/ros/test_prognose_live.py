@@ -13,9 +13,9 @@ from ema_interfaces.msg import Health, Usage
 from ema_messages import topics
 from ema_messages.stamps import stamp_to_message
 from ema_monitor.calibration import Calibration
-from ema_monitor.diagnosis import Search
 from ema_monitor.monitor_messages import health_to_message
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
+from ema_monitor.search_settings import SearchSettings
 from ema_monitor.trigger import TriggerSettings
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
@@ -53,7 +53,7 @@ def recorded(path: Path, tests: list[tuple[Telemetry, Usage]]) -> Path:
 def offline(path: Path) -> list[Health]:
     trigger = TriggerSettings()
     record = read_unit([path], Source(None, None, trigger.threshold, trigger.rest_s, None))
-    options = IdentificationOptions(Search(), None)
+    options = IdentificationOptions(SearchSettings(), None)
     calibration = Calibration.builtin()
     estimates = estimate_windows(record.windows, calibration, options)
     course = follow(record, estimates, calibration.model().parameters, PrognosisSettings())

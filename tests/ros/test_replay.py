@@ -15,8 +15,8 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_interfaces.msg import FaultEstimate
 from ema_monitor.calibration import Calibration
-from ema_monitor.diagnosis import Search
 from ema_monitor.monitor_messages import estimate_to_message
+from ema_monitor.search_settings import SearchSettings
 from ema_monitor.trigger import TriggerSettings
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
@@ -52,7 +52,7 @@ def offline(bag: Path) -> list[FaultEstimate]:
     """Return what `ema estimate` finds, as messages."""
     settings = TriggerSettings()
     found = read_windows(bag, Source(None, None, settings.threshold, settings.rest_s, None))
-    options = IdentificationOptions(Search(), None)
+    options = IdentificationOptions(SearchSettings(), None)
     estimates = estimate_windows(found.windows, Calibration.builtin(), options)
     return [
         estimate_to_message(estimate, item.number, item.description)

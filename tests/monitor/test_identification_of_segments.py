@@ -1,4 +1,4 @@
-"""What a watch found gives an estimate in any case, valid or with the reason why not."""
+"""A window or its refusal gives an estimate in any case, valid or with the reason why not."""
 
 from dataclasses import replace
 
@@ -7,12 +7,12 @@ import pytest
 
 from ema_core.faults import healthy_faults
 from ema_monitor.calibration import Calibration
-from ema_monitor.diagnosis import Diagnosis, Search
-from ema_monitor.estimate import Estimate, Settings
-from ema_monitor.identification import identify
+from ema_monitor.estimate import Estimate
+from ema_monitor.identification import Identification, identify
 from ema_monitor.last_faults import LastFaults
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import Termination
+from ema_monitor.search_settings import SearchSettings
 from ema_monitor.trigger import Refusal
 from ema_monitor.watch import Found
 
@@ -24,7 +24,7 @@ def found(windows_of, description) -> Found:
 
 
 def test_window_gives_the_estimate_of_its_identification(found, calibration, description):
-    run = Diagnosis(found, calibration, Search())
+    run = Identification(found.window, description, calibration, SearchSettings())
     assert run.estimate is None
     generations = [item.generation for item in run]
     expected = identify(found.window, description, calibration)
@@ -35,9 +35,9 @@ def test_window_gives_the_estimate_of_its_identification(found, calibration, des
 
 
 def test_refused_window_keeps_its_reason_and_stamps(calibration, description):
-    search = Search("pso", seed=3)
+    search = SearchSettings("pso", seed=3)
     for given, identity in ((calibration, calibration.calibration_id), ("none yet", "")):
-        run = Diagnosis(Found(0, description, Refusal(5, 9, "gap of 3 samples")), given, search)
+        run = Identification(Refusal(5, 9, "gap of 3 samples"), description, given, search)
         assert list(run) == []
         estimate = run.estimate
         assert estimate is not None
@@ -52,7 +52,8 @@ def test_refused_window_keeps_its_reason_and_stamps(calibration, description):
 
 
 def test_window_without_calibration_is_refused_with_what_is_missing(found):
-    run = Diagnosis(found, "calibration.yaml is missing", Search())
+    missing = "calibration.yaml is missing"
+    run = Identification(found.window, found.description, missing, SearchSettings())
     assert list(run) == []
     assert run.estimate is not None
     assert (run.estimate.valid, run.estimate.reason) == (False, "calibration.yaml is missing")
@@ -66,19 +67,15 @@ def test_window_without_calibration_is_refused_with_what_is_missing(found):
 def test_force_makes_an_estimate_with_a_calibration_of_another_unit(found, calibration):
     other = replace(calibration, serial_number="SIM-0002")
     for force in (False, True):
-        run = Diagnosis(found, other, Search(), force=force)
-        for _ in run:
-            pass
-        assert run.estimate is not None
-        assert run.estimate.valid == force
-        assert "SIM-0002" in run.estimate.reason
+        estimate = identify(found.window, found.description, other, force=force)
+        assert estimate.valid == force
+        assert "SIM-0002" in estimate.reason
 
 
-def test_search_gives_the_settings_of_an_identification():
-    assert Search().settings() == Settings()
-    search = Search("pso", "least_squares", budget=700, goodness_limit=2.0, seed=9)
-    expected = Settings("pso", "least_squares", Termination(700), 9, goodness_limit=2.0)
-    assert search.settings() == expected
+def test_budget_ends_the_search_unless_there_is_another_rule():
+    assert SearchSettings(budget=700).termination == Termination(700)
+    rule = Termination(5, tolerance=0.0)
+    assert SearchSettings(budget=700, stop_rule=rule).termination is rule
 
 
 @pytest.mark.parametrize(
@@ -95,23 +92,26 @@ def test_search_gives_the_settings_of_an_identification():
 )
 def test_impossible_search_is_refused_by_name(values, texts):
     with pytest.raises(ValueError, match="=") as refused:
-        Search(**values)
+        SearchSettings(**values)
     assert all(text in str(refused.value) for text in texts)
 
 
-def diagnosed(found: Found, calibration: Calibration | str, last: LastFaults, **values) -> Estimate:
-    run = Diagnosis(found, calibration, Search(**values), last_faults=last)
-    for _ in run:
-        pass
-    assert run.estimate is not None
-    return run.estimate
+def identified(
+    found: Found, calibration: Calibration | str, last: LastFaults, **values
+) -> Estimate:
+    description = found.description
+    previous = last.of(description, calibration)
+    settings = SearchSettings(**values)
+    estimate = identify(found.window, description, calibration, settings, previous=previous)
+    last.record(description, estimate)
+    return estimate
 
 
 def test_search_begins_at_the_last_valid_estimate(windows_of, calibration, description):
     first, second = windows_of({"friction": 0.3, "eccentricity": 0.2}, 2)
     last = LastFaults()
-    cold = diagnosed(Found(0, description, first), calibration, last)
-    warm = diagnosed(Found(1, description, second), calibration, last)
+    cold = identified(Found(0, description, first), calibration, last)
+    warm = identified(Found(1, description, second), calibration, last)
     assert (cold.warm_start, warm.warm_start) == (False, True)
     expected = identify(second, description, calibration, previous=cold.faults)
     np.testing.assert_array_equal(warm.faults, expected.faults)
@@ -125,8 +125,8 @@ def test_warm_search_leads_where_a_cold_one_does(windows_of, calibration, descri
         for faults in ({"friction": 0.7, "short_circuit_a": 0.3}, {"backlash": 0.4, "gain": 0.8})
     )
     last = LastFaults()
-    diagnosed(Found(0, description, before), calibration, last)
-    warm = diagnosed(Found(1, description, other), calibration, last)
+    identified(Found(0, description, before), calibration, last)
+    warm = identified(Found(1, description, other), calibration, last)
     cold = identify(other, description, calibration)
     assert warm.warm_start
     # Far less than the standard deviations, of some 0.003.
@@ -141,15 +141,11 @@ def test_windows_without_valid_estimate_leave_the_start_as_it_is(
     estimates = []
     for between in ([], refusals):
         last = LastFaults()
-        diagnosed(Found(0, description, first), calibration, last)
+        identified(Found(0, description, first), calibration, last)
         for item in between:
-            diagnosed(item, calibration, last)
-        diagnosed(Found(2, description, first), "there is no calibration", last)
-        # One that is broken off.
-        next(
-            iter(Diagnosis(Found(2, description, second), calibration, Search(), last_faults=last))
-        )
-        estimates.append(diagnosed(Found(3, description, second), calibration, last))
+            identified(item, calibration, last)
+        identified(Found(2, description, first), "there is no calibration", last)
+        estimates.append(identified(Found(3, description, second), calibration, last))
     undisturbed, disturbed = estimates
     assert undisturbed.warm_start
     assert disturbed.evaluations == undisturbed.evaluations
@@ -161,7 +157,7 @@ def test_search_begins_anew_with_another_description_calibration_or_actuator(
 ):
     [window] = windows_of({"friction": 0.3})
     last = LastFaults()
-    diagnosed(Found(0, description, window), calibration, last)
+    identified(Found(0, description, window), calibration, last)
     others = [
         (replace(description, model="another"), calibration),
         (description, replace(calibration, windows=calibration.windows + 1)),
@@ -171,7 +167,7 @@ def test_search_begins_anew_with_another_description_calibration_or_actuator(
     for described, calibrated in others:
         assert last.of(described, calibrated) is None
     # Each actuator has its own.
-    diagnosed(Found(0, others[2][0], window), calibration, last)
+    identified(Found(0, others[2][0], window), calibration, last)
     assert last.of(description, calibration) is not None
 
 
@@ -180,12 +176,12 @@ def test_cold_search_is_noted_as_well(windows_of, calibration, description):
     last = LastFaults()
     found = Found(0, description, window)
     for warm_start, expected in ((False, False), (False, False), (True, True)):
-        assert diagnosed(found, calibration, last, warm_start=warm_start).warm_start == expected
+        assert identified(found, calibration, last, warm_start=warm_start).warm_start == expected
 
 
 def test_estimate_tells_what_was_put_back_to_healthy(found, calibration, description):
-    estimate = diagnosed(found, calibration, LastFaults())
-    kept = identify(found.window, description, calibration, Settings(parsimonious=False))
+    estimate = identified(found, calibration, LastFaults())
+    kept = identify(found.window, description, calibration, SearchSettings(parsimonious=False))
     assert not estimate.insignificant[0]
     assert np.count_nonzero(estimate.insignificant) >= 4
     np.testing.assert_array_equal(
