@@ -4,7 +4,7 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import click
 import numpy as np
@@ -16,7 +16,7 @@ from ema_cli.identification_options import IdentificationOptions, identification
 from ema_cli.progress import progress_bar
 from ema_cli.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.windows import BagWindows, RecordedWindow, read_windows, require_windows
-from ema_core.faults import FAULTS, healthy_faults
+from ema_core.faults import FAULTS
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate
 from ema_monitor.estimate_record import by_fault, estimate_record
@@ -24,9 +24,6 @@ from ema_monitor.identification import Identification
 from ema_monitor.last_faults import LastFaults
 from ema_monitor.model import compile_kernels
 from ema_monitor.window import MIN_TRAVEL
-
-SIGNIFICANT: Final = 3.0
-"""Standard deviations from its healthy value beyond which a fault is named [-]."""
 
 
 @click.command()
@@ -117,22 +114,23 @@ def as_object(one: Estimate, found: BagWindows) -> dict[str, Any]:
 
 
 def found_in_words(one: Estimate) -> str:
-    """Return the faults that stand out of their uncertainty, the largest first.
+    """Return the significant faults, the largest first.
 
     Parameters
     ----------
     one
         A valid estimate.
     """
-    healthy = healthy_faults()
-    standing_out = [
-        (abs(k - k_0), f"{fault.label} {k:.3f} ({fault.physical(k)})")
-        for fault, k, k_0, sigma in zip(FAULTS, one.faults, healthy, one.sigma, strict=True)
-        if fault.name != "eccentricity_phase" and abs(k - k_0) > SIGNIFICANT * sigma
+    significant = [
+        (abs(k - fault.healthy), f"{fault.label} {k:.3f} ({fault.physical(k)})")
+        for fault, k, insignificant, hidden in zip(
+            FAULTS, one.faults, one.insignificant, one.unobservable, strict=True
+        )
+        if fault.name != "eccentricity_phase" and not insignificant and not hidden
     ]
-    if not standing_out:
-        return "no fault stands out of its uncertainty"
-    return "; ".join(words for _, words in sorted(standing_out, reverse=True))
+    if not significant:
+        return "no significant fault"
+    return "; ".join(words for _, words in sorted(significant, reverse=True))
 
 
 def _figure(value: float) -> str:
@@ -152,7 +150,7 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
         FAULTS, one.faults, one.sigma, one.insignificant, strict=True
     ):
         known = "unobservable" if np.isnan(sigma) else f"{sigma:.4f}"
-        meaning = "healthy (nothing significant)" if is_healthy else fault.physical(value)
+        meaning = "healthy (not significant)" if is_healthy else fault.physical(value)
         table.add_row(fault.label, f"{value:.4f}", known, meaning)
     Console().print(table)
     click.echo(f"found: {found_in_words(one)}")

@@ -21,7 +21,12 @@ from ema_monitor.objective import Linearisation, Objective
 from ema_monitor.residual import band_limited, rms
 from ema_monitor.search_settings import SearchSettings
 from ema_monitor.significance import refitted, significant_components
-from ema_monitor.uncertainty import CORRELATION_S, sandwich_covariance, uncertainty_of_faults
+from ema_monitor.uncertainty import (
+    CORRELATION_S,
+    MISMATCH_SIGMA,
+    sandwich_covariance,
+    uncertainty_of_faults,
+)
 from ema_monitor.window import Window
 
 _TRADED = 0.95
@@ -47,11 +52,15 @@ class Conclusion:
         self._settings = settings
         self._objective = Objective(window, calibration, settings.fitness, cartesian=True)
         self._lags = max(1, round(CORRELATION_S / self._objective.spacing))
+        # Two units of a point are one of zeta cos(phi), zeta sin(phi) and of the play.
+        self._span = np.ones(len(self._objective.healthy))
+        self._span[[ECCENTRICITY, ECCENTRICITY_PHASE]] = 2.0
+        self._span[N_FAULTS:] = 2.0
 
     @property
     def most_evaluations(self) -> int:
         """Largest number of evaluations that it takes."""
-        return 3 * self._objective.linearisation_evaluations + 1
+        return 3 * self._objective.linearisation_evaluations + 2
 
     def draw(
         self,
@@ -84,14 +93,10 @@ class Conclusion:
             When the covariance cannot be computed.
         """
         objective, window = self._objective, self._window
-        at, shown, rounds = self._settle(objective.encode(faults, play))
+        at, shown, spent = self._settle(objective.encode(faults, play))
         found, plays = objective.decode(at.point[None])
-        # Two units of a point are one of zeta cos(phi), zeta sin(phi) and of the play.
-        span = np.ones(len(at.point))
-        span[[ECCENTRICITY, ECCENTRICITY_PHASE]] = 2.0
-        span[N_FAULTS:] = 2.0
-        covariance = sandwich_covariance(at.jacobian / span, at.residuals, self._lags)
-        goodness = self._goodness_of_fit(objective.expect(found, plays))
+        covariance = sandwich_covariance(at.jacobian / self._span, at.residuals, self._lags)
+        goodness = self._goodness_of_fit(at.point)
         covariance, unobservable = uncertainty_of_faults(found[0], covariance, goodness)
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
         caveats = [*caveats, *_traded(covariance)]
@@ -125,7 +130,7 @@ class Conclusion:
             goodness_of_fit=goodness,
             goodness_limit=limit,
             excitation=window.excitation,
-            evaluations=evaluations + rounds * objective.linearisation_evaluations + 1,
+            evaluations=evaluations + spent + 1,
             computing_time_s=time.perf_counter() - started,
             valid=not defects,
             reason="; ".join([*caveats, *defects]),
@@ -134,9 +139,10 @@ class Conclusion:
             calibration_windows=self._calibration.windows,
         )
 
-    def _goodness_of_fit(self, expected: Response) -> float:
+    def _goodness_of_fit(self, point: NDArray[np.float64]) -> float:
         """Return how many times larger than when healthy the residual of current or speed is."""
         window, calibration = self._window, self._calibration
+        expected = self._objective.expect(*self._objective.decode(point[None]))
         missed = np.array(
             [window.current - expected.current[0], window.telemetry.speed[1:] - expected.speed[0]]
         )
@@ -152,23 +158,31 @@ class Conclusion:
     def _settle(self, point: NDArray[np.float64]) -> tuple[Linearisation, NDArray[np.bool_], int]:
         """Put insignificant components back to healthy.
 
-        Return where that leads, which components it kept, and how many linearisations it took.
+        Return where that leads, which components it kept, and how many evaluations it took.
         """
         objective = self._objective
-        at = objective.linearise(point)
+        at, once = objective.linearise(point), objective.linearisation_evaluations
         if not self._settings.parsimonious:
-            return at, np.ones(len(point), dtype=bool), 1
+            return at, np.ones(len(point), dtype=bool), once
+        floor = np.zeros(len(point))
+        floor[:N_FAULTS] = MISMATCH_SIGMA
         shown, point = significant_components(
-            at.point, objective.healthy, at.residuals, at.jacobian, self._lags
+            at.point,
+            objective.healthy,
+            at.residuals,
+            at.jacobian,
+            self._lags,
+            floor / self._span,
+            self._goodness_of_fit(at.point),
         )
         if np.all(shown):
-            return at, shown, 1
+            return at, shown, once + 1
         optimum, at = at, objective.linearise(point)
         if at.cost > _MOST_LOSS * optimum.cost:
-            return optimum, np.ones(len(point), dtype=bool), 2
+            return optimum, np.ones(len(point), dtype=bool), 2 * once + 1
         point = refitted(at.point, objective.healthy, at.residuals, at.jacobian, shown)
         again = objective.linearise(point)
-        return (again if again.cost < at.cost else at), shown, 3
+        return (again if again.cost < at.cost else at), shown, 3 * once + 1
 
 
 def _traded(covariance: NDArray[np.float64]) -> list[str]:

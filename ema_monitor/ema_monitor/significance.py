@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, N_FAULTS
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
-from ema_monitor.uncertainty import MISMATCH_FACTOR, sandwich_covariance
+from ema_monitor.uncertainty import SIGNIFICANT_SIGMAS, sandwich_covariance, with_mismatch
 
 GROUPS: Final = tuple(
     [i, ECCENTRICITY_PHASE] if i == ECCENTRICITY else [i]
@@ -16,9 +16,6 @@ GROUPS: Final = tuple(
 )
 """Components that are healthy or not together, in Cartesian coordinates."""
 
-CHI2_95: Final = {1: 3.84, 2: 5.99}
-"""95th percentile of chi-squared by degrees of freedom [-]."""
-
 
 def significant_components(
     point: NDArray[np.float64],
@@ -26,11 +23,13 @@ def significant_components(
     residuals: NDArray[np.float64],
     jacobian: NDArray[np.float64],
     lags: int,
+    floor: NDArray[np.float64],
+    goodness_of_fit: float,
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Return which components differ from healthy, ``(d,)``, and the point without the others.
 
     Backward elimination on the linear model at the point: as long as some group of components
-    lies within its 95 % region about healthy, the least significant one is put back to healthy
+    is not significant (``SIGNIFICANT_SIGMAS``), the least significant one is put back to healthy
     and the rest is fitted anew. Faults are few: what a window does not show is not there (M17).
 
     Parameters
@@ -43,15 +42,19 @@ def significant_components(
         Their derivatives, ``(n, d)``.
     lags
         Number of residuals over which they are correlated.
+    floor
+        Standard deviation that the mismatch of the model adds to each coordinate, ``(d,)``.
+    goodness_of_fit
+        That of the estimate [-]; NaN when unknown.
     """
     shown = np.ones(len(point), dtype=bool)
     groups = list(GROUPS)
     current = point.copy()
     while groups:
         left = residuals + jacobian @ (current - point)
-        covariance = np.zeros((len(point), len(point)))
         known = sandwich_covariance(jacobian[:, shown], left, lags)
-        covariance[np.ix_(shown, shown)] = MISMATCH_FACTOR**2 * known
+        covariance = np.zeros((len(point), len(point)))
+        covariance[np.ix_(shown, shown)] = with_mismatch(known, floor[shown], goodness_of_fit)
         least, group = min(
             ((_distance(current - healthy, covariance, group), group) for group in groups),
             key=lambda one: one[0],
@@ -93,8 +96,7 @@ def refitted(
 def _distance(
     offset: NDArray[np.float64], covariance: NDArray[np.float64], group: list[int]
 ) -> float:
-    """Return the squared distance from healthy over that of the 95 % region."""
+    """Return the squared distance from healthy over that from which it is significant."""
     part = offset[group]
-    return float(
-        part @ np.linalg.solve(covariance[np.ix_(group, group)], part) / CHI2_95[len(group)]
-    )
+    squared = part @ np.linalg.solve(covariance[np.ix_(group, group)], part)
+    return float(squared / SIGNIFICANT_SIGMAS[group[0]] ** 2)

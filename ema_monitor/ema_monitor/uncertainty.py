@@ -13,9 +13,14 @@ CORRELATION_S: Final = 5e-3
 UNOBSERVABLE_SIGMA: Final = 0.25
 """From this standard deviation on, a component is no better known than by its range [-]."""
 
-DETECTION_CHI2: Final = 5.99
-"""Squared distance of the eccentricity from zero for it to be detected: chi-squared with two
-degrees of freedom at 95 % [-]."""
+SIGNIFICANT_SIGMAS: Final = np.array([2.44, 2.44, 2.44, 2.44, 2.44, 3.14, 3.14, 2.68])
+"""Standard deviations from healthy beyond which a component is significant, ``(8,)`` [-].
+
+A healthy actuator shows any significant fault in one window of twenty: each of the seven faults
+is tested at the level 1 - 0.95^(1/7) = 0.73 % (Sidak). The bound is one-sided for what cannot lie
+below healthy, two-sided for the gain, and a circle for the eccentricity, which is a vector in the
+plane (Rayleigh); its direction is significant where its amount is.
+"""
 
 SMALLEST_ECCENTRICITY: Final = 0.005
 """Below this the mismatch of the model outweighs the eccentricity, and its phase is noise [-]."""
@@ -77,6 +82,24 @@ def sandwich_covariance(
     return (covariance + covariance.T) / 2.0
 
 
+def with_mismatch(
+    covariance: NDArray[np.float64], floor: NDArray[np.float64], goodness_of_fit: float
+) -> NDArray[np.float64]:
+    """Return a covariance widened by what the mismatch of the model hides from the residuals.
+
+    Parameters
+    ----------
+    covariance
+        What the residuals tell, ``(d, d)``.
+    floor
+        Standard deviation that each component has at least, ``(d,)``.
+    goodness_of_fit
+        What the model misses over what it misses of a healthy actuator; NaN when unknown.
+    """
+    wider = MISMATCH_FACTOR**2 * covariance + np.diag(floor**2)
+    return wider * np.fmax(1.0, goodness_of_fit / USUAL_MISFIT) ** 2
+
+
 def uncertainty_of_faults(
     faults: NDArray[np.float64], covariance: NDArray[np.float64], goodness_of_fit: float
 ) -> Uncertainty:
@@ -95,13 +118,11 @@ def uncertainty_of_faults(
     zeta = faults[ECCENTRICITY]
     phi = (2.0 * faults[ECCENTRICITY_PHASE] - 1.0) * np.pi
     cosine, sine = np.cos(phi), np.sin(phi)
-    covariance = MISMATCH_FACTOR**2 * covariance[:N_FAULTS, :N_FAULTS]
-    covariance += np.diag(MISMATCH_SIGMA**2)
-    covariance *= np.fmax(1.0, goodness_of_fit / USUAL_MISFIT) ** 2
+    covariance = with_mismatch(covariance[:N_FAULTS, :N_FAULTS], MISMATCH_SIGMA, goodness_of_fit)
     plane = covariance[np.ix_(_PLANE, _PLANE)]
     offset = zeta * np.array([cosine, sine])
     distance = float(offset @ np.linalg.solve(plane, offset))
-    detected = distance > DETECTION_CHI2 and zeta > SMALLEST_ECCENTRICITY
+    detected = distance > SIGNIFICANT_SIGMAS[ECCENTRICITY] ** 2 and zeta > SMALLEST_ECCENTRICITY
 
     turn = np.eye(N_FAULTS)
     around = 2.0 * np.pi * max(zeta, SMALLEST_ECCENTRICITY)

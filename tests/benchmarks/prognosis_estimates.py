@@ -25,12 +25,12 @@ from ema_core.faults import (
     healthy_faults,
 )
 from ema_monitor.prognosis.measurement import Measurement
+from ema_monitor.uncertainty import SIGNIFICANT_SIGMAS
 from ema_sim.lives import SimulatedLife
 
 FILE: Final = Path(__file__).with_name("estimator_errors.jsonl")
 _UPPER: Final = np.triu_indices(N_FAULTS, 1)
 _CLEAR_SIGMAS: Final = 4.0
-_SIGNIFICANT_SIGMAS: Final = 1.96
 _NEIGHBOURS: Final = 5
 # The direction says little of how the others are seen.
 _WEIGHTS: Final = np.where(np.arange(N_FAULTS) == ECCENTRICITY_PHASE, 0.1, 1.0)
@@ -114,7 +114,7 @@ class ErrorModel:
         error = self._errors(rng) * sigma
         found = faults + error
         away = np.abs(found - healthy_faults())
-        back = away < _SIGNIFICANT_SIGMAS * sigma
+        back = away < SIGNIFICANT_SIGMAS * sigma
         back[ECCENTRICITY_PHASE] = back[ECCENTRICITY]
         found = np.where(back, healthy_faults(), found)
         found[ECCENTRICITY_PHASE] %= 1.0

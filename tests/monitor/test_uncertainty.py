@@ -5,9 +5,9 @@ import pytest
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULT_NAMES, fault_vector
 from ema_monitor.uncertainty import (
-    DETECTION_CHI2,
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
+    SIGNIFICANT_SIGMAS,
     SMALLEST_ECCENTRICITY,
     UNOBSERVABLE_SIGMA,
     USUAL_MISFIT,
@@ -172,7 +172,7 @@ def test_phase_of_no_eccentricity_is_unobservable():
 @pytest.mark.parametrize(("share", "unobservable"), [(0.99, True), (1.01, False)])
 def test_phase_is_observable_once_the_eccentricity_is_detected(share, unobservable):
     sigma = 0.01
-    zeta = share * np.sqrt(DETECTION_CHI2) * sigma
+    zeta = share * SIGNIFICANT_SIGMAS[ECCENTRICITY] * sigma
     result = uncertainty({"eccentricity": zeta, "eccentricity_phase": 0.2}, sigma=sigma)
     assert result.unobservable[ECCENTRICITY_PHASE] == unobservable
     assert not result.unobservable[ECCENTRICITY]
@@ -186,12 +186,6 @@ def test_phase_of_an_eccentricity_as_small_as_the_models_mismatch_is_unobservabl
     zeta = share * SMALLEST_ECCENTRICITY
     result = well_fitted(fault_vector({"eccentricity": zeta}), np.zeros((8, 8)))
     assert result.unobservable[ECCENTRICITY_PHASE] == unobservable
-
-
-def test_detection_is_chi_squared_at_95_percent():
-    """Two Gaussian components of nothing are taken for an eccentricity once in twenty."""
-    x = np.random.default_rng(5).normal(size=(1_000_000, 2))
-    assert np.mean(np.sum(x**2, axis=1) > DETECTION_CHI2) == pytest.approx(0.05, rel=0.02)
 
 
 @pytest.mark.parametrize("name", ["friction", "short_circuit_b", "gain"])

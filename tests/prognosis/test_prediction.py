@@ -131,7 +131,7 @@ def test_overall_life_counts_a_fault_whose_growth_is_not_certain_yet():
         "backlash": Growth("linear", 2e-4, noise=0.3),
         "short_circuit_c": Growth("self_heating", 3.5e-4, 6.0, noise=0.3, onset=350.0),
     }
-    feed(tracker, growth, 400.0, np.random.default_rng(2))
+    feed(tracker, growth, 410.0, np.random.default_rng(2))
     told = tracker.predict()
     assert not told.components["short_circuit_c"].known
     assert "growth is not certain yet" in told.components["short_circuit_c"].reason

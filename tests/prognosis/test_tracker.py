@@ -99,7 +99,9 @@ def test_being_near_healthy_updates_as_bayes_rule_does(mean, two_sided):
     expected = np.average(x, weights=weight)
     spread = np.average((x - expected) ** 2, weights=weight)
     means, variances, told = np.array([mean]), np.array([sd**2]), np.empty(1)
-    near_healthy_update(means, variances, np.array([sigma**2]), np.array([two_sided]), told)
+    near_healthy_update(
+        means, variances, np.array([sigma**2]), np.array([2.0]), np.array([two_sided]), told
+    )
     assert means[0] == pytest.approx(expected, abs=1e-8)
     assert variances[0] == pytest.approx(spread, rel=1e-4)
     total = weight.sum() * (x[1] - x[0]) / (sd * math.sqrt(2 * math.pi))

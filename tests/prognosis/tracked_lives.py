@@ -10,6 +10,7 @@ from ema_monitor.prognosis.events import Event
 from ema_monitor.prognosis.measurement import Measurement
 from ema_monitor.prognosis.tracked_fault import TrackedFault
 from ema_monitor.prognosis.tracker import Tracker
+from ema_monitor.uncertainty import SIGNIFICANT_SIGMAS
 from ema_sim.growth import Growth, grow
 
 SIGMA = 0.003
@@ -23,12 +24,12 @@ def observed(
     sigma: float = SIGMA,
     unobservable: Iterable[str] = (),
 ) -> Measurement:
-    """Return a test of some faults; what lies within two sigma of healthy is put back to it."""
+    """Return a test of some faults; what is not significant is put back to healthy."""
     faults = fault_vector(faults)
     if rng is not None:
         faults = np.clip(faults + sigma * rng.standard_normal(8), 0.0, HIGHEST)
     healthy = healthy_faults()
-    faults = np.where(np.abs(faults - healthy) < 2.0 * sigma, healthy, faults)
+    faults = np.where(np.abs(faults - healthy) < SIGNIFICANT_SIGMAS * sigma, healthy, faults)
     hidden = np.array([name in unobservable for name in FAULT_NAMES])
     hidden[PHASE] = True
     return Measurement(hours, faults, sigma**2 * np.eye(8), hidden)

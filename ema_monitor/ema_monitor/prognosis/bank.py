@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.growth_laws import increment
+from ema_monitor.prognosis.arrival import REACH
 from ema_monitor.prognosis.cells import Cells
 from ema_monitor.prognosis.near_healthy import near_healthy_update
 from ema_monitor.prognosis.settings import TrackerSettings
@@ -152,7 +153,8 @@ class Bank:
         )
         near = np.flatnonzero((used & near_healthy)[component])
         mean, variance, told = self.mean[near], self.variance[near], np.empty(near.size)
-        near_healthy_update(mean, variance, noise[component[near]], self._two_sided[near], told)
+        own = component[near]
+        near_healthy_update(mean, variance, noise[own], REACH[own], self._two_sided[near], told)
         self.mean[near], self.variance[near], log_likelihood[near] = mean, variance, told
         highest = np.full(self._n, -np.inf)
         np.maximum.at(highest, component, log_likelihood)

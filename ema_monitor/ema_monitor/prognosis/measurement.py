@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from ema_core.faults import FAULT_NAMES, N_FAULTS, healthy_faults
 from ema_monitor.estimate import Estimate
-from ema_monitor.prognosis.near_healthy import REACH
 from ema_monitor.prognosis.settings import COMPONENTS
+from ema_monitor.uncertainty import SIGNIFICANT_SIGMAS
 
 INDICES: Final = [FAULT_NAMES.index(name) for name in COMPONENTS]
 """Where the tracked components are in a fault vector."""
 HEALTHY: Final = healthy_faults()[INDICES]
+REACH: Final = SIGNIFICANT_SIGMAS[INDICES]
+"""Standard deviations within which an estimate is put back to healthy, ``(7,)`` [-]."""
 
 
 @dataclass(frozen=True, eq=False)

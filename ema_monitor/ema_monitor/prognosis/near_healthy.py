@@ -8,9 +8,6 @@ from numpy.typing import NDArray
 
 from ema_core._jit import kernel
 
-REACH: Final = 2.0
-"""Standard deviations up to which an estimate is put back to healthy [-]."""
-
 _TAIL: Final = -6.0
 _ROOT_2: Final = math.sqrt(2.0)
 _ROOT_2_PI: Final = math.sqrt(2.0 * math.pi)
@@ -21,10 +18,11 @@ def near_healthy_update(
     mean: NDArray[np.float64],
     variance: NDArray[np.float64],
     noise: NDArray[np.float64],
+    reach: NDArray[np.float64],
     two_sided: NDArray[np.bool_],
     log_likelihood: NDArray[np.float64],
 ) -> None:
-    """Update Gaussians in place, knowing that x + error lies within ``REACH`` of healthy.
+    """Update Gaussians in place, knowing that x + error is not significant.
 
     Parameters
     ----------
@@ -32,6 +30,8 @@ def near_healthy_update(
         Distance from healthy before, ``(n,)``; after it on return.
     noise
         Variance of the error, ``(n,)``.
+    reach
+        Standard deviations of the error within which it is not, ``(n,)`` [-].
     two_sided
         Whether the component may lie on either side of healthy, ``(n,)``.
     log_likelihood
@@ -51,7 +51,7 @@ def near_healthy_update(
         total = variance[i] + noise[i]
         root = math.sqrt(total)
         gain = variance[i] / total
-        upper = (REACH * sigma - m) / root
+        upper = (reach[i] * sigma - m) / root
         if upper < _TAIL:
             mean[i] = sign * (m + gain * upper * root)
             variance[i] *= 1.0 - gain
@@ -62,7 +62,7 @@ def near_healthy_update(
         density = math.exp(-0.5 * upper * upper) / _ROOT_2_PI
         slope, bend = -density, -upper * density
         if two_sided[i]:
-            lower = (-REACH * sigma - m) / root
+            lower = (-reach[i] * sigma - m) / root
             mass -= 0.5 * math.erfc(-lower / _ROOT_2)
             edge = math.exp(-0.5 * lower * lower) / _ROOT_2_PI
             slope += edge
