@@ -126,7 +126,7 @@ def found_in_words(one: Estimate) -> str:
         for fault, k, insignificant, hidden in zip(
             FAULTS, one.faults, one.insignificant, one.unobservable, strict=True
         )
-        if fault.name != "eccentricity_phase" and not insignificant and not hidden
+        if fault.limit is not None and not insignificant and not hidden
     ]
     if not significant:
         return "no significant fault"

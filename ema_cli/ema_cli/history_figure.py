@@ -33,7 +33,7 @@ def draw_history(history: History) -> Figure:
         Diagnoses of one actuator, at least one.
     """
     diagnoses = history.diagnoses()
-    numbers = [i for i, fault in enumerate(FAULTS) if fault.name != "eccentricity_phase"]
+    numbers = [i for i, fault in enumerate(FAULTS) if fault.limit is not None]
     moving = [i for i in numbers if _moves(diagnoses, i)] or numbers
     resting = [i for i in numbers if i not in moving]
     timed = has_latency(diagnoses)

@@ -19,8 +19,7 @@ from ema_cli.life_unit import calibration_of_life, unit_of_life
 from ema_cli.progress import progress_bar
 from ema_cli.unit_calibration import CALIBRATION_FILE
 from ema_core.description import ActuatorDescription
-from ema_core.faults import FAULT_NAMES
-from ema_core.typical_growth import TYPICAL
+from ema_core.faults import COMPONENTS, TYPICAL
 from ema_monitor.health import HealthLimits
 from ema_sim.lives import SimulatedLife, constant_life, run_to_failure
 
@@ -116,7 +115,7 @@ def _drawn(
     rng: np.random.Generator, kind: str | None, *, is_constant: bool, with_repair: bool
 ) -> SimulatedLife:
     limits = HealthLimits()
-    by_fault = {name: limits.of(name) for name in FAULT_NAMES if name != "eccentricity_phase"}
+    by_fault = {name: limits.of(name) for name in COMPONENTS}
     if is_constant:
         return constant_life(by_fault, rng)
     return run_to_failure(by_fault, rng, kind, with_repair=with_repair)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ema_cli.true_life import true_faults, true_remaining_life
 from ema_cli.unit_course import Course
-from ema_core.faults import FAULT_NAMES, FAULTS
+from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.levels import ERROR, WARN
 from ema_monitor.health import FaultHealth
 from ema_monitor.prognosis.metrics import ALPHA
@@ -95,7 +95,7 @@ def _title(course: Course) -> str:
 def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
     """Return whether a fault is worth a panel: it ends life, gives a warning or truly moved."""
     name = FAULT_NAMES[i]
-    if name == "eccentricity_phase":
+    if name not in COMPONENTS:
         return False
     last, limit = course.outlooks[-1], course.settings.limits.of(name)
     worst = max(last.health.faults, key=lambda item: item.share).name

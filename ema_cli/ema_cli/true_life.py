@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ema_cli.truths import truth_at
 from ema_cli.unit_course import Course
-from ema_core.faults import FAULT_NAMES, FAULTS, N_FAULTS
+from ema_core.faults import FAULTS, N_FAULTS
 from ema_monitor.prognosis.required_life import FITTED
 from ema_monitor.prognosis.requirements import REQUIREMENTS
 
@@ -66,7 +66,7 @@ def _share_of_the_way(course: Course, faults: NDArray[np.float64]) -> NDArray[np
     shares = [
         abs(faults[:, number] - fault.healthy) / limits.of(fault.name)
         for number, fault in enumerate(FAULTS)
-        if FAULT_NAMES[number] != "eccentricity_phase"
+        if fault.limit is not None
     ]
     requirements = FITTED.of(course.parameters, course.settings.requirements)
     if not isinstance(requirements, str):

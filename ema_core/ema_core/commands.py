@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ema_core.faults import BACKLASH, FAULTS, FRICTION, GAIN
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.quantity import check_quantities, quantity, text, usually
 
@@ -173,9 +174,12 @@ def approach_travel(parameters: ActuatorParameters) -> float:
         Nominal parameters of the actuator.
     """
     control, _, mechanics = constants(parameters)
-    stiffness = control.GAP * 0.5 * control.G_prop
-    held = 3.0 * mechanics.f_s / stiffness if stiffness > 0.0 else float("inf")
-    return 200.0 * mechanics.half_backlash * mechanics.tau + held
+    friction, backlash, gain = (FAULTS[i] for i in (FRICTION, BACKLASH, GAIN))
+    stiffness = control.GAP * gain.at(0.0) * control.G_prop
+    worst = friction.at(friction.highest) * mechanics.f_s
+    held = worst / stiffness if stiffness > 0.0 else float("inf")
+    widest = 2.0 * backlash.at(backlash.highest) * mechanics.half_backlash
+    return widest * mechanics.tau + held
 
 
 def approach_depth(parameters: ActuatorParameters) -> float:

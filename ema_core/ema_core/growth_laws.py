@@ -16,6 +16,7 @@ drift         dx = a du + s dW    drift and diffusion; here its mean
 ============  ==================  ============================================================
 """
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -33,6 +34,34 @@ LAWS: Final = (
 
 _LARGEST: Final = 700.0
 """Exponent up to which an exponential is within the range of numbers [-]."""
+
+
+@dataclass(frozen=True)
+class TypicalGrowth:
+    """Growth of a fault in actuators of one type.
+
+    Attributes
+    ----------
+    law
+        One of ``LAWS``.
+    rate
+        Median of the rate a [1/h], of ``power`` of the time scale c [h].
+    shape
+        Second figure of the law [-].
+    rate_sigma
+        Standard deviation of the rate's logarithm [-].
+    diffusion
+        Of ``drift`` its s [1/sqrt(h)].
+    latest_onset
+        Growth begins at an hour drawn uniformly from 0 to this [h].
+    """
+
+    law: str
+    rate: float
+    shape: float = 0.0
+    rate_sigma: float = 0.3
+    diffusion: float = 0.0
+    latest_onset: float = 0.0
 
 
 def increment(

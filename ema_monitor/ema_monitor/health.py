@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
-from ema_core.faults import FAULTS
+from ema_core.faults import FAULTS, KINDS, LIMITS, kind_of, settings_by_kind
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.quantity import check_quantities, quantity
 from ema_monitor.estimate import Estimate
@@ -17,11 +17,21 @@ ONE_SIDED_95: Final = 1.645
 _GRADES: Final = (0.5, 0.8, 1.0)
 
 
+def _limit_of(kind: str) -> Any:
+    fault = KINDS[kind][0]
+    suffix = f", either way from {fault.healthy:g}" if fault.is_two_sided else ""
+    if len(KINDS[kind]) > 1:
+        suffix = ", each phase"
+    words = kind.replace("_", " ")
+    return quantity(LIMITS[kind], "-", 1e-3, 1.0 - fault.healthy, f"limit of {words}{suffix}")
+
+
 @dataclass(frozen=True)
-class HealthLimits:
+class HealthLimits(settings_by_kind("_LimitByKind", float, _limit_of)):
     """Where life ends, and how far from there a warning is due.
 
-    Each limit is the largest distance of a fault component from its healthy value [-].
+    There is a limit for each kind of fault, by its name: the largest distance of a component from
+    its healthy value [-].
 
     Raises
     ------
@@ -29,11 +39,6 @@ class HealthLimits:
         When a figure is outside its range; the message names it.
     """
 
-    friction: float = quantity(0.5, "-", 1e-3, 1.0, "limit of friction")
-    backlash: float = quantity(0.5, "-", 1e-3, 1.0, "limit of backlash")
-    short_circuit: float = quantity(0.25, "-", 1e-3, 1.0, "limit of a short circuit, each phase")
-    eccentricity: float = quantity(0.6, "-", 1e-3, 1.0, "limit of eccentricity")
-    gain: float = quantity(0.25, "-", 1e-3, 0.5, "limit of the gain's distance from 0.5")
     warn_share: float = quantity(
         0.2, "-", 1e-3, 1.0, "share of a limit that a fault's lower 95 % bound passes at a warning"
     )
@@ -49,8 +54,7 @@ class HealthLimits:
         fault_name
             Name of the component, other than the direction of eccentricity.
         """
-        is_short = fault_name.startswith("short_circuit")
-        return getattr(self, "short_circuit" if is_short else fault_name)
+        return getattr(self, kind_of(fault_name))
 
 
 @dataclass(frozen=True)
@@ -166,7 +170,7 @@ def assess(
     faults = tuple(
         _assess_fault(number, estimate, limits, (tracked or {}).get(fault.name))
         for number, fault in enumerate(FAULTS)
-        if fault.name != "eccentricity_phase"
+        if fault.limit is not None
     )
     known = [item for item in faults if item.level != STALE]
     unseen = {

@@ -1,11 +1,15 @@
 """Covariance of an estimate, and which of its components a window says nothing useful about."""
 
+import math
+from statistics import NormalDist
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, N_FAULTS
+from ema_core.faults import COMPONENTS, ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS, N_FAULTS
+
+_PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
 
 CORRELATION_S: Final = 5e-3
 """Span over which residuals are taken to be correlated [s]."""
@@ -13,13 +17,23 @@ CORRELATION_S: Final = 5e-3
 UNOBSERVABLE_SIGMA: Final = 0.25
 """From this standard deviation on, a component is no better known than by its range [-]."""
 
-SIGNIFICANT_SIGMAS: Final = np.array([2.44, 2.44, 2.44, 2.44, 2.44, 3.14, 3.14, 2.68])
+_LEVEL: Final = 1.0 - 0.95 ** (1.0 / len(COMPONENTS))
+
+
+def _significant_sigmas(number: int) -> float:
+    if number in _PLANE:
+        return math.sqrt(-2.0 * math.log(_LEVEL))
+    level = _LEVEL / 2.0 if FAULTS[number].is_two_sided else _LEVEL
+    return NormalDist().inv_cdf(1.0 - level)
+
+
+SIGNIFICANT_SIGMAS: Final = np.array([_significant_sigmas(i) for i in range(N_FAULTS)])
 """Standard deviations from healthy beyond which a component is significant, ``(8,)`` [-].
 
 A healthy actuator shows any significant fault in one window of twenty: each of the seven faults
 is tested at the level 1 - 0.95^(1/7) = 0.73 % (Sidak). The bound is one-sided for what cannot lie
-below healthy, two-sided for the gain, and a circle for the eccentricity, which is a vector in the
-plane (Rayleigh); its direction is significant where its amount is.
+below healthy (2.44), two-sided for the gain (2.68), and a circle for the eccentricity, which is a
+vector in the plane (3.14, Rayleigh); its direction is significant where its amount is.
 """
 
 SMALLEST_ECCENTRICITY: Final = 0.005
@@ -29,14 +43,12 @@ MISMATCH_FACTOR: Final = 1.45
 """By how much the mismatch of the model widens the standard deviations that the residuals tell:
 it follows the faults, and so hides in the estimate [-]."""
 
-MISMATCH_SIGMA: Final = np.array([7e-4, 1.1e-3, 1e-3, 1e-3, 1e-3, 7e-4, 7e-4, 3e-4])
+MISMATCH_SIGMA: Final = np.array([fault.mismatch for fault in FAULTS])
 """Standard deviation that the mismatch of the model adds to each component at least, ``(8,)``, with
 the eccentricity in Cartesian form [-]."""
 
 USUAL_MISFIT: Final = 2.5
 """Goodness of fit up to which both figures hold; beyond, standard deviations grow with it [-]."""
-
-_PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
 
 
 class Uncertainty(NamedTuple):

@@ -14,14 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import (
+    COMPONENTS,
     ECCENTRICITY_PHASE,
     FAULT_NAMES,
     FAULTS,
+    KINDS,
     SHORT_CIRCUITS,
+    TYPICAL,
     healthy_faults,
 )
+from ema_core.growth_laws import TypicalGrowth
 from ema_core.quantity import check_quantities, quantity
-from ema_core.typical_growth import TYPICAL, TypicalGrowth
 from ema_sim.growth import Growth, grow
 
 WindowKind = Literal["good", "noisy", "gap", "missing"]
@@ -182,8 +185,8 @@ def _check(
     kind: str | None = None,
     typical: Mapping[str, TypicalGrowth] = TYPICAL,
 ) -> None:
-    for name in FAULT_NAMES:
-        if name != "eccentricity_phase" and not limits.get(name, 0.0) > 0.0:
+    for name in COMPONENTS:
+        if not limits.get(name, 0.0) > 0.0:
             raise ValueError(f"limit of {name} = {limits.get(name)!r}: expected a number above 0")
     if kind is not None and kind not in typical:
         raise ValueError(f"dominant fault {kind!r} is unknown; known: {', '.join(typical)}")
@@ -239,8 +242,10 @@ def _draw_life(
     with_repair: bool,
 ) -> SimulatedLife | None:
     """Return a life, or None when it is too short or too long."""
-    phase = FAULT_NAMES[int(rng.choice(SHORT_CIRCUITS))]
-    names = {name: phase if name == "short_circuit" else name for name in typical}
+    names = {
+        kind: KINDS[kind][int(rng.integers(len(KINDS[kind]))) if len(KINDS[kind]) > 1 else 0].name
+        for kind in typical
+    }
     dominant = names[kind]
     growths = {
         names[name]: _drawn_growth(

@@ -22,8 +22,7 @@ from rich.console import Console
 from rich.progress import Progress
 from trials import ACTUATOR, workers
 
-from ema_core.faults import N_FAULTS
-from ema_core.typical_growth import TYPICAL
+from ema_core.faults import N_FAULTS, TYPICAL
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate
 from ema_monitor.healthy_fit import calibrate

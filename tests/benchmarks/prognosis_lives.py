@@ -9,8 +9,8 @@ from cases import CURRENT_NOISE, RESOLUTIONS, Case
 from numpy.typing import NDArray
 from trials import ACTUATOR
 
-from ema_core.faults import FAULT_NAMES
-from ema_core.typical_growth import TYPICAL, TypicalGrowth
+from ema_core.faults import FAULT_NAMES, TYPICAL
+from ema_core.growth_laws import TypicalGrowth
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate
 from ema_monitor.health import HealthLimits

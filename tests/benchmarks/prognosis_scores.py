@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from prognosis_predictors import Predictions
 
-from ema_core.typical_growth import TYPICAL
+from ema_core.faults import TYPICAL
 from ema_monitor.prognosis import metrics
 
 LAMBDAS: Final = (0.25, 0.5, 0.75, 0.9)

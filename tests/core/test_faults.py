@@ -1,15 +1,20 @@
 """The fault vector: what it accepts, does, and how far an estimate is off."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ema_core.faults import (
+    COMPONENTS,
     FAULT_NAMES,
     FAULTS,
     HIGHEST,
+    KINDS,
     N_FAULTS,
+    TYPICAL,
+    Fault,
     degrade,
     estimation_error,
     fault_vector,
@@ -18,6 +23,7 @@ from ema_core.faults import (
 )
 from ema_core.parameters import ActuatorParameters, constants
 
+DOCUMENT = Path(__file__).parents[2] / "docs" / "faults.md"
 PLANT = constants(ActuatorParameters())
 HEALTHY = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5]
 
@@ -39,6 +45,39 @@ def test_names_and_healthy_values():
     for fault in FAULTS:
         assert fault.label
         assert " k" in fault.meaning
+
+
+def documented(fault: Fault) -> str:
+    """The row of docs/faults.md that the registry gives."""
+    growth = fault.growth
+    figures = ["-", "-"]
+    if growth is not None:
+        second = growth.diffusion if growth.law == "drift" else growth.shape
+        figures = [f"{fault.limit:g}", f"{growth.law}, {growth.rate:g}, {second:g}"]
+    cells = [f"`{fault.name}`", fault.meaning, f"{fault.healthy:g}", f"{fault.highest:g}"]
+    return f"| {' | '.join([*cells, *figures, f'{fault.mismatch:g}'])} |"
+
+
+def test_document_shows_the_registry():
+    lines = DOCUMENT.read_text(encoding="utf-8").splitlines()
+    rows = [line for line in lines if line.startswith("| `")]
+    assert rows == [documented(fault) for fault in FAULTS]
+
+
+def test_registry_is_complete():
+    """What has a limit has a law, and what shares a kind shares limit, law and range."""
+    assert tuple(name for name in FAULT_NAMES if name != "eccentricity_phase") == COMPONENTS
+    assert list(KINDS) == ["friction", "backlash", "short_circuit", "eccentricity", "gain"]
+    assert list(TYPICAL) == list(KINDS)
+    for fault in FAULTS:
+        assert (fault.limit is None) == (fault.growth is None)
+        assert fault.mismatch > 0.0
+        alike = [one for one in FAULTS if one.kind == fault.kind]
+        assert all(
+            (one.limit, one.growth, one.highest) == (fault.limit, fault.growth, fault.highest)
+            for one in alike
+        )
+    assert [fault.name for fault in FAULTS if fault.is_two_sided and fault.limit] == ["gain"]
 
 
 def test_physical_values():

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from ema_core.faults import FAULT_NAMES, HIGHEST
+from ema_core.faults import COMPONENTS, FAULT_NAMES, HIGHEST
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.bank import Bank
 from ema_monitor.prognosis.cells import grid
 from ema_monitor.prognosis.forecast import draw, futures, lives
-from ema_monitor.prognosis.settings import COMPONENTS, NOMINAL_LAWS, KnownLaw, TrackerSettings
+from ema_monitor.prognosis.settings import NOMINAL_LAWS, KnownLaw, TrackerSettings
 from ema_monitor.prognosis.tracker import Tracker
 from ema_sim.growth import Growth, grow
 

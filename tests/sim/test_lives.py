@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from ema_core.faults import FAULT_NAMES, healthy_faults
+from ema_core.faults import FAULT_NAMES, TYPICAL, healthy_faults
 from ema_core.growth_laws import hours_until
-from ema_core.typical_growth import TYPICAL
 from ema_sim.lives import LifeSettings, constant_life, run_to_failure
 
 LIMITS = {

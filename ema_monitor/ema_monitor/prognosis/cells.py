@@ -13,11 +13,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import FAULT_NAMES, FAULTS
+from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.growth_laws import LAWS, hours_until
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.curves import Curve, curves_of
-from ema_monitor.prognosis.settings import COMPONENTS, KnownLaw, TrackerSettings
+from ema_monitor.prognosis.settings import KnownLaw, TrackerSettings
 
 N_RATES: Final = 97
 LIFE_HOURS: Final = np.geomspace(50.0, 30_000.0, N_RATES)
@@ -110,7 +110,7 @@ def _cells_of(
 
 
 def _is_two_sided(number: int) -> bool:
-    return FAULTS[FAULT_NAMES.index(COMPONENTS[number])].healthy > 0.0
+    return FAULTS[FAULT_NAMES.index(COMPONENTS[number])].is_two_sided
 
 
 def _rate_prior(rate: NDArray[np.float64], known: KnownLaw | None) -> NDArray[np.float64]:

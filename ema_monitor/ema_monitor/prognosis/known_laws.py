@@ -2,20 +2,25 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
+from ema_core.faults import COMPONENTS, KINDS, kind_of, settings_by_kind
 from ema_core.growth_laws import LAWS, hours_until
 from ema_core.quantity import text
-from ema_core.typical_growth import kind_of
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.cells import LIFE_HOURS
-from ema_monitor.prognosis.settings import COMPONENTS, NOMINAL_LAWS, KnownLaw
+from ema_monitor.prognosis.settings import NOMINAL_LAWS, KnownLaw
 
 FORM: Final = "LAW[:RATE[:SHAPE]]"
 
 
+def _law_of(kind: str) -> Any:
+    grows = "each phase's grows" if len(KINDS[kind]) > 1 else "it grows"
+    return text("", f"law by which {grows}, {FORM}; empty: unknown")
+
+
 @dataclass(frozen=True)
-class KnownLawTexts:
+class KnownLawTexts(settings_by_kind("_LawByKind", str, _law_of)):
     """Law of each kind of fault, ``LAW[:RATE[:SHAPE]]`` or empty where it is not known.
 
     Raises
@@ -23,12 +28,6 @@ class KnownLawTexts:
     ValueError
         When a text is no law; the message begins with the kind of fault.
     """
-
-    friction: str = text("", f"law by which it grows, {FORM}; empty: unknown")
-    backlash: str = text("", f"law by which it grows, {FORM}; empty: unknown")
-    short_circuit: str = text("", f"law by which each phase's grows, {FORM}; empty: unknown")
-    eccentricity: str = text("", f"law by which it grows, {FORM}; empty: unknown")
-    gain: str = text("", f"law by which it grows, {FORM}; empty: unknown")
 
     def __post_init__(self) -> None:
         self.laws()

@@ -8,9 +8,8 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import FAULT_NAMES, N_FAULTS, healthy_faults
+from ema_core.faults import COMPONENTS, FAULT_NAMES, N_FAULTS, healthy_faults
 from ema_monitor.estimate import Estimate
-from ema_monitor.prognosis.settings import COMPONENTS
 from ema_monitor.uncertainty import SIGNIFICANT_SIGMAS
 
 INDICES: Final = [FAULT_NAMES.index(name) for name in COMPONENTS]

@@ -5,9 +5,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.faults import COMPONENTS
 from ema_monitor.prognosis.events import OUTLIER, REPAIR, STEP, Event
 from ema_monitor.prognosis.measurement import HEALTHY, Measurement
-from ema_monitor.prognosis.settings import COMPONENTS, TrackerSettings
+from ema_monitor.prognosis.settings import TrackerSettings
 
 _AGREEMENT: Final = 4.0
 _JUMP_SHARE: Final = 0.1

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, healthy_faults
+from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULT_NAMES, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.health import ONE_SIDED_95, FaultHealth, HealthLimits
 from ema_monitor.prognosis.prediction import Life, Prognosis
@@ -19,7 +19,7 @@ from ema_monitor.prognosis.requirements import (
     Requirements,
 )
 from ema_monitor.prognosis.requirements_life import OVERALL, life_by_requirements
-from ema_monitor.prognosis.settings import COMPONENTS, TrackerSettings
+from ema_monitor.prognosis.settings import TrackerSettings
 from ema_monitor.prognosis.tracked_fault import TrackedFault
 from ema_monitor.prognosis.tracker import Tracker
 

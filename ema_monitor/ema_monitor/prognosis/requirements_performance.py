@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.commands import THESIS_CHIRP, Command
-from ema_core.faults import FAULT_NAMES, HIGHEST, N_FAULTS, degrade, healthy_faults
+from ema_core.faults import (
+    BACKLASH,
+    FAULTS,
+    HIGHEST,
+    N_FAULTS,
+    degrade,
+    healthy_faults,
+)
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.simd import LANES
 from ema_monitor.cores import run_in_threads
@@ -23,7 +30,6 @@ LONGEST_STEP: Final = 5e-5
 HALF_POWER: Final = math.sqrt(0.5)
 """Amplitude ratio at -3 dB [-]."""
 
-_BACKLASH = FAULT_NAMES.index("backlash")
 _STEP_OF_SPEED_LOOP = 0.1
 _SWEEP_PERIODS = 20
 _SWEEP_RANGE = (1.0 / 3.0, 4.0)
@@ -146,8 +152,8 @@ class PerformanceModel:
 
     def free_play(self, faults: ArrayLike) -> NDArray[np.float64]:
         """Return the free play only, ``(...,)`` [rad], of fault vectors, ``(..., 8)``."""
-        backlash = np.asarray(faults, dtype=np.float64)[..., _BACKLASH]
-        return self._width * (1.0 + 99.0 * np.clip(backlash, 0.0, HIGHEST[_BACKLASH]))
+        backlash = np.asarray(faults, dtype=np.float64)[..., BACKLASH]
+        return self._width * FAULTS[BACKLASH].at(np.clip(backlash, 0.0, HIGHEST[BACKLASH]))
 
     def _run(
         self, figures: "_Figures", faults: NDArray[np.float64]

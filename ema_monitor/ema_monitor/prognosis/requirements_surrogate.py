@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import (
+    BACKLASH,
     ECCENTRICITY,
     ECCENTRICITY_PHASE,
-    FAULT_NAMES,
+    GAIN,
     HIGHEST,
     N_FAULTS,
     SHORT_CIRCUITS,
@@ -28,8 +29,7 @@ CORRELATION_LENGTH: Final = 0.5
 NUGGET: Final = 1e-3
 """Share of that error's variance that is not smooth [-]."""
 
-_BACKLASH, _GAIN = FAULT_NAMES.index("backlash"), FAULT_NAMES.index("gain")
-_SMALLEST_BACKLASH = 0.005
+_SMALLESTBACKLASH = 0.005
 _WIDEST_SHORT_CIRCUIT = 0.5
 _RIDGE = 1e-9
 
@@ -47,9 +47,9 @@ def coordinates(faults: NDArray[np.float64]) -> NDArray[np.float64]:
     phi = (2.0 * x[:, ECCENTRICITY_PHASE] - 1.0) * np.pi
     zeta = x[:, ECCENTRICITY].copy()
     x[:, ECCENTRICITY], x[:, ECCENTRICITY_PHASE] = zeta * np.cos(phi), zeta * np.sin(phi)
-    x[:, _BACKLASH] = np.sqrt(x[:, _BACKLASH] + _SMALLEST_BACKLASH)
+    x[:, BACKLASH] = np.sqrt(x[:, BACKLASH] + _SMALLESTBACKLASH)
     x[:, SHORT_CIRCUITS] = np.minimum(x[:, SHORT_CIRCUITS], _WIDEST_SHORT_CIRCUIT)
-    x[:, _GAIN] = 2.0 * x[:, _GAIN] - 1.0
+    x[:, GAIN] = 2.0 * x[:, GAIN] - 1.0
     return x
 
 
@@ -68,8 +68,8 @@ def training_faults(n: int, seed: int) -> NDArray[np.float64]:
     k[:, SHORT_CIRCUITS] = r[:, SHORT_CIRCUITS] ** 3 * _WIDEST_SHORT_CIRCUIT
     k[:, ECCENTRICITY] = 0.9 * r[:, ECCENTRICITY] ** 3
     k[:, ECCENTRICITY_PHASE] = r[:, ECCENTRICITY_PHASE]
-    off = 2.0 * r[:, _GAIN] - 1.0
-    k[:, _GAIN] = 0.5 + 0.5 * np.sign(off) * np.abs(off) ** 1.5
+    off = 2.0 * r[:, GAIN] - 1.0
+    k[:, GAIN] = 0.5 + 0.5 * np.sign(off) * np.abs(off) ** 1.5
     return k
 
 

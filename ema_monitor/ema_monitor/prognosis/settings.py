@@ -5,13 +5,9 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
 
-from ema_core.faults import FAULT_NAMES
+from ema_core.faults import COMPONENTS, TYPICAL, kind_of
 from ema_core.growth_laws import LAWS
 from ema_core.quantity import check_quantities, quantity, text
-from ema_core.typical_growth import TYPICAL, kind_of
-
-COMPONENTS: Final = tuple(name for name in FAULT_NAMES if name != "eccentricity_phase")
-"""Components that are tracked: a direction is no fault."""
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import HIGHEST
+from ema_core.faults import COMPONENTS, HIGHEST
 from ema_core.growth_laws import increment
 from ema_monitor.prognosis.bank import Bank
 from ema_monitor.prognosis.measurement import HEALTHY, INDICES
-from ema_monitor.prognosis.settings import COMPONENTS
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, HIGHEST, healthy_faults
+from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULTS, HIGHEST, healthy_faults
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.bank import Bank
 from ema_monitor.prognosis.cells import grid
@@ -24,7 +24,7 @@ from ema_monitor.prognosis.forecast import draw, futures, lives
 from ema_monitor.prognosis.measurement import INDICES, Measurement
 from ema_monitor.prognosis.outliers import Opening, OutlierDetector
 from ema_monitor.prognosis.prediction import Fan, Prognosis
-from ema_monitor.prognosis.settings import COMPONENTS, TrackerSettings
+from ema_monitor.prognosis.settings import TrackerSettings
 from ema_monitor.prognosis.tracked_fault import TrackedFault, tracked_faults
 from ema_monitor.prognosis.verdict import Evidence, prognosis_of
 

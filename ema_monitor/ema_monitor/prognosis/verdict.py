@@ -6,9 +6,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_monitor.health import ONE_SIDED_95, HealthLimits
 from ema_monitor.prognosis.prediction import Life, Prognosis, assumption_of
-from ema_monitor.prognosis.settings import COMPONENTS, TrackerSettings
+from ema_monitor.prognosis.settings import TrackerSettings
 
 _LIKELY: Final = 0.5
 
@@ -71,7 +72,9 @@ def prognosis_of(
     every = hours.copy()
     for number, name in enumerate(COMPONENTS):
         limit = limits.of(name)
-        criterion = f"{name} limit {limit:g}" + (" from 0.5" if name == "gain" else "")
+        fault = FAULTS[FAULT_NAMES.index(name)]
+        origin = f" from {fault.healthy:g}" if fault.is_two_sided else ""
+        criterion = f"{name} limit {limit:g}{origin}"
         own = hours[number]
         lower = abs(evidence.mean[number]) - ONE_SIDED_95 * evidence.sigma[number]
         if evidence.tests[number] and lower > limit:
