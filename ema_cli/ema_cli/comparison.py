@@ -156,9 +156,7 @@ def compare_algorithms(
         runs = []
         for algorithm in algorithms:
             search = replace(options.search, algorithm=algorithm, warm_start=False)
-            run = Identification(
-                found.window, found.description, calibration, search, force=force
-            )
+            run = Identification(found.window, found.description, calibration, search, force=force)
             task = progress.add_task(algorithm, total=search.budget)
             evaluations, costs = [], []
             try:

@@ -29,8 +29,8 @@ from ema_cli.unit_record import read_unit
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.requirements import RequirementLimits
+from ema_monitor.prognosis.service_hours import Service
 from ema_monitor.prognosis.settings import KnownLaw, TrackerSettings
-from ema_monitor.prognosis.usage import Service
 
 
 def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:

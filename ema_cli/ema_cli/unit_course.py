@@ -16,6 +16,7 @@ from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.service_count import CountLog
 
 
 @dataclass(frozen=True)
@@ -64,10 +65,8 @@ class Course:
     @property
     def hours(self) -> NDArray[np.float64]:
         """Service hours of each valid test [h], ``(n,)``; NaN where unknown or not believed."""
-        in_use = {entry.stamp_ns for entry in self.growth.in_use}
-        valid = [step for step in self.steps if step.outlook is not None]
-        used = [step.estimate.end_ns in in_use for step in valid]
-        return np.where(used, [outlook.hours for outlook in self.outlooks], np.nan)
+        known = {test.entry.stamp_ns: test.hours for test in self.growth.service.used}
+        return np.array([known.get(outlook.stamp_ns, np.nan) for outlook in self.outlooks])
 
 
 def follow(
@@ -90,13 +89,16 @@ def follow(
         What the prognosis rests on.
     """
     unit = record.description
-    prognostics = Prognostics(History(unit.actuator_id, unit.serial_number), settings)
-    # Only what was counted before a test is told before it, however much there is in all.
-    counts = deque(record.counts)
+    key = (unit.actuator_id, unit.serial_number)
+    prognostics = Prognostics(History(*key), settings)
+    # Only counts before a test are logged before it, however many there are in all.
+    counts, log = deque(record.counts), CountLog()
     steps = []
     with progress_bar() as progress:
         for estimate in progress.track(estimates, description="following growth"):
             while counts and counts[0].stamp_ns <= estimate.end_ns:
-                prognostics.tell(counts.popleft())
-            steps.append(Step(estimate, prognostics.take(estimate, parameters, settings)))
+                log.add(key, counts.popleft())
+            count = log.latest(key, estimate.end_ns)
+            outlook = prognostics.take(estimate, parameters, settings, count)
+            steps.append(Step(estimate, outlook))
     return Course(record, settings, parameters, steps, prognostics.growth)

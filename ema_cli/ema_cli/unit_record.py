@@ -13,7 +13,7 @@ from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import Usage
 from ema_messages.faults import StampedFaults
 from ema_messages.stamps import stamp_from_message
-from ema_monitor.prognosis.counts import Count
+from ema_monitor.prognosis.service_count import Count
 from ema_recording.message_type import type_name
 from ema_recording.metadata import METADATA_FILE
 from ema_recording.reader import Bag

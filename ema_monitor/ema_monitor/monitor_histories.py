@@ -3,23 +3,25 @@
 import threading
 from pathlib import Path
 
-from ema_monitor.prognosis.count_book import CountBook, Unit
-from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.prognostics import Prognostics, RequirementsOf
 from ema_monitor.prognosis.required_life import FITTED
+from ema_monitor.prognosis.service_count import CountLog, Unit
 
 
 class MonitorHistories:
     """Opens the history of each unit when it is first asked for; any thread may call.
 
-    What was counted of a unit is kept until then.
-
     Parameters
     ----------
     requirements_of
         Gives the requirements of a unit, or why they cannot be watched.
+
+    Attributes
+    ----------
+    counts
+        Counts of service life, be the history of the unit open or not.
     """
 
     def __init__(self, requirements_of: RequirementsOf = FITTED.of) -> None:
@@ -28,7 +30,7 @@ class MonitorHistories:
         # A lock a unit: that the history of one is long must not hold up the others.
         self._opening: dict[Unit, threading.Lock] = {}
         self._units: dict[Unit, Prognostics] = {}
-        self._counts = CountBook()
+        self.counts = CountLog()
         self._folder: Path | None = None
         self._is_serving = False
 
@@ -57,7 +59,7 @@ class MonitorHistories:
                 prognostics.history.close()
             self._opening.clear()
             self._units.clear()
-            self._counts = CountBook()
+            self.counts = CountLog()
 
     def items(self) -> list[tuple[Unit, Prognostics]]:
         """Return the units with open histories."""
@@ -86,30 +88,6 @@ class MonitorHistories:
                 self._open(unit, settings)
             return self._units[unit]
 
-    def name(self, unit: Unit) -> None:
-        """Give a unit what was counted of its actuator before that was described.
-
-        Parameters
-        ----------
-        unit
-            The unit.
-        """
-        self._counts.name(*unit)
-        self._pass_on(unit)
-
-    def count(self, unit: Unit, count: Count) -> None:
-        """Take note of a count.
-
-        Parameters
-        ----------
-        unit
-            The unit; its serial number is empty as long as that is not known.
-        count
-            The count.
-        """
-        self._counts.add(*unit, count)
-        self._pass_on(unit)
-
     def _open(self, unit: Unit, settings: PrognosisSettings) -> None:
         path = history_path(self._folder, *unit) if self._folder else None
         prognostics = Prognostics(History(*unit, path), settings, self._requirements_of)
@@ -118,13 +96,6 @@ class MonitorHistories:
                 prognostics.history.close()
             self._require_serving()
             self._units[unit] = prognostics
-        self._pass_on(unit)
-
-    def _pass_on(self, unit: Unit) -> None:
-        """Tell a unit what was counted of it; as long as it is not open, that is kept."""
-        if prognostics := self._units.get(unit):
-            for count in self._counts.take(*unit):
-                prognostics.tell(count)
 
     def _require_serving(self) -> None:
         if not self._is_serving:

@@ -22,15 +22,15 @@ from ema_monitor.health import HealthLimits
 from ema_monitor.monitor_histories import MonitorHistories
 from ema_monitor.monitor_messages import health_to_message
 from ema_monitor.monitor_units import Unit
-from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.known_laws import KnownLawTexts
 from ema_monitor.prognosis.outlook import Outlook, outlook_of_one
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings, duty_of
 from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.required_life import BEING_COMPUTED, FITTED
 from ema_monitor.prognosis.requirements import RequirementLimits, Requirements
+from ema_monitor.prognosis.service_count import Count
+from ema_monitor.prognosis.service_hours import Service
 from ema_monitor.prognosis.settings import TrackerSettings
-from ema_monitor.prognosis.usage import Service
 from ema_monitor.watch import Found
 from ema_nodes.executor import WaitingCallbackGroup
 from ema_nodes.settings import LiveSettings
@@ -126,7 +126,7 @@ class MonitorPrognosis:
         description
             The unit.
         """
-        self._histories.name((description.actuator_id, description.serial_number))
+        self._histories.counts.assign((description.actuator_id, description.serial_number))
         self.refresh(description)
 
     def refresh(self, description: ActuatorDescription) -> None:
@@ -158,7 +158,7 @@ class MonitorPrognosis:
         except ValueError as error:
             return f"usage is impossible: {error}"
         serial_number = message.serial_number or (described.serial_number if described else "")
-        self._histories.count((message.actuator_id, serial_number), count)
+        self._histories.counts.add((message.actuator_id, serial_number), count)
         return ""
 
     def latest(self, description: ActuatorDescription) -> Estimate | None:
@@ -190,7 +190,9 @@ class MonitorPrognosis:
         description, settings = found.description, self.settings
         try:
             prognostics = self._of(description)
-            outlook = prognostics.take(estimate, self._parameters(description), settings)
+            unit = (description.actuator_id, description.serial_number)
+            count = self._histories.counts.latest(unit, estimate.end_ns)
+            outlook = prognostics.take(estimate, self._parameters(description), settings, count)
         except Exception as error:
             # What fails here must cost neither the estimate nor the alarm.
             reason = self.report_failure(description.actuator_id, error)

@@ -25,7 +25,6 @@ _GENERATIONS: Final = 20
 _RUNS_PER_WORKER: Final = 2
 
 
-
 @contextmanager
 def local_executor(kind: str, workers: int) -> Iterator[Executor]:
     """Provide an executor on this machine; an exception in the block cancels its runs.

@@ -14,7 +14,6 @@ from prognosis_predictors import SETTINGS
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate
 from ema_monitor.prognosis import metrics
-from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.measurement import Measurement
 from ema_monitor.prognosis.outlook import Outlook
@@ -22,6 +21,7 @@ from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.required_life import FITTED
 from ema_monitor.prognosis.requirements import REQUIREMENTS, RequirementLimits, Requirements
+from ema_monitor.prognosis.service_count import Count
 from ema_monitor.prognosis.settings import TrackerSettings
 from ema_sim.lives import SimulatedLife
 
@@ -157,8 +157,8 @@ def _followed(
     for cycle, measurement in enumerate(measurements, 1):
         estimate = _estimate(measurement, calibration)
         start = time.process_time()
-        prognostics.tell(Count(estimate.end_ns, measurement.hours, cycle))
-        outlook = prognostics.take(estimate, parameters, settings)
+        count = Count(estimate.end_ns, measurement.hours, cycle)
+        outlook = prognostics.take(estimate, parameters, settings, count)
         spent.append(time.process_time() - start)
         if outlook is None:
             raise RuntimeError(f"nothing is said of a valid estimate at {measurement.hours:g} h")

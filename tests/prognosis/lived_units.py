@@ -8,17 +8,18 @@ from typing import NamedTuple
 
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.estimate import Estimate
-from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.usage import Service
+from ema_monitor.prognosis.service_count import Count
+from ema_monitor.prognosis.service_hours import Service
 
 from .made_tests import made_test
 
 PARAMETERS = ActuatorParameters()
 TEN_HOURS = PrognosisSettings(service=Service(hours_per_cycle=10.0))
+COUNTED = PrognosisSettings()
 UNIT = ("flap", "SIM-0001")
 
 
@@ -71,21 +72,20 @@ def worn(number: int, counted_hours: float = math.nan, *, valid: bool = True) ->
 
 
 def follow(
-    prognostics: Prognostics, cycles: Iterable[Cycle], settings: PrognosisSettings = TEN_HOURS
+    prognostics: Prognostics, cycles: Iterable[Cycle], settings: PrognosisSettings = COUNTED
 ) -> list[Outlook | None]:
     """What is said after each of the cycles, without requirements."""
-    told = []
+    outlooks = []
     for estimate, hours in cycles:
-        if not math.isnan(hours):
-            prognostics.tell(Count(estimate.start_ns, hours, 0))
-        told.append(prognostics.take(estimate, None, settings))
-    return told
+        count = None if math.isnan(hours) else Count(estimate.start_ns, hours, 0)
+        outlooks.append(prognostics.take(estimate, None, settings, count))
+    return outlooks
 
 
 def counted(hours: Iterable[float]) -> list[Outlook]:
     """What is said of a unit of which somebody counted these hours before its tests."""
-    told = follow(Prognostics(History(*UNIT)), [worn(n, h) for n, h in enumerate(hours)])
-    return [outlook for outlook in told if outlook]
+    outlooks = follow(Prognostics(History(*UNIT)), [worn(n, h) for n, h in enumerate(hours)])
+    return [outlook for outlook in outlooks if outlook]
 
 
 def ten_hours_a_test(n: int, **mistaken: float) -> list[float]:

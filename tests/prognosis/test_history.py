@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from ema_monitor.estimate import Estimate
-from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
+from ema_monitor.prognosis.service_count import Count
 
 from .kept_histories import UNIT, entry, hours, kept
 from .made_tests import made_test

@@ -7,8 +7,8 @@ from typing import Any
 
 from ema_monitor.estimate import Estimate
 from ema_monitor.estimate_record import estimate_of, estimate_record, plain_number
-from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.measurement import Measurement
+from ema_monitor.prognosis.service_count import Count
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,11 +20,12 @@ class Entry:
     estimate
         What was found in its window.
     hours
-        Service hour of the test [h]; NaN when not known.
+        Service hour of the test by ``hours_per_cycle`` [h]; NaN where it is counted or unknown.
     cycles
         Test cycles up to it, itself included.
     count
-        The latest count of service hours before the test; None where there is none.
+        The latest count of service hours before the test; None where there is none, or where
+        ``hours_per_cycle`` holds.
 
     Raises
     ------

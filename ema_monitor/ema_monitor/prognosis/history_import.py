@@ -10,8 +10,8 @@ import numpy as np
 
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.estimate_record import estimate_of
-from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
+from ema_monitor.prognosis.service_count import Count
 
 _FORMATS: Final = ("ema_history 1", "ema_history 2")
 _CHECKSUM: Final = b', "crc32": "'
@@ -74,11 +74,10 @@ def _test(values: dict[str, Any]) -> Entry | UnusedCycle:
     estimate["faults"] = dict(zip(FAULT_NAMES, estimate["faults"], strict=True))
     for name in ("unobservable", "insignificant"):
         estimate[name] = [FAULT_NAMES[number] for number in np.flatnonzero(estimate[name])]
-    count = values.get("count")
-    hours = values["hours"]
+    count, hours = values.get("count"), values["hours"]
     return Entry(
         estimate_of(estimate),
-        math.nan if hours is None else hours,
+        math.nan if count or hours is None else hours,
         values["cycles"],
         Count(**count) if count else None,
     )

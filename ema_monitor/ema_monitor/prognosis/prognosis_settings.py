@@ -4,8 +4,8 @@ from dataclasses import dataclass, field, replace
 
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.requirements import RequirementLimits
+from ema_monitor.prognosis.service_hours import Service
 from ema_monitor.prognosis.settings import TrackerSettings
-from ema_monitor.prognosis.usage import Service
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULTS
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.estimate import Estimate
 from ema_monitor.health import HealthLimits, Tracked, assess, with_requirements
-from ema_monitor.prognosis.counts import Count
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
@@ -21,9 +20,9 @@ from ema_monitor.prognosis.prediction import Life, Prognosis, assumption_of
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.required_life import FITTED, RequiredLife, required_life
 from ema_monitor.prognosis.requirements import RequirementLimits, Requirements
+from ema_monitor.prognosis.service_count import Count
 from ema_monitor.prognosis.tracked_fault import TrackedFault
 from ema_monitor.prognosis.tracker import Tracker
-from ema_monitor.prognosis.usage import Usage
 
 RequirementsOf = Callable[[ActuatorParameters, RequirementLimits], Requirements | str]
 
@@ -54,31 +53,21 @@ class Prognostics:
         self._requirements_of = requirements_of
         self._lock = threading.RLock()
         self._settings = settings or PrognosisSettings()
-        self._growth = self._told_anew()
+        self._growth = self._growth_of_history()
         self._events = tuple(filter(None, (history.imported, history.problem)))
-        self._usage = Usage.after(history.entries, history.unused_cycles)
+        self._ignores_usage = False
 
     @property
     def growth(self) -> GrowthRecord:
         """What is known of growth, and by which tests."""
         return self._growth
 
-    def tell(self, count: Count) -> None:
-        """Take note of service hours that were counted.
-
-        Parameters
-        ----------
-        count
-            The count.
-        """
-        # Without the lock: who hears of a count must not wait for a prognosis.
-        self._usage.tell(count)
-
     def take(
         self,
         estimate: Estimate,
         parameters: ActuatorParameters | None,
         settings: PrognosisSettings,
+        count: Count | None = None,
     ) -> Outlook | None:
         """Take the estimate of a test, keep it, and return what there is to say; None if invalid.
 
@@ -90,19 +79,18 @@ class Prognostics:
             Those of the unit; None when they are not known.
         settings
             What to go by from now on.
+        count
+            Latest count of service hours that was read before the test; None when there is none.
 
         Notes
         -----
         A test whose stamp is in the history already changes nothing, unless it had no valid
-        estimate and now has: then it is no further cycle. One whose service hours are unknown,
-        guessed where others are counted, contradicted by those of more tests or not yet confirmed
-        is kept but does not enter the prognosis.
+        estimate and now has: then it is no further cycle. One whose service hours are unknown or
+        not confirmed yet is kept but does not enter the prognosis.
         """
         with self._lock:
             self._settle(settings)
             is_new = not self.history.holds(estimate.end_ns)
-            if is_new:
-                self._usage.pass_test()
             if not estimate.valid:
                 if is_new:
                     self.history.append(UnusedCycle(estimate.end_ns))
@@ -111,12 +99,11 @@ class Prognostics:
                 again = "a test that is in the history already came again and changes nothing"
                 self._events = (*self._events, again)
             else:
-                service = settings.service
-                age = self._usage.at(estimate.end_ns, service.hours_per_cycle)
-                entry = Entry(estimate, age.hours, age.cycles, age.count)
-                told = [*self._oddities(entry), *self._growth.take(entry)]
+                cycles = self.history.unused_cycles + is_new
+                entry, ignored = self._entry(estimate, cycles, count)
+                events = [*ignored, *self._oddities(entry), *self._growth.add(entry)]
                 self.history.append(entry)
-                self._events = (*self._events, *told)
+                self._events = (*self._events, *events)
             return self._outlook_with_events(parameters)
 
     def resume(
@@ -160,20 +147,47 @@ class Prognostics:
         """Go by settings from now on; a tracker that assumes other things begins anew."""
         old, self._settings = self._settings, settings
         if (old.limits, old.tracker) != (settings.limits, settings.tracker):
-            self._growth = self._told_anew()
+            self._growth = self._growth_of_history()
 
-    def _told_anew(self) -> GrowthRecord:
+    def _growth_of_history(self) -> GrowthRecord:
         return GrowthRecord(self._settings.limits, self._settings.tracker, self.history.entries)
 
     def _outlook_with_events(self, parameters: ActuatorParameters | None) -> Outlook:
         outlook = self._outlook(parameters, self._settings.service.duty)
-        # Each event is told once.
+        # Each event is published once.
         self._events = ()
         return outlook
 
+    def _entry(
+        self, estimate: Estimate, new_cycles: int, count: Count | None
+    ) -> tuple[Entry, list[str]]:
+        """Return a test as it is kept, and an event when the first count is ignored."""
+        latest, hours_per_cycle = (
+            self._growth.service.latest,
+            self._settings.service.hours_per_cycle,
+        )
+        cycles = new_cycles + (latest.cycles if latest else 0)
+        if hours_per_cycle > 0.0:
+            hours = self._growth.service.after(cycles, hours_per_cycle)
+            ignored = []
+            if count is not None and not self._ignores_usage:
+                self._ignores_usage = True
+                ignored = [
+                    f"usage is ignored, {count.hours:g} h: hours_per_cycle = {hours_per_cycle:g} h "
+                    "is set"
+                ]
+            return Entry(estimate, hours, cycles), ignored
+        before = latest.count if latest else None
+        # After a restart, the latest count may be in the history alone.
+        read = [item for item in (count, before) if item and item.stamp_ns <= estimate.end_ns]
+        newest = max(read, key=lambda item: item.stamp_ns, default=None)
+        if newest is not None and newest != before:
+            cycles = newest.cycles or cycles
+        return Entry(estimate, math.nan, cycles, newest), []
+
     def _oddities(self, entry: Entry) -> list[str]:
         """Return what is odd about a test beside the latest one."""
-        latest = self._growth.latest
+        latest = self._growth.service.latest
         if latest is None:
             return []
         told = []
@@ -188,23 +202,25 @@ class Prognostics:
         return told
 
     def _outlook(self, parameters: ActuatorParameters | None, duty: float) -> Outlook:
-        entry = self._growth.latest
+        growth, service = self._growth, self._growth.service
+        entry = service.latest
         if entry is None:
             raise RuntimeError("an outlook needs a test")
         limits = self._settings.limits
-        growth = self._growth
-        if growth.left_out:
+        if service.unknown:
             tracked: tuple[TrackedFault, ...] = ()
-            prognosis = _nothing(growth.left_out, limits, duty)
+            prognosis = _nothing(service.unknown, limits, duty)
         else:
             tracked = tuple(item for item in growth.tracker.components() if item.tests)
             prognosis = growth.tracker.predict(duty)
+        # Alarms do not wait for a count.
+        judged = tracked if growth.latest_is_used else ()
         health = assess(
             entry.estimate,
             limits,
             {
                 item.name: Tracked(item.value, item.sigma, item.name in growth.doubtful)
-                for item in tracked
+                for item in judged
             },
         )
         required = self._required(entry, tracked, prognosis, parameters)
@@ -216,7 +232,7 @@ class Prognostics:
             dominant = prognosis.dominant_fault if by_fault else required.dominant
         return Outlook(
             entry.stamp_ns,
-            entry.hours,
+            service.hours,
             entry.cycles,
             self._hours_per_cycle(),
             health,
@@ -245,15 +261,13 @@ class Prognostics:
         requirements = self._requirements_of(parameters, limits)
         if isinstance(requirements, str):
             return RequiredLife.unknown(requirements, limits)
+        warn_share = self._settings.limits.warn_share
         faults, covariance = self._now(entry.estimate, tracked)
-        judgement = requirements.judge(
-            faults, covariance, warn_share=self._settings.limits.warn_share
-        )
-        if growth.left_out or growth.first is None or np.isnan(faults).any():
-            reason = growth.left_out or "not all faults are observable"
+        judgement = requirements.judge(faults, covariance, warn_share=warn_share)
+        if growth.service.unknown or np.isnan(faults).any():
+            reason = growth.service.unknown or "not all faults are observable"
             return RequiredLife.unknown(reason, requirements, judgement.healths)
-        observed = entry.hours - growth.first.hours
-        return required_life(
+        required = required_life(
             requirements,
             judgement,
             faults,
@@ -262,8 +276,12 @@ class Prognostics:
             prognosis,
             self._settings.limits,
             self._settings.tracker,
-            observed,
+            growth.service.hours - growth.service.used[0].hours,
         )
+        if growth.latest_is_used:
+            return required
+        now = requirements.judge(*self._now(entry.estimate, ()), warn_share=warn_share)
+        return replace(required, healths=now.healths)
 
     def _now(
         self, estimate: Estimate, tracked: tuple[TrackedFault, ...]
@@ -285,10 +303,10 @@ class Prognostics:
 
     def _hours_per_cycle(self) -> float:
         """Return the flight hours from a test cycle to the next [h]; NaN when not known."""
-        first, last = self._growth.first, self._growth.used
-        if first is not None and last is not None and last.cycles > first.cycles:
-            mean = (last.hours - first.hours) / (last.cycles - first.cycles)
-            if mean > 0.0:
+        used = self._growth.service.used
+        if used and used[-1].entry.cycles > used[0].entry.cycles:
+            cycles = used[-1].entry.cycles - used[0].entry.cycles
+            if (mean := (used[-1].hours - used[0].hours) / cycles) > 0.0:
                 return mean
         return self._settings.service.hours_per_cycle or math.nan
 

@@ -1,0 +1,261 @@
+"""Health and life of a unit whose service hours are counted, by cycles, wrong or unknown."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ema_core.levels import OK, WARN
+from ema_monitor.health import HealthLimits, assess
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
+from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.service_count import Count
+from ema_monitor.prognosis.service_hours import Service
+
+from .lived_units import (
+    COUNTED,
+    PARAMETERS,
+    TEN_HOURS,
+    UNIT,
+    Cycle,
+    backlash,
+    counted,
+    follow,
+    friction,
+    lived,
+    plain,
+    ten_hours_a_test,
+    worn,
+)
+from .made_tests import FIRST_NS, PERIOD_NS, made_test
+
+
+def test_stray_count_does_not_switch_a_unit_by_cycles_to_counted_hours():
+    """It did for good, and the test after it had no service hours."""
+    prognostics = Prognostics(History(*UNIT))
+    cycles = [worn(n, 3.0 if n == 5 else math.nan) for n in range(9)]
+    outlooks = [item for item in follow(prognostics, cycles, TEN_HOURS) if item]
+    assert [item.hours for item in outlooks] == [10.0 * n for n in range(1, 10)]
+    assert [item.events for item in outlooks if item.events] == [
+        ("usage is ignored, 3 h: hours_per_cycle = 10 h is set",)
+    ]
+    assert plain(outlooks[-1]) == plain(lived_without_requirements(9))
+
+
+def lived_without_requirements(n: int):
+    return follow(Prognostics(History(*UNIT)), [worn(i) for i in range(n)], TEN_HOURS)[-1]
+
+
+def test_count_that_is_not_renewed_gives_no_growth_in_zero_time():
+    """Counted before every fifth test alone: the prognosis is that of hours counted before each."""
+    sparse = [worn(n, 10.0 * n if n % 5 == 0 else math.nan) for n in range(31)]
+    prognostics = Prognostics(History(*UNIT))
+    outlooks = follow(prognostics, sparse)
+    full = follow(Prognostics(History(*UNIT)), [worn(n, 10.0 * n) for n in range(31)])
+    last, expected = outlooks[-1], full[-1]
+    assert last is not None
+    assert expected is not None
+    assert last.rul_faults.known
+    assert last.rul_faults.hours_50 == pytest.approx(expected.rul_faults.hours_50, rel=1e-6)
+    # Between counts, life is told from the latest count on, and levels rest on the test itself.
+    between = outlooks[28]
+    assert between is not None
+    assert (between.hours, between.rul_faults) == (250.0, outlooks[25].rul_faults)
+    single = assess(prognostics.history.entries[28].estimate, HealthLimits())
+    assert between.health.faults == single.faults
+    assert not any(item.events for item in outlooks if item)
+
+
+def test_one_count_too_high_is_as_if_it_had_been_right():
+    outlooks = counted(ten_hours_a_test(22, at_18=50_000.0))
+    right = counted(ten_hours_a_test(22))
+    before, wrong, after, *_, last = outlooks[17:]
+    assert math.isnan(wrong.hours)
+    assert "went from 180 h to 50000 h" in wrong.rul.reason
+    # As one test tells it, not as growth over 50,000 h would have it: then it is 0.
+    assert wrong.health.level <= WARN
+    assert wrong.health.health_index == pytest.approx(before.health.health_index, abs=0.03)
+    assert after.events == (
+        "service hours 50000 h at test 19 not confirmed by the next count, 200 h: interpolated "
+        "instead",
+    )
+    assert last.rul_faults.hours_50 == pytest.approx(right[-1].rul_faults.hours_50, rel=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [2_000.0, 50_000.0])
+@pytest.mark.parametrize("is_worn", [True, False])
+def test_one_count_too_high_raises_no_alarm(wrong: float, is_worn: bool):
+    """Growth is not extrapolated to hours that nothing has confirmed."""
+    outlooks = []
+    prognostics = Prognostics(History(*UNIT))
+    for number, hours in enumerate(ten_hours_a_test(24, at_20=wrong)):
+        estimate = worn(number).estimate if is_worn else made_test(number, seed=3, friction=0.1)
+        count = Count(estimate.start_ns, hours, number + 1)
+        outlooks.append(prognostics.take(estimate, PARAMETERS, COUNTED, count))
+    levels = [item.health.level for item in outlooks[17:]]
+    # The torque margin of a worn unit is near its limit at a single test as well.
+    assert max(levels) <= (WARN if is_worn else OK)
+    assert not outlooks[20].rul.known
+    single = assess(prognostics.history.entries[20].estimate, HealthLimits())
+    assert outlooks[20].health.faults == single.faults
+    assert outlooks[20].health.health_index == single.health_index > 0.7
+
+
+def test_long_pause_is_believed_from_the_next_test_on():
+    hours = [*ten_hours_a_test(20), *(5000.0 + 10.0 * n for n in range(4))]
+    cycles = [worn(min(n, 20), h) for n, h in enumerate(hours)]
+    # No growth in the pause: the same levels go on, as new tests.
+    cycles[21:] = [
+        Cycle(made_test(n, seed=3, friction=friction(20), backlash=backlash(20)), hours[n])
+        for n in range(21, 24)
+    ]
+    prognostics = Prognostics(History(*UNIT))
+    outlooks = [item for item in follow(prognostics, cycles) if item]
+    assert "went from 200 h to 5000 h" in outlooks[20].rul.reason
+    assert "service hours set from 200 h to 5010 h" in outlooks[21].events
+    assert all(item.health.level <= WARN for item in outlooks[20:])
+    assert [test.hours for test in prognostics.growth.service.used] == hours
+
+
+def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):
+    path = tmp_path / "history.sqlite"
+    for _ in range(3):
+        prognostics = Prognostics(History(*UNIT, path), TEN_HOURS)
+        follow(prognostics, [worn(0, valid=False)] * 2, TEN_HOURS)
+        prognostics.history.close()
+    prognostics = Prognostics(History(*UNIT, path), TEN_HOURS)
+    # The same window with an estimate is taken, but is no further cycle.
+    first, second = follow(prognostics, [worn(0), worn(1)], TEN_HOURS)
+    prognostics.history.close()
+    assert first is not None
+    assert second is not None
+    assert [(item.hours, item.cycles) for item in (first, second)] == [(10.0, 1), (20.0, 2)]
+
+
+@pytest.mark.parametrize("by_cycles", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_restart_at_any_test_goes_on_as_if_there_had_been_none(
+    tmp_path: Path, seed: int, by_cycles: bool
+):
+    """Tests with and without estimate, counted, not counted, and counted wrongly."""
+    rng = np.random.default_rng(seed)
+    settings = PrognosisSettings(service=Service(hours_per_cycle=7.0 if by_cycles else 0.0))
+    cycles = []
+    for number in range(16):
+        kind = rng.choice(["none", "right", "high", "low"], p=[0.3, 0.5, 0.1, 0.1])
+        right = 8.0 * number
+        hours = {"none": math.nan, "right": right, "high": 9.0 * right, "low": right / 4}[kind]
+        hours = math.nan if by_cycles else hours
+        cycles.append(worn(number, hours, valid=rng.random() > 0.3))
+    path = tmp_path / "history.sqlite"
+    live = Prognostics(History(*UNIT, path), settings)
+    expected = []
+    for number, cycle in enumerate(cycles, 1):
+        expected += follow(live, [cycle], settings)
+        if number % 4 == 3:
+            # What a kill would leave.
+            (tmp_path / f"{number}.sqlite").write_bytes(path.read_bytes())
+    live.history.close()
+    for number in (3, 7, 11, 15):
+        again = Prognostics(History(*UNIT, tmp_path / f"{number}.sqlite"), settings)
+        outlooks = follow(again, cycles[number:], settings)
+        again.history.close()
+        assert [plain(one) if one else None for one in outlooks] == [
+            plain(one) if one else None for one in expected[number:]
+        ]
+
+
+def test_cycles_without_estimate_count_across_a_restart(tmp_path: Path):
+    """Those since the latest valid test included, whose hours a restart would lose."""
+    path = tmp_path / "history.sqlite"
+    first, _ = lived(5, path=path, missing=(3, 4))
+    first.history.close()
+    second = Prognostics(History(*UNIT, path), TEN_HOURS)
+    [outlook] = follow(second, [worn(5)], TEN_HOURS)
+    second.history.close()
+    assert outlook is not None
+    assert (outlook.hours, outlook.cycles) == (60.0, 6)
+    assert "2 without a valid estimate" in outlook.events[0]
+
+
+def test_counted_cycles_hold_over_those_seen_and_one_wrong_count_costs_one_test():
+    prognostics = Prognostics(History(*UNIT))
+    cycles = []
+    for number in range(8):
+        estimate = made_test(number)
+        counted_cycles = {3: 5_000_000, 6: 0}.get(number, number + 20)
+        count = Count(estimate.start_ns, 10.0 * number, counted_cycles)
+        outlook = prognostics.take(estimate, None, COUNTED, count)
+        assert outlook is not None
+        cycles.append(outlook.cycles)
+    # Where none are counted, those seen are added.
+    assert cycles == [20, 21, 22, 5_000_000, 24, 25, 26, 27]
+
+
+def test_unit_is_judged_after_a_restart_without_a_new_test(tmp_path: Path):
+    path = tmp_path / "history.sqlite"
+    first, outlooks = lived(12, path=path)
+    first.history.close()
+    second = Prognostics(History(*UNIT, path), TEN_HOURS)
+    resumed = second.resume(PARAMETERS, TEN_HOURS)
+    second.history.close()
+    assert resumed is not None
+    assert plain(resumed) == plain(outlooks[-1])
+    assert Prognostics(History(*UNIT)).resume(PARAMETERS, TEN_HOURS) is None
+
+
+def test_count_known_from_the_history_alone_still_holds_after_a_restart(tmp_path: Path):
+    path = tmp_path / "history.sqlite"
+    first = Prognostics(History(*UNIT, path))
+    follow(first, [worn(n, 10.0 * n) for n in range(8)])
+    first.history.close()
+    second = Prognostics(History(*UNIT, path))
+    [waiting, counted_again] = follow(second, [worn(8), worn(9, 90.0)])
+    second.history.close()
+    assert waiting is not None
+    assert (waiting.hours, waiting.rul_faults.known) == (70.0, True)
+    assert counted_again is not None
+    assert [test.hours for test in second.growth.service.used] == pytest.approx(
+        [10.0 * n for n in range(10)]
+    )
+
+
+def test_unknown_hours_leave_life_unknown_and_health_to_the_estimate():
+    prognostics, outlooks = lived(12, PrognosisSettings())
+    last = outlooks[-1]
+    assert math.isnan(last.hours)
+    assert last.cycles == 12
+    for life in (last.rul, last.rul_faults, last.rul_requirements, *last.lives.values()):
+        assert not life.known
+        assert "service hours are unknown" in life.reason
+    estimate = prognostics.history.entries[-1].estimate
+    assert last.health.faults == assess(estimate, HealthLimits()).faults
+
+
+def test_count_that_was_read_after_the_test_does_not_count_for_it():
+    prognostics = Prognostics(History(*UNIT))
+    late = Count(FIRST_NS + 1000 * PERIOD_NS, 50.0, 0)
+    outlook = prognostics.take(made_test(0), None, COUNTED, late)
+    assert outlook is not None
+    assert "no count on topic usage was read before the test" in outlook.rul.reason
+
+
+def test_alarm_does_not_wait_for_a_count_to_be_confirmed():
+    prognostics = Prognostics(History(*UNIT))
+    follow(prognostics, [worn(n, h) for n, h in enumerate(ten_hours_a_test(30))])
+    count = Count(FIRST_NS + 29 * PERIOD_NS + 1, 3.0, 0)
+    odd = prognostics.take(made_test(30, friction=0.3), PARAMETERS, COUNTED, count)
+    assert odd is not None
+    assert "went from 300 h to 3 h" in odd.rul.reason
+    assert [i.value for i in odd.health.faults if i.name == "friction"] == [0.3]
+
+
+def test_missed_tests_count_and_are_told():
+    _, outlooks = lived(20, missing=(7, 8, 12))
+    events = {item.hours: item.events for item in outlooks if item.events}
+    assert any("2 without a valid estimate" in event for event in events[100.0])
+    assert any("1 without a valid estimate" in event for event in events[140.0])
+    last = outlooks[-1]
+    assert (last.hours, last.cycles, last.hours_per_cycle) == (200.0, 20, 10.0)
