@@ -47,8 +47,8 @@ def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> 
     "--hours-per-cycle",
     default=Service.hours_per_cycle,
     show_default=True,
-    help="Flight hours that a test cycle stands for, where the bags do not tell the hours; "
-    "0: unknown.",
+    help="Flight hours that a test cycle stands for, whatever usage the bags hold; 0: usage "
+    "counts them.",
 )
 @click.option(
     "--duty",

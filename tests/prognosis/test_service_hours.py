@@ -42,13 +42,11 @@ def hours_of(entries: Iterable[Entry]) -> list[float]:
 
 def test_test_with_a_new_count_is_at_its_hours_at_once():
     service = ServiceHours()
-    for number, entry in enumerate(counted_at([0.0, 10.0, 20.0, 30.0]), 1):
+    counts = [0.0, 10.0, 20.0, 30.0]
+    for number, entry in enumerate(counted_at(counts)):
         assert service.add(entry) == []
-        assert (len(service.used), service.hours, service.unknown) == (
-            number,
-            entry.count.hours,
-            "",
-        )
+        assert [test.hours for test in service.used] == counts[: number + 1]
+        assert (service.hours, service.unknown) == (counts[number], "")
 
 
 def test_tests_on_one_count_are_interpolated_by_stamps_when_the_next_count_comes():

@@ -110,6 +110,13 @@ class History:
                     f"the history {self._path} cannot be written: {_reason(error)}; "
                     "tests since then are in memory only"
                 )
+            except ValueError:
+                self._trouble = (
+                    f"the history {self._path} was written by another monitor since this one "
+                    "began; this one's is in memory only until it starts again"
+                )
+                self._path = None
+                self._release()
 
     def close(self) -> None:
         """Release the file; what is added from now on is in memory only."""
@@ -159,24 +166,28 @@ class History:
         ValueError
             When it is of another unit or kind.
         """
+        self._release()
         db = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
-        self._db = db
-        # Held until the connection is closed, or the process ends.
-        db.execute("PRAGMA locking_mode = EXCLUSIVE")
-        is_new = not db.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]
-        if not is_new:
-            self._check_kind(db)
-        db.execute("PRAGMA journal_mode = WAL")
-        db.execute("PRAGMA synchronous = FULL")
-        # After each test: a copy or a move of the file alone has all tests.
-        db.execute("PRAGMA wal_autocheckpoint = 1")
-        db.execute("BEGIN IMMEDIATE")
-        with db:
-            if is_new:
-                for statement in _SCHEMA:
-                    db.execute(statement)
-                db.execute("INSERT INTO unit VALUES (?, ?)", self._unit)
-        self._file_id = _file_id(path)
+        try:
+            # Held until the connection is closed, or the process ends.
+            db.execute("PRAGMA locking_mode = EXCLUSIVE")
+            is_new = not db.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]
+            if not is_new:
+                self._check_kind(db)
+            db.execute("PRAGMA journal_mode = WAL")
+            db.execute("PRAGMA synchronous = FULL")
+            # After each test: a copy or a move of the file alone has all tests.
+            db.execute("PRAGMA wal_autocheckpoint = 1")
+            db.execute("BEGIN IMMEDIATE")
+            with db:
+                if is_new:
+                    for statement in _SCHEMA:
+                        db.execute(statement)
+                    db.execute("INSERT INTO unit VALUES (?, ?)", self._unit)
+        except BaseException:
+            db.close()
+            raise
+        self._db, self._file_id = db, _file_id(path)
         return db
 
     def _check_kind(self, db: sqlite3.Connection) -> None:
@@ -246,33 +257,11 @@ class History:
             self._written = 0
         if self._db is None:
             path.parent.mkdir(parents=True, exist_ok=True)
-            if self._is_of_another(path):
-                self._path = None
-                self._trouble = (
-                    f"the history {path} was written by another monitor since this one began; "
-                    "this one's is in memory only until it starts again"
-                )
-                return
+            if self._connect(path).execute("SELECT count(*) FROM test").fetchone()[0]:
+                raise ValueError("it holds tests that were not read")
         for test in self._tests[self._written :]:
             self._insert(self._db or self._connect(path), [test])
         self._trouble = ""
-
-    def _is_of_another(self, path: Path) -> bool:
-        """Connect, and return whether the file is another's, or holds tests not read."""
-        try:
-            db = self._connect(path)
-        except ValueError:
-            self._release()
-            return True
-        except sqlite3.Error as error:
-            self._release()
-            if _code(error) in (*_DAMAGE, sqlite3.SQLITE_BUSY):
-                return True
-            raise
-        if db.execute("SELECT count(*) FROM test").fetchone()[0]:
-            self._release()
-            return True
-        return False
 
     def _insert(self, db: sqlite3.Connection, tests: Sequence[Entry | UnusedCycle]) -> None:
         """Add tests to the file in one transaction."""
