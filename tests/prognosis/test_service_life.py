@@ -41,11 +41,9 @@ def test_stray_count_does_not_switch_a_unit_by_cycles_to_counted_hours():
     assert [item.events for item in outlooks if item.events] == [
         ("usage is ignored, 3 h: hours_per_cycle = 10 h is set",)
     ]
-    assert plain(outlooks[-1]) == plain(lived_without_requirements(9))
-
-
-def lived_without_requirements(n: int):
-    return follow(Prognostics(History(*UNIT)), [worn(i) for i in range(n)], TEN_HOURS)[-1]
+    alone = follow(Prognostics(History(*UNIT)), [worn(n) for n in range(9)], TEN_HOURS)[-1]
+    assert alone is not None
+    assert plain(outlooks[-1]) == plain(alone)
 
 
 def test_count_that_is_not_renewed_gives_no_growth_in_zero_time():
@@ -60,9 +58,10 @@ def test_count_that_is_not_renewed_gives_no_growth_in_zero_time():
     assert last.rul_faults.known
     assert last.rul_faults.hours_50 == pytest.approx(expected.rul_faults.hours_50, rel=1e-6)
     # Between counts, life is told from the latest count on, and levels rest on the test itself.
-    between = outlooks[28]
+    counted_last, between = outlooks[25], outlooks[28]
+    assert counted_last is not None
     assert between is not None
-    assert (between.hours, between.rul_faults) == (250.0, outlooks[25].rul_faults)
+    assert (between.hours, between.rul_faults) == (250.0, counted_last.rul_faults)
     single = assess(prognostics.history.entries[28].estimate, HealthLimits())
     assert between.health.faults == single.faults
     assert not any(item.events for item in outlooks if item)
