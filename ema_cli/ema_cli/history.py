@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from ema_cli.truths import truth_at
 from ema_core.faults import FAULT_NAMES, N_FAULTS
-from ema_interfaces.msg import FaultEstimate, FaultVectorStamped, Health
 from ema_messages.faults import StampedFaults, stamped_faults_from_message
 from ema_messages.stamps import stamp_from_message
-from ema_recording.message_type import type_name
 from ema_recording.reader import Bag
+from ema_recording.telemetry import ESTIMATE_TYPE, HEALTH_TYPE, TRUE_FAULTS_TYPE
 
 _LONGEST_LATENCY_S: Final = 600.0
 
@@ -76,11 +75,13 @@ class History:
     _diagnosed: dict[int, Diagnosed] = field(default_factory=dict)
     _levels: dict[int, int] = field(default_factory=dict)
 
-    def take(self, message: Any, received_ns: int) -> None:
+    def take(self, type_name: str, message: Any, received_ns: int) -> None:
         """Take a message in; what is of another actuator than the first estimate is passed over.
 
         Parameters
         ----------
+        type_name
+            Type of the message.
         message
             True faults, an estimate or health.
         received_ns
@@ -91,15 +92,15 @@ class History:
         ValueError
             When the true faults are impossible.
         """
-        if isinstance(message, FaultEstimate):
+        if type_name == ESTIMATE_TYPE:
             if not self.actuator_id:
                 self.actuator_id, self.serial_number = message.actuator_id, message.serial_number
             if message.actuator_id == self.actuator_id:
                 one = _diagnosed(message, received_ns)
                 self._diagnosed[one.end_ns] = one
-        elif isinstance(message, FaultVectorStamped):
+        elif type_name == TRUE_FAULTS_TYPE:
             self.truths.append(stamped_faults_from_message(message))
-        elif isinstance(message, Health) and message.actuator_id == self.actuator_id:
+        elif type_name == HEALTH_TYPE and message.actuator_id == self.actuator_id:
             # When it grows stale, it is published once more with the stamp of its window.
             self._levels.setdefault(stamp_from_message(message.header.stamp), message.level)
             self.limits.update({item.name: item.limit for item in message.faults})
@@ -134,12 +135,10 @@ def read_history(path: Path, actuator_id: str | None = None) -> History:
         When it cannot be opened.
     """
     bag = Bag(path)
-    wanted = {type_name(item) for item in (FaultEstimate, FaultVectorStamped, Health)}
+    wanted = {ESTIMATE_TYPE, TRUE_FAULTS_TYPE, HEALTH_TYPE}
     topics = [name for name, topic in bag.topics.items() if topic.type_name in wanted]
     recorded = list(bag.messages(topics))
-    estimated = {
-        item.message.actuator_id for item in recorded if isinstance(item.message, FaultEstimate)
-    }
+    estimated = {item.message.actuator_id for item in recorded if item.type_name == ESTIMATE_TYPE}
     known = ", ".join(sorted(estimated))
     if not estimated:
         raise ValueError(f"{path} has no estimates, so no history; was a monitor running?")
@@ -149,8 +148,8 @@ def read_history(path: Path, actuator_id: str | None = None) -> History:
         raise ValueError(f"{path} has no estimates of actuator {actuator_id!r}, but of {known}")
     history = History(actuator_id or estimated.pop())
     for item in recorded:
-        history.take(item.message, item.log_time_ns)
-        if isinstance(item.message, FaultEstimate) and not history.serial_number:
+        history.take(item.type_name, item.message, item.log_time_ns)
+        if item.type_name == ESTIMATE_TYPE and not history.serial_number:
             history.serial_number = item.message.serial_number
     return history
 
@@ -161,7 +160,7 @@ def has_latency(diagnoses: list[Diagnosed]) -> bool:
     return bool(np.all((latencies >= 0.0) & (latencies < _LONGEST_LATENCY_S)))
 
 
-def _diagnosed(message: FaultEstimate, received_ns: int) -> Diagnosed:
+def _diagnosed(message: Any, received_ns: int) -> Diagnosed:
     covariance = np.reshape(message.covariance, (N_FAULTS, N_FAULTS))
     end_ns = stamp_from_message(message.window_end)
     return Diagnosed(

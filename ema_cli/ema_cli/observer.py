@@ -19,6 +19,7 @@ from ema_messages.topics import (
     NAMESPACE,
     SIMULATED_FAULTS,
 )
+from ema_recording.message_type import type_name
 
 _MARGIN_NS: Final = 100_000_000
 _QOS_BY_TOPIC: Final = {
@@ -100,7 +101,7 @@ class Observer:
 
     def _take(self, message: Any) -> None:
         with self._lock:
-            self._history.take(message, time.time_ns())
+            self._history.take(type_name(type(message)), message, time.time_ns())
 
     def _spin(self) -> None:
         executor = SingleThreadedExecutor(context=self._context)

@@ -9,14 +9,12 @@ from typing import Any, Final
 from ema_cli.source_options import Source
 from ema_cli.windows import RecordedWindow, read_windows, require_windows
 from ema_core.description import ActuatorDescription
-from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
-from ema_interfaces.msg import Usage
 from ema_messages.faults import StampedFaults
 from ema_messages.stamps import stamp_from_message
 from ema_monitor.prognosis.service_count import Count
-from ema_recording.message_type import type_name
 from ema_recording.metadata import METADATA_FILE
 from ema_recording.reader import Bag
+from ema_recording.telemetry import DESCRIPTION_TYPE, USAGE_TYPE
 
 _NAMED: Final = 3
 
@@ -97,7 +95,7 @@ def read_unit(paths: Iterable[Path], source: Source) -> UnitRecord:
     unit: tuple[Path, ActuatorDescription] | None = None
     for path in find_bags(paths):
         bag = Bag(path)
-        present = {item.message.actuator_id for item in _messages(bag, DescriptionMessage)}
+        present = {item.message.actuator_id for item in _messages(bag, DESCRIPTION_TYPE)}
         if source.actuator_id is not None and present and source.actuator_id not in present:
             others = ", ".join(sorted(present))
             remarks.append(f"{path}: passed over, it is of actuator {others}")
@@ -149,8 +147,7 @@ def _hint(path: Path) -> str:
     return f"; bags of a unit may be in {named}{more}: give one of these"
 
 
-def _messages(bag: Bag, message_class: Any) -> Iterable[Any]:
-    wanted = type_name(message_class)
+def _messages(bag: Bag, wanted: str) -> Iterable[Any]:
     topics = [name for name, topic in bag.topics.items() if topic.type_name == wanted]
     return bag.messages(topics) if topics else ()
 
@@ -159,7 +156,7 @@ def _counts(bag: Bag, unit: ActuatorDescription) -> tuple[list[Count], list[str]
     """Return what was counted of a unit, and what is wrong with the counts in a bag."""
     counts: list[Count] = []
     remarks: dict[str, None] = {}
-    for item in _messages(bag, Usage):
+    for item in _messages(bag, USAGE_TYPE):
         message = item.message
         if message.actuator_id != unit.actuator_id:
             continue

@@ -15,14 +15,17 @@ from ema_cli.truths import truth_at
 from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
 from ema_core.telemetry import Telemetry, join
-from ema_interfaces.msg import FaultVectorStamped
 from ema_messages.faults import StampedFaults, stamped_faults_from_message
 from ema_monitor.trigger import Defect, Refusal
 from ema_monitor.watch import Found, Watch
 from ema_monitor.window import Window
-from ema_recording.message_type import type_name
 from ema_recording.reader import Bag, Place
-from ema_recording.telemetry import Malformed, RecordedTelemetry, read_telemetry
+from ema_recording.telemetry import (
+    TRUE_FAULTS_TYPE,
+    Malformed,
+    RecordedTelemetry,
+    read_telemetry,
+)
 
 _MOST_DEFECTS = 5
 
@@ -276,8 +279,7 @@ def _recorded_window(found: Found, latest: _LatestBlocks) -> RecordedWindow:
 
 
 def _recorded_truths(bag: Bag, actuator_id: str) -> list[StampedFaults]:
-    wanted = type_name(FaultVectorStamped)
-    topics = [name for name, topic in bag.topics.items() if topic.type_name == wanted]
+    topics = [name for name, topic in bag.topics.items() if topic.type_name == TRUE_FAULTS_TYPE]
     truths = [stamped_faults_from_message(item.message) for item in bag.messages(topics)]
     return [truth for truth in truths if truth.actuator_id == actuator_id]
 

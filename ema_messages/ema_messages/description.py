@@ -1,12 +1,14 @@
 """Actuator descriptions: the numerics' and ema_interfaces/ActuatorDescription."""
 
 from types import MappingProxyType
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
-from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_messages.stamps import stamp_to_message
+
+if TYPE_CHECKING:
+    from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 
 IDENTITY: Final = ("actuator_id", "serial_number", "model", "sample_period")
 """Fields that the description and its message name alike."""
@@ -45,7 +47,7 @@ PARAMETER_FIELDS: Final = MappingProxyType(
 
 def description_to_message(
     description: ActuatorDescription, stamp_ns: int = 0
-) -> DescriptionMessage:
+) -> "DescriptionMessage":
     """Return a description as a message.
 
     Parameters
@@ -60,6 +62,8 @@ def description_to_message(
     ValueError
         When the stamp is out of range.
     """
+    from ema_interfaces.msg import ActuatorDescription as DescriptionMessage  # as in stamps
+
     message = DescriptionMessage()
     message.header.stamp = stamp_to_message(stamp_ns)
     for name in IDENTITY:
@@ -70,7 +74,7 @@ def description_to_message(
     return message
 
 
-def description_from_message(message: DescriptionMessage) -> ActuatorDescription:
+def description_from_message(message: "DescriptionMessage") -> ActuatorDescription:
     """Return the description in a message.
 
     Raises

@@ -1,16 +1,19 @@
 """Fault vectors: arrays and ema_interfaces/FaultVector, alone or stamped."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import FAULT_NAMES, fault_vector
-from ema_interfaces.msg import FaultVector, FaultVectorStamped
 from ema_messages.stamps import stamp_from_message, stamp_to_message
 
+if TYPE_CHECKING:
+    from ema_interfaces.msg import FaultVector, FaultVectorStamped
 
-def faults_to_message(faults: ArrayLike) -> FaultVector:
+
+def faults_to_message(faults: ArrayLike) -> "FaultVector":
     """Return a fault vector as a message.
 
     Parameters
@@ -23,13 +26,15 @@ def faults_to_message(faults: ArrayLike) -> FaultVector:
     ValueError
         When there are not eight of them.
     """
+    from ema_interfaces.msg import FaultVector  # as in stamps
+
     k = np.asarray(faults, dtype=np.float64)
     if k.shape != (len(FAULT_NAMES),):
         raise ValueError(f"faults: expected shape ({len(FAULT_NAMES)},), not {k.shape}")
     return FaultVector(**dict(zip(FAULT_NAMES, k.tolist(), strict=True)))
 
 
-def faults_from_message(message: FaultVector) -> NDArray[np.float64]:
+def faults_from_message(message: "FaultVector") -> NDArray[np.float64]:
     """Return the fault vector in a message, ``(8,)``.
 
     Raises
@@ -62,7 +67,7 @@ class StampedFaults:
     faults: NDArray[np.float64]
 
 
-def stamped_faults_to_message(stamped: StampedFaults) -> FaultVectorStamped:
+def stamped_faults_to_message(stamped: StampedFaults) -> "FaultVectorStamped":
     """Return stamped faults as a message.
 
     Raises
@@ -70,13 +75,15 @@ def stamped_faults_to_message(stamped: StampedFaults) -> FaultVectorStamped:
     ValueError
         When the stamp is out of range or there are not eight faults.
     """
+    from ema_interfaces.msg import FaultVectorStamped  # as in stamps
+
     message = FaultVectorStamped(actuator_id=stamped.actuator_id, cycle=int(stamped.cycle))
     message.header.stamp = stamp_to_message(stamped.stamp_ns)
     message.faults = faults_to_message(stamped.faults)
     return message
 
 
-def stamped_faults_from_message(message: FaultVectorStamped) -> StampedFaults:
+def stamped_faults_from_message(message: "FaultVectorStamped") -> StampedFaults:
     """Return the stamped faults in a message.
 
     Raises

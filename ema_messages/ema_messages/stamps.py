@@ -1,11 +1,20 @@
 """Time stamps: nanoseconds and builtin_interfaces/Time."""
 
-from builtin_interfaces.msg import Time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from builtin_interfaces.msg import Time
 
 _NS_PER_S = 1_000_000_000
 
 
-def stamp_to_message(stamp_ns: int) -> Time:
+def check_stamp(stamp_ns: int) -> None:
+    """Raise ``ValueError`` for a time [ns] beyond a message, about 68 years either way."""
+    if not -(2**31) <= int(stamp_ns) // _NS_PER_S < 2**31:
+        raise ValueError(f"stamp_ns = {stamp_ns} ns is outside [-2^31, 2^31) s")
+
+
+def stamp_to_message(stamp_ns: int) -> "Time":
     """Return a time as a message.
 
     Parameters
@@ -18,12 +27,13 @@ def stamp_to_message(stamp_ns: int) -> Time:
     ValueError
         When the time is outside what the message holds, about 68 years either way.
     """
+    from builtin_interfaces.msg import Time  # reading needs no ROS
+
+    check_stamp(stamp_ns)
     sec, nanosec = divmod(int(stamp_ns), _NS_PER_S)
-    if not -(2**31) <= sec < 2**31:
-        raise ValueError(f"stamp_ns = {stamp_ns} ns is outside [-2^31, 2^31) s")
     return Time(sec=sec, nanosec=nanosec)
 
 
-def stamp_from_message(message: Time) -> int:
+def stamp_from_message(message: "Time") -> int:
     """Return the time of a message since the epoch [ns]."""
     return message.sec * _NS_PER_S + message.nanosec

@@ -1,15 +1,18 @@
 """Telemetry blocks: contiguous columns and ema_interfaces/TelemetryBlock."""
 
 import array
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ema_core.telemetry import COLUMNS, Telemetry
-from ema_interfaces.msg import TelemetryBlock
-from ema_messages.stamps import stamp_from_message, stamp_to_message
+from ema_messages.stamps import check_stamp, stamp_from_message, stamp_to_message
+
+if TYPE_CHECKING:
+    from ema_interfaces.msg import TelemetryBlock
 
 
-def telemetry_to_message(block: Telemetry, actuator_id: str) -> TelemetryBlock:
+def telemetry_to_message(block: Telemetry, actuator_id: str) -> "TelemetryBlock":
     """Return a block of telemetry as a message; its stamp is the END of the first sample.
 
     Parameters
@@ -24,6 +27,8 @@ def telemetry_to_message(block: Telemetry, actuator_id: str) -> TelemetryBlock:
     ValueError
         When the block's stamp is out of range.
     """
+    from ema_interfaces.msg import TelemetryBlock  # reading needs no ROS
+
     message = TelemetryBlock()
     message.header.stamp = stamp_to_message(block.stamp_ns)
     message.actuator_id = actuator_id
@@ -36,7 +41,7 @@ def telemetry_to_message(block: Telemetry, actuator_id: str) -> TelemetryBlock:
     return message
 
 
-def telemetry_from_message(message: TelemetryBlock) -> Telemetry:
+def telemetry_from_message(message: "TelemetryBlock") -> Telemetry:
     """Return the block of telemetry in a message, in columns of its own.
 
     Samples that are not finite pass: to judge them is the monitor's business.
@@ -53,5 +58,5 @@ def telemetry_from_message(message: TelemetryBlock) -> Telemetry:
         message.first_index,
         *(np.array(getattr(message, name), dtype=np.float64) for name in COLUMNS),
     )
-    stamp_to_message(block.stamp_at(len(block) - 1))
+    check_stamp(block.stamp_at(len(block) - 1))
     return block

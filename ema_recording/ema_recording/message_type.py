@@ -2,10 +2,9 @@
 
 import importlib
 import json
+import os
 from pathlib import Path
 from typing import Any
-
-from ament_index_python.packages import get_package_share_directory
 
 
 def type_name(message_class: type) -> str:
@@ -68,12 +67,23 @@ def _parts(name: str) -> tuple[str, str, str]:
     return parts[0], parts[1], parts[2]
 
 
+def is_installed(name: str) -> bool:
+    """Return whether a message type is installed here; without ROS, none is."""
+    try:
+        return _shared_file(name, ".json").exists()
+    except ValueError:
+        return False
+
+
 def _shared_file(name: str, suffix: str) -> Path:
     package, kind, short = _parts(name)
-    try:
-        path = Path(get_package_share_directory(package)) / kind / (short + suffix)
-    except (LookupError, ValueError):
-        raise ValueError(f"message type {name} is not installed here: no {package}") from None
+    # The ament index by its folders: asking ROS for them would need ROS.
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    shares = (Path(prefix, "share", package) for prefix in prefixes if prefix)
+    share = next((path for path in shares if path.is_dir()), None)
+    if share is None:
+        raise ValueError(f"message type {name} is not installed here: no {package}")
+    path = share / kind / (short + suffix)
     if not path.exists():
         raise ValueError(f"message type {name} is not installed here: no {path}")
     return path

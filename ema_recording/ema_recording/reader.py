@@ -2,18 +2,17 @@
 
 import heapq
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rclpy.serialization import deserialize_message
-
 from ema_recording.contents import Contents, Stretch, read_contents, read_messages
-from ema_recording.message_type import message_class
+from ema_recording.decoder import decoder
+from ema_recording.message_type import is_installed
 from ema_recording.metadata import METADATA_FILE, folder_contents
 from ema_recording.records import DamageError
-from ema_recording.schema import check_schema
+from ema_recording.schema import check_schema, schema_text
 
 
 @dataclass(frozen=True)
@@ -122,8 +121,8 @@ class Bag:
         Raises
         ------
         ValueError
-            When a topic is not in the recording, its type is not installed or differs from the
-            installed one, it is not CDR, or a message cannot be decoded.
+            When a topic is not in the recording, its type differs from the installed one or has
+            no definition, it is not CDR, or a message cannot be decoded.
         """
         return (item for _, item in self.placed_messages(topics))
 
@@ -149,10 +148,10 @@ class Bag:
             As for :meth:`messages`.
         """
         chosen = self._chosen(topics)
-        classes = {
-            name: self._message_class(name, topic) for name, topic in chosen.items() if topic.count
+        decoders = {
+            name: self._decoder(name, topic) for name, topic in chosen.items() if topic.count
         }
-        return self._decoded(chosen, classes, first, last)
+        return self._decoded(chosen, decoders, first, last)
 
     def raw_messages(self, topics: Iterable[str] | None = None) -> Iterator[Recorded]:
         """Read messages as they are stored, in the order of their log times.
@@ -224,30 +223,30 @@ class Bag:
                 raise ValueError(f"{self.path} has no topic {name!r}; topics: {present}")
         return {name: self.topics[name] for name in names}
 
-    def _message_class(self, name: str, topic: Topic) -> Any:
+    def _decoder(self, name: str, topic: Topic) -> Callable[[bytes], Any]:
         try:
             if topic.encoding != "cdr":
                 raise ValueError(f"it is encoded as {topic.encoding!r}, expected 'cdr'")
-            found = message_class(topic.type_name)
-            check_schema(topic.type_name, topic.schema, topic.type_hash)
+            if is_installed(topic.type_name):
+                check_schema(topic.type_name, topic.schema, topic.type_hash)
+            return decoder(topic.type_name, topic.schema or schema_text(topic.type_name))
         except ValueError as error:
             raise ValueError(f"{self.path}: topic {name} cannot be decoded: {error}") from error
-        return found
 
     def _decoded(
         self,
         chosen: Mapping[str, Topic],
-        classes: Mapping[str, Any],
+        decoders: Mapping[str, Callable[[bytes], Any]],
         first: Place | None,
         last: Place | None,
     ) -> Iterator[tuple[Place, Recorded]]:
         for place, item in self._in_log_order(chosen, first, last):
             try:
-                message = deserialize_message(item.message, classes[item.topic])
-            except RuntimeError as error:
+                message = decoders[item.topic](item.message)
+            except ValueError as error:
                 raise ValueError(
                     f"{self.path}: a message on {item.topic} of log time {item.log_time_ns} ns "
-                    f"is no {item.type_name}: {error}"
+                    f"is {error}"
                 ) from error
             yield place, item._replace(message=message)
 

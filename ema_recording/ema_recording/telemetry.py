@@ -2,16 +2,21 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any, Final
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
-from ema_interfaces.msg import TelemetryBlock
 from ema_messages.description import description_from_message
 from ema_messages.stamps import stamp_from_message
 from ema_messages.telemetry import telemetry_from_message
-from ema_recording.message_type import type_name
 from ema_recording.reader import Bag, Place, Recorded
+
+TELEMETRY_TYPE: Final = "ema_interfaces/msg/TelemetryBlock"
+DESCRIPTION_TYPE: Final = "ema_interfaces/msg/ActuatorDescription"
+TRUE_FAULTS_TYPE: Final = "ema_interfaces/msg/FaultVectorStamped"
+USAGE_TYPE: Final = "ema_interfaces/msg/Usage"
+ESTIMATE_TYPE: Final = "ema_interfaces/msg/FaultEstimate"
+HEALTH_TYPE: Final = "ema_interfaces/msg/Health"
 
 
 @dataclass(frozen=True)
@@ -126,7 +131,7 @@ def read_telemetry(
 
 
 def _telemetry_topics(bag: Bag, topic: str | None) -> list[str]:
-    wanted = type_name(TelemetryBlock)
+    wanted = TELEMETRY_TYPE
     present = ", ".join(f"{name} ({item.type_name})" for name, item in bag.topics.items())
     names = [name for name, item in bag.topics.items() if item.type_name == wanted]
     if not names:
@@ -144,11 +149,11 @@ def _actuator_ids(bag: Bag, topic: str) -> Iterator[str]:
 
 
 def _description_topics(bag: Bag) -> list[str]:
-    wanted = type_name(DescriptionMessage)
+    wanted = DESCRIPTION_TYPE
     return [name for name, item in bag.topics.items() if item.type_name == wanted]
 
 
-def _block(message: TelemetryBlock) -> Telemetry | Malformed:
+def _block(message: Any) -> Telemetry | Malformed:
     try:
         return telemetry_from_message(message)
     except ValueError as error:

@@ -3,9 +3,12 @@
 import json
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from ema_cli.history import read_history
@@ -55,12 +58,18 @@ def _has_health(bag: Path) -> bool:
     return topic is not None and topic.count > 0
 
 
+def as_text(message: Any) -> str:
+    """Return every value of a message, arrays to the last digit."""
+    with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
+        return repr(message)
+
+
 def test_recording_holds_what_was_played(replayed):
     sample, bag = Bag(SAMPLE), Bag(replayed)
     assert bag.damage == ""
     for name in PLAYED:
-        played = [item.message for item in sample.messages([name])]
-        assert [item.message for item in bag.messages([name])] == played
+        played = [as_text(item.message) for item in sample.messages([name])]
+        assert [as_text(item.message) for item in bag.messages([name])] == played
 
 
 def test_history_beside_the_truth_of_the_sample(replayed):

@@ -13,6 +13,8 @@ from ema_recording.reader import Bag
 from ema_recording.writer import BagWriter
 from ema_sim.actuator import SimulatedActuator
 
+from .recorded_messages import ros_messages
+
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
@@ -28,7 +30,7 @@ def recorded(tmp_path_factory):
                 block = actuator.advance(np.full(100, 1e-3))
                 bag.write_block(block, actuator.state.torque)
                 written.append((block, actuator.state.torque))
-    return description, written, list(Bag(path).messages())
+    return description, written, ros_messages(Bag(path))
 
 
 def on(recorded, name):

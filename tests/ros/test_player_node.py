@@ -28,6 +28,7 @@ from ema_recording.reader import Bag, Recorded
 from ema_recording.recorder_node import RecorderNode
 from ema_recording.writer import BagWriter
 
+from .recorded_messages import ros_messages
 from .spinning import Spinning, wait_for
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -355,8 +356,8 @@ def test_recording_what_is_played_gives_the_same_messages(graph: Graph, bag: Pat
     recorder.trigger_shutdown()
     first, again = Bag(bag), Bag(tmp_path / "again")
     for topic in topics:
-        assert [item.message for item in again.messages([topic])] == [
-            item.message for item in first.messages([topic])
+        assert [item.message for item in ros_messages(again, [topic])] == [
+            item.message for item in ros_messages(first, [topic])
         ]
         assert again.topics[topic].type_hash == first.topics[topic].type_hash
 

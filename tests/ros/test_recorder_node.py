@@ -24,6 +24,7 @@ from ema_recording.reader import Bag
 from ema_recording.recorder_node import RecorderNode
 from ema_recording.sequence_gaps import SequenceGaps
 
+from .recorded_messages import ros_messages
 from .spinning import Spinning, wait_for
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -72,7 +73,7 @@ def block(number: int) -> TelemetryBlock:
 
 
 def contents(path: Path, topic: str) -> list[Any]:
-    return [item.message for item in Bag(path).messages([topic])]
+    return [item.message for item in ros_messages(Bag(path), [topic])]
 
 
 @pytest.mark.parametrize("name", ["flight", "flight.mcap"])

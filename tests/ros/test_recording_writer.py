@@ -27,6 +27,8 @@ from ema_recording.reader import Bag
 from ema_recording.schema import schema_text
 from ema_recording.writer import BagWriter
 
+from .recorded_messages import ros_messages
+
 QOS = QoSProfile(depth=10)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 START_NS = 1_700_000_000_000_000_000
@@ -69,7 +71,7 @@ def record(path: Path, blocks: int = 60, **settings) -> Written:
 def as_read(bag: Bag) -> Written:
     return [
         (item.topic, item.message, item.log_time_ns, item.publish_time_ns)
-        for item in bag.messages()
+        for item in ros_messages(bag)
     ]
 
 
