@@ -5,22 +5,27 @@ from typing import Final
 
 import click
 
-_COMMANDS: Final = (
-    "simulate",
-    "lives",
-    "calibrate",
-    "estimate",
-    "compare",
-    "prognose",
-    "thesis",
-    "plot",
-    "info",
-    "up",
-    "record",
-    "play",
-    "recover",
-    "demo",
-)
+_COMMANDS: Final = {
+    "simulate": "Run the high-fidelity actuator through test cycles and record them to a bag.",
+    "lives": "Simulate actuators from new until a fault reaches its limit, test by test.",
+    "calibrate": "Average the windows in BAGS of one healthy actuator into a calibration.",
+    "estimate": "Name the faults in each window of BAG, with their uncertainty.",
+    "compare": "Compare algorithms on one window of BAG: what each finds, how well, and how fast.",
+    "prognose": "Tell how many flight hours a unit has left, from the tests in each "
+    "BAG or folder of bags.",
+    "thesis": "Repeat the thesis's study: ten single faults and a multiple one by "
+    "GA, PSO, DE and GWO.",
+    "plot": "Draw the telemetry of BAG with its windows; with --window, also its fit and faults.",
+    "info": "Say what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it.",
+    "up": "Run nodes until Ctrl-C: without names, the simulated actuator and its monitor.",
+    "record": "Record telemetry, estimates and health until Ctrl-C.",
+    "play": "Play BAG, and the time on /clock.",
+    "recover": "Write what is intact of BAG, left by a recorder that was killed, to a "
+    "bag with an index.",
+    "demo": "Watch an actuator wear out: simulator, monitor and recorder, then a "
+    "picture of the bag.",
+}
+"""Commands and their first sentences, so that help imports none of them."""
 
 
 class _CommandsOnDemand(click.Group):
@@ -33,6 +38,10 @@ class _CommandsOnDemand(click.Group):
         if cmd_name not in _COMMANDS:
             return None
         return getattr(import_module(f"ema_cli.{cmd_name}"), cmd_name)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(_COMMANDS.items()))
 
 
 @click.group(
