@@ -68,8 +68,8 @@ class Identification:
         self._force = force
         self._calibration = calibration
         self._settings = settings
-        is_warm = settings.warm_start and previous is not None
-        self._previous = fault_vector(previous) if is_warm else None
+        faults = None if previous is None else fault_vector(previous)
+        self._previous = faults if settings.warm_start else None
         self.estimate: Estimate | None = None
 
     def __iter__(self) -> Iterator[Generation]:
