@@ -3,6 +3,8 @@
 MAKEFLAGS += --no-print-directory
 activate = . ./activate.sh
 DEMO_S ?= 60
+# Tests go to two processes; a test that crashes its own, or is killed at its time limit, is named.
+pytest = pytest -n 2 --dist worksteal
 
 .PHONY: help setup test lint demo bench bench-peers calibration sample lock clean distclean
 
@@ -13,7 +15,7 @@ setup: ## .venv, the ROS 2 workspace and activate.sh (PYTHON=python3.12 chooses 
 	@PYTHON="$(PYTHON)" tools/setup.sh
 
 test: lint ## lint, then the tests (ARGS="-k friction" goes to pytest)
-	$(activate) && pytest $(ARGS)
+	$(activate) && $(pytest) $(ARGS)
 
 lint: setup ## style, types and import contracts
 	$(activate) && ruff check

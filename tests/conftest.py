@@ -2,11 +2,36 @@
 
 import os
 import tempfile
+from collections.abc import Iterator
+from pathlib import Path
 
-# Domains above 101 use ports that Linux hands out to other programs.
-os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
-os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-# Otherwise an int in a float64 field is sent as another number, without a word.
-os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
-# Histories and calibrations of the user stay as they are.
-os.environ["ROS_HOME"] = tempfile.mkdtemp(prefix="ema_ros_home_")
+import pytest
+
+from .domains import Domain
+from .leftovers import nothing_left
+
+# Both are kept until the process ends. Histories and calibrations of the user stay as they are.
+_domain = Domain()
+_home = tempfile.TemporaryDirectory(prefix="ema_ros_home_", ignore_cleanup_errors=True)
+
+os.environ |= {
+    "ROS_DOMAIN_ID": str(_domain.number),
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    # Otherwise an int in a float64 field is sent as another number, without a word.
+    "ROS_PYTHON_CHECK_FIELDS": "1",
+    "ROS_HOME": _home.name,
+    # Whatever the shell has: participants of one process must not deliver to each other directly.
+    "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).parents[1] / "tools" / "fastdds.xml"),
+}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _module_leaves_nothing() -> Iterator[None]:
+    with nothing_left():
+        yield
+
+
+@pytest.fixture(autouse=True)
+def _test_leaves_nothing() -> Iterator[None]:
+    with nothing_left():
+        yield

@@ -45,6 +45,8 @@ class ManagedNode(LifecycleNode):
         Set when the process is about to end: callbacks that wait have to return.
     """
 
+    _state_machine: Any
+
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **{"namespace": NAMESPACE, **kwargs})
         self.finished = threading.Event()
@@ -94,6 +96,14 @@ class ManagedNode(LifecycleNode):
         self._tell_strange_parameters()
         success = TransitionCallbackReturn.SUCCESS
         return self.trigger_configure() == success and self.trigger_activate() == success
+
+    def destroy_node(self) -> None:
+        """Destroy the node and its state machine.
+
+        rclpy leaves the latter, and with it the participant of DDS, to the garbage collector.
+        """
+        super().destroy_node()
+        self._state_machine = None
 
     def add_publisher(
         self, message_class: Any, topic: str, qos: QoSProfile, *, quiet: bool = False

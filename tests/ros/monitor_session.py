@@ -1,10 +1,9 @@
 """A monitor in this process, and what other nodes send it, ask of it and hear from it."""
 
-import os
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
-from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -32,9 +31,10 @@ from ema_monitor.prognosis.requirements import RequirementLimits
 from ema_nodes.executor import NodeExecutor
 from ema_sim.actuator import SimulatedActuator
 
-from .graph import fail
+from ..domains import domain
+from ..waiting import DEADLINE_S, wait_for
+from .spinning import end, made, ros_context, spinning
 
-DEADLINE_S = 12.0
 START_NS = 1_700_000_000_000_000_000
 FLAP = ActuatorDescription()
 CYCLE = build_cycle(THESIS_CHIRP, FLAP.sample_period)
@@ -77,8 +77,8 @@ class MonitorSession:
         self.failures: list[BaseException] = []
         self._received: defaultdict[str, list[Any]] = defaultdict(list)
         self._changed = threading.Condition()
-        self._ending = False
         self._estimates_told = 0
+        self._at_end: list[Callable[[], Any]] = []
         self.probe = Node("probe", context=context, namespace="/ema")
         self._publishers = {
             name: self.probe.create_publisher(message_class, name, qos)
@@ -87,24 +87,20 @@ class MonitorSession:
         for name, (message_class, qos) in topics.MONITOR_TOPICS.items():
             self.subscribe(message_class, name, qos)
         self.subscribe(DiagnosticArray, "/diagnostics", 100)
-        self._executors = [
-            NodeExecutor(fail, context=context),
-            SingleThreadedExecutor(context=context),
-        ]
-        self._threads = [
-            threading.Thread(target=self._spin, args=(executor, item), daemon=True)
-            for executor, item in zip(self._executors, (node, self.probe), strict=True)
-        ]
-        for thread in self._threads:
-            thread.start()
 
-    def _spin(self, executor: Executor, node: Node) -> None:
-        executor.add_node(node)
-        while not self._ending:
-            try:
-                executor.spin_once(timeout_sec=0.2)
-            except Exception as error:  # a callback of the node failed: `until` tells
-                self.failures.append(error)
+    def at_end(self, callback: Callable[[], Any]) -> None:
+        """Call something before the probe is destroyed."""
+        self._at_end.append(callback)
+
+    def close(self) -> None:
+        for callback in self._at_end:
+            callback()
+
+    def fail(self, error: BaseException) -> None:
+        """Note what a callback of the node raised, for `until` to tell."""
+        with self._changed:
+            self.failures.append(error)
+            self._changed.notify_all()
 
     def subscribe(
         self, message_class: Any, topic: str, qos: QoSProfile | int, key: str = ""
@@ -135,15 +131,8 @@ class MonitorSession:
         self.until_heard()
 
     def until_heard(self) -> None:
-        poll = threading.Event()
-        for _ in range(round(DEADLINE_S / 0.01)):
-            if all(
-                self._publishers[name].get_subscription_count()
-                for name in (topics.TELEMETRY, topics.DESCRIPTION)
-            ):
-                return
-            poll.wait(0.01)
-        raise AssertionError("the monitor does not listen")
+        listened = [self._publishers[name] for name in (topics.TELEMETRY, topics.DESCRIPTION)]
+        wait_for(lambda: all(item.get_subscription_count() for item in listened), "the monitor")
 
     def describe(self, description: ActuatorDescription = FLAP) -> None:
         self.send(topics.DESCRIPTION, description_to_message(description))
@@ -206,13 +195,11 @@ class MonitorSession:
 
     def start(self, service: Any, name: str, request: Any) -> Any:
         client = self.probe.create_client(service, name)
-        assert client.wait_for_service(DEADLINE_S), f"there is no service {name}"
+        wait_for(client.service_is_ready, f"service {name}")
         return client.call_async(request)
 
     def result(self, future: Any, timeout_s: float = DEADLINE_S) -> Any:
-        done = threading.Event()
-        future.add_done_callback(lambda _: done.set())
-        assert done.wait(timeout_s), "the answer did not come"
+        wait_for(future.done, "the answer", timeout_s)
         return future.result()
 
     def change_state(self, transition: int) -> bool:
@@ -232,41 +219,34 @@ class MonitorSession:
         )
         return self.call(SetParameters, "/ema/monitor/set_parameters", request).results
 
-    def close(self) -> None:
-        self._ending = True
-        self.node.stopping.set()
-        for thread, executor in zip(self._threads, self._executors, strict=True):
-            thread.join(5.0)
-            executor.shutdown(5.0)
-        if self.node.state == "active":
-            self.node.trigger_deactivate()
-        if self.node.state == "inactive":
-            self.node.trigger_cleanup()
-        self.probe.destroy_node()
-
 
 @contextmanager
 def monitor(
-    parameters: dict[str, Any] | None = None, *, up: bool = True, apart: bool = False
+    parameters: dict[str, Any] | None = None, *, up: bool = True
 ) -> Iterator[MonitorSession]:
-    """A monitor with these parameters, brought up unless told otherwise.
+    """A monitor with these parameters in a domain of its own, brought up unless told otherwise.
 
-    One that lives while others come and go has to be apart from them. It keeps no history unless
-    told so: all sources begin at the same stamp.
+    It keeps no history unless told so, for all sources begin at the same stamp; and its health does
+    not grow stale while a busy machine takes its time.
     """
     # A health that is published before they are fitted is published again.
     FITTED.of(Calibration.builtin().model().parameters, RequirementLimits())
-    context = Context()
-    context.init(domain_id=1 + (int(os.environ["ROS_DOMAIN_ID"]) + 50 * apart - 1) % 101)
-    given = {"history_folder": "", **(parameters or {})}
+    given = {"history_folder": "", "expected_period_s": 1000.0, **(parameters or {})}
     overrides = [Parameter(name, value=value) for name, value in given.items()]
-    node = MonitorNode(context=context, parameter_overrides=overrides)
-    session = MonitorSession(context, node)
-    try:
+    with ExitStack() as opened:
+        own = opened.enter_context(domain())
+        context = opened.enter_context(ros_context(own.number))
+        node = made(MonitorNode, context=context, parameter_overrides=overrides)
+        opened.callback(end, node)
+        session = MonitorSession(context, node)
+        opened.callback(end, session.probe)
+        opened.callback(session.close)
+        node_executor = NodeExecutor(session.fail, context=context)
+        opened.enter_context(spinning(node_executor, node))
+        probe_executor = SingleThreadedExecutor(context=context)
+        opened.enter_context(spinning(probe_executor, session.probe))
+        # Calls that wait have to return before the executors are shut down.
+        opened.callback(node.stopping.set)
         if up:
             session.bring_up()
         yield session
-    finally:
-        session.close()
-        node.destroy_node()
-        context.shutdown()

@@ -5,8 +5,8 @@ from ema_interfaces.msg import Usage
 from ema_messages import topics
 from ema_messages.stamps import stamp_to_message
 
+from ..waiting import wait_for
 from .monitor_session import MonitorSession
-from .spinning import wait_for
 from .worn_actuator import use
 
 

@@ -1,41 +1,89 @@
-"""Nodes in the process of the test, served by the executor that they have in their own."""
+"""Contexts, nodes and executors in the process of the test, each destroyed when it is over."""
 
 import contextlib
 import threading
-import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from typing import Any
 
-import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
+from rclpy.executors import Executor
 from rclpy.node import Node
 
 from ema_nodes.executor import NodeExecutor
 from ema_nodes.managed_node import ManagedNode
 
-from .graph import fail
+
+def fail(error: Exception) -> None:
+    """Let a test fail by what a callback raised in a thread."""
+    raise error
 
 
-def wait_for(condition: Callable[[], Any], what: str, deadline_s: float = 20.0) -> None:
-    """Wait until a condition holds."""
-    end_s = time.monotonic() + deadline_s
-    while not condition():
-        assert time.monotonic() < end_s, f"not within {deadline_s} s: {what}"
-        time.sleep(0.01)
+@contextlib.contextmanager
+def ros_context(
+    domain_id: int | None = None, arguments: list[str] | None = None
+) -> Iterator[Context]:
+    """A context in a domain, that of this process unless another one is given."""
+    context = Context()
+    context.init(arguments, domain_id=domain_id)
+    try:
+        yield context
+    finally:
+        context.try_shutdown()
+
+
+@contextlib.contextmanager
+def spinning(executor: Executor, *nodes: Node) -> Iterator[None]:
+    """Serve nodes in a thread; afterwards both the thread and the executor have ended."""
+    for node in nodes:
+        executor.add_node(node)
+    ending = threading.Event()
+
+    def spin() -> None:
+        while not ending.is_set():
+            # What is destroyed while the executor looks at it raises, and is of no concern.
+            with contextlib.suppress(InvalidHandle):
+                executor.spin_once(timeout_sec=0.1)
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        thread.join()
+        executor.shutdown()
+
+
+def made(kind: type[Any], *arguments: Any, **more: Any) -> Any:
+    """Return a new node; one that refuses what it is given is destroyed before that is told."""
+    node = object.__new__(kind)
+    try:
+        node.__init__(*arguments, **more)
+    except ValueError:
+        node.destroy_node()
+        raise
+    return node
+
+
+def end(node: Node) -> None:
+    """Stop what a node does, if it has a lifecycle, and destroy it."""
+    if isinstance(node, ManagedNode):
+        node.stopping.set()
+        if node.state in ("active", "inactive"):
+            node.trigger_shutdown()
+    node.destroy_node()
 
 
 class Spinning:
     """Nodes of a test, and the executor that serves them."""
 
-    def __init__(self) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context)
-        self.executor = NodeExecutor(fail, context=self.context)
+    def __init__(self, context: Context) -> None:
+        self.context = context
+        self.executor = NodeExecutor(fail, context=context)
         self.nodes: list[Node] = []
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._spin)
-        self._thread.start()
+        self._open = contextlib.ExitStack()
+        self._open.enter_context(spinning(self.executor))
 
     def node(self, name: str = "source", namespace: str = "/ema") -> Node:
         return self.add(Node(name, namespace=namespace, context=self.context))
@@ -49,15 +97,6 @@ class Spinning:
         for node in self.nodes:
             if isinstance(node, ManagedNode) and node.state in ("active", "inactive"):
                 node.trigger_shutdown()
-        self._stop.set()
-        self._thread.join()
-        self.executor.shutdown()
+        self._open.close()
         for node in self.nodes:
-            node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
-    def _spin(self) -> None:
-        while not self._stop.is_set():
-            # What is destroyed while the executor looks at it raises, and is of no concern.
-            with contextlib.suppress(InvalidHandle):
-                self.executor.spin_once(timeout_sec=0.1)
+            end(node)

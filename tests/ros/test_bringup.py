@@ -7,15 +7,15 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
-import rclpy
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
-from rclpy.context import Context
 
 from ema_cli.bringup import NODES, parameter_file, program, ros_arguments
 from ema_monitor.monitor_node import MonitorNode
 from ema_recording.player_node import PlayerNode
 from ema_recording.recorder_node import RecorderNode
 from ema_sim.actuator_node import ActuatorNode
+
+from .spinning import ros_context
 
 SHARE = Path(get_package_share_directory("ema_bringup"))
 CLASSES = {
@@ -197,15 +197,11 @@ def test_replay_runs_in_simulated_time_and_plays_the_actuator_only():
 
 def started(node_name: str, *arguments: str) -> Any:
     """Return a node, not yet configured, and destroy what it takes to have it."""
-    context = Context()
-    rclpy.init(args=list(arguments), context=context)
-    try:
+    with ros_context(arguments=list(arguments)) as context:
         node = CLASSES[node_name](context=context)
         values = {name: item.value for name, item in node._parameters.items()}
         given = set(node._parameter_overrides)
         node.destroy_node()
-    finally:
-        rclpy.shutdown(context=context)
     return values, given
 
 

@@ -1,57 +1,26 @@
 """One thread runs what is quick, others what waits, and no callback is handed out twice."""
 
 import threading
-from collections.abc import Callable, Iterator
 from itertools import pairwise
 
-import pytest
-from rclpy.context import Context
-from rclpy.node import Node
 from std_msgs.msg import Int64
 from std_srvs.srv import Trigger
 
 from ema_nodes.executor import NodeExecutor, WaitingCallbackGroup
 
-from .graph import fail
-from .spinning import wait_for
+from ..waiting import DEADLINE_S, wait_for
+from .spinning import fail
 
 
-@pytest.fixture
-def context() -> Iterator[Context]:
-    context = Context()
-    context.init()
-    yield context
-    context.shutdown()
-
-
-@pytest.fixture
-def spin() -> Iterator[Callable[[NodeExecutor], None]]:
-    stop = threading.Event()
-    threads = []
-
-    def begin(executor: NodeExecutor) -> None:
-        def loop() -> None:
-            while not stop.is_set():
-                executor.spin_once(timeout_sec=0.1)
-
-        threads.append(threading.Thread(target=loop))
-        threads[-1].start()
-
-    yield begin
-    stop.set()
-    for thread in threads:
-        thread.join()
-
-
-def test_messages_are_heard_in_order_while_a_service_waits(context, spin):
-    node, peer = Node("slow", context=context), Node("peer", context=context)
+def test_messages_are_heard_in_order_while_a_service_waits(context, make_node, spin):
+    node, peer = make_node("slow"), make_node("peer")
     release = threading.Event()
     begun: list[str] = []
     heard: list[tuple[int, str]] = []
 
     def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         begun.append(threading.current_thread().name)
-        response.success = release.wait(20.0)
+        response.success = release.wait(DEADLINE_S)
         return response
 
     node.create_service(Trigger, "wait", serve, callback_group=WaitingCallbackGroup())
@@ -63,9 +32,7 @@ def test_messages_are_heard_in_order_while_a_service_waits(context, spin):
     client = peer.create_client(Trigger, "wait")
     publisher = peer.create_publisher(Int64, "numbers", 1000)
     for item in (node, peer):
-        executor = NodeExecutor(fail, context=context)
-        executor.add_node(item)
-        spin(executor)
+        spin(NodeExecutor(fail, context=context), item)
     wait_for(client.service_is_ready, "the service")
     wait_for(publisher.get_subscription_count, "the subscription")
     answers = [client.call_async(Trigger.Request()) for _ in range(2)]
@@ -84,8 +51,8 @@ def test_messages_are_heard_in_order_while_a_service_waits(context, spin):
     assert len(begun) == 2
 
 
-def test_what_a_callback_raises_is_told_and_the_next_is_run(context, spin):
-    node, told = Node("clumsy", context=context), []
+def test_what_a_callback_raises_is_told_and_the_next_is_run(context, make_node, spin):
+    node, told = make_node("clumsy"), []
     calls: list[int] = []
 
     def stumble() -> None:
@@ -94,16 +61,14 @@ def test_what_a_callback_raises_is_told_and_the_next_is_run(context, spin):
             raise ValueError("stumbled")
 
     node.create_timer(0.02, stumble)
-    executor = NodeExecutor(told.append, context=context)
-    executor.add_node(node)
-    spin(executor)
+    spin(NodeExecutor(told.append, context=context), node)
     wait_for(lambda: len(calls) > 2, "further calls")
     assert [str(error) for error in told] == ["stumbled"]
 
 
-def test_messages_that_have_come_are_heard_in_a_row_but_not_without_end(context):
+def test_messages_that_have_come_are_heard_in_a_row_but_not_without_end(context, make_node):
     """To wait for each anew takes longer than the message does."""
-    node, peer = Node("slow", context=context), Node("peer", context=context)
+    node, peer = make_node("slow"), make_node("peer")
     heard: list[int] = []
     failures: list[str] = []
 
@@ -112,7 +77,7 @@ def test_messages_that_have_come_are_heard_in_a_row_but_not_without_end(context)
         if message.data == 3:
             raise ValueError("three")
 
-    subscription = node.create_subscription(Int64, "flood", hear, 1000)
+    node.create_subscription(Int64, "flood", hear, 1000)
     publisher = peer.create_publisher(Int64, "flood", 1000)
     executor = NodeExecutor(lambda error: failures.append(str(error)), context=context)
     executor.add_node(node)
@@ -129,7 +94,6 @@ def test_messages_that_have_come_are_heard_in_a_row_but_not_without_end(context)
     assert max(steps) == 100
     assert len([step for step in steps if step]) < 10
     executor.shutdown()
-    node.destroy_subscription(subscription)
 
 
 def _spin_and_count(executor: NodeExecutor, heard: list[int], counts: list[int]) -> int:

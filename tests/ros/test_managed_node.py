@@ -1,8 +1,8 @@
 """Nodes bring themselves up, survive what clients ask of them, and end when they are told to."""
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import pytest
@@ -18,6 +18,8 @@ from rclpy.parameter import Parameter
 from ema_nodes.managed_node import ManagedNode
 from ema_nodes.status import ERROR, OK, WARN, Task
 
+from ..waiting import wait_for
+
 SUCCESS = TransitionCallbackReturn.SUCCESS
 
 
@@ -26,9 +28,10 @@ class Recorded(ManagedNode):
 
     def __init__(
         self,
-        context: Context,
         refuse: dict[str, Exception] | None = None,
         parameters: dict[str, Any] | None = None,
+        *,
+        context: Context,
     ) -> None:
         overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
         super().__init__("recorded", context=context, parameter_overrides=overrides)
@@ -56,17 +59,9 @@ class Recorded(ManagedNode):
         return [Task("work", OK, "at it", "unit 7", {"lag [s]": 0.25, "count": 3})]
 
 
-@pytest.fixture
-def context() -> Iterator[Context]:
-    context = Context()
-    context.init()
-    yield context
-    context.shutdown()
-
-
 @contextmanager
 def observed(context: Context, *nodes: Node) -> Iterator[tuple[Node, Callable[..., Any]]]:
-    """Spin nodes and an observer; give the latter, and a way to wait for what it is told."""
+    """Serve nodes and an observer; give the latter, and a way to wait for what it is told."""
     observer = Node("observer", context=context)
     told: dict[str, DiagnosticStatus] = {}
 
@@ -78,27 +73,31 @@ def observed(context: Context, *nodes: Node) -> Iterator[tuple[Node, Callable[..
     for node in (*nodes, observer):
         executor.add_node(node)
 
-    def until(found: Callable[[dict[str, DiagnosticStatus]], Any], deadline_s: float = 8.0) -> Any:
-        deadline = time.monotonic() + deadline_s
-        while not (result := found(told)):
-            assert time.monotonic() < deadline, f"what was waited for did not come: {told}"
+    def until(found: Callable[[dict[str, DiagnosticStatus]], Any]) -> Any:
+        def spun() -> Any:
             executor.spin_once(timeout_sec=0.05)
-        return result
+            return found(told)
+
+        return wait_for(spun, f"what was waited for; {told}")
 
     try:
         yield observer, until
     finally:
         executor.shutdown()
-        for node in (*nodes, observer):
-            node.destroy_node()
+        observer.destroy_node()
 
 
-def test_node_brings_itself_up_in_its_namespace(context: Context):
-    node = Recorded(context)
+@pytest.fixture
+def make_recorded(make_node: Callable[..., Recorded]) -> Callable[..., Recorded]:
+    """Make a node that notes what is asked of it; of what it refuses, and parameters."""
+    return partial(make_node, kind=Recorded)
+
+
+def test_node_brings_itself_up_in_its_namespace(make_recorded, context: Context):
+    node = make_recorded()
     assert node.bring_up()
     assert (node.state, node.steps) == ("active", ["configure", "activate"])
     assert node.get_fully_qualified_name() == "/ema/recorded"
-    node.destroy_node()
 
 
 @pytest.mark.parametrize(
@@ -108,9 +107,9 @@ def test_node_brings_itself_up_in_its_namespace(context: Context):
     ("error", "text"), [(ValueError("no such file"), "no such file"), (KeyError("x"), "KeyError")]
 )
 def test_refusal_leaves_the_state_and_is_told_until_it_works(
-    context: Context, step: str, state: str, error: Exception, text: str
+    make_recorded, context: Context, step: str, state: str, error: Exception, text: str
 ):
-    node = Recorded(context, {step: error})
+    node = make_recorded({step: error})
     assert not node.bring_up()
     assert node.state == state
     with observed(context, node) as (_, until):
@@ -123,8 +122,8 @@ def test_refusal_leaves_the_state_and_is_told_until_it_works(
         until(lambda told: told["recorded: lifecycle"].message == "active")
 
 
-def test_status_is_told_in_every_state(context: Context):
-    node = Recorded(context)
+def test_status_is_told_in_every_state(make_recorded, context: Context):
+    node = make_recorded()
     with observed(context, node) as (_, until):
         for trigger, state, level in (
             (lambda: SUCCESS, "unconfigured", WARN),
@@ -148,8 +147,10 @@ def test_status_is_told_in_every_state(context: Context):
                 assert values == {"lag [s]": "0.25", "count": "3"}
 
 
-def test_transition_that_is_impossible_is_refused_and_the_node_lives(context: Context):
-    node = Recorded(context)
+def test_transition_that_is_impossible_is_refused_and_the_node_lives(
+    make_recorded, context: Context
+):
+    node = make_recorded()
     assert node.bring_up()
     with observed(context, node) as (observer, until):
         client = observer.create_client(ChangeState, "/ema/recorded/change_state")
@@ -180,19 +181,17 @@ def test_transition_that_is_impossible_is_refused_and_the_node_lives(context: Co
     ]
 
 
-def test_shutdown_stops_what_goes_on(context: Context):
-    node = Recorded(context)
+def test_shutdown_stops_what_goes_on(make_recorded, context: Context):
+    node = make_recorded()
     assert node.bring_up()
     assert node.trigger_shutdown() == SUCCESS
     assert node.steps == ["configure", "activate", "deactivate", "clean_up"]
     assert node.finished.is_set()
-    node.destroy_node()
 
 
-def test_parameter_of_another_name_is_told_with_the_one_that_may_be_meant(context, capfd):
-    node = Recorded(context, parameters={"use_sim_tme": True, "colour": "red"})
+def test_parameter_of_another_name_is_told_with_the_one_that_may_be_meant(make_recorded, capfd):
+    node = make_recorded(parameters={"use_sim_tme": True, "colour": "red"})
     assert node.bring_up()
     told = capfd.readouterr().err
     assert "use_sim_tme is none of this node's and has no effect: is use_sim_time meant?" in told
     assert "colour is none of this node's" in told
-    node.destroy_node()

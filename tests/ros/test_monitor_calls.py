@@ -1,8 +1,7 @@
 """Calibration by service, and identification by action."""
 
 import gc
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from ema_interfaces.srv import Calibrate
 from ema_monitor.calibration import Calibration
 from ema_monitor.optimizers import ALGORITHMS
 
+from ..waiting import DEADLINE_S, wait_for
 from .monitor_session import FLAP, THREADS, MonitorSession, Source, in_window, monitor, spoiled
 
 NAME = "/ema/monitor/calibrate"
@@ -24,7 +24,7 @@ NAME = "/ema/monitor/calibrate"
 @pytest.fixture(scope="module")
 def session() -> Iterator[MonitorSession]:
     """A monitor that has identified one window of an actuator with friction."""
-    with monitor({"calibration_timeout_s": 1.0}, apart=True) as running:
+    with monitor({"calibration_timeout_s": 1.0}) as running:
         running.describe()
         running.feed(Source(friction=0.3).cycle())
         assert running.next_estimate().valid
@@ -42,11 +42,12 @@ class Goal:
         self.feedback: list[IdentifyFaults.Feedback] = []
         self._session = session
         self._client = ActionClient(session.probe, IdentifyFaults, "/ema/monitor/identify_faults")
-        assert self._client.wait_for_server(8.0)
+        wait_for(self._client.server_is_ready, "the action")
         sent = self._client.send_goal_async(IdentifyFaults.Goal(**goal), self._note)
         self.handle = session.result(sent)
         assert self.handle.accepted
         self._result = self.handle.get_result_async()
+        session.at_end(self._client.destroy)
 
     def _note(self, message: Any) -> None:
         self.feedback.append(message.feedback)
@@ -54,18 +55,13 @@ class Goal:
     def cancel(self) -> None:
         self._session.result(self.handle.cancel_goal_async())
 
-    def result(self, timeout_s: float = 12.0) -> tuple[int, IdentifyFaults.Result]:
-        answer = self._session.result(self._result, timeout_s)
+    def result(self) -> tuple[int, IdentifyFaults.Result]:
+        answer = self._session.result(self._result)
         return answer.status, answer.result
 
 
-def wait_for(condition: Callable[[], Any]) -> None:
-    poll = threading.Event()
-    for _ in range(600):
-        if condition():
-            return
-        poll.wait(0.02)
-    raise AssertionError("what was waited for did not come")
+def until_waited_for(session: MonitorSession) -> None:
+    wait_for(lambda: session.node._calls._queues, "the call to wait for windows")
 
 
 def test_latest_window_is_identified_with_the_algorithm_of_choice(session: MonitorSession):
@@ -118,9 +114,9 @@ def test_impossible_goal_is_answered_with_the_reason(
 
 def test_identification_is_cancelled_within_a_generation(session: MonitorSession):
     goal = Goal(session, algorithm="pso", budget=10_000_000)
-    wait_for(lambda: goal.feedback)
+    wait_for(lambda: goal.feedback, "feedback")
     goal.cancel()
-    status, result = goal.result(3.0)
+    status, result = goal.result()
     assert (status, result.success) == (GoalStatus.STATUS_CANCELED, False)
     assert "cancel" in result.message
 
@@ -131,18 +127,19 @@ def test_waiting_for_a_window_is_cancelled():
         session.until_told("flap telemetry", "no telemetry so far")
         goal = Goal(session, next_window=True)
         goal.cancel()
-        status, result = goal.result(3.0)
+        status, result = goal.result()
         assert (status, result.success) == (GoalStatus.STATUS_CANCELED, False)
         assert "cancel" in result.message
 
 
 def test_next_window_is_waited_for_and_a_cut_one_has_its_reason(session: MonitorSession):
-    assert session.set_parameters(calibration_timeout_s=8.0)[0].successful
+    assert session.set_parameters(calibration_timeout_s=DEADLINE_S)[0].successful
     source = Source(gain=0.6)
     blocks = source.cycle()
     blocks[in_window(blocks)] = spoiled(blocks[in_window(blocks)], "current", 0, float("nan"))
     for cycle, success in ((blocks, False), (source.cycle(), True)):
         goal = Goal(session, next_window=True)
+        until_waited_for(session)
         session.feed(cycle)
         status, result = goal.result()
         assert result.success == success
@@ -162,16 +159,17 @@ def test_many_goals_that_wait_do_not_keep_telemetry_out():
         session.describe()
         session.until_told("flap telemetry", "no telemetry so far")
         client = ActionClient(session.probe, IdentifyFaults, "/ema/monitor/identify_faults")
-        assert client.wait_for_server(8.0)
+        wait_for(client.server_is_ready, "the action")
         # More than the node has threads.
         goal = IdentifyFaults.Goal(next_window=True, budget=617)
         sent = [client.send_goal_async(goal) for _ in range(THREADS + 2)]
-        wait_for(lambda sent=sent: all(item.done() for item in sent))
+        wait_for(lambda sent=sent: all(item.done() for item in sent), "answers")
         answers = [item.result() for item in sent]
         assert [item is not None and item.accepted for item in answers].count(True) == 2
         session.feed(Source().cycle())
         assert session.next_estimate().valid
         del sent, answers
+        client.destroy()
     gc.collect()
 
 
@@ -198,7 +196,7 @@ def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
         assert not refused.valid
         assert all(text in refused.reason for text in ("no calibration", str(own)))
         future = session.start(Calibrate, NAME, Calibrate.Request(windows=2))
-        wait_for(lambda: session.node._calls._queues)
+        until_waited_for(session)
         blocks = source.cycle()
         # A window that cannot be used is passed over, and its estimate comes meanwhile.
         session.feed(b for i, b in enumerate(blocks) if i != in_window(blocks))
@@ -253,7 +251,7 @@ def test_calibration_that_cannot_be_stored_is_not_half_used(tmp_path: Path):
         session.until_told("flap telemetry", "no telemetry so far")
         request = Calibrate.Request(windows=1, file=f"{tmp_path}/folder.yaml")
         future = session.start(Calibrate, NAME, request)
-        wait_for(lambda: session.node._calls._queues)
+        until_waited_for(session)
         session.feed(source.cycle())
         answer = session.result(future)
         session.next_estimate()
@@ -270,11 +268,11 @@ def test_call_that_waits_is_answered_when_the_monitor_is_deactivated(call: str):
         session.until_told("flap telemetry", "no telemetry so far")
         if call == "calibrate":
             future = session.start(Calibrate, NAME, Calibrate.Request(windows=1))
-            wait_for(lambda: session.node._calls._queues)
+            until_waited_for(session)
             assert session.node.trigger_deactivate()
-            assert not session.result(future, 4.0).success
+            assert not session.result(future).success
         else:
             goal = Goal(session, next_window=True)
-            wait_for(lambda: session.node._calls._queues)
+            until_waited_for(session)
             assert session.node.trigger_deactivate()
-            assert not goal.result(4.0)[1].success
+            assert not goal.result()[1].success

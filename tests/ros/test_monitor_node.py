@@ -29,7 +29,7 @@ PERIOD_NS = 100_000
 @pytest.fixture(scope="module")
 def session() -> Iterator[MonitorSession]:
     """A monitor that has identified one window of an actuator with friction."""
-    with monitor(apart=True) as running:
+    with monitor() as running:
         running.describe()
         running.feed(Source(friction=0.3).cycle())
         running.next_estimate()

@@ -20,9 +20,9 @@ from ema_monitor.prognosis.requirements import REQUIREMENTS, Requirements
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
 
+from ..waiting import DEADLINE_S, wait_for
 from .graph import Graph
 from .monitor_session import MonitorSession, monitor
-from .spinning import wait_for
 from .worn_actuator import HOURS, count, friction, live, plain, predict, replaced, worn_cycles
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
@@ -42,7 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def session(cycles: list[Telemetry], folder: Path) -> Iterator[MonitorSession]:
     """A monitor that has followed an actuator over its tests."""
-    with monitor({"hours_per_cycle": HOURS, "history_folder": str(folder)}, apart=True) as running:
+    with monitor({"hours_per_cycle": HOURS, "history_folder": str(folder)}) as running:
         running.describe()
         live(running, cycles[:TESTS])
         yield running
@@ -185,7 +185,7 @@ def test_restart_goes_on_where_the_history_ends(cycles: list[Telemetry], folder:
         assert (told.level, told.confidence, told.header) == (
             STALE, 0.0, session.healths()[TESTS - 1].header,
         )  # fmt: skip
-        assert told.reason == "no valid estimate for more than 30 s"
+        assert told.reason == "no valid estimate for more than 3000 s"
         for item in ("rul", "rul_faults", "rul_requirements", "faults", "requirements"):
             assert str(getattr(told, item)) == str(getattr(before.health, item))
         assert plain(replaced(before.health)) == plain(replaced(session.healths()[TESTS - 1]))
@@ -231,14 +231,14 @@ def test_telemetry_is_received_while_a_prognosis_is_made(
     def slow(self: Prognostics, *args: Any) -> Any:
         threads.append(threading.current_thread().name)
         begun.set()
-        assert go_on.wait(10.0)
+        assert go_on.wait(DEADLINE_S)
         return take(self, *args)
 
     monkeypatch.setattr(Prognostics, "take", slow)
     with monitor() as session:
         session.describe()
         session.feed(cycles[:1])
-        assert begun.wait(10.0)
+        assert begun.wait(DEADLINE_S)
         try:
             session.feed([cycles[1].part(0, 5000)])
             wait_for(lambda: session.node._units["flap"].watch.blocks == 2, "the second block")
@@ -326,7 +326,7 @@ def test_replayed_bag_gives_the_health_of_the_live_monitor(cycles: list[Telemetr
         graph.start("monitor", use_sim_time=True, history_folder=living)
         graph.wait_for(lambda: graph.status, "the monitor")
         graph.start("player", bag=path, rate=3.0, actuator_only=True)
-        graph.wait_for(lambda: len(graph.healths) >= n, "the health after each test", 60.0)
+        graph.wait_for(lambda: len(graph.healths) >= n, "the health after each test")
         assert graph.status["monitor: flap history"][2]["file"] == "none, in memory only"
     assert [plain(item) for item in graph.healths] == [plain(item) for item in expected]
     assert file.read_bytes() == content

@@ -14,9 +14,9 @@ from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.prognostics import Prognostics
 
+from ..waiting import DEADLINE_S, wait_for
 from .monitor_session import FLAP, monitor
 from .mounted_units import all_heard, mount
-from .spinning import wait_for
 from .worn_actuator import HOURS, live, plain, use, worn_cycles
 
 
@@ -60,13 +60,13 @@ def test_telemetry_is_received_while_a_history_is_read(
 
     def slow(self: Prognostics, *args: Any) -> None:
         begun.set()
-        assert go_on.wait(10.0)
+        assert go_on.wait(DEADLINE_S)
         begin(self, *args)
 
     monkeypatch.setattr(Prognostics, "__init__", slow)
     with monitor({"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}) as session:
         session.describe()
-        assert begun.wait(10.0)
+        assert begun.wait(DEADLINE_S)
         try:
             session.feed([cycles[1].part(0, 5000)])
             use(session, 500.0, 1)
@@ -108,7 +108,7 @@ def test_long_history_of_one_unit_does_not_hold_up_another(monkeypatch: pytest.M
     def slow(self: Prognostics, history: History, *args: Any) -> None:
         if not begun.is_set():
             begun.set()
-            assert go_on.wait(10.0)
+            assert go_on.wait(DEADLINE_S)
         begin(self, history, *args)
 
     monkeypatch.setattr(Prognostics, "__init__", slow)
@@ -117,7 +117,7 @@ def test_long_history_of_one_unit_does_not_hold_up_another(monkeypatch: pytest.M
     first = threading.Thread(target=histories.of, args=(("flap", "1"), PrognosisSettings()))
     first.start()
     try:
-        assert begun.wait(10.0)
+        assert begun.wait(DEADLINE_S)
         assert histories.of(("flap", "2"), PrognosisSettings()).history.entries == []
         assert [unit for unit, _ in histories.items()] == [("flap", "2")]
     finally:

@@ -14,6 +14,7 @@ from ema_messages import topics
 from ema_messages.description import description_to_message
 from ema_messages.telemetry import telemetry_to_message
 
+from ..waiting import DEADLINE_S
 from .monitor_session import FLAP, MonitorSession, Source, in_window, monitor, spoiled
 
 Messages = list[TelemetryBlock]
@@ -22,7 +23,7 @@ WARN, ERROR = b"\x01", b"\x02"
 
 @pytest.fixture(scope="module")
 def session() -> Iterator[MonitorSession]:
-    with monitor(apart=True) as running:
+    with monitor() as running:
         running.describe()
         yield running
 
@@ -155,7 +156,6 @@ def test_defect_is_told_although_an_older_window_is_being_identified():
         assert "speed is nan" in status.message
 
 
-@pytest.mark.timeout(20)
 def test_defect_is_told_while_the_status_is_being_published(monkeypatch: pytest.MonkeyPatch):
     with monitor() as session:
         session.describe()
@@ -165,7 +165,7 @@ def test_defect_is_told_while_the_status_is_being_published(monkeypatch: pytest.
 
         def slow_tasks():
             asked.set()
-            telling.wait(4.0)
+            telling.wait(DEADLINE_S)
             return tasks()
 
         def announced_report():
@@ -175,7 +175,7 @@ def test_defect_is_told_while_the_status_is_being_published(monkeypatch: pytest.
 
         monkeypatch.setattr(session.node, "tasks", slow_tasks)
         monkeypatch.setattr(session.node, "report", announced_report)
-        assert asked.wait(4.0)
+        assert asked.wait(DEADLINE_S)
         block = Source().cycle()[0]
         session.feed([spoiled(block, "speed", 0, np.nan)])
         session.until_told("flap telemetry", "speed is nan")

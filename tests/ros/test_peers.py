@@ -1,16 +1,14 @@
 """Who has gone from the graph is missed, and only those with whom a node has to do."""
 
-import threading
-import time
-from collections.abc import Iterator
+from collections.abc import Callable
 
-import pytest
-from rclpy.context import Context
 from rclpy.node import Node
 from std_msgs.msg import String
 
 from ema_nodes.peers import FRESH_S, Peers, nodes_in_touch, now_s
 from ema_nodes.status import OK, WARN
+
+from ..waiting import wait_for
 
 
 def test_nobody_is_missed_before_anybody_came():
@@ -73,17 +71,9 @@ def test_its_clock_does_not_go_back():
     assert now_s() <= now_s()
 
 
-@pytest.fixture
-def context() -> Iterator[Context]:
-    context = Context()
-    context.init()
-    yield context
-    context.shutdown()
-
-
-def test_in_touch_are_nodes_of_the_namespace_that_share_a_topic(context: Context):
+def test_in_touch_are_nodes_of_the_namespace_that_share_a_topic(make_node: Callable[..., Node]):
     def node(name: str, namespace: str = "/ema") -> Node:
-        return Node(name, context=context, namespace=namespace)
+        return make_node(name, namespace=namespace)
 
     own = node("own")
     own.create_publisher(String, "out", 1)
@@ -101,13 +91,8 @@ def test_in_touch_are_nodes_of_the_namespace_that_share_a_topic(context: Context
     tool.create_subscription(String, "/ema/out", lambda _: None, 1)
 
     def until(expected: set[str]) -> None:
-        poll, deadline = threading.Event(), time.monotonic() + 8.0
-        while nodes_in_touch(own) != expected:
-            assert time.monotonic() < deadline, nodes_in_touch(own)
-            poll.wait(0.02)
+        wait_for(lambda: nodes_in_touch(own) == expected, f"{expected} alone")
 
     until({"/ema/hears", "/ema/speaks", "/ema/same"})
     speaks.destroy_node()
     until({"/ema/hears", "/ema/same"})
-    for item in (own, hears, same, other, tool):
-        item.destroy_node()

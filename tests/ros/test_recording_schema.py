@@ -1,7 +1,6 @@
 """Schemas, hashes and offered qualities of service are those that ROS 2 itself would note."""
 
 import pytest
-import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -44,21 +43,13 @@ TELEMETRY = "ema_interfaces/msg/TelemetryBlock"
 SEPARATOR = "=" * 80
 
 
-@pytest.fixture
-def node():
-    rclpy.init()
-    node = rclpy.create_node("schema_test")
-    yield node
-    node.destroy_node()
-    rclpy.shutdown()
-
-
 @pytest.mark.parametrize("kind", TYPES, ids=type_name)
 def test_names_go_both_ways(kind: type):
     assert message_class(type_name(kind)) is kind
 
 
-def test_hashes_are_those_of_discovery(node):
+def test_hashes_are_those_of_discovery(make_node):
+    node = make_node("schema_test")
     for number, kind in enumerate(TYPES):
         topic = f"/hash_{number}"
         publisher = node.create_publisher(kind, topic, 1)
@@ -185,7 +176,8 @@ def test_offered_qos_in_words():
     assert yaml.safe_load(offered_qos_profiles(qos)) == [offered_qos(qos)]
 
 
-def test_offered_qos_is_what_discovery_reports(node):
+def test_offered_qos_is_what_discovery_reports(make_node):
+    node = make_node("schema_test")
     # Discovery does not tell history and depth.
     qos = QoSProfile(depth=3)
     node.create_publisher(FaultEstimate, "/offered", qos)

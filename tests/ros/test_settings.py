@@ -1,12 +1,11 @@
 """Parameters are declared from the definitions that validate them, and descriptions from files."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -31,45 +30,39 @@ class Oven:
 
 
 @pytest.fixture
-def make_node() -> Iterator[Callable[..., Node]]:
+def make_oven(make_node: Callable[..., Node]) -> Callable[..., Node]:
     """Make a node that was given some parameters."""
-    context, nodes = Context(), []
-    context.init()
 
     def make(**given: Any) -> Node:
         overrides = [Parameter(key.replace("__", "."), value=v) for key, v in given.items()]
-        nodes.append(Node("oven", context=context, parameter_overrides=overrides))
-        return nodes[-1]
+        return make_node("oven", parameter_overrides=overrides)
 
-    yield make
-    for node in nodes:
-        node.destroy_node()
-    context.shutdown()
+    return make
 
 
-def test_defaults_are_read_back(make_node: Callable[..., Node]):
-    node = make_node()
+def test_defaults_are_read_back(make_oven: Callable[..., Node]):
+    node = make_oven()
     declare(node, Oven)
     assert read(node, Oven) == Oven()
     assert not node.has_parameter("notes")
 
 
-def test_instance_gives_its_own_defaults(make_node: Callable[..., Node]):
-    node, own = make_node(), Oven(200.0, 3, "grill", "bread")
+def test_instance_gives_its_own_defaults(make_oven: Callable[..., Node]):
+    node, own = make_oven(), Oven(200.0, 3, "grill", "bread")
     declare(node, own, "left.")
     assert read(node, Oven, "left.") == own
 
 
-def test_given_values_are_used_and_whole_numbers_are_numbers(make_node: Callable[..., Node]):
-    node = make_node(left__temperature=200, left__mode="grill")
+def test_given_values_are_used_and_whole_numbers_are_numbers(make_oven: Callable[..., Node]):
+    node = make_oven(left__temperature=200, left__mode="grill")
     declare(node, Oven, "left.")
     oven = read(node, Oven, "left.")
     assert (oven.temperature, oven.mode) == (200.0, "grill")
     assert type(oven.temperature) is float
 
 
-def test_descriptors_tell_unit_range_and_choices(make_node: Callable[..., Node]):
-    node = make_node()
+def test_descriptors_tell_unit_range_and_choices(make_oven: Callable[..., Node]):
+    node = make_oven()
     declare(node, Oven)
     temperature = node.describe_parameter("temperature")
     assert temperature.description == "temperature inside [degC]"
@@ -96,9 +89,9 @@ def test_descriptors_tell_unit_range_and_choices(make_node: Callable[..., Node])
     ],
 )
 def test_impossible_value_that_is_given_is_refused_in_one_line(
-    make_node: Callable[..., Node], given: dict[str, Any], texts: list[str]
+    make_oven: Callable[..., Node], given: dict[str, Any], texts: list[str]
 ):
-    node = make_node(**{f"left__{name}": value for name, value in given.items()})
+    node = make_oven(**{f"left__{name}": value for name, value in given.items()})
     with pytest.raises(ValueError, match=r"left\.") as refused:
         LiveSettings(node, Oven, "left.")
     assert all(item in str(refused.value) for item in texts), refused.value
@@ -110,15 +103,15 @@ def set_one(node: Node, name: str, value: Any) -> Any:
     return result
 
 
-def test_fixed_settings_stay(make_node: Callable[..., Node]):
-    node = make_node()
+def test_fixed_settings_stay(make_oven: Callable[..., Node]):
+    node = make_oven()
     declare(node, Oven)
     assert not set_one(node, "trays", 3).successful
     assert read(node, Oven) == Oven()
 
 
-def test_live_settings_follow_and_tell(make_node: Callable[..., Node]):
-    node, changes = make_node(), []
+def test_live_settings_follow_and_tell(make_oven: Callable[..., Node]):
+    node, changes = make_oven(), []
     left = LiveSettings(node, Oven, "left.", changes.append)
     right = LiveSettings(node, Oven, "right.")
     assert set_one(node, "left.temperature", 250).successful
@@ -141,9 +134,9 @@ def test_live_settings_follow_and_tell(make_node: Callable[..., Node]):
     ],
 )
 def test_impossible_change_is_refused_by_name(
-    make_node: Callable[..., Node], name: str, value: Any
+    make_oven: Callable[..., Node], name: str, value: Any
 ):
-    node, changes = make_node(), []
+    node, changes = make_oven(), []
     left = LiveSettings(node, Oven, "left.", changes.append)
     result = set_one(node, f"left.{name}", value)
     assert not result.successful
@@ -152,8 +145,8 @@ def test_impossible_change_is_refused_by_name(
     assert node.get_parameter(f"left.{name}").value == getattr(Oven(), name)
 
 
-def test_live_setting_cannot_be_taken_away(make_node: Callable[..., Node]):
-    node = make_node()
+def test_live_setting_cannot_be_taken_away(make_oven: Callable[..., Node]):
+    node = make_oven()
     left = LiveSettings(node, Oven, "left.")
     assert not set_one(node, "left.trays", None).successful
     assert left.value == Oven()

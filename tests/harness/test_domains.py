@@ -1,0 +1,52 @@
+"""Two runs of the tests on one machine never meet: domains are locked."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from ..domains import Domain, domain
+
+OTHER = """
+import sys
+from tests.domains import Domain
+print(*(Domain().number for _ in range(30)), flush=True)
+sys.stdin.read()
+"""
+
+
+def test_processes_and_their_parts_never_have_the_same_domain():
+    command = [sys.executable, "-c", OTHER]
+    root = Path(__file__).parents[2]
+    others = [
+        subprocess.Popen(
+            command, cwd=root, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        for _ in range(2)
+    ]
+    taken = [int(os.environ["ROS_DOMAIN_ID"])]
+    for other in others:
+        assert other.stdout is not None
+        taken += [int(number) for number in other.stdout.readline().split()]
+    own = [Domain() for _ in range(5)]
+    taken += [item.number for item in own]
+    assert len(taken) == len(set(taken)) == 66
+    assert min(taken) >= 1
+    assert max(taken) <= 101
+    for item in own:
+        item.release()
+    for other in others:
+        other.communicate()
+
+
+def test_domain_stays_with_a_process_that_outlives_the_one_that_took_it():
+    with domain() as own:
+        orphan = subprocess.Popen(
+            [sys.executable, "-c", "input()"], stdin=subprocess.PIPE, pass_fds=[own.descriptor]
+        )
+    numbers = set()
+    for _ in range(101):
+        with domain() as another:
+            numbers.add(another.number)
+    orphan.communicate(b"\n")
+    assert own.number not in numbers

@@ -1,0 +1,43 @@
+"""The suite always ends: a test beyond its time limit is killed, named, and the others go on."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CONFIGURATION = Path(__file__).parents[2] / "pyproject.toml"
+# Each holds the interpreter's lock and never gives it back: no thread of Python runs any more.
+HANGS = {
+    "pause": "import ctypes; ctypes.PyDLL(None).pause()",
+    "pattern": "import re; re.match('(a*)*b', 'a' * 100)",
+}
+TESTS = """
+def test_before():
+    pass
+
+def test_that_hangs():
+    {hang}
+
+def test_after():
+    pass
+"""
+
+
+@pytest.mark.parametrize("hang", HANGS.values(), ids=HANGS)
+def test_test_that_holds_the_interpreter_is_killed_and_named(tmp_path: Path, hang: str):
+    (tmp_path / "test_hanging.py").write_text(TESTS.format(hang=hang))
+    (tmp_path / "test_other.py").write_text("def test_of_another_file():\n    pass\n")
+    command = [
+        *(sys.executable, "-m", "pytest", "-c", str(CONFIGURATION), "--rootdir", str(tmp_path)),
+        *("-p", "no:cacheprovider", "-o", "faulthandler_timeout=3"),
+        *("-n", "1", "--dist", "worksteal", str(tmp_path)),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert re.search(r"worker 'gw\d+' crashed while running '[^']*::test_that_hangs'", done.stdout)
+    # The stacks of all threads are there, down to the line that hangs.
+    assert "Timeout (0:00:03)!" in done.stderr
+    assert "line 6 in test_that_hangs" in done.stderr
+    assert "1 failed, 3 passed" in done.stdout

@@ -1,0 +1,43 @@
+"""Contexts and nodes of the tests, destroyed at their ends."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from typing import Any
+
+import pytest
+from rclpy.context import Context
+from rclpy.executors import Executor
+from rclpy.node import Node
+
+from .spinning import end, made, ros_context, spinning
+
+
+@pytest.fixture
+def context() -> Iterator[Context]:
+    """A context in the domain of this process."""
+    with ros_context() as context:
+        yield context
+
+
+@pytest.fixture
+def make_node(context: Context) -> Iterator[Callable[..., Any]]:
+    """Make nodes: of a name and further arguments, or of another class (``kind=``)."""
+    with ExitStack() as nodes:
+
+        def make(*arguments: Any, kind: type[Node] = Node, **more: Any) -> Any:
+            node = made(kind, *arguments, context=context, **more)
+            nodes.callback(end, node)
+            return node
+
+        yield make
+
+
+@pytest.fixture
+def spin(make_node: Callable[..., Any]) -> Iterator[Callable[..., None]]:
+    """Serve nodes by an executor in the background until the test is over."""
+    with ExitStack() as executors:
+
+        def begin(executor: Executor, *nodes: Node) -> None:
+            executors.enter_context(spinning(executor, *nodes))
+
+        yield begin
