@@ -16,7 +16,6 @@ from ema_core.faults import (
 )
 from ema_monitor.calibration import Calibration
 from ema_monitor.estimate import Estimate
-from ema_monitor.model import Response
 from ema_monitor.objective import Linearisation, Objective
 from ema_monitor.residual import band_limited, rms
 from ema_monitor.search_settings import SearchSettings

@@ -140,7 +140,7 @@ def seconds(scored: ScoredLife) -> NDArray[np.float64]:
     measurements = drawn(scored, scored.life())
     # Compiled code is loaded once a process, by any unit.
     _followed(measurements[:1], TrackerSettings())
-    requirements_of.cache_clear()
+    FITTED.clear()
     _, spent = _followed(measurements, TrackerSettings())
     return np.array(spent)
 
