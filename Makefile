@@ -45,7 +45,7 @@ bench-peers: setup ## identification and optimizers beside those of others; 10 m
 calibration: setup ## the shipped calibration anew, after a change of either model
 	$(activate) && ema simulate --cycles 20 --force -o ros2_ws/build/healthy.mcap
 	$(activate) && ema calibrate ros2_ws/build/healthy.mcap --force \
-	    -o ema_monitor/ema_monitor/builtin_calibration.yaml
+	    -o ema_monitor/ema_monitor/calibration/builtin_calibration.yaml
 
 sample: setup ## the sample bag anew, after a change of the reference actuator or the messages
 	$(activate) && ema simulate --fault friction=0.25 --fault eccentricity=0.1 \

@@ -10,11 +10,11 @@ setup(
     maintainer="EMA health monitor maintainers",
     maintainer_email="maintainers@example.org",
     packages=find_packages(include=[package, f"{package}.*"]),
-    package_data={package: ["builtin_calibration.yaml"]},
+    package_data={package: ["calibration/builtin_calibration.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),
     ],
     zip_safe=True,
-    entry_points={"console_scripts": ["monitor_node = ema_monitor.monitor_node:main"]},
+    entry_points={"console_scripts": ["monitor_node = ema_monitor.node.monitor_node:main"]},
 )

@@ -7,18 +7,18 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_cli.bags.windows import BagWindows
 from ema_cli.identification_options import IdentificationOptions
-from ema_cli.interrupt import deferred_interrupt
-from ema_cli.progress import progress_bar
-from ema_cli.windows import BagWindows
+from ema_cli.processes.interrupt import deferred_interrupt
+from ema_cli.show.progress import progress_bar
 from ema_core.faults import estimation_error
-from ema_monitor.calibration import Calibration
-from ema_monitor.estimate import Estimate
-from ema_monitor.identification import Identification
-from ema_monitor.model import compile_kernels
-from ema_monitor.objective import Objective
-from ema_monitor.watch import Found
-from ema_monitor.window import Window
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.search import Identification
+from ema_monitor.model.monitor_model import compile_kernels
+from ema_monitor.windows.finder import Segment
+from ema_monitor.windows.window import Window
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Comparison:
         Cost at the true faults [A^2.s]; None where they, or a model to judge them by, are missing.
     """
 
-    found: Found
+    found: Segment
     runs: list[Run]
     truth: NDArray[np.float64] | None = None
     fitness_at_truth: float | None = None
@@ -88,7 +88,7 @@ class Comparison:
         return estimation_error(run.estimate.faults, self.truth)
 
 
-def choose_window(found: BagWindows, number: int | None) -> Found:
+def choose_window(found: BagWindows, number: int | None) -> Segment:
     """Return a window by number, or the first that can be used, or the first of all.
 
     Parameters
@@ -118,7 +118,7 @@ def choose_window(found: BagWindows, number: int | None) -> Found:
 
 
 def compare_algorithms(
-    found: Found,
+    found: Segment,
     algorithms: Sequence[str],
     calibration: Calibration,
     options: IdentificationOptions,

@@ -8,10 +8,10 @@ from typing import Any
 
 import click
 
-from ema_monitor.calibration import Calibration
-from ema_monitor.fitness import FITNESS
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.fitness import FITNESS
+from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
-from ema_monitor.search_settings import SearchSettings
 
 _OF_A_SERIES = (
     click.option(

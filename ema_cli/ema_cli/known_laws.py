@@ -4,9 +4,9 @@ from typing import Any, Final
 
 import click
 
-from ema_monitor.prognosis.known_laws import FORM as FORM_OF_LAW
-from ema_monitor.prognosis.known_laws import known_law
-from ema_monitor.prognosis.settings import KnownLaw
+from ema_monitor.prognosis.growth.known_laws import FORM as FORM_OF_LAW
+from ema_monitor.prognosis.growth.known_laws import known_law
+from ema_monitor.prognosis.growth.settings import KnownLaw
 
 FORM: Final = f"FAULT={FORM_OF_LAW}"
 

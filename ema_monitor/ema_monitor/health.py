@@ -9,7 +9,7 @@ import numpy as np
 from ema_core.faults import FAULTS, KINDS, LIMITS, kind_of, settings_by_kind
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.quantity import check_quantities, quantity
-from ema_monitor.estimate import Estimate
+from ema_monitor.identification.estimate import Estimate
 
 ONE_SIDED_95: Final = 1.645
 """Standard deviations from the mean to a one-sided 95 % bound [-]."""

@@ -8,13 +8,13 @@ from numpy.typing import ArrayLike
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
-from ema_messages import topics
-from ema_messages.description import description_to_message
-from ema_messages.faults import StampedFaults, stamped_faults_to_message
-from ema_messages.joint_state import joint_state_after
-from ema_messages.telemetry import telemetry_to_message
-from ema_messages.usage import usage_at_cycle
 from ema_recording.writer import BagWriter
+from ema_ros import topics
+from ema_ros.description import description_to_message
+from ema_ros.faults import StampedFaults, stamped_faults_to_message
+from ema_ros.joint_state import joint_state_after
+from ema_ros.telemetry import telemetry_to_message
+from ema_ros.usage import usage_at_cycle
 
 
 class SimulatedActuatorBag:

@@ -14,15 +14,15 @@ from sensor_msgs.msg import JointState
 
 from ema_core.quantity import check_quantities, flag, quantity, text
 from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, TelemetryBlock, Usage
-from ema_nodes.managed_node import ManagedNode
-from ema_nodes.run import run
-from ema_nodes.settings import declare, read
-from ema_nodes.status import ERROR, OK, WARN, Task
 from ema_recording.message_type import message_class, type_name
 from ema_recording.playback import Playback
 from ema_recording.qos import recorded_qos, replay_qos
 from ema_recording.reader import Bag, Recorded, Topic
 from ema_recording.schema import check_schema
+from ema_ros.managed_node import ManagedNode
+from ema_ros.run import run
+from ema_ros.settings import declare, read
+from ema_ros.status import ERROR, OK, WARN, Task
 
 _CLOCK: Final = "/clock"
 _TELEMETRY: Final = type_name(TelemetryBlock)

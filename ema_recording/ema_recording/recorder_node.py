@@ -12,12 +12,12 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from ema_core.quantity import check_quantities, flag, quantity, text
-from ema_nodes.managed_node import ManagedNode
-from ema_nodes.run import run
-from ema_nodes.settings import declare, read
-from ema_nodes.status import ERROR, OK, WARN, Task
 from ema_recording.recorded_topic import RecordedTopic
 from ema_recording.writer import BagWriter
+from ema_ros.managed_node import ManagedNode
+from ema_ros.run import run
+from ema_ros.settings import declare, read
+from ema_ros.status import ERROR, OK, WARN, Task
 
 _DISCOVERY_S: Final = 0.2
 _BESIDES_NAMESPACE: Final = ("/diagnostics", "/clock")

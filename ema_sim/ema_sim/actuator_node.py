@@ -18,18 +18,18 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultGrowth
 from ema_interfaces.srv import SetCommand, SetSimulatedFaults
-from ema_messages import topics
-from ema_messages.description import description_to_message
-from ema_messages.faults import StampedFaults, faults_from_message, stamped_faults_to_message
-from ema_messages.joint_state import joint_state_after
-from ema_messages.stamps import stamp_to_message
-from ema_messages.telemetry import telemetry_to_message
-from ema_messages.usage import usage_at_cycle
-from ema_nodes.actuator_file import load_description
-from ema_nodes.managed_node import ManagedNode
-from ema_nodes.run import run
-from ema_nodes.settings import declare, read
-from ema_nodes.status import OK, WARN, Task
+from ema_ros import topics
+from ema_ros.actuator_file import load_description
+from ema_ros.description import description_to_message
+from ema_ros.faults import StampedFaults, faults_from_message, stamped_faults_to_message
+from ema_ros.joint_state import joint_state_after
+from ema_ros.managed_node import ManagedNode
+from ema_ros.run import run
+from ema_ros.settings import declare, read
+from ema_ros.stamps import stamp_to_message
+from ema_ros.status import OK, WARN, Task
+from ema_ros.telemetry import telemetry_to_message
+from ema_ros.usage import usage_at_cycle
 from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
 from ema_sim.growth import Growth
 from ema_sim.pacing import Pace

@@ -11,7 +11,7 @@ from typing import Final
 
 import pandas as pd
 
-from ema_monitor.cores import available_cpus, limit_threads
+from ema_monitor.model.threads import available_cpus, limit_threads
 from ema_study.plan import Job
 from ema_study.record import Record
 from ema_study.run import run_job

@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from ema_core.commands import THESIS_CHIRP
 from ema_core.description import SAMPLE_PERIOD, ActuatorDescription
 from ema_core.faults import fault_vector, healthy_faults
-from ema_monitor.calibration import Calibration
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.objective import Objective
-from ema_monitor.window import Window
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.identification.objective import Objective
+from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
 from ema_study.cases import CASES
 

@@ -11,8 +11,8 @@ from ema_core.commands import THESIS_CHIRP, Command
 from ema_core.description import SAMPLE_PERIOD
 from ema_core.faults import fault_vector, healthy_faults
 from ema_core.telemetry import Telemetry
-from ema_monitor.objective import Objective
-from ema_monitor.window import Window
+from ema_monitor.identification.objective import Objective
+from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
 from ema_study.models import FITNESS, MODELS, calibration, reference_window
 

@@ -10,11 +10,11 @@ from exactness import HEALTHY_WINDOWS, HEALTHY_WINDOWS_OFF, Sizes, noisy_window,
 from trials import ACTUATOR, Job, Variant, Workers, errors_percent
 
 from ema_core.faults import healthy_faults
-from ema_monitor.alignment import moved
-from ema_monitor.calibration import Calibration
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.search_settings import SearchSettings
-from ema_monitor.window import Window
+from ema_monitor.calibration.alignment import moved
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.windows.window import Window
 
 
 class Step(NamedTuple):

@@ -13,9 +13,9 @@ from cases import CURRENT_NOISE, RESOLUTIONS
 from numpy.typing import NDArray
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, N_FAULTS, fault_vector
-from ema_monitor.calibration import Calibration
-from ema_monitor.coordinates import Coordinates
-from ema_monitor.window import Window
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.coordinates import Coordinates
+from ema_monitor.windows.window import Window
 
 _STEP: Final = 5e-3
 _SMOOTHED_BINS: Final = 9

@@ -25,8 +25,8 @@ from ema_core.faults import (
 )
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.telemetry import Telemetry
-from ema_monitor.trigger import WindowTrigger
-from ema_monitor.window import Window
+from ema_monitor.windows.trigger import WindowTrigger
+from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator, at_rest
 from ema_sim.sensors import Sensors
 from ema_study.cases import CASES

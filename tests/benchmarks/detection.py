@@ -13,8 +13,8 @@ from trials import Job, Variant, Workers
 
 from ema_core.faults import FAULT_NAMES, healthy_faults
 from ema_core.levels import ERROR, WARN
-from ema_monitor.estimate import Estimate
 from ema_monitor.health import HealthLimits, assess
+from ema_monitor.identification.estimate import Estimate
 
 FAMILY_RATE: Final = 0.01
 """Probability that the stricter test alarms on any of the seven faults of a healthy window, if the

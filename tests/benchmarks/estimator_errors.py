@@ -23,9 +23,9 @@ from rich.progress import Progress
 from trials import ACTUATOR, workers
 
 from ema_core.faults import N_FAULTS, TYPICAL
-from ema_monitor.calibration import Calibration
-from ema_monitor.estimate import Estimate
-from ema_monitor.healthy_fit import calibrate
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.identification.estimate import Estimate
 from ema_sim.lives import constant_life, run_to_failure
 
 FILE: Final = Path(__file__).with_name("estimator_errors.jsonl")

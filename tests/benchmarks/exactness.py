@@ -9,10 +9,10 @@ from cases import Case
 from numpy.typing import NDArray
 from trials import ACTUATOR, Job, Variant, Workers, errors_percent
 
-from ema_monitor.calibration import Calibration
-from ema_monitor.estimate import Estimate
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.window import Window
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.windows.window import Window
 
 HEALTHY_WINDOWS: Final = 20
 """Healthy windows that the nominal unit is calibrated on when its sensors are noisy."""

@@ -34,15 +34,15 @@ from rclpy.executors import SingleThreadedExecutor
 from rich.console import Console
 from rich.table import Table
 
-from ema_cli.bringup import program
+from ema_cli.processes.bringup import program
 from ema_core.commands import THESIS_CHIRP
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_interfaces.msg import FaultEstimate, TelemetryBlock
-from ema_messages.description import description_to_message
-from ema_messages.stamps import stamp_from_message, stamp_to_message
-from ema_messages.telemetry import telemetry_to_message
-from ema_messages.topics import ACTUATOR_TOPICS, DESCRIPTION, FAULT_ESTIMATE, NAMESPACE, TELEMETRY
+from ema_ros.description import description_to_message
+from ema_ros.stamps import stamp_from_message, stamp_to_message
+from ema_ros.telemetry import telemetry_to_message
+from ema_ros.topics import ACTUATOR_TOPICS, DESCRIPTION, FAULT_ESTIMATE, NAMESPACE, TELEMETRY
 from ema_sim.actuator import SimulatedActuator
 
 PERIOD_S: Final = 5.0

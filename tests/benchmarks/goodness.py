@@ -23,10 +23,10 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import ECCENTRICITY_PHASE, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.calibration import Calibration
-from ema_monitor.estimate import Estimate
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.identification import identify
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.search import identify
 
 _NOMINAL: Final = ActuatorParameters()
 _DESCRIPTION: Final = ActuatorDescription()

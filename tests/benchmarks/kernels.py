@@ -32,8 +32,8 @@ from ema_core.faults import fault_vector, random_faults
 from ema_core.parameters import ActuatorParameters
 from ema_core.simd import LANES
 from ema_core.telemetry import COLUMNS, Telemetry
-from ema_monitor.model import MonitorModel
-from ema_monitor.window import Window
+from ema_monitor.model.monitor_model import MonitorModel
+from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
 
 TURNS: Final = 11

@@ -21,8 +21,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ema_messages.stamps import stamp_from_message
 from ema_recording.reader import Bag
+from ema_ros.stamps import stamp_from_message
 
 _TELEMETRY: Final = "/ema/telemetry"
 _ESTIMATES: Final = "/ema/fault_estimate"

@@ -22,12 +22,12 @@ from pymoo.optimize import minimize  # pyright: ignore[reportMissingImports]
 from scipy.optimize import differential_evolution, least_squares
 from trials import ACTUATOR
 
-from ema_monitor.calibration import Calibration
-from ema_monitor.identification import Identification
-from ema_monitor.objective import Objective
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.search import Identification
+from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers.least_squares import DIFFERENCE
-from ema_monitor.search_settings import SearchSettings
-from ema_monitor.window import Window
+from ema_monitor.windows.window import Window
 
 STARTS: Final = 8
 """Number of random starts of the multi-start."""

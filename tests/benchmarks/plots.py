@@ -26,13 +26,13 @@ from timing import AllGenerations
 from trials import ACTUATOR, Job, Variant, workers
 
 from ema_core.faults import FAULTS, estimation_error, healthy_faults
-from ema_monitor.calibration import Calibration
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.identification import Identification, identify
-from ema_monitor.objective import Objective
-from ema_monitor.residual import band_limited, band_samples
-from ema_monitor.search_settings import SearchSettings
-from ema_monitor.window import Window
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.search import Identification, identify
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.windows.band import band_limited, band_samples
+from ema_monitor.windows.window import Window
 
 HERE: Final = Path(__file__).parent
 

@@ -52,9 +52,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from trials import ACTUATOR, Workers, workers
 
-from ema_monitor.calibration import Calibration
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.prognosis.measurement import Measurement
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_sim.lives import SimulatedLife
 
 try:

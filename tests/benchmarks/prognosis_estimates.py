@@ -24,8 +24,8 @@ from ema_core.faults import (
     N_FAULTS,
     healthy_faults,
 )
-from ema_monitor.prognosis.measurement import Measurement
-from ema_monitor.uncertainty import SIGNIFICANT_SIGMAS
+from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS
+from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_sim.lives import SimulatedLife
 
 FILE: Final = Path(__file__).with_name("estimator_errors.jsonl")

@@ -25,10 +25,10 @@ from prognosis_scores import SHARES
 
 from ema_core.faults import FAULT_NAMES, FAULTS, healthy_faults
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.measurement import Measurement
+from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.growth.prediction import Fan
+from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.metrics import ALPHA
-from ema_monitor.prognosis.prediction import Fan
-from ema_monitor.prognosis.tracker import Tracker
 from ema_sim.lives import SimulatedLife
 
 HERE: Final = Path(__file__).parent

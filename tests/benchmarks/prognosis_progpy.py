@@ -32,7 +32,7 @@ from progpy.uncertain_data import (  # pyright: ignore[reportMissingImports]
 from ema_core._jit import kernel
 from ema_core.faults import FAULT_NAMES, TYPICAL, healthy_faults, kind_of
 from ema_core.growth_laws import LAWS, TypicalGrowth
-from ema_monitor.prognosis.measurement import Measurement
+from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_sim.lives import LifeSettings, SimulatedLife
 
 PARTICLES: Final = 1000

@@ -11,18 +11,22 @@ from prognosis_estimates import drawn
 from prognosis_lives import ScoredLife
 from prognosis_predictors import SETTINGS
 
-from ema_monitor.calibration import Calibration
-from ema_monitor.estimate import Estimate
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis import metrics
+from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.measurement import Measurement
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.required_life import FITTED
-from ema_monitor.prognosis.requirements import REQUIREMENTS, RequirementLimits, Requirements
+from ema_monitor.prognosis.requirements.required_life import FITTED
+from ema_monitor.prognosis.requirements.requirements import (
+    REQUIREMENTS,
+    RequirementLimits,
+    Requirements,
+)
 from ema_monitor.prognosis.service_count import Count
-from ema_monitor.prognosis.settings import TrackerSettings
+from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_sim.lives import SimulatedLife
 
 _NS_PER_HOUR = 3_600_000_000_000

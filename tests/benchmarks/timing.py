@@ -13,11 +13,11 @@ from trials import ACTUATOR
 from yardstick import seconds_per_window
 
 from ema_core.faults import ECCENTRICITY_PHASE, fault_vector, healthy_faults
-from ema_monitor.calibration import Calibration
-from ema_monitor.estimate import Estimate
-from ema_monitor.identification import identify
-from ema_monitor.search_settings import SearchSettings
-from ema_monitor.window import Window
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.search import identify
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.windows.window import Window
 
 GROWTH: Final = 1.015
 """Distance of the faults from healthy, over what it was in the previous window [-]."""

@@ -15,11 +15,11 @@ from rich.progress import Progress
 
 from ema_core.description import ActuatorDescription
 from ema_core.faults import ECCENTRICITY_PHASE, estimation_error
-from ema_monitor.calibration import Calibration
-from ema_monitor.cores import limit_threads
-from ema_monitor.estimate import Estimate
-from ema_monitor.identification import identify
-from ema_monitor.search_settings import SearchSettings
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.search import identify
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.model.threads import limit_threads
 
 ACTUATOR: Final = ActuatorDescription()
 """What the monitor is told of every actuator, whatever the plant really is."""

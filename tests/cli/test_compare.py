@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from ema_cli import comparison
-from ema_cli.compare_figure import draw_comparison
+from ema_cli.bags.source_options import Source
+from ema_cli.bags.windows import read_windows
 from ema_cli.comparison import Comparison, choose_window, compare_algorithms
 from ema_cli.identification_options import IdentificationOptions
-from ema_cli.source_options import Source
-from ema_cli.windows import read_windows
+from ema_cli.show.compare_figure import draw_comparison
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FAULTS, estimation_error, fault_vector
-from ema_monitor.calibration import Calibration
-from ema_monitor.identification import Identification
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.search import Identification
+from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
-from ema_monitor.search_settings import SearchSettings
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
 

@@ -14,10 +14,10 @@ from ament_index_python.packages import get_package_share_directory
 from matplotlib.image import imread
 from rich.console import Console
 
-from ema_cli.demo_run import SHOWN
-from ema_cli.history import Diagnosed, read_history
-from ema_cli.live_table import LiveTable
-from ema_cli.observer import Observer
+from ema_cli.bags.history import Diagnosed, read_history
+from ema_cli.processes.demo_run import SHOWN
+from ema_cli.processes.observer import Observer
+from ema_cli.show.live_table import LiveTable
 from ema_core.faults import fault_vector
 from ema_core.levels import WARN
 from ema_recording.reader import Bag

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ema_cli import calibrate as calibrate_command
-from ema_cli.outline import BINS, Outline
-from ema_cli.source_options import Source
-from ema_cli.windows import RecordedWindow, read_windows
+from ema_cli.bags.outline import BINS, Outline
+from ema_cli.bags.source_options import Source
+from ema_cli.bags.windows import RecordedWindow, read_windows
+from ema_cli.commands import calibrate as calibrate_command
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, Telemetry
-from ema_monitor.calibration import Calibration
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.trigger import Refusal, TriggerSettings
-from ema_monitor.watch import Found, Watch
-from ema_monitor.window import Window
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.trigger import Refusal, TriggerSettings
+from ema_monitor.windows.window import Window
 
 SOURCE = Source(None, None, 1e-6, 0.02)
 SHORT, LONG = 4, 16
@@ -68,7 +68,7 @@ def added_bytes(blocks: list[Telemetry]) -> int:
 @pytest.mark.parametrize("sink", [None, Outline], ids=["windows", "outline"])
 def test_reading_a_longer_bag_takes_no_more_memory(bags, faulty_blocks, monkeypatch, sink):
     # What the trigger looks back on is constant, but as long as these bags.
-    monkeypatch.setattr("ema_monitor.trigger.LOOKBACK_S", 0.5)
+    monkeypatch.setattr("ema_monitor.windows.trigger.LOOKBACK_S", 0.5)
 
     def read(path: Path) -> None:
         found = read_windows(path, SOURCE, sink().add if sink else None)
@@ -106,8 +106,8 @@ def test_window_read_again_is_the_one_that_was_found(record, faulty_blocks, spoi
         for number, block in enumerate(blocks)
         for part in (block.part(0, 37), block.part(37, 100))
     ]
-    watch = Watch(TriggerSettings(), ActuatorDescription())
-    live = [event for block in blocks for event in watch.feed(block) if isinstance(event, Found)]
+    watch = WindowFinder(TriggerSettings(), ActuatorDescription())
+    live = [event for block in blocks for event in watch.feed(block) if isinstance(event, Segment)]
     again = [window.load() for window in read_windows(record(blocks), SOURCE).windows]
     assert len(live) == len(again) == 3
     for one, other in zip(live, again, strict=True):

@@ -8,33 +8,33 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
-from ema_cli import prognose as command
+from ema_cli.bags.source_options import Source
+from ema_cli.bags.unit_calibration import CALIBRATION_FILE
+from ema_cli.bags.unit_course import Course, follow
+from ema_cli.bags.unit_record import UnitRecord, find_bags, read_unit
+from ema_cli.commands import prognose as command
 from ema_cli.known_laws import KnownLawType
-from ema_cli.life_bag import write_test
-from ema_cli.life_tests import simulated_tests
-from ema_cli.prognosis_figure import draw_course
-from ema_cli.prognosis_table import as_values, prognosis_message
-from ema_cli.source_options import Source
-from ema_cli.true_life import true_remaining_life
-from ema_cli.unit_calibration import CALIBRATION_FILE
-from ema_cli.unit_course import Course, follow
-from ema_cli.unit_record import UnitRecord, find_bags, read_unit
+from ema_cli.lives.bag import write_test
+from ema_cli.lives.tests_of_life import simulated_tests
+from ema_cli.lives.true_life import true_remaining_life
+from ema_cli.show.prognosis_figure import draw_course
+from ema_cli.show.prognosis_table import as_values, prognosis_message
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, fault_vector
-from ema_messages.faults import StampedFaults
-from ema_messages.usage import usage_at_cycle
-from ema_monitor.calibration import Calibration
-from ema_monitor.estimate import Estimate
+from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.measurement import Measurement
-from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
-from ema_monitor.prognosis.requirements import RequirementLimits
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, TrackerSettings
+from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service_count import Count
 from ema_monitor.prognosis.service_hours import Service
-from ema_monitor.prognosis.settings import NOMINAL_LAWS, TrackerSettings
-from ema_monitor.prognosis.tracker import Tracker
+from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
+from ema_ros.faults import StampedFaults
+from ema_ros.usage import usage_at_cycle
 from ema_sim.lives import SimulatedLife
 
 SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"

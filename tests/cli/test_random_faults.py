@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ema_cli.source_options import Source
-from ema_cli.windows import BagWindows, read_windows
+from ema_cli.bags.source_options import Source
+from ema_cli.bags.windows import BagWindows, read_windows
 from ema_core.faults import FAULT_NAMES, FAULTS, random_faults
 from ema_core.telemetry import Telemetry, join
 

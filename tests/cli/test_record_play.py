@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ema_cli.history import read_history
-from ema_cli.history_figure import draw_history
+from ema_cli.bags.history import read_history
+from ema_cli.show.history_figure import draw_history
 from ema_recording.reader import Bag
 
 SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"

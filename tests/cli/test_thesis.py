@@ -11,7 +11,7 @@ from functools import partial
 import pandas as pd
 import pytest
 
-from ema_cli import thesis as command
+from ema_cli.commands import thesis as command
 from ema_study.plan import Job
 from ema_study.store import RunStore
 

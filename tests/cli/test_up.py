@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from ema_cli.processes import Supervisor, noted_signals
+from ema_cli.processes.supervisor import Supervisor, noted_signals
 from ema_recording.reader import Bag
 
 # Say "up", then end a while after SIGTERM and say so.
@@ -31,7 +31,7 @@ while True: time.sleep(10)
 STUBBORN = ORDERLY.replace("signal.SIGTERM, end", "signal.SIGTERM, signal.SIG_IGN")
 SUPERVISOR = """
 import sys, time
-from ema_cli.processes import Supervisor, noted_signals
+from ema_cli.processes.supervisor import Supervisor, noted_signals
 with noted_signals() as stop, Supervisor(print) as processes:
     for number in range(int(sys.argv[1])):
         if not stop:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
-# Found neither by import nor by the ament index.
+# Segment neither by import nor by the ament index.
 WITHOUT_ROS = """
 import sys
 

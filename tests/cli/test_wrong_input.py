@@ -10,8 +10,8 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
 from ema_interfaces.msg import TelemetryBlock
-from ema_messages.telemetry import telemetry_to_message
 from ema_recording.writer import BagWriter
+from ema_ros.telemetry import telemetry_to_message
 
 
 @pytest.mark.parametrize(

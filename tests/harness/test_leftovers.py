@@ -7,7 +7,7 @@ import pytest
 from rclpy.context import Context
 from rclpy.node import Node
 
-from ema_nodes.managed_node import ManagedNode
+from ema_ros.managed_node import ManagedNode
 
 from ..leftovers import nothing_left, participants
 

@@ -11,10 +11,10 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.calibration import Calibration
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.trigger import WindowTrigger
-from ema_monitor.window import Window
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.windows.trigger import WindowTrigger
+from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator
 
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.telemetry import COLUMNS, Telemetry
-from ema_monitor.trigger import Defect, Refusal
-from ema_monitor.window import Window
+from ema_monitor.windows.trigger import Defect, Refusal
+from ema_monitor.windows.window import Window
 
 H = 1e-4
 PERIOD_NS = 100_000

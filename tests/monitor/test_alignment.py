@@ -3,10 +3,10 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_monitor.alignment import difference_at, moved, shift_between
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.trigger import TriggerSettings, WindowTrigger
-from ema_monitor.window import Window
+from ema_monitor.calibration.alignment import difference_at, moved, shift_between
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.windows.trigger import TriggerSettings, WindowTrigger
+from ema_monitor.windows.window import Window
 
 CHIRP = 1e-3 * np.sin(2 * np.pi * 15.0 * (np.arange(1000) / 1000.0) ** 2)
 

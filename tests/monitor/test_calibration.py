@@ -9,9 +9,9 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.model import MonitorModel, Response
-from ema_monitor.residual import rms
-from ema_monitor.window import Window
+from ema_monitor.model.monitor_model import MonitorModel, Response
+from ema_monitor.windows.band import rms
+from ema_monitor.windows.window import Window
 
 from .windows import changed
 

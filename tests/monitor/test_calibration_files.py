@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 from ema_core.faults import healthy_faults
-from ema_monitor.calibration import Calibration
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.residual import band_limited, rms
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.windows.band import band_limited, rms
 
 ROWS = ("command", "correction", "speed_correction")
 EXACT = [field.name for field in fields(Calibration) if field.name not in ROWS]

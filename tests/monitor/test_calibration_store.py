@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from ema_core.description import ActuatorDescription
-from ema_monitor.calibration import Calibration
-from ema_monitor.calibration_store import CalibrationStore
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.store import CalibrationStore
 
 FLAP = ActuatorDescription()
 RUDDER = replace(FLAP, actuator_id="rudder", serial_number="SIM-0002")

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from ema_core.parameters import ActuatorParameters, constants
-from ema_monitor import drives
+from ema_monitor.model import drives
 
 BC, AB, AC = 0, 1, 2
 MOTOR = constants(ActuatorParameters()).motor

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from ema_core.faults import fault_vector, healthy_faults
-from ema_monitor import fitness
-from ema_monitor.fitness import FITNESS, BandLimited, TotalLeastSquares, pseudo_huber
-from ema_monitor.model import Response
-from ema_monitor.residual import band_limited
+from ema_monitor.identification import fitness
+from ema_monitor.identification.fitness import FITNESS, BandLimited, TotalLeastSquares, pseudo_huber
+from ema_monitor.model.monitor_model import Response
+from ema_monitor.windows.band import band_limited
 
 from .windows import answered, window_from
 

@@ -7,7 +7,6 @@ import pytest
 
 from ema_core.faults import FAULT_NAMES, FAULTS, fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN
-from ema_monitor.estimate import Estimate, refusal
 from ema_monitor.health import (
     ONE_SIDED_95,
     FaultHealth,
@@ -16,7 +15,8 @@ from ema_monitor.health import (
     assess,
     with_requirements,
 )
-from ema_monitor.search_settings import GOODNESS_LIMIT, SearchSettings
+from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.settings import GOODNESS_LIMIT, SearchSettings
 
 LIMITS = HealthLimits()
 SIGMA = 0.01

@@ -8,11 +8,11 @@ import pytest
 from ema_core.faults import healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.calibration import LEAST_SCATTER, Calibration
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.model import FORMS, MonitorModel
-from ema_monitor.residual import band_limited, rms
-from ema_monitor.window import Window
+from ema_monitor.calibration.calibration import LEAST_SCATTER, Calibration
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.model.monitor_model import FORMS, MonitorModel
+from ema_monitor.windows.band import band_limited, rms
+from ema_monitor.windows.window import Window
 
 from .windows import answered, changed, window_from
 

@@ -15,12 +15,12 @@ from ema_core.faults import (
     healthy_faults,
 )
 from ema_core.parameters import constants
-from ema_monitor.estimate import Estimate
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.identification import identify
-from ema_monitor.search_settings import SearchSettings
-from ema_monitor.trigger import WindowTrigger
-from ema_monitor.window import Window
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.search import identify
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.windows.trigger import WindowTrigger
+from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator, at_rest
 from ema_sim.sensors import Sensors
 

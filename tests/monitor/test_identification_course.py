@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ema_core.faults import ECCENTRICITY_PHASE, estimation_error, fault_vector
-from ema_monitor.identification import Identification, identify
-from ema_monitor.model import MonitorModel
-from ema_monitor.search_settings import SearchSettings
+from ema_monitor.identification.search import Identification, identify
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.model.monitor_model import MonitorModel
 
 from .reference_cases import CASES
 

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from ema_core.faults import healthy_faults
-from ema_monitor.calibration import Calibration
-from ema_monitor.estimate import Estimate
-from ema_monitor.identification import Identification, identify
-from ema_monitor.last_faults import LastFaults
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.last_faults import LastFaults
+from ema_monitor.identification.search import Identification, identify
+from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import Termination
-from ema_monitor.search_settings import SearchSettings
-from ema_monitor.trigger import Refusal
-from ema_monitor.watch import Found
+from ema_monitor.windows.finder import Segment
+from ema_monitor.windows.trigger import Refusal
 
 
 @pytest.fixture(scope="module")
-def found(windows_of, description) -> Found:
+def found(windows_of, description) -> Segment:
     [window] = windows_of({"friction": 0.3})
-    return Found(4, description, window)
+    return Segment(4, description, window)
 
 
 def test_window_gives_the_estimate_of_its_identification(found, calibration, description):
@@ -97,7 +97,7 @@ def test_impossible_search_is_refused_by_name(values, texts):
 
 
 def identified(
-    found: Found, calibration: Calibration | str, last: LastFaults, **values
+    found: Segment, calibration: Calibration | str, last: LastFaults, **values
 ) -> Estimate:
     description = found.description
     previous = last.of(description, calibration)
@@ -110,8 +110,8 @@ def identified(
 def test_search_begins_at_the_last_valid_estimate(windows_of, calibration, description):
     first, second = windows_of({"friction": 0.3, "eccentricity": 0.2}, 2)
     last = LastFaults()
-    cold = identified(Found(0, description, first), calibration, last)
-    warm = identified(Found(1, description, second), calibration, last)
+    cold = identified(Segment(0, description, first), calibration, last)
+    warm = identified(Segment(1, description, second), calibration, last)
     assert (cold.warm_start, warm.warm_start) == (False, True)
     expected = identify(second, description, calibration, previous=cold.faults)
     np.testing.assert_array_equal(warm.faults, expected.faults)
@@ -125,8 +125,8 @@ def test_warm_search_leads_where_a_cold_one_does(windows_of, calibration, descri
         for faults in ({"friction": 0.7, "short_circuit_a": 0.3}, {"backlash": 0.4, "gain": 0.8})
     )
     last = LastFaults()
-    identified(Found(0, description, before), calibration, last)
-    warm = identified(Found(1, description, other), calibration, last)
+    identified(Segment(0, description, before), calibration, last)
+    warm = identified(Segment(1, description, other), calibration, last)
     cold = identify(other, description, calibration)
     assert warm.warm_start
     # Far less than the standard deviations, of some 0.003.
@@ -137,15 +137,15 @@ def test_windows_without_valid_estimate_leave_the_start_as_it_is(
     windows_of, calibration, description
 ):
     first, second = windows_of({"friction": 0.3}, 2)
-    refusals = [Found(1, description, Refusal(5, 9, reason)) for reason in ("gap", "dropped")]
+    refusals = [Segment(1, description, Refusal(5, 9, reason)) for reason in ("gap", "dropped")]
     estimates = []
     for between in ([], refusals):
         last = LastFaults()
-        identified(Found(0, description, first), calibration, last)
+        identified(Segment(0, description, first), calibration, last)
         for item in between:
             identified(item, calibration, last)
-        identified(Found(2, description, first), "there is no calibration", last)
-        estimates.append(identified(Found(3, description, second), calibration, last))
+        identified(Segment(2, description, first), "there is no calibration", last)
+        estimates.append(identified(Segment(3, description, second), calibration, last))
     undisturbed, disturbed = estimates
     assert undisturbed.warm_start
     assert disturbed.evaluations == undisturbed.evaluations
@@ -157,7 +157,7 @@ def test_search_begins_anew_with_another_description_calibration_or_actuator(
 ):
     [window] = windows_of({"friction": 0.3})
     last = LastFaults()
-    identified(Found(0, description, window), calibration, last)
+    identified(Segment(0, description, window), calibration, last)
     others = [
         (replace(description, model="another"), calibration),
         (description, replace(calibration, windows=calibration.windows + 1)),
@@ -167,14 +167,14 @@ def test_search_begins_anew_with_another_description_calibration_or_actuator(
     for described, calibrated in others:
         assert last.of(described, calibrated) is None
     # Each actuator has its own.
-    identified(Found(0, others[2][0], window), calibration, last)
+    identified(Segment(0, others[2][0], window), calibration, last)
     assert last.of(description, calibration) is not None
 
 
 def test_cold_search_is_noted_as_well(windows_of, calibration, description):
     [window] = windows_of({"friction": 0.3})
     last = LastFaults()
-    found = Found(0, description, window)
+    found = Segment(0, description, window)
     for warm_start, expected in ((False, False), (False, False), (True, True)):
         assert identified(found, calibration, last, warm_start=warm_start).warm_start == expected
 

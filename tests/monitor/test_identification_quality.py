@@ -10,17 +10,17 @@ from ema_core.faults import (
     fault_vector,
     healthy_faults,
 )
-from ema_monitor.fitness import FITNESS
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.identification import identify
-from ema_monitor.residual import band_limited, rms
-from ema_monitor.search_settings import GOODNESS_LIMIT, SearchSettings
-from ema_monitor.uncertainty import (
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.identification.fitness import FITNESS
+from ema_monitor.identification.search import identify
+from ema_monitor.identification.settings import GOODNESS_LIMIT, SearchSettings
+from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
     USUAL_MISFIT,
     sandwich_covariance,
 )
+from ema_monitor.windows.band import band_limited, rms
 
 from .reference_cases import CASES
 from .windows import changed

@@ -8,10 +8,10 @@ import pytest
 from ema_core.description import ActuatorDescription
 from ema_core.faults import estimation_error, fault_vector
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.estimate import Estimate
-from ema_monitor.identification import Identification, identify
-from ema_monitor.search_settings import SearchSettings
-from ema_monitor.window import Window
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.search import Identification, identify
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.windows.window import Window
 
 FAULTS = {"friction": 0.25}
 OTHER_UNIT = ActuatorDescription(serial_number="SIM-0002")

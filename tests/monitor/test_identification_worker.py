@@ -9,14 +9,14 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
-from ema_monitor import monitor_worker
-from ema_monitor.estimate import Estimate
-from ema_monitor.last_faults import LastFaults
-from ema_monitor.monitor_worker import IdentificationWorker
-from ema_monitor.search_settings import SearchSettings
-from ema_monitor.trigger import Refusal
-from ema_monitor.watch import Found
-from ema_monitor.window import Window
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.last_faults import LastFaults
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.node import worker as identification_worker
+from ema_monitor.node.worker import IdentificationWorker
+from ema_monitor.windows.finder import Segment
+from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.window import Window
 
 from .windows import window_from
 
@@ -24,8 +24,8 @@ WINDOW = window_from(np.linspace(0.0, 1.0, 3))
 DEADLINE_S = 10.0
 
 
-def found(number: int, window: Window | Refusal = WINDOW) -> Found:
-    return Found(number, ActuatorDescription(), window)
+def found(number: int, window: Window | Refusal = WINDOW) -> Segment:
+    return Segment(number, ActuatorDescription(), window)
 
 
 class Published:
@@ -51,7 +51,7 @@ class Published:
             self.errors.append(text)
             self._changed.notify_all()
 
-    def _publish(self, found: Found, estimate: Estimate) -> None:
+    def _publish(self, found: Segment, estimate: Estimate) -> None:
         self.hold()
         with self._changed:
             self.estimates.append((found.number, estimate.reason))
@@ -65,15 +65,15 @@ def published() -> Published:
 
 @pytest.fixture(autouse=True)
 def _nothing_to_compile(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(monitor_worker, "compile_kernels", lambda: None)
+    monkeypatch.setattr(identification_worker, "compile_kernels", lambda: None)
 
 
 @pytest.fixture
 def may_compile(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
     """Compilation lasts until this is set."""
     event = threading.Event()
-    monkeypatch.setattr(monitor_worker, "compile_kernels", event.wait)
-    monkeypatch.setattr(monitor_worker, "_JOIN_S", 0.0)
+    monkeypatch.setattr(identification_worker, "compile_kernels", event.wait)
+    monkeypatch.setattr(identification_worker, "_JOIN_S", 0.0)
     yield event
     event.set()
 
@@ -98,7 +98,7 @@ def test_failed_compilation_ends_the_thread_and_refuses_its_windows(
         assert added.wait(DEADLINE_S)
         raise OSError("no space left")
 
-    monkeypatch.setattr(monitor_worker, "compile_kernels", fail)
+    monkeypatch.setattr(identification_worker, "compile_kernels", fail)
     worker = published.worker()
     worker.start()
     worker.add(found(0), None)
@@ -165,7 +165,7 @@ def test_window_under_identification_is_refused_by_the_stop_alone(
     identify = IdentificationWorker._identify
     monkeypatch.setattr(IdentificationWorker, "_identify", slow)
     monkeypatch.setattr(IdentificationWorker, "_run", run_and_tell)
-    monkeypatch.setattr(monitor_worker, "_JOIN_S", 0.0)
+    monkeypatch.setattr(identification_worker, "_JOIN_S", 0.0)
     worker = published.worker()
     worker.start()
     worker.add(found(0), None)
@@ -182,7 +182,7 @@ def test_stop_waits_for_the_estimate_that_is_being_published(
     published: Published, monkeypatch: pytest.MonkeyPatch
 ):
     """Else the publishers would be destroyed under its hands."""
-    monkeypatch.setattr(monitor_worker, "_JOIN_S", 0.0)
+    monkeypatch.setattr(identification_worker, "_JOIN_S", 0.0)
     begun, stopped = threading.Event(), threading.Event()
     returned: list[bool] = []
 

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from ema_monitor.model import compile_kernels, run_lanes
+from ema_monitor.model.monitor_model import compile_kernels, run_lanes
 
 SIMULATE = """
 import sys

@@ -14,9 +14,9 @@ from ema_core.dynamics import next_speed
 from ema_core.faults import fault_vector, healthy_faults, random_faults
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.simd import LANES
-from ema_monitor.model import FORMS, MonitorModel, Response
-from ema_monitor.model_kernel import next_speed_of_lanes, rotate
-from ema_monitor.residual import rms
+from ema_monitor.model.kernel import next_speed_of_lanes, rotate
+from ema_monitor.model.monitor_model import FORMS, MonitorModel, Response
+from ema_monitor.windows.band import rms
 
 from .windows import window_from
 
@@ -183,7 +183,7 @@ def test_threads_may_run_the_model_at_once():
 
 def test_another_process_finds_the_kernels_in_the_cache():
     code = (
-        "from ema_monitor.model import compile_kernels, run_lanes; compile_kernels();"
+        "from ema_monitor.model.monitor_model import compile_kernels, run_lanes; compile_kernels();"
         "print(sum(run_lanes.stats.cache_hits.values()), len(run_lanes.stats.cache_misses))"
     )
     _, second = (

@@ -10,8 +10,8 @@ import pytest
 from ema_core.commands import THESIS_CHIRP
 from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, constants
-from ema_monitor.model import MonitorModel
-from ema_monitor.residual import band_limited, rms
+from ema_monitor.model.monitor_model import MonitorModel
+from ema_monitor.windows.band import band_limited, rms
 from ema_sim.actuator import SimulatedActuator, at_rest
 
 from .windows import window_from

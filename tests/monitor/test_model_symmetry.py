@@ -8,7 +8,7 @@ import pytest
 from ema_core.commands import THESIS_CHIRP
 from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.model import MonitorModel
+from ema_monitor.model.monitor_model import MonitorModel
 
 from .windows import window_from
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, fault_vector, healthy_faults
-from ema_monitor.fitness import FITNESS
-from ema_monitor.model import MonitorModel
-from ema_monitor.objective import Objective
+from ema_monitor.identification.fitness import FITNESS
+from ema_monitor.identification.objective import Objective
+from ema_monitor.model.monitor_model import MonitorModel
 from ema_monitor.optimizers.least_squares import DIFFERENCE
 
 from .windows import answered, changed

@@ -5,7 +5,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from ema_monitor.identification import Identification
+from ema_monitor.identification.search import Identification
+from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.differential_evolution import (
     DifferentialEvolution,
@@ -22,7 +23,6 @@ from ema_monitor.optimizers.genetic import (
 from ema_monitor.optimizers.grey_wolf import GreyWolf, ThesisGreyWolf, encircled, shrinking
 from ema_monitor.optimizers.interface import Hints
 from ema_monitor.optimizers.particle_swarm import ParticleSwarm
-from ema_monitor.search_settings import SearchSettings
 
 from .reference_cases import CASES
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ema_monitor.residual import BAND_S, band_limited, band_samples, rms
+from ema_monitor.windows.band import BAND_S, band_limited, band_samples, rms
 
 H = 1e-4
 LENGTH = round(BAND_S / H)

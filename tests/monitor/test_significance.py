@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE
-from ema_monitor.significance import GROUPS, refitted, significant_components
-from ema_monitor.uncertainty import (
+from ema_monitor.identification.significance import GROUPS, refitted, significant_components
+from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
     SIGNIFICANT_SIGMAS,

@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from ema_monitor import cores
-from ema_monitor.cores import limit_threads, run_in_threads
+from ema_monitor.model import threads as model_threads
+from ema_monitor.model.threads import limit_threads, run_in_threads
 
 
 @pytest.fixture(autouse=True)
@@ -34,7 +34,7 @@ def test_two_pieces_of_work_run_at_the_same_time():
 
 
 def test_single_piece_of_work_costs_no_thread(monkeypatch):
-    monkeypatch.delattr(cores, "_pool")
+    monkeypatch.delattr(model_threads, "_pool")
     threads = []
     run_in_threads(lambda _: threads.append(threading.current_thread()), 1)
     assert threads == [threading.current_thread()]
@@ -57,7 +57,7 @@ AFTER_A_FORK = """
 import os
 import threading
 
-from ema_monitor.cores import limit_threads, run_in_threads
+from ema_monitor.model.threads import limit_threads, run_in_threads
 
 def meet():
     both = threading.Barrier(2, timeout=8.0)

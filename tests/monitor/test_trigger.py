@@ -9,7 +9,7 @@ import pytest
 from ema_core.commands import THESIS_CHIRP, approach_depth, approach_travel, build_cycle
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS
-from ema_monitor.trigger import TriggerSettings, WindowTrigger
+from ema_monitor.windows.trigger import TriggerSettings, WindowTrigger
 
 from .streams import PERIOD_NS, START_NS, H, blocks, stream, windows_in
 

@@ -8,7 +8,7 @@ import pytest
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS
-from ema_monitor.trigger import Defect, Refusal, WindowTrigger
+from ema_monitor.windows.trigger import Defect, Refusal, WindowTrigger
 
 from .streams import START_NS, H, blocks, defects_in, refusals_in, stream, windows_in
 

@@ -6,8 +6,8 @@ import pytest
 from ema_core.faults import FAULT_NAMES, fault_vector, random_faults
 from ema_core.parameters import ActuatorParameters
 from ema_core.simd import LANES
-from ema_monitor.drives import IDLE_CONTRAST
-from ema_monitor.model import MonitorModel
+from ema_monitor.model.drives import IDLE_CONTRAST
+from ema_monitor.model.monitor_model import MonitorModel
 
 from .monitor_twin import MonitorTwin
 from .windows import window_from

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULT_NAMES, fault_vector
-from ema_monitor.uncertainty import (
+from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
     SIGNIFICANT_SIGMAS,

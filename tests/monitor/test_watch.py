@@ -7,9 +7,9 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_monitor.trigger import Defect, Refusal, TriggerSettings
-from ema_monitor.watch import Found, Watch
-from ema_monitor.window import Window
+from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
+from ema_monitor.windows.window import Window
 
 from .streams import START_NS, H, blocks, stream
 
@@ -24,17 +24,17 @@ def cycles(count: int, first_index: int = 1) -> Telemetry:
     return stream(np.tile(CYCLE, count), first_index)
 
 
-def fed(watch: Watch, telemetry: Telemetry, size: int = 100) -> list[Found | Defect]:
+def fed(watch: WindowFinder, telemetry: Telemetry, size: int = 100) -> list[Segment | Defect]:
     return [event for block in blocks(telemetry, size) for event in watch.feed(block)]
 
 
-def found_in(events: list[Found | Defect]) -> list[Found]:
-    found = [event for event in events if isinstance(event, Found)]
+def found_in(events: list[Segment | Defect]) -> list[Segment]:
+    found = [event for event in events if isinstance(event, Segment)]
     assert len(found) == len(events), events
     return found
 
 
-def summary(events: list[Found | Defect]) -> list[tuple[int, int, int, str]]:
+def summary(events: list[Segment | Defect]) -> list[tuple[int, int, int, str]]:
     return [
         (
             item.number,
@@ -47,7 +47,7 @@ def summary(events: list[Found | Defect]) -> list[tuple[int, int, int, str]]:
 
 
 def test_windows_are_numbered_and_counted():
-    watch = Watch(SETTINGS, FLAP)
+    watch = WindowFinder(SETTINGS, FLAP)
     found = found_in(fed(watch, cycles(3)))
     assert [item.number for item in found] == [0, 1, 2]
     assert all(isinstance(item.window, Window) for item in found)
@@ -58,25 +58,25 @@ def test_windows_are_numbered_and_counted():
 @pytest.mark.parametrize("size", [1, 7, 100, 2700])
 def test_windows_do_not_depend_on_how_telemetry_is_cut(size: int):
     telemetry = cycles(3)
-    expected = summary(fed(Watch(SETTINGS, FLAP), telemetry))
-    assert summary(fed(Watch(SETTINGS, FLAP), telemetry, size)) == expected
+    expected = summary(fed(WindowFinder(SETTINGS, FLAP), telemetry))
+    assert summary(fed(WindowFinder(SETTINGS, FLAP), telemetry, size)) == expected
     # From the last sample at rest, 50 ms on.
     start_ns = START_NS + 100_000 * 200
     assert expected[0] == (0, start_ns, start_ns + 50_000_000, "")
 
 
 def test_telemetry_that_comes_first_waits_for_the_description():
-    watch = Watch(SETTINGS)
+    watch = WindowFinder(SETTINGS)
     assert fed(watch, cycles(3)) == []
     assert (watch.windows, watch.has_rested) == (0, False)
     found = watch.describe(FLAP)
-    assert summary(found) == summary(fed(Watch(SETTINGS, FLAP), cycles(3)))
+    assert summary(found) == summary(fed(WindowFinder(SETTINGS, FLAP), cycles(3)))
     later = found_in(fed(watch, cycles(1, 2701)))
     assert [item.number for item in later] == [3]
 
 
 def test_only_the_latest_ten_seconds_wait():
-    watch = Watch(SETTINGS)
+    watch = WindowFinder(SETTINGS)
     # 0.09 s a cycle, 12.6 s in all, in blocks of one cycle: 10 s back begins a block.
     telemetry = cycles(140)
     fed(watch, telemetry, 900)
@@ -87,7 +87,7 @@ def test_only_the_latest_ten_seconds_wait():
 
 
 def test_same_description_again_changes_nothing():
-    watch = Watch(SETTINGS, FLAP)
+    watch = WindowFinder(SETTINGS, FLAP)
     part = list(blocks(cycles(1), 100))
     events = [event for block in part[:5] for event in watch.feed(block)]
     events += watch.describe(replace(FLAP))
@@ -97,7 +97,7 @@ def test_same_description_again_changes_nothing():
 
 @pytest.mark.parametrize("change", ["description", "settings"])
 def test_change_ends_the_window_that_is_open(change: str):
-    watch = Watch(SETTINGS, FLAP)
+    watch = WindowFinder(SETTINGS, FLAP)
     part = list(blocks(cycles(1), 100))
     for block in part[:5]:
         assert watch.feed(block) == []
@@ -105,7 +105,7 @@ def test_change_ends_the_window_that_is_open(change: str):
         [event] = watch.describe(replace(FLAP, serial_number="SIM-0002"))
     else:
         [event] = watch.restart(TriggerSettings(window_s=0.03, rest_s=0.01), "other settings")
-    assert isinstance(event, Found)
+    assert isinstance(event, Segment)
     assert isinstance(event.window, Refusal)
     reason = "description of the actuator changed" if change == "description" else "other settings"
     assert reason in event.window.reason
@@ -121,7 +121,7 @@ def test_change_ends_the_window_that_is_open(change: str):
 
 
 def test_lost_samples_are_counted_and_cost_the_window():
-    watch = Watch(SETTINGS, FLAP)
+    watch = WindowFinder(SETTINGS, FLAP)
     part = list(blocks(cycles(2), 100))
     events = [
         event for i, block in enumerate(part) if i not in (3, 4) for event in watch.feed(block)
@@ -134,11 +134,11 @@ def test_lost_samples_are_counted_and_cost_the_window():
 
 
 def test_block_that_is_no_telemetry_ends_the_window():
-    watch = Watch(SETTINGS, FLAP)
+    watch = WindowFinder(SETTINGS, FLAP)
     part = list(blocks(cycles(1), 100))
     assert [e for block in part[:5] for e in watch.feed(block)] == []
     [event] = watch.reject(part[5].stamp_ns, "columns differ")
-    assert isinstance(event, Found)
+    assert isinstance(event, Segment)
     assert isinstance(event.window, Refusal)
     assert event.window.reason == "columns differ"
     [outside] = watch.reject(part[6].stamp_ns, "columns differ")
@@ -147,21 +147,21 @@ def test_block_that_is_no_telemetry_ends_the_window():
 
 
 def test_block_that_is_no_telemetry_breaks_what_waits_for_the_description():
-    watch, telemetry = Watch(SETTINGS), cycles(2)
+    watch, telemetry = WindowFinder(SETTINGS), cycles(2)
     half = len(telemetry) // 2
     fed(watch, telemetry.part(0, half))
     assert watch.reject(5, "columns differ") == [Defect(5, "columns differ")]
     fed(watch, telemetry.part(half, len(telemetry)))
     # It is told again in its place, between the windows of the two cycles.
     first, defect, second = watch.describe(FLAP)
-    assert isinstance(first, Found)
-    assert isinstance(second, Found)
+    assert isinstance(first, Segment)
+    assert isinstance(second, Segment)
     assert defect == Defect(5, "columns differ")
     assert (first.number, second.number) == (0, 1)
 
 
 def test_other_sample_period_than_described_is_told_once():
-    watch = Watch(SETTINGS, replace(FLAP, sample_period=2e-4))
+    watch = WindowFinder(SETTINGS, replace(FLAP, sample_period=2e-4))
     first, *rest = fed(watch, cycles(2))
     assert isinstance(first, Defect)
     assert "0.0002 s" in first.reason
@@ -170,11 +170,11 @@ def test_other_sample_period_than_described_is_told_once():
 
 
 def test_end_of_telemetry_cuts_the_window_and_another_beginning_is_no_gap():
-    watch = Watch(SETTINGS, FLAP)
+    watch = WindowFinder(SETTINGS, FLAP)
     for block in list(blocks(cycles(1), 100))[:5]:
         watch.feed(block)
     [event] = watch.finish()
-    assert isinstance(event, Found)
+    assert isinstance(event, Segment)
     assert isinstance(event.window, Refusal)
     assert "the telemetry ends" in event.window.reason
     assert watch.finish() == []
@@ -183,7 +183,7 @@ def test_end_of_telemetry_cuts_the_window_and_another_beginning_is_no_gap():
 
 
 def test_settings_that_change_before_any_telemetry_hold():
-    watch = Watch(SETTINGS, FLAP)
+    watch = WindowFinder(SETTINGS, FLAP)
     assert watch.restart(TriggerSettings(window_s=0.03, rest_s=0.01), "other settings") == []
     [first] = found_in(fed(watch, cycles(1)))
     assert isinstance(first.window, Window)

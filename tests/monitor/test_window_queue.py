@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ema_core.description import ActuatorDescription
-from ema_monitor.monitor_worker import QueueClosedError, WindowQueue
-from ema_monitor.trigger import Refusal
-from ema_monitor.watch import Found
-from ema_monitor.window import Window
+from ema_monitor.node.worker import QueueClosedError, WindowQueue
+from ema_monitor.windows.finder import Segment
+from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.window import Window
 
 from .windows import window_from
 
@@ -19,11 +19,11 @@ WINDOW = window_from(np.linspace(0.0, 1.0, 3))
 REFUSAL = Refusal(5, 6, "gap")
 
 
-def found(number: int, window: Window | Refusal = WINDOW) -> Found:
-    return Found(number, ActuatorDescription(), window)
+def found(number: int, window: Window | Refusal = WINDOW) -> Segment:
+    return Segment(number, ActuatorDescription(), window)
 
 
-def drain(queue: WindowQueue, count: int) -> list[Found]:
+def drain(queue: WindowQueue, count: int) -> list[Segment]:
     items = [queue.next() for _ in range(count)]
     return [item for item in items if item is not None]
 

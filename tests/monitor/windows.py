@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ema_core.telemetry import Telemetry
-from ema_monitor.window import Window
+from ema_monitor.windows.window import Window
 
 
 def window_from(

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ema_core.faults import FAULT_NAMES, N_FAULTS, fault_vector
-from ema_monitor.estimate import Estimate, refusal
-from ema_monitor.search_settings import SearchSettings
+from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.settings import SearchSettings
 
 FIRST_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 10_000_000_000

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ema_monitor.estimate import Estimate
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
 from ema_monitor.prognosis.service_count import Count

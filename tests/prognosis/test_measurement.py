@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ema_core.faults import FAULT_NAMES, healthy_faults
-from ema_monitor.estimate import Estimate, refusal
-from ema_monitor.prognosis.measurement import Measurement
-from ema_monitor.search_settings import SearchSettings
+from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.prognosis.growth.measurement import Measurement
 
 PHASE = FAULT_NAMES.index("eccentricity_phase")
 NONE = np.zeros(8, dtype=bool)

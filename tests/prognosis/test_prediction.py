@@ -5,11 +5,11 @@ import pytest
 
 from ema_core.faults import COMPONENTS, FAULT_NAMES, HIGHEST
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.bank import Bank
-from ema_monitor.prognosis.cells import grid
-from ema_monitor.prognosis.forecast import draw, futures, lives
-from ema_monitor.prognosis.settings import NOMINAL_LAWS, KnownLaw, TrackerSettings
-from ema_monitor.prognosis.tracker import Tracker
+from ema_monitor.prognosis.growth.bank import Bank
+from ema_monitor.prognosis.growth.cells import grid
+from ema_monitor.prognosis.growth.forecast import draw, futures, lives
+from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, KnownLaw, TrackerSettings
+from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_sim.growth import Growth, grow
 
 from .tracked_lives import feed, observed, of

@@ -13,15 +13,15 @@ from ema_core.levels import ERROR, OK, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis import growth_record
+from ema_monitor.prognosis.growth.prediction import RemainingLife
+from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook, earlier
-from ema_monitor.prognosis.prediction import Life
-from ema_monitor.prognosis.prognosis_settings import duty_of
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.required_life import FITTED
-from ema_monitor.prognosis.requirements import REQUIREMENTS, RequirementLimits
-from ema_monitor.prognosis.settings import TrackerSettings
-from ema_monitor.prognosis.tracker import Tracker
+from ema_monitor.prognosis.requirements.required_life import FITTED
+from ema_monitor.prognosis.requirements.requirements import REQUIREMENTS, RequirementLimits
+from ema_monitor.prognosis.settings import duty_of
 
 from .lived_units import PARAMETERS, TEN_HOURS, UNIT, backlash, friction, lived, plain
 from .made_tests import made_test
@@ -275,15 +275,15 @@ def test_first_test_alone_ends_no_life():
 
 
 def test_earlier_of_two_lives():
-    one = Life(True, 10.0, 50.0, 90.0, "one")
-    other = Life(True, 20.0, 40.0, 95.0, "other")
-    unknown = Life.unknown("none", "no growth")
+    one = RemainingLife(True, 10.0, 50.0, 90.0, "one")
+    other = RemainingLife(True, 20.0, 40.0, 95.0, "other")
+    unknown = RemainingLife.unknown("none", "no growth")
     # Of lives that end independently, the first to end does so sooner than either.
-    both = Life(True, 5.0, 30.0, 92.0, "any")
-    assert earlier(one, other, both) == Life(True, 5.0, 30.0, 90.0, "other")
-    assert earlier(one, other, unknown) == Life(True, 10.0, 40.0, 90.0, "other")
+    both = RemainingLife(True, 5.0, 30.0, 92.0, "any")
+    assert earlier(one, other, both) == RemainingLife(True, 5.0, 30.0, 90.0, "other")
+    assert earlier(one, other, unknown) == RemainingLife(True, 10.0, 40.0, 90.0, "other")
     assert earlier(one, unknown, unknown) == earlier(unknown, one, unknown) == one
-    too_far = Life.unknown("x", "too far")
+    too_far = RemainingLife.unknown("x", "too far")
     assert earlier(unknown, too_far, unknown).reason == "no growth; too far"
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from ema_core.faults import FAULT_NAMES, healthy_faults
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.required_life import limit_passage
+from ema_monitor.prognosis.requirements.required_life import limit_passage
 
 
 def test_sample_reaches_a_fault_limit_where_its_first_component_does():

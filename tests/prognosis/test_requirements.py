@@ -6,13 +6,13 @@ import pytest
 from ema_core.faults import FAULT_NAMES, fault_vector, healthy_faults
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.prognosis.requirements import (
+from ema_monitor.prognosis.requirements.requirements import (
     MODELLED,
     REQUIREMENTS,
     RequirementLimits,
     Requirements,
 )
-from ema_monitor.prognosis.requirements_surrogate import StandIn
+from ema_monitor.prognosis.requirements.surrogate import Surrogate
 
 ACTUATOR = ActuatorParameters()
 
@@ -140,11 +140,11 @@ def test_stand_in_is_better_than_the_trend_near_faults_it_was_told(requirements,
     told = np.clip(healthy_faults() + 0.05 * rng.random((40, 8)), 0.0, 1.0)
     near = told + 0.005
     weights = requirements.trend[name]
-    stand_in = StandIn(weights, told, requirements.exact_reserves((name,), told)[:, 0])
+    stand_in = Surrogate(weights, told, requirements.exact_reserves((name,), told)[:, 0])
     right = requirements.exact_reserves((name,), near)[:, 0]
     missed = rms(stand_in.at(near) - right)
     assert missed < 0.015
-    assert missed < 0.5 * rms(StandIn(weights).at(near) - right)
+    assert missed < 0.5 * rms(Surrogate(weights).at(near) - right)
 
 
 def test_error_of_the_trend_is_told(requirements):

@@ -5,8 +5,12 @@ import pytest
 
 from ema_core.faults import FAULT_NAMES, HIGHEST, healthy_faults
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.prognosis.requirements import REQUIREMENTS, RequirementLimits, Requirements
-from ema_monitor.prognosis.requirements_life import life_by_requirements
+from ema_monitor.prognosis.requirements.life import life_by_requirements
+from ema_monitor.prognosis.requirements.requirements import (
+    REQUIREMENTS,
+    RequirementLimits,
+    Requirements,
+)
 
 ACTUATOR = ActuatorParameters()
 HOURS = np.linspace(0.0, 1000.0, 61)

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-import ema_monitor.prognosis.requirements_performance as requirements_performance
+import ema_monitor.prognosis.requirements.performance as requirements_performance
 from ema_core.commands import THESIS_CHIRP, Command
 from ema_core.faults import FAULT_NAMES, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.model import MonitorModel
-from ema_monitor.prognosis.requirements_performance import HALF_POWER, PerformanceModel
-from ema_monitor.window import Window
+from ema_monitor.model.monitor_model import MonitorModel
+from ema_monitor.prognosis.requirements.performance import HALF_POWER, PerformanceModel
+from ema_monitor.windows.window import Window
 
 ACTUATOR = ActuatorParameters()
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ema_monitor.prognosis.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_sim.growth import Growth
 
 from .tracked_lives import SIGMA, feed, observed, of

@@ -16,7 +16,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from ema_interfaces.msg import FaultEstimate, Health
-from ema_messages.topics import LATCHED, NAMESPACE
+from ema_ros.topics import LATCHED, NAMESPACE
 
 from ..domains import domain
 from ..waiting import DEADLINE_S, wait_for

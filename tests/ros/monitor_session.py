@@ -21,14 +21,14 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultEstimate, Health
-from ema_messages import topics
-from ema_messages.description import description_to_message
-from ema_messages.telemetry import telemetry_to_message
-from ema_monitor.calibration import Calibration
-from ema_monitor.monitor_node import MonitorNode
-from ema_monitor.prognosis.required_life import FITTED
-from ema_monitor.prognosis.requirements import RequirementLimits
-from ema_nodes.executor import NodeExecutor
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.node.monitor_node import MonitorNode
+from ema_monitor.prognosis.requirements.required_life import FITTED
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits
+from ema_ros import topics
+from ema_ros.description import description_to_message
+from ema_ros.executor import NodeExecutor
+from ema_ros.telemetry import telemetry_to_message
 from ema_sim.actuator import SimulatedActuator
 
 from ..domains import domain

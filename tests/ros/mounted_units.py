@@ -2,8 +2,8 @@
 
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import Usage
-from ema_messages import topics
-from ema_messages.stamps import stamp_to_message
+from ema_ros import topics
+from ema_ros.stamps import stamp_to_message
 
 from ..waiting import wait_for
 from .monitor_session import MonitorSession

@@ -10,8 +10,8 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
 from rclpy.node import Node
 
-from ema_nodes.executor import NodeExecutor
-from ema_nodes.managed_node import ManagedNode
+from ema_ros.executor import NodeExecutor
+from ema_ros.managed_node import ManagedNode
 
 
 def fail(error: Exception) -> None:

@@ -5,12 +5,12 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
-from ema_messages import topics
-from ema_messages.description import description_from_message
-from ema_messages.faults import stamped_faults_from_message
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.reader import Bag
 from ema_recording.writer import BagWriter
+from ema_ros import topics
+from ema_ros.description import description_from_message
+from ema_ros.faults import stamped_faults_from_message
 from ema_sim.actuator import SimulatedActuator
 
 from .recorded_messages import ros_messages

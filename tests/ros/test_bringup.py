@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
-from ema_cli.bringup import NODES, parameter_file, program, ros_arguments
-from ema_monitor.monitor_node import MonitorNode
+from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
+from ema_monitor.node.monitor_node import MonitorNode
 from ema_recording.player_node import PlayerNode
 from ema_recording.recorder_node import RecorderNode
 from ema_sim.actuator_node import ActuatorNode

@@ -6,7 +6,7 @@ from itertools import pairwise
 from std_msgs.msg import Int64
 from std_srvs.srv import Trigger
 
-from ema_nodes.executor import NodeExecutor, WaitingCallbackGroup
+from ema_ros.executor import NodeExecutor, WaitingCallbackGroup
 
 from ..waiting import DEADLINE_S, wait_for
 from .spinning import fail

@@ -15,8 +15,8 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ema_nodes.managed_node import ManagedNode
-from ema_nodes.status import ERROR, OK, WARN, Task
+from ema_ros.managed_node import ManagedNode
+from ema_ros.status import ERROR, OK, WARN, Task
 
 from ..waiting import wait_for
 

@@ -15,22 +15,22 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import FaultVector, TelemetryBlock
-from ema_messages.description import (
+from ema_ros.description import (
     IDENTITY,
     PARAMETER_FIELDS,
     description_from_message,
     description_to_message,
 )
-from ema_messages.faults import (
+from ema_ros.faults import (
     StampedFaults,
     faults_from_message,
     faults_to_message,
     stamped_faults_from_message,
     stamped_faults_to_message,
 )
-from ema_messages.joint_state import joint_state
-from ema_messages.stamps import stamp_from_message, stamp_to_message
-from ema_messages.telemetry import telemetry_from_message, telemetry_to_message
+from ema_ros.joint_state import joint_state
+from ema_ros.stamps import stamp_from_message, stamp_to_message
+from ema_ros.telemetry import telemetry_from_message, telemetry_to_message
 
 
 def over_the_wire(message):

@@ -12,7 +12,7 @@ from rclpy.action.client import ActionClient
 
 from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate
-from ema_monitor.calibration import Calibration
+from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.optimizers import ALGORITHMS
 
 from ..waiting import DEADLINE_S, wait_for

@@ -11,14 +11,14 @@ from lifecycle_msgs.msg import Transition
 
 from ema_core.faults import FAULT_NAMES, estimation_error, healthy_faults
 from ema_interfaces.msg import FaultEstimate, Health
-from ema_messages.stamps import stamp_from_message
-from ema_messages.topics import LATCHED, LATCHED_BY_MANY
-from ema_monitor.calibration import Calibration
-from ema_monitor.identification import identify
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.search import identify
+from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
-from ema_monitor.search_settings import SearchSettings
-from ema_monitor.trigger import TriggerSettings
-from ema_monitor.watch import Found, Watch
+from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.trigger import TriggerSettings
+from ema_ros.stamps import stamp_from_message
+from ema_ros.topics import LATCHED, LATCHED_BY_MANY
 
 from .monitor_session import CYCLE, FLAP, START_NS, MonitorSession, Source, monitor
 
@@ -62,9 +62,9 @@ def test_estimate_is_stamped_with_its_window(estimate: FaultEstimate):
 
 
 def test_estimate_is_that_of_the_library(estimate: FaultEstimate):
-    watch = Watch(TriggerSettings(), FLAP)
+    watch = WindowFinder(TriggerSettings(), FLAP)
     [found] = [e for block in Source(friction=0.3).cycle() for e in watch.feed(block)]
-    assert isinstance(found, Found)
+    assert isinstance(found, Segment)
     expected = identify(found.window, FLAP, Calibration.builtin())
     np.testing.assert_array_equal(vector(estimate), expected.faults)
     np.testing.assert_array_equal(np.reshape(estimate.covariance, (8, 8)), expected.covariance)

@@ -18,9 +18,9 @@ from rclpy.node import Node
 
 from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate
-from ema_messages.description import description_to_message
-from ema_messages.telemetry import telemetry_to_message
-from ema_messages.topics import ACTUATOR_TOPICS, DESCRIPTION, TELEMETRY
+from ema_ros.description import description_to_message
+from ema_ros.telemetry import telemetry_to_message
+from ema_ros.topics import ACTUATOR_TOPICS, DESCRIPTION, TELEMETRY
 
 from ..waiting import DEADLINE_S, wait_for
 from .monitor_session import FLAP, Source

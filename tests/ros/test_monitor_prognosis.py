@@ -12,13 +12,13 @@ import pytest
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Health
-from ema_messages import topics
-from ema_monitor.prognosis import required_life
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.required_life import FITTED
-from ema_monitor.prognosis.requirements import REQUIREMENTS, Requirements
+from ema_monitor.prognosis.requirements import required_life
+from ema_monitor.prognosis.requirements.required_life import FITTED
+from ema_monitor.prognosis.requirements.requirements import REQUIREMENTS, Requirements
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
+from ema_ros import topics
 
 from ..waiting import DEADLINE_S, wait_for
 from .graph import Graph

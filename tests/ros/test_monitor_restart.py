@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from ema_core.telemetry import Telemetry
-from ema_monitor.monitor_histories import MonitorHistories
+from ema_monitor.node.histories import MonitorHistories
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
 from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.settings import PrognosisSettings
 
 from ..waiting import DEADLINE_S, wait_for
 from .monitor_session import FLAP, monitor

@@ -9,11 +9,11 @@ import pytest
 
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Usage
-from ema_messages import topics
-from ema_monitor.calibration import Calibration
-from ema_monitor.calibration_store import CalibrationStore
-from ema_monitor.monitor_units import Unit
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.store import CalibrationStore
+from ema_monitor.node.units import Unit
 from ema_monitor.prognosis.prognostics import Prognostics
+from ema_ros import topics
 
 from .monitor_session import FLAP, monitor
 from .mounted_units import all_heard, count_of, mount

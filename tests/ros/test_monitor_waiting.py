@@ -11,11 +11,11 @@ from lifecycle_msgs.msg import Transition
 from rosgraph_msgs.msg import Clock
 
 from ema_core.faults import healthy_faults
-from ema_monitor import monitor_worker
-from ema_monitor.estimate import refusal
-from ema_monitor.identification import Identification
+from ema_monitor.identification.estimate import refusal
+from ema_monitor.identification.search import Identification
+from ema_monitor.node import worker
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.window import Window
+from ema_monitor.windows.window import Window
 
 from .monitor_session import DEADLINE_S, FLAP, MonitorSession, Source, in_window, monitor
 
@@ -45,7 +45,7 @@ class HeldIdentification(Identification):
 @pytest.fixture
 def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
     """Identification goes on when this is set."""
-    monkeypatch.setattr(monitor_worker, "Identification", HeldIdentification)
+    monkeypatch.setattr(worker, "Identification", HeldIdentification)
     monkeypatch.setattr(HeldIdentification, "may", threading.Event())
     yield HeldIdentification.may
     HeldIdentification.may.set()
@@ -174,7 +174,7 @@ def test_node_that_ends_waits_for_the_health_that_is_being_published(
         return record(self, *args)
 
     monkeypatch.setattr(Prognostics, "take", slow)
-    monkeypatch.setattr(monitor_worker, "_JOIN_S", 0.0)
+    monkeypatch.setattr(worker, "_JOIN_S", 0.0)
     with monitor() as session:
         session.describe()
         session.feed(Source().cycle())

@@ -10,9 +10,9 @@ import pytest
 
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_interfaces.msg import TelemetryBlock
-from ema_messages import topics
-from ema_messages.description import description_to_message
-from ema_messages.telemetry import telemetry_to_message
+from ema_ros import topics
+from ema_ros.description import description_to_message
+from ema_ros.telemetry import telemetry_to_message
 
 from ..waiting import DEADLINE_S
 from .monitor_session import FLAP, MonitorSession, Source, in_window, monitor, spoiled

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from ema_nodes.peers import FRESH_S, Peers, nodes_in_touch, now_s
-from ema_nodes.status import OK, WARN
+from ema_ros.peers import FRESH_S, Peers, nodes_in_touch, now_s
+from ema_ros.status import OK, WARN
 
 from ..waiting import wait_for
 

@@ -20,14 +20,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 
 from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, Health, TelemetryBlock
-from ema_nodes.managed_node import ManagedNode
-from ema_nodes.status import ERROR, OK, WARN, Task
 from ema_recording import playback, player_node
 from ema_recording.playback import Playback
 from ema_recording.player_node import PlayerNode
 from ema_recording.reader import Bag, Recorded
 from ema_recording.recorder_node import RecorderNode
 from ema_recording.writer import BagWriter
+from ema_ros.managed_node import ManagedNode
+from ema_ros.status import ERROR, OK, WARN, Task
 
 from ..waiting import DEADLINE_S, wait_for
 from .recorded_messages import ros_messages

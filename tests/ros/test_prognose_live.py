@@ -2,23 +2,23 @@
 
 from pathlib import Path
 
-from ema_cli.estimate import estimate_windows
+from ema_cli.bags.source_options import Source
+from ema_cli.bags.unit_course import follow
+from ema_cli.bags.unit_record import read_unit
+from ema_cli.commands.estimate import estimate_windows
 from ema_cli.identification_options import IdentificationOptions
-from ema_cli.source_options import Source
-from ema_cli.unit_course import follow
-from ema_cli.unit_record import read_unit
 from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Health, Usage
-from ema_messages import topics
-from ema_messages.stamps import stamp_to_message
-from ema_monitor.calibration import Calibration
-from ema_monitor.monitor_messages import health_to_message
-from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
-from ema_monitor.search_settings import SearchSettings
-from ema_monitor.trigger import TriggerSettings
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.node.messages import health_to_message
+from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.windows.trigger import TriggerSettings
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
+from ema_ros import topics
+from ema_ros.stamps import stamp_to_message
 from ema_sim.actuator import SimulatedActuator
 
 from .monitor_session import CYCLE, FLAP, START_NS, monitor

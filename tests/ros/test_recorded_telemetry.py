@@ -14,12 +14,12 @@ from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import TelemetryBlock
-from ema_messages.description import description_to_message
-from ema_messages.stamps import stamp_from_message
-from ema_messages.telemetry import telemetry_to_message
 from ema_recording.reader import Bag
 from ema_recording.telemetry import Malformed, RecordedTelemetry, read_telemetry
 from ema_recording.writer import BagWriter
+from ema_ros.description import description_to_message
+from ema_ros.stamps import stamp_from_message
+from ema_ros.telemetry import telemetry_to_message
 
 QOS = QoSProfile(depth=10)
 

@@ -19,12 +19,12 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header, String
 
 from ema_interfaces.msg import TelemetryBlock
-from ema_nodes.status import ERROR, OK, WARN, Task
 from ema_recording import recorded_topic
 from ema_recording.qos import offered_qos, offered_qos_profiles, recorded_qos, replay_qos
 from ema_recording.reader import Bag
 from ema_recording.recorder_node import RecorderNode
 from ema_recording.sequence_gaps import SequenceGaps
+from ema_ros.status import ERROR, OK, WARN, Task
 
 from ..waiting import DEADLINE_S, wait_for
 from .recorded_messages import ros_messages
@@ -447,7 +447,7 @@ def test_interrupted_recorder_leaves_a_whole_bag(graph: Graph, tmp_path: Path, n
 
 FULL_DISK = """
 import resource
-from ema_nodes.run import run
+from ema_ros.run import run
 from ema_recording.recorder_node import RecorderNode
 
 

@@ -6,18 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ema_cli.estimate import estimate_windows
+from ema_cli.bags.source_options import Source
+from ema_cli.bags.windows import read_windows
+from ema_cli.commands.estimate import estimate_windows
 from ema_cli.identification_options import IdentificationOptions
-from ema_cli.source_options import Source
-from ema_cli.windows import read_windows
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_interfaces.msg import FaultEstimate
-from ema_monitor.calibration import Calibration
-from ema_monitor.monitor_messages import estimate_to_message
-from ema_monitor.search_settings import SearchSettings
-from ema_monitor.trigger import TriggerSettings
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.node.messages import estimate_to_message
+from ema_monitor.windows.trigger import TriggerSettings
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
 from ema_sim.actuator import SimulatedActuator

@@ -11,8 +11,8 @@ from rclpy.parameter import Parameter
 
 from ema_core.description import ActuatorDescription
 from ema_core.quantity import check_quantities, quantity, text
-from ema_nodes.actuator_file import load_description
-from ema_nodes.settings import LiveSettings, declare, read
+from ema_ros.actuator_file import load_description
+from ema_ros.settings import LiveSettings, declare, read
 
 
 @dataclass(frozen=True)

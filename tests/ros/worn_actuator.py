@@ -8,8 +8,8 @@ from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Health, Usage
 from ema_interfaces.srv import PredictRemainingLife
-from ema_messages import topics
-from ema_messages.stamps import stamp_to_message
+from ema_ros import topics
+from ema_ros.stamps import stamp_to_message
 from ema_sim.actuator import SimulatedActuator
 
 from .monitor_session import CYCLE, MonitorSession

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
 from ema_core.faults import estimation_error, healthy_faults
-from ema_monitor.calibration import Calibration
-from ema_monitor.healthy_fit import calibrate
-from ema_monitor.objective import Objective
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.identification.objective import Objective
 from ema_monitor.optimizers.driver import Progress, minimise
 from ema_monitor.optimizers.interface import Hints
 from ema_monitor.optimizers.least_squares import ScreenedLeastSquares

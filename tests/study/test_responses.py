@@ -7,7 +7,7 @@ import pytest
 
 from ema_core.description import SAMPLE_PERIOD
 from ema_core.parameters import ActuatorParameters, constants
-from ema_monitor.residual import band_limited, rms
+from ema_monitor.windows.band import band_limited, rms
 from ema_study.responses import (
     COMMANDS,
     COMPARED,

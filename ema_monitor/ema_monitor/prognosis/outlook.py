@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from ema_core.levels import ERROR, STALE, WARN
-from ema_monitor.estimate import Estimate
 from ema_monitor.health import Health, HealthLimits, assess
-from ema_monitor.prognosis.prediction import Life, assumption_of
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.growth.prediction import RemainingLife, assumption_of
 
 
 @dataclass(frozen=True)
@@ -51,10 +51,10 @@ class Outlook:
     hours_per_cycle: float
     health: Health
     trends: Mapping[str, float]
-    lives: Mapping[str, Life]
-    rul_faults: Life
-    rul_requirements: Life
-    rul: Life
+    lives: Mapping[str, RemainingLife]
+    rul_faults: RemainingLife
+    rul_requirements: RemainingLife
+    rul: RemainingLife
     dominant: str
     duty: float
     assumption: str
@@ -69,7 +69,7 @@ def unknown_outlook(reason: str) -> Outlook:
     reason
         Why nothing is known.
     """
-    life = Life.unknown("", reason)
+    life = RemainingLife.unknown("", reason)
     return Outlook(
         stamp_ns=0,
         hours=math.nan,
@@ -123,7 +123,7 @@ def worst_with_warning(health: Health) -> str:
     return worst.name if worst else ""
 
 
-def earlier(one: Life, other: Life, together: Life) -> Life:
+def earlier(one: RemainingLife, other: RemainingLife, together: RemainingLife) -> RemainingLife:
     """Return the life that ends with the first of two.
 
     Parameters
@@ -138,10 +138,10 @@ def earlier(one: Life, other: Life, together: Life) -> Life:
     known = [life for life in (one, other) if life.known]
     if not known:
         reasons = dict.fromkeys(filter(None, [one.reason, other.reason]))
-        return Life.unknown("the first fault limit or requirement", "; ".join(reasons))
+        return RemainingLife.unknown("the first fault limit or requirement", "; ".join(reasons))
     first = min(known, key=lambda life: life.hours_50)
     every = [*known, together] if together.known else known
-    return Life(
+    return RemainingLife(
         True,
         min(life.hours_05 for life in every),
         min(life.hours_50 for life in every),

@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 
 from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULTS
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.estimate import Estimate
 from ema_monitor.health import HealthLimits, Tracked, assess, with_requirements
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife, assumption_of
+from ema_monitor.prognosis.growth.tracked_fault import TrackedFault
+from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
 from ema_monitor.prognosis.outlook import Outlook, earlier, worst_with_warning
-from ema_monitor.prognosis.prediction import Life, Prognosis, assumption_of
-from ema_monitor.prognosis.prognosis_settings import PrognosisSettings
-from ema_monitor.prognosis.required_life import FITTED, RequiredLife, required_life
-from ema_monitor.prognosis.requirements import RequirementLimits, Requirements
+from ema_monitor.prognosis.requirements.required_life import FITTED, RequiredLife, required_life
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits, Requirements
 from ema_monitor.prognosis.service_count import Count
-from ema_monitor.prognosis.tracked_fault import TrackedFault
-from ema_monitor.prognosis.tracker import Tracker
+from ema_monitor.prognosis.settings import PrognosisSettings
 
 RequirementsOf = Callable[[ActuatorParameters, RequirementLimits], Requirements | str]
 
@@ -315,7 +315,8 @@ def _nothing(reason: str, limits: HealthLimits, duty: float) -> Prognosis:
     """Return the prognosis of which no figure can be given."""
     blank = Tracker(limits).predict(duty)
     components = {
-        name: Life.unknown(life.criterion, reason) for name, life in blank.components.items()
+        name: RemainingLife.unknown(life.criterion, reason)
+        for name, life in blank.components.items()
     }
-    overall = Life.unknown(blank.overall.criterion, reason)
+    overall = RemainingLife.unknown(blank.overall.criterion, reason)
     return replace(blank, components=components, overall=overall, assumption=assumption_of(duty))

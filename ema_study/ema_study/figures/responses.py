@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ema_core.description import SAMPLE_PERIOD
-from ema_monitor.residual import BAND_S, band_limited
+from ema_monitor.windows.band import BAND_S, band_limited
 from ema_study.figures.style import FAULT_NAMES, severity_colours, tidy
 from ema_study.responses import (
     COMMANDS,

@@ -1,0 +1,71 @@
+"""Which description of the actuator holds: the one in the bag, or that of ``--actuator``."""
+
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from ema_cli.bags.source_options import Source
+from ema_core.description import ActuatorDescription
+from ema_ros.actuator_file import load_description
+
+
+def choose_description(
+    path: Path, actuator_id: str, recorded: tuple[ActuatorDescription, ...], source: Source
+) -> tuple[ActuatorDescription, str]:
+    """Return the description that a bag is read with at first, and what there is to warn of.
+
+    Parameters
+    ----------
+    path
+        The bag.
+    actuator_id
+        Which actuator is looked at.
+    recorded
+        Its descriptions in the bag, in order.
+    source
+        Holds the file, and whether it is used against the bag.
+
+    Raises
+    ------
+    ValueError
+        When there is neither a description in the bag nor a file, or the file is none.
+    """
+    file = source.actuator_file
+    if file is None:
+        if not recorded:
+            raise ValueError(
+                f"{path} has no description of actuator {actuator_id!r}: give one with "
+                "--actuator FILE"
+            )
+        return recorded[0], ""
+    given = load_description(file)
+    if not recorded:
+        return given, ""
+    # Those of the actuator as it was described last: that is how it is reported.
+    differences = "; ".join(_differences(recorded[-1], given))
+    if not differences:
+        return recorded[0], ""
+    if source.force:
+        return given, f"--actuator {file} is used against the description in the bag: {differences}"
+    return (
+        recorded[0],
+        f"--actuator {file} is not used, the bag has a description: {differences}; --force uses "
+        "the file",
+    )
+
+
+def _differences(recorded: Any, given: Any) -> Iterator[str]:
+    """Yield name, recorded value, given value and unit of every field that differs."""
+    for field in fields(recorded):
+        there, here = getattr(recorded, field.name), getattr(given, field.name)
+        if field.name == "parameters":
+            yield from _differences(there, here)
+        elif there != here:
+            unit = field.metadata.get("unit", "s" if field.name == "sample_period" else "-")
+            unit = "" if unit == "-" else f" {unit}"
+            yield f"{field.name} {_value(there)}{unit} in the bag, {_value(here)}{unit} in the file"
+
+
+def _value(value: Any) -> str:
+    return f"{value:.10g}" if isinstance(value, float) else str(value)

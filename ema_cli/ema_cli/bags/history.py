@@ -1,0 +1,175 @@
+"""What the monitor found over test cycles, beside what was true: live, or from a bag."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_cli.bags.truths import truth_at
+from ema_core.faults import FAULT_NAMES, N_FAULTS
+from ema_recording.reader import Bag
+from ema_recording.telemetry import ESTIMATE_TYPE, HEALTH_TYPE, TRUE_FAULTS_TYPE
+from ema_ros.faults import StampedFaults, stamped_faults_from_message
+from ema_ros.stamps import stamp_from_message
+
+_LONGEST_LATENCY_S: Final = 600.0
+
+
+@dataclass
+class Diagnosed:
+    """The diagnosis of one window.
+
+    Attributes
+    ----------
+    window
+        Running number of the window.
+    start_ns, end_ns
+        Stamps of its first and last sample [ns].
+    faults, sigma
+        Estimate and its standard deviation, ``(8,)``; NaN where there is none.
+    valid, reason
+        Whether the estimate may be used, and what was said of it.
+    latency_s
+        From the end of the window to the reception of the estimate [s].
+    cycle
+        Running number of the test cycle; None when the truth is not known.
+    truth
+        True faults, ``(8,)``; None when they are not known.
+    level
+        Level of health; None as long as it is not known.
+    """
+
+    window: int
+    start_ns: int
+    end_ns: int
+    faults: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    valid: bool
+    reason: str
+    latency_s: float
+    cycle: int | None = None
+    truth: NDArray[np.float64] | None = None
+    level: int | None = None
+
+
+@dataclass
+class History:
+    """Diagnoses of one actuator in the order of their windows.
+
+    Attributes
+    ----------
+    actuator_id, serial_number
+        Which actuator; empty as long as there is no estimate.
+    truths
+        True faults by test cycle, in order.
+    limits
+        Values at which life ends, by fault.
+    """
+
+    actuator_id: str = ""
+    serial_number: str = ""
+    truths: list[StampedFaults] = field(default_factory=list)
+    limits: dict[str, float] = field(default_factory=dict)
+    _diagnosed: dict[int, Diagnosed] = field(default_factory=dict)
+    _levels: dict[int, int] = field(default_factory=dict)
+
+    def take(self, type_name: str, message: Any, received_ns: int) -> None:
+        """Take a message in; what is of another actuator than the first estimate is passed over.
+
+        Parameters
+        ----------
+        type_name
+            Type of the message.
+        message
+            True faults, an estimate or health.
+        received_ns
+            When it was received [ns].
+
+        Raises
+        ------
+        ValueError
+            When the true faults are impossible.
+        """
+        if type_name == ESTIMATE_TYPE:
+            if not self.actuator_id:
+                self.actuator_id, self.serial_number = message.actuator_id, message.serial_number
+            if message.actuator_id == self.actuator_id:
+                one = _diagnosed(message, received_ns)
+                self._diagnosed[one.end_ns] = one
+        elif type_name == TRUE_FAULTS_TYPE:
+            self.truths.append(stamped_faults_from_message(message))
+        elif type_name == HEALTH_TYPE and message.actuator_id == self.actuator_id:
+            # When it grows stale, it is published once more with the stamp of its window.
+            self._levels.setdefault(stamp_from_message(message.header.stamp), message.level)
+            self.limits.update({item.name: item.limit for item in message.faults})
+
+    def diagnoses(self) -> list[Diagnosed]:
+        """Return the diagnoses, each with what is known of its cycle."""
+        truths = [item for item in self.truths if item.actuator_id == self.actuator_id]
+        found = [self._diagnosed[end_ns] for end_ns in sorted(self._diagnosed)]
+        for one in found:
+            truth = truth_at(truths, one.start_ns)
+            if truth is not None:
+                one.cycle, one.truth = truth.cycle, truth.faults
+            one.level = self._levels.get(one.end_ns)
+        return found
+
+
+def read_history(path: Path, actuator_id: str | None = None) -> History:
+    """Read the history of an actuator from a bag.
+
+    Parameters
+    ----------
+    path
+        The bag.
+    actuator_id
+        Which actuator, if it holds estimates of several.
+
+    Raises
+    ------
+    ValueError
+        When the bag cannot be read or has no such estimates, or of several actuators.
+    OSError
+        When it cannot be opened.
+    """
+    bag = Bag(path)
+    wanted = {ESTIMATE_TYPE, TRUE_FAULTS_TYPE, HEALTH_TYPE}
+    topics = [name for name, topic in bag.topics.items() if topic.type_name in wanted]
+    recorded = list(bag.messages(topics))
+    estimated = {item.message.actuator_id for item in recorded if item.type_name == ESTIMATE_TYPE}
+    known = ", ".join(sorted(estimated))
+    if not estimated:
+        raise ValueError(f"{path} has no estimates, so no history; was a monitor running?")
+    if actuator_id is None and len(estimated) > 1:
+        raise ValueError(f"{path} has estimates of several actuators: {known}")
+    if actuator_id is not None and actuator_id not in estimated:
+        raise ValueError(f"{path} has no estimates of actuator {actuator_id!r}, but of {known}")
+    history = History(actuator_id or estimated.pop())
+    for item in recorded:
+        history.take(item.type_name, item.message, item.log_time_ns)
+        if item.type_name == ESTIMATE_TYPE and not history.serial_number:
+            history.serial_number = item.message.serial_number
+    return history
+
+
+def has_latency(diagnoses: list[Diagnosed]) -> bool:
+    """Return whether the latencies are such: that stamps and reception go by the same clock."""
+    latencies = np.array([one.latency_s for one in diagnoses])
+    return bool(np.all((latencies >= 0.0) & (latencies < _LONGEST_LATENCY_S)))
+
+
+def _diagnosed(message: Any, received_ns: int) -> Diagnosed:
+    covariance = np.reshape(message.covariance, (N_FAULTS, N_FAULTS))
+    end_ns = stamp_from_message(message.window_end)
+    return Diagnosed(
+        window=message.window,
+        start_ns=stamp_from_message(message.window_start),
+        end_ns=end_ns,
+        faults=np.array([getattr(message.faults, name) for name in FAULT_NAMES]),
+        sigma=np.sqrt(np.diag(covariance)),
+        valid=message.valid,
+        reason=message.reason,
+        latency_s=(received_ns - end_ns) * 1e-9,
+    )

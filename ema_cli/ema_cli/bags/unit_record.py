@@ -1,0 +1,199 @@
+"""From bags and folders of bags to the tests of one unit, in order of time."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+from ema_cli.bags.source_options import Source
+from ema_cli.bags.windows import RecordedWindow, read_windows, require_windows
+from ema_core.description import ActuatorDescription
+from ema_monitor.prognosis.service_count import Count
+from ema_recording.metadata import METADATA_FILE
+from ema_recording.reader import Bag
+from ema_recording.telemetry import DESCRIPTION_TYPE, USAGE_TYPE
+from ema_ros.faults import StampedFaults
+from ema_ros.stamps import stamp_from_message
+
+_NAMED: Final = 3
+
+
+@dataclass(frozen=True)
+class UnitRecord:
+    """What bags say of the tests of one unit.
+
+    Attributes
+    ----------
+    description
+        The unit as it was described last.
+    windows
+        Windows of all bags, those that cannot be used included, in order of time.
+    counts
+        Service life that was counted, in order of time.
+    truths
+        True faults by test cycle, in order of time, where the bags record them.
+    remarks
+        What is wrong with a bag, or was passed over.
+    """
+
+    description: ActuatorDescription
+    windows: list[RecordedWindow]
+    counts: list[Count]
+    truths: list[StampedFaults]
+    remarks: list[str]
+
+
+def find_bags(paths: Iterable[Path]) -> list[Path]:
+    """Return the bags that paths name, each once.
+
+    Parameters
+    ----------
+    paths
+        Bags, or folders that hold them: files ``*.mcap``, or folders with their metadata.
+
+    Raises
+    ------
+    ValueError
+        When a folder holds no bag.
+    """
+    found: dict[Path, Path] = {}
+    for path in paths:
+        bags = _bags_in(path)
+        if not bags:
+            raise ValueError(
+                f"{path}: this folder holds no bag, neither *.mcap nor a folder with "
+                f"{METADATA_FILE}{_hint(path)}"
+            )
+        for bag in bags:
+            found.setdefault(bag.resolve(), bag)
+    return list(found.values())
+
+
+def read_unit(paths: Iterable[Path], source: Source) -> UnitRecord:
+    """Read the tests of one unit from bags.
+
+    Parameters
+    ----------
+    paths
+        Bags, or folders of bags.
+    source
+        What of them to look at. When it names an actuator, bags of others are passed over.
+
+    Raises
+    ------
+    ValueError
+        When a bag cannot be used, bags are of several actuators or units, two have a window of
+        the same stamp, or none has a window.
+    OSError
+        When a bag cannot be opened.
+    """
+    tests: list[tuple[Path, RecordedWindow]] = []
+    counts: list[Count] = []
+    truths: list[StampedFaults] = []
+    remarks: list[str] = []
+    unit: tuple[Path, ActuatorDescription] | None = None
+    for path in find_bags(paths):
+        bag = Bag(path)
+        present = {item.message.actuator_id for item in _messages(bag, DESCRIPTION_TYPE)}
+        if source.actuator_id is not None and present and source.actuator_id not in present:
+            others = ", ".join(sorted(present))
+            remarks.append(f"{path}: passed over, it is of actuator {others}")
+            continue
+        found = read_windows(path, source)
+        unit = unit or (path, found.description)
+        for described in (*(item.description for item in found.windows), found.description):
+            _require_same_unit(unit, (path, described))
+        remarks += [f"{path}: {remark}" for remark in found.remarks]
+        try:
+            require_windows(path, found, source)
+        except ValueError as error:
+            remarks.append(str(error))
+        tests += [(path, item) for item in found.windows]
+        truths += found.truths
+        counted, wrong = _counts(bag, found.description)
+        counts += counted
+        remarks += [f"{path}: {remark}" for remark in wrong]
+    if unit is None:
+        raise ValueError(f"no bag of actuator {source.actuator_id!r}: {'; '.join(remarks)}")
+    if not tests:
+        raise ValueError(f"no window to diagnose: {'; '.join(remarks)}")
+    # Of two windows of one bag and stamp, the second is a repetition: that is for the history.
+    tests.sort(key=lambda test: test[1].end_ns)
+    _require_order(tests)
+    return UnitRecord(
+        tests[-1][1].description,
+        [item for _, item in tests],
+        sorted(counts, key=lambda count: count.stamp_ns),
+        sorted(truths, key=lambda truth: truth.stamp_ns),
+        remarks,
+    )
+
+
+def _bags_in(path: Path) -> list[Path]:
+    if not path.is_dir() or (path / METADATA_FILE).exists():
+        return [path]
+    folders = (item.parent for item in path.glob(f"*/{METADATA_FILE}"))
+    return sorted([*path.glob("*.mcap"), *folders])
+
+
+def _hint(path: Path) -> str:
+    """Return which folders in a folder hold bags, in words."""
+    folders = sorted(item for item in path.iterdir() if item.is_dir() and _bags_in(item))
+    if not folders:
+        return ""
+    named = ", ".join(str(folder) for folder in folders[:_NAMED])
+    more = f" and {len(folders) - _NAMED} more" if len(folders) > _NAMED else ""
+    return f"; bags of a unit may be in {named}{more}: give one of these"
+
+
+def _messages(bag: Bag, wanted: str) -> Iterable[Any]:
+    topics = [name for name, topic in bag.topics.items() if topic.type_name == wanted]
+    return bag.messages(topics) if topics else ()
+
+
+def _counts(bag: Bag, unit: ActuatorDescription) -> tuple[list[Count], list[str]]:
+    """Return what was counted of a unit, and what is wrong with the counts in a bag."""
+    counts: list[Count] = []
+    remarks: dict[str, None] = {}
+    for item in _messages(bag, USAGE_TYPE):
+        message = item.message
+        if message.actuator_id != unit.actuator_id:
+            continue
+        # A count that names no unit is of the one that is described.
+        if message.serial_number not in ("", unit.serial_number):
+            remarks[f"usage of serial number {message.serial_number!r} is passed over"] = None
+            continue
+        # One that its sender did not stamp was read when it was recorded.
+        stamp_ns = stamp_from_message(message.header.stamp) or item.log_time_ns
+        try:
+            counts.append(Count(stamp_ns, message.flight_hours, message.cycles))
+        except ValueError as error:
+            remarks[f"usage is impossible: {error}"] = None
+    return counts, list(remarks)
+
+
+def _require_same_unit(
+    unit: tuple[Path, ActuatorDescription], other: tuple[Path, ActuatorDescription]
+) -> None:
+    (path, first), (other_path, second) = unit, other
+    if first.actuator_id != second.actuator_id:
+        raise ValueError(
+            f"{path} is of actuator {first.actuator_id!r} and {other_path} of "
+            f"{second.actuator_id!r}: choose one with --actuator-id"
+        )
+    if first.serial_number != second.serial_number:
+        raise ValueError(
+            f"{path} is of actuator {first.actuator_id!r} with serial number "
+            f"{first.serial_number!r} and {other_path} with {second.serial_number!r}: a prognosis "
+            "is of one unit, give the bags of one alone"
+        )
+
+
+def _require_order(tests: Sequence[tuple[Path, RecordedWindow]]) -> None:
+    for (path, one), (other_path, other) in pairwise(tests):
+        if path != other_path and one.end_ns == other.end_ns:
+            raise ValueError(
+                f"{path} and {other_path} both have a window that ends at "
+                f"{one.end_ns * 1e-9:.4f} s: their stamps must tell which test came first"
+            )

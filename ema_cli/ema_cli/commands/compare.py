@@ -1,0 +1,156 @@
+"""``ema compare``: every algorithm on one window of a bag."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+
+from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
+from ema_cli.bags.windows import BagWindows, read_windows, require_windows
+from ema_cli.commands.estimate import as_object
+from ema_cli.comparison import Comparison, choose_window, compare_algorithms
+from ema_cli.errors import REFUSED, one_clear_line
+from ema_cli.identification_options import IdentificationOptions, comparison_options
+from ema_cli.show.compare_figure import draw_comparison
+from ema_cli.show.compare_table import table_of_faults, table_of_runs
+from ema_cli.show.picture_path import require_drawable
+from ema_core.faults import FAULT_NAMES
+from ema_monitor.optimizers import ALGORITHMS
+
+
+class _Algorithms(click.ParamType):
+    """Registered names with commas between."""
+
+    name = "names"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> list[str]:
+        """Return the names in the order given, each once."""
+        names = [name.strip() for name in value.split(",")]
+        for name in names:
+            if name not in ALGORITHMS:
+                self.fail(f"{name!r} is no algorithm; known: {', '.join(ALGORITHMS)}", param, ctx)
+            if names.count(name) > 1:
+                self.fail(f"{name} is given more than once", param, ctx)
+        return names
+
+
+@click.command()
+@click.argument("bag", type=click.Path(path_type=Path))
+@source_options(USE_OPTIONS)
+@click.option(
+    "--algorithms",
+    default=",".join(ALGORITHMS),
+    show_default=True,
+    type=_Algorithms(),
+    help="Which to compare, with commas between.",
+)
+@comparison_options
+@click.option(
+    "--window",
+    "number",
+    type=click.IntRange(0),
+    help="Which window, from 0; by default the first that can be used.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one object, an estimate an algorithm.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Picture to write (.png, .svg, .pdf); by default BAG-compare.png.",
+)
+def compare(
+    bag: Path,
+    source: Source,
+    algorithms: list[str],
+    options: IdentificationOptions,
+    number: int | None,
+    as_json: bool,
+    output: Path | None,
+) -> None:
+    """Compare algorithms on one window of BAG: what each finds, how well, and how fast.
+
+    Each begins at the healthy actuator with the same seed and budget. Where the bag records the
+    true faults, the error is the distance to them in percent of their ranges. The search fitness
+    is where the algorithm itself ended; the estimate then drops what is not significant and fits
+    the rest once more.
+    """
+    with one_clear_line():
+        picture = output or _beside(bag)
+        require_drawable(picture)
+        calibration = options.calibration()
+        found = read_windows(bag, source)
+        for remark in found.remarks:
+            click.echo(f"{bag}: {remark}", err=True)
+        require_windows(bag, found, source)
+        chosen = choose_window(found, number)
+        truth = found.true_faults(chosen.window.start_ns)
+        comparison = compare_algorithms(
+            chosen, algorithms, calibration, options, truth, force=source.force
+        )
+    start, end = found.seconds(chosen.window.start_ns), found.seconds(chosen.window.end_ns)
+    title = f"window {chosen.number}, {start:.4f} s to {end:.4f} s"
+    if as_json:
+        click.echo(json.dumps(_as_object(comparison, found), indent=2))
+    else:
+        click.echo(f"calibration {calibration.calibration_id} ({options.calibration_source})")
+        _print(comparison, title)
+    if comparison.best is not None:
+        unit = found.description
+        with one_clear_line():
+            draw_comparison(
+                comparison, f"{unit.actuator_id} ({unit.serial_number}), {title}"
+            ).savefig(picture, dpi=150)
+        click.echo(f"{picture}", err=as_json)
+    if not all(run.estimate.valid for run in comparison.runs):
+        sys.exit(REFUSED)
+
+
+def _beside(bag: Path) -> Path:
+    named = bag if bag.stem.strip(".") else bag.resolve()
+    return named.with_name(f"{named.stem}-compare.png")
+
+
+def _as_object(comparison: Comparison, found: BagWindows) -> dict[str, Any]:
+    truth = comparison.truth
+    return {
+        "window": comparison.found.number,
+        "start": round(found.seconds(comparison.found.window.start_ns), 9),
+        "end": round(found.seconds(comparison.found.window.end_ns), 9),
+        "truth": None if truth is None else dict(zip(FAULT_NAMES, truth.tolist(), strict=True)),
+        "fitness_at_truth": comparison.fitness_at_truth,
+        "estimates": [
+            as_object(run.estimate, found)
+            | {
+                "generations": run.generations,
+                "search_fitness": _number(run.search_fitness),
+                "error_percent": _number(comparison.error_percent(run)),
+            }
+            for run in comparison.runs
+        ],
+    }
+
+
+def _number(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _print(comparison: Comparison, title: str) -> None:
+    if comparison.best is None:
+        click.echo(title)
+    else:
+        console = Console()
+        console.print(table_of_runs(comparison, title))
+        console.print(table_of_faults(comparison))
+        if comparison.fitness_at_truth is not None:
+            click.echo(f"fitness at the true faults {comparison.fitness_at_truth:.5f} A^2.s")
+    reasons: dict[str, list[str]] = {}
+    for run in comparison.runs:
+        if run.estimate.reason:
+            valid = "" if run.estimate.valid else "no valid estimate: "
+            reasons.setdefault(valid + run.estimate.reason, []).append(run.algorithm)
+    for reason, names in reasons.items():
+        click.echo(f"{', '.join(names)}: {reason}")

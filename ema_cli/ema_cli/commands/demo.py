@@ -1,0 +1,38 @@
+"""``ema demo``: an actuator that wears out, watched and recorded."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from ema_cli.errors import one_clear_line
+from ema_cli.processes.supervisor import noted_signals
+
+
+@click.command()
+@click.option(
+    "--duration",
+    "duration_s",
+    default=60.0,
+    show_default=True,
+    type=click.FloatRange(5.0, 86400.0),
+    help="Length from the first test cycle on [s].",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for bag, picture and logs; by default bags/demo_DATE_TIME.",
+)
+def demo(duration_s: float, output: Path | None) -> None:
+    """Watch an actuator wear out: simulator, monitor and recorder, then a picture of the bag.
+
+    ROS_DOMAIN_ID is honoured where it is set; otherwise the demo has a domain of its own.
+    """
+    with noted_signals() as stop, one_clear_line():
+        # Here, since the signals have to be noted before anything that takes time.
+        from ema_cli.processes.demo_run import run_demo
+
+        run_demo(duration_s, output, stop)
+    if stop.number is not None:
+        sys.exit(128 + stop.number)

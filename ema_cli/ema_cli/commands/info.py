@@ -1,0 +1,48 @@
+"""``ema info``: what is in a bag."""
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from ema_cli.bags.source_options import Source, source_options
+from ema_cli.bags.windows import read_windows
+from ema_cli.errors import one_clear_line
+from ema_monitor.windows.trigger import Refusal
+from ema_recording.reader import Bag
+
+
+@click.command()
+@click.argument("bag", type=click.Path(path_type=Path))
+@source_options()
+def info(bag: Path, source: Source) -> None:
+    """Say what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it."""
+    with one_clear_line():
+        contents = Bag(bag)
+        table = Table()
+        for heading in ("topic", "type", "messages"):
+            table.add_column(heading, justify="right" if heading == "messages" else "left")
+        for name, topic in contents.topics.items():
+            table.add_row(name, topic.type_name, str(topic.count))
+        Console().print(table)
+        found = read_windows(bag, source)
+    unit = found.description
+    click.echo(f"actuator {unit.actuator_id}, serial number {unit.serial_number}, {unit.model}")
+    nominal = unit.parameters.as_mapping()
+    click.echo("nominal parameters: " + ", ".join(f"{k} {v:g}" for k, v in nominal.items()))
+    click.echo(
+        f"telemetry: {found.samples} samples every {found.sample_period:g} s in "
+        f"{found.blocks} blocks, {found.samples * found.sample_period:.3f} s"
+    )
+    click.echo(f"windows: {len(found.windows)}")
+    for window in found.windows:
+        start, end = found.seconds(window.start_ns), found.seconds(window.end_ns)
+        state = (
+            window.place.reason
+            if isinstance(window.place, Refusal)
+            else f"start in the play {'unknown' if window.play is None else f'{window.play:+g}'}"
+        )
+        click.echo(f"  {start:.4f} s to {end:.4f} s: {state}")
+    for remark in found.remarks:
+        click.echo(f"warning: {remark}")

@@ -1,0 +1,178 @@
+"""``ema prognose``: how long a unit will last, from the bags of its tests."""
+
+import json
+import math
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
+from ema_cli.bags.unit_calibration import with_calibration_beside
+from ema_cli.bags.unit_course import follow
+from ema_cli.bags.unit_record import read_unit
+from ema_cli.commands.estimate import estimate_windows
+from ema_cli.errors import REFUSED, Assignments, merged, one_clear_line
+from ema_cli.identification_options import IdentificationOptions, identification_options
+from ema_cli.known_laws import FORM, KnownLawType
+from ema_cli.show.picture_path import require_drawable
+from ema_cli.show.prognosis_figure import draw_course
+from ema_cli.show.prognosis_table import (
+    as_values,
+    course_as_values,
+    prognosis_message,
+    summary,
+    table_of_growth,
+)
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits
+from ema_monitor.prognosis.service_hours import Service
+from ema_monitor.prognosis.settings import PrognosisSettings
+
+
+def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
+    if value is not None and not math.isfinite(value):
+        raise click.BadParameter(f"{value:g} is not a number of hours", ctx, param)
+    return value
+
+
+@click.command()
+@click.argument("bags", metavar="BAG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@source_options(USE_OPTIONS)
+@identification_options
+@click.option(
+    "--hours-per-cycle",
+    default=Service.hours_per_cycle,
+    show_default=True,
+    help="Flight hours that a test cycle stands for, whatever usage the bags hold; 0: usage "
+    "counts them.",
+)
+@click.option(
+    "--duty",
+    default=Service.duty,
+    show_default=True,
+    help="Growth of the faults in a future flight hour, relative to a past one.",
+)
+@click.option(
+    "--known-law",
+    "laws",
+    type=KnownLawType(),
+    multiple=True,
+    help=f"A law that is known, {FORM}, e.g. friction=exponential; those not named are averaged "
+    "over all laws.",
+)
+@click.option(
+    "--limit",
+    "limits",
+    type=Assignments(),
+    multiple=True,
+    help="Where life ends, e.g. friction=0.4 or bandwidth=15; as the monitor's parameters "
+    "limits.NAME and requirements.NAME.",
+)
+@click.option(
+    "--end-hours",
+    type=click.FloatRange(min=0.0),
+    callback=_finite,
+    help="Service hour at which a fault truly reached its limit, for the picture, where life goes "
+    "on beyond the bags.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one object, as the health message.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Picture to write (.png, .svg, .pdf).",
+)
+def prognose(
+    bags: tuple[Path, ...],
+    source: Source,
+    options: IdentificationOptions,
+    hours_per_cycle: float,
+    duty: float,
+    laws: tuple[tuple[str, KnownLaw], ...],
+    limits: tuple[list[tuple[str, float]], ...],
+    end_hours: float | None,
+    as_json: bool,
+    output: Path | None,
+) -> None:
+    """Tell how many flight hours a unit has left, from the tests in each BAG or folder of bags.
+
+    All tests are of one unit; the stamps of their windows tell their order. The figures are those
+    that a monitor publishes after the last of these tests. Without --calibration, a file
+    calibration.yaml beside the bags is taken for the unit's.
+    """
+    with one_clear_line():
+        settings = _settings(merged(limits, "--limit"), laws, Service(duty, hours_per_cycle))
+        if output is not None:
+            require_drawable(output)
+        record = read_unit(bags, source)
+        # The bags first: those of two units are refused, whatever lies beside them.
+        options = with_calibration_beside(options, bags)
+        calibration = options.calibration()
+        for remark in record.remarks:
+            click.echo(remark, err=True)
+        estimates = estimate_windows(record.windows, calibration, options, force=source.force)
+        course = follow(record, estimates, calibration.model().parameters, settings)
+        for number, estimate in enumerate(estimates):
+            if not estimate.valid:
+                click.echo(f"window {number}: no valid estimate: {estimate.reason}", err=True)
+        if not course.outlooks:
+            click.echo(f"no prognosis: none of {len(estimates)} windows can be used", err=True)
+            sys.exit(REFUSED)
+        message = prognosis_message(course)
+        if math.isnan(message.flight_hours) and not record.counts:
+            click.echo(
+                "service hours are unknown, so is the remaining life: the bags hold no usage; give "
+                "--hours-per-cycle",
+                err=True,
+            )
+    if as_json:
+        values = as_values(message) | {"tests": course_as_values(course)}
+        click.echo(json.dumps(values, indent=2))
+    else:
+        click.echo(f"calibration {calibration.calibration_id} ({options.calibration_source})")
+        hours = f"{message.flight_hours:.6g}" if message.flight_hours >= 0.0 else "unknown"
+        click.echo(
+            f"{message.actuator_id} ({message.serial_number}): {len(course.outlooks)} valid of "
+            f"{len(estimates)} tests, flight hours {hours}, cycles {message.cycles}"
+        )
+        Console().print(table_of_growth(message))
+        click.echo("\n".join(summary(course, message)))
+    if output is not None:
+        # After the figures: they stand, even if the disk is full.
+        with one_clear_line():
+            draw_course(course, end_hours).savefig(output, dpi=120)
+        if not as_json:
+            click.echo(f"{output}")
+    if len(course.outlooks) < len(estimates):
+        sys.exit(REFUSED)
+
+
+def _settings(
+    limits: dict[str, float], laws: tuple[tuple[str, KnownLaw], ...], service: Service
+) -> PrognosisSettings:
+    """Return what the options say.
+
+    Raises
+    ------
+    ValueError
+        When a limit is unknown or out of its range, or a fault has two laws.
+    """
+    of_faults, of_requirements = (
+        [item.name for item in fields(kind)] for kind in (HealthLimits, RequirementLimits)
+    )
+    for name in limits:
+        if name not in (*of_faults, *of_requirements):
+            known = ", ".join((*of_faults, *of_requirements))
+            raise ValueError(f"--limit: unknown limit {name!r}; known: {known}")
+    if len(dict(laws)) < len(laws):
+        raise ValueError("--known-law: a fault has more than one law")
+    return PrognosisSettings(
+        replace(HealthLimits(), **{n: v for n, v in limits.items() if n in of_faults}),
+        replace(RequirementLimits(), **{n: v for n, v in limits.items() if n in of_requirements}),
+        TrackerSettings(laws=dict(laws)),
+        service,
+    )

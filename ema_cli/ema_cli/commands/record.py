@@ -1,0 +1,39 @@
+"""``ema record``: the running system to a bag."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from ema_cli.errors import one_clear_line
+from ema_cli.processes.bringup import assignments_of, ros_arguments
+
+
+@click.command()
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="Bag to write: one file if it ends in .mcap, else a folder; by default a folder named by "
+    "date and time.",
+)
+@click.option(
+    "--topic",
+    "topics",
+    multiple=True,
+    help="Topic to record, full name or relative to /ema; by default all of /ema, /diagnostics and "
+    "/clock.",
+)
+@click.option("--force", is_flag=True, help="Replace an existing bag.")
+def record(output: Path | None, topics: tuple[str, ...], force: bool) -> None:
+    """Record telemetry, estimates and health until Ctrl-C."""
+    parameters = {
+        "output": None if output is None else str(output),
+        "topics": list(topics) or None,
+        "overwrite": force or None,
+    }
+    with one_clear_line():
+        arguments = ros_arguments("recorder", assignments=assignments_of(parameters))
+    from ema_recording.recorder_node import main
+
+    sys.exit(main(arguments))

@@ -1,0 +1,64 @@
+"""``ema recover``: what is intact of a damaged bag, to a whole one."""
+
+from pathlib import Path
+
+import click
+from rclpy.qos import QoSProfile
+
+from ema_cli.bags.output_path import require_apart
+from ema_cli.errors import one_clear_line
+from ema_cli.processes.interrupt import deferred_interrupt
+from ema_cli.show.progress import progress_bar
+from ema_recording.message_type import message_class
+from ema_recording.qos import joint_offer, recorded_qos
+from ema_recording.reader import Bag, Topic
+from ema_recording.schema import check_schema
+from ema_recording.writer import BagWriter
+
+
+@click.command()
+@click.argument("bag", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="Bag to write: one file if it ends in .mcap, else a folder.",
+)
+@click.option("--force", is_flag=True, help="Replace an existing bag.")
+def recover(bag: Path, output: Path, force: bool) -> None:
+    """Write what is intact of BAG, left by a recorder that was killed, to a bag with an index."""
+    with one_clear_line():
+        require_apart(output, [bag])
+        damaged = Bag(bag)
+        names = [name for name, topic in damaged.topics.items() if topic.count]
+        with (
+            deferred_interrupt() as interrupted,
+            BagWriter(output, overwrite=force) as whole,
+            progress_bar() as progress,
+        ):
+            for name in names:
+                topic = damaged.topics[name]
+                whole.add_topic(name, message_class(topic.type_name), _offer(name, topic))
+            total, written = sum(damaged.topics[name].count for name in names), 0
+            messages = damaged.raw_messages(names)
+            for item in progress.track(messages, total=total, description="recovering"):
+                if interrupted.is_set():
+                    raise click.Abort
+                whole.write_serialized(
+                    item.topic, item.message, item.log_time_ns, item.publish_time_ns
+                )
+                written += 1
+    if damaged.damage:
+        click.echo(f"{bag}: {damaged.damage}", err=True)
+    click.echo(f"{output}: {written} messages on {len(names)} topics")
+
+
+def _offer(name: str, topic: Topic) -> QoSProfile:
+    """Return what is noted of a topic that can be written anew."""
+    try:
+        check_schema(topic.type_name, topic.schema, topic.type_hash)
+        offers = recorded_qos(topic.qos)
+    except ValueError as error:
+        raise ValueError(f"topic {name}: {error}") from error
+    return joint_offer(offers) if offers else QoSProfile(depth=10)

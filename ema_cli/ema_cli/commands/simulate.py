@@ -1,0 +1,192 @@
+"""``ema simulate``: a faulty actuator to a bag."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from ema_cli.command_file import command_from
+from ema_cli.errors import Assignments, merged, one_clear_line
+from ema_cli.processes.interrupt import deferred_interrupt
+from ema_cli.show.progress import progress_bar
+from ema_core.description import ActuatorDescription
+from ema_core.faults import FAULT_NAMES, FAULTS, random_faults
+from ema_recording.actuator_bag import SimulatedActuatorBag
+from ema_recording.writer import BagWriter
+from ema_ros.actuator_file import load_description
+from ema_sim.bench import ActuatorBench, BenchSettings
+
+_STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of the same seed
+
+
+@click.command()
+@click.option(
+    "--fault",
+    "faults",
+    type=Assignments(),
+    multiple=True,
+    help=f"A fault in [0, 1], e.g. friction=0.25; known: {', '.join(FAULT_NAMES)}.",
+)
+@click.option(
+    "--random-faults",
+    "draws_faults",
+    is_flag=True,
+    help="Draw a multiple fault by the law of the thesis, most of it small, from --seed.",
+)
+@click.option("--cycles", default=1, show_default=True, type=click.IntRange(1, 100_000))
+@click.option(
+    "--command",
+    "shape",
+    default="chirp",
+    show_default=True,
+    help="step, ramp, sine, chirp, or a CSV file with one angle [rad] a sample in its last column.",
+)
+@click.option(
+    "--command-set",
+    "figures",
+    type=Assignments(),
+    multiple=True,
+    help="Figures of the command: amplitude [rad], duration [s], start_time [s], rate [rad/s], "
+    "start_frequency, end_frequency [Hz], final_fraction [-].",
+)
+@click.option(
+    "--set",
+    "true_values",
+    type=Assignments(),
+    multiple=True,
+    help="True parameter of the plant, e.g. R_s=2.24; the description keeps the nominal one.",
+)
+@click.option(
+    "--actuator",
+    "actuator_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="YAML file that describes the actuator; without it the built-in one.",
+)
+@click.option("--serial-number", help="Serial number in the description.")
+@click.option("--load", default=0.0, show_default=True, help="External torque, motor shaft [N.m].")
+@click.option(
+    "--noise-gain",
+    default=0.0,
+    show_default=True,
+    help="K_noise of the white noise on the reference current.",
+)
+@click.option(
+    "--current-noise",
+    default=0.0,
+    show_default=True,
+    help="Standard deviation of Gaussian noise on each published current sample [A].",
+)
+@click.option(
+    "--quantise",
+    "resolutions",
+    type=Assignments(),
+    multiple=True,
+    help="Resolution of a published column, e.g. current=0.01,position=1e-6 [A, rad, rad/s].",
+)
+@click.option(
+    "--seed",
+    default=0,
+    show_default=True,
+    type=click.IntRange(0),
+    help="Of all noise, and of --random-faults.",
+)
+@click.option("--force", is_flag=True, help="Replace an existing bag.")
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="Bag to write: one file if it ends in .mcap, else a folder.",
+)
+def simulate(
+    faults,
+    draws_faults,
+    cycles,
+    shape,
+    figures,
+    true_values,
+    actuator_file,
+    serial_number,
+    load,
+    noise_gain,
+    current_noise,
+    resolutions,
+    seed,
+    force,
+    output,
+) -> None:
+    """Run the high-fidelity actuator through test cycles and record them to a bag.
+
+    Every cycle approaches its start slowly from below, so that the gear always rests on the same
+    flank, runs the command, returns and rests.
+    """
+    if draws_faults and faults:
+        raise click.UsageError("--random-faults and --fault exclude each other")
+    with one_clear_line():
+        description = load_description(actuator_file) if actuator_file else ActuatorDescription()
+        if serial_number is not None:
+            description = replace(description, serial_number=serial_number)
+        bench = ActuatorBench(
+            description,
+            BenchSettings(load=load, noise_gain=noise_gain, current_noise=current_noise, seed=seed),
+            parameters=description.parameters.replace(merged(true_values, "--set")),
+            resolutions=merged(resolutions, "--quantise"),
+        )
+        command = command_from(shape, merged(figures, "--command-set"))
+        if warning := command.travel_warning(description.parameters):
+            click.echo(f"warning: {warning}", err=True)
+        bench.set_command(command)
+        drawn = _drawn_faults(seed) if draws_faults else None
+        bench.set_faults(merged(faults, "--fault") if drawn is None else drawn)
+        try:
+            bag = BagWriter(output, overwrite=force)
+        except FileExistsError as error:
+            hint = "" if force else ": --force replaces a recording"
+            raise ValueError(f"{output} is there already{hint}") from error
+        with (
+            deferred_interrupt() as interrupted,
+            SimulatedActuatorBag(bag, description) as recording,
+            progress_bar() as progress,
+        ):
+            task = progress.add_task("simulating", total=None)
+            for _ in range(cycles):
+                cycle = bench.begin_cycle()
+                progress.update(
+                    task,
+                    total=cycles * cycle.samples,
+                    state=f"cycle {cycle.number + 1} of {cycles}",
+                )
+                recording.begin_cycle(cycle.number, cycle.faults, cycle.hours)
+                for block, torque in cycle.blocks:
+                    if interrupted.is_set():
+                        raise click.Abort
+                    recording.write_block(block, torque)
+                    progress.advance(task, len(block))
+    if drawn is not None:
+        _print_drawn(drawn, seed)
+    seconds = 1e-9 * bench.end_ns
+    click.echo(
+        f"{output}: {cycles} cycle{'s' * (cycles > 1)} of {description.actuator_id} "
+        f"({description.serial_number}), {seconds:.1f} s of telemetry"
+    )
+
+
+def _drawn_faults(seed: int) -> NDArray[np.float64]:
+    """Return a random fault vector, ``(8,)``, that has nothing to do with the noise."""
+    stream = np.random.SeedSequence(seed, spawn_key=(_STREAM_OF_FAULTS,))
+    return random_faults(np.random.default_rng(stream))
+
+
+def _print_drawn(faults: NDArray[np.float64], seed: int) -> None:
+    table = Table(title=f"true faults, drawn with seed {seed}", title_justify="left")
+    table.add_column("fault")
+    table.add_column("k", justify="right")
+    table.add_column("which means")
+    for fault, value in zip(FAULTS, faults, strict=True):
+        table.add_row(fault.name, f"{value:.6f}", fault.physical(value))
+    Console().print(table)

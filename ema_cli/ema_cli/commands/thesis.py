@@ -1,0 +1,175 @@
+"""``ema thesis``: the thesis's study of optimizers, repeated."""
+
+import time
+from collections.abc import Sequence
+from concurrent.futures import BrokenExecutor
+from pathlib import Path
+from typing import Final
+
+import click
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+
+from ema_cli.errors import one_clear_line
+from ema_cli.show.progress import progress_bar
+from ema_monitor.model.threads import available_cpus
+from ema_study.execution import EXECUTORS, execute, local_executor, time_executors
+from ema_study.models import MODELS
+from ema_study.plan import RUNS, Job, plan
+from ema_study.record import Record, as_frame
+from ema_study.report import write_report
+from ema_study.sources import single_fault_runs
+from ema_study.store import RunStore, numerics_version
+from ema_study.tables import study_tables, write_tables
+
+QUICK_RUNS: Final = 2
+
+_TIMING = "timing.csv"
+
+
+@click.command()
+@click.option(
+    "-o",
+    "--output",
+    "folder",
+    default="thesis-study",
+    show_default=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder of runs, tables, figures and report. Runs that it already holds are kept.",
+)
+@click.option(
+    "--model",
+    "models",
+    multiple=True,
+    default=["fast"],
+    show_default=True,
+    type=click.Choice(list(MODELS)),
+    help="Monitor model: the shipped one, or the thesis's own at 1 us, 20 times slower.",
+)
+@click.option(
+    "--runs",
+    type=click.IntRange(1, 1000),
+    help=f"Runs of each algorithm and fault; {RUNS} by default.",
+)
+@click.option("--quick", is_flag=True, help=f"{QUICK_RUNS} runs each, without table 8.")
+@click.option(
+    "--executor",
+    "kind",
+    default="processes",
+    show_default=True,
+    type=click.Choice(EXECUTORS),
+    help="Runs side by side in processes or threads, or one by one; each on one core.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(1),
+    help="Processes or threads; by default as many as there are cores.",
+)
+def thesis(
+    folder: Path,
+    models: tuple[str, ...],
+    runs: int | None,
+    quick: bool,
+    kind: str,
+    workers: int | None,
+) -> None:
+    """Repeat the thesis's study: ten single faults and a multiple one by GA, PSO, DE and GWO.
+
+    Stop it with Ctrl-C at any time: the same command resumes. Further models and runs are added to
+    the folder.
+    """
+    if quick and runs is not None:
+        raise click.UsageError("--quick and --runs exclude each other")
+    if kind == "serial" and workers is not None:
+        raise click.UsageError("--executor serial and --workers exclude each other")
+    workers = 1 if kind == "serial" else workers or available_cpus()
+    runs = runs or (QUICK_RUNS if quick else RUNS)
+    models = tuple(dict.fromkeys(models))
+    jobs = [job for model in models for job in plan(model, runs, with_trials=not quick)]
+    with one_clear_line(), RunStore(folder) as store:
+        missing = store.missing(jobs)
+        if done := len(jobs) - len(missing):
+            click.echo(f"{folder}: {done} of {len(jobs)} runs are already done")
+        started = time.perf_counter()
+        try:
+            _run(missing, store, kind, workers)
+            timing = _timing(folder, models)
+        except KeyboardInterrupt:
+            done = len(jobs) - len(store.missing(jobs))
+            raise click.ClickException(
+                f"stopped with {done} of {len(jobs)} runs in {folder}; the same command resumes"
+            ) from None
+        except BrokenExecutor as error:
+            raise click.ClickException(
+                f"a worker process ended ({error}); the runs so far are in {folder}, the same "
+                "command resumes"
+            ) from error
+        minutes = (time.perf_counter() - started) / 60.0
+        click.echo("writing tables, figures and report")
+        store.export()
+        frame = as_frame(store.records)
+        write_tables(study_tables(frame), folder / "tables")
+        report = write_report(
+            folder,
+            frame,
+            timing,
+            {
+                "models": ", ".join(sorted(set(frame["model"]))),
+                "executor": f"{kind}, {workers} runs at once, each on one core",
+                "cores": str(available_cpus()),
+                "last session": f"{len(missing)} runs and the timing in {minutes:.1f} min",
+            },
+        )
+    _print_summary(frame)
+    click.echo(f"{len(missing)} runs in {minutes:.1f} min; report: {report}")
+
+
+def _run(jobs: Sequence[Job], store: RunStore, kind: str, workers: int) -> None:
+    if not jobs:
+        return
+    with progress_bar() as progress, local_executor(kind, workers) as executor:
+        task = progress.add_task("study", total=len(jobs), state="starting")
+        for record in execute(jobs, executor):
+            store.add(record)
+            progress.update(task, advance=1, state=_progress_text(record))
+
+
+def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:
+    """Return the timing of executors with each model; what the folder lacks is measured."""
+    path = folder / _TIMING
+    timing = pd.read_csv(path) if path.exists() else pd.DataFrame({"model": [], "version": []})
+    timing = timing[timing["version"] == numerics_version()]
+    for model in models:
+        if model not in set(timing["model"]):
+            with progress_bar() as progress:
+                progress.add_task("timing", total=None, state=f"serial and parallel, {model} model")
+                measured = time_executors(model).assign(version=numerics_version())
+            timing = pd.concat([timing, measured], ignore_index=True)
+            timing.to_csv(path, index=False)
+    return timing.drop(columns="version")
+
+
+def _progress_text(record: Record) -> str:
+    job = record.job
+    return f"{job.model}: {job.algorithm}, {job.case}, run {job.run}: {record.error_percent:.2f} %"
+
+
+def _print_summary(frame: pd.DataFrame) -> None:
+    """Print mean error and time of each algorithm over the single faults."""
+    single = single_fault_runs(frame)
+    table = Table(
+        "model", "algorithm", "level", "runs", "error %", "generations", "time s", title="means"
+    )
+    for column in table.columns[3:]:
+        column.justify = "right"
+    for key, group in single.groupby(["model", "algorithm", "level"]):
+        means = group[["error_percent", "generations", "time_s"]].mean()
+        table.add_row(
+            *map(str, key),
+            str(len(group)),
+            f"{means['error_percent']:.2f}",
+            f"{means['generations']:.0f}",
+            f"{means['time_s']:.2f}",
+        )
+    Console().print(table)

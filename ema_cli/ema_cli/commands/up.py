@@ -1,0 +1,79 @@
+"""``ema up``: the nodes of the health monitor as processes."""
+
+import sys
+import time
+from pathlib import Path
+
+import click
+
+from ema_cli.errors import UNUSABLE, one_clear_line
+from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
+from ema_cli.processes.supervisor import POLL_S, Supervisor, noted_signals
+
+
+@click.command()
+@click.argument(
+    "nodes",
+    nargs=-1,
+    type=click.Choice(list(NODES)),
+    metavar=f"[{'|'.join(NODES)}]...",
+)
+@click.option(
+    "--params",
+    "parameter_files",
+    multiple=True,
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Further ROS parameter file, for all nodes; it overrides those that are shipped.",
+)
+@click.option(
+    "-p",
+    "--param",
+    "assignments",
+    multiple=True,
+    metavar="NAME:=VALUE",
+    help="ROS parameter of all nodes that have it; it overrides the files.",
+)
+@click.option("--namespace", help="Namespace of the nodes instead of /ema.")
+def up(
+    nodes: tuple[str, ...],
+    parameter_files: tuple[Path, ...],
+    assignments: tuple[str, ...],
+    namespace: str | None,
+) -> None:
+    """Run nodes until Ctrl-C: without names, the simulated actuator and its monitor.
+
+    The others live on when one ends. Exit code 1 when one of them failed. A simulated actuator is a
+    new unit at each start: beside it the monitor keeps its history in memory, unless
+    history_folder says otherwise.
+    """
+    with noted_signals() as stop, one_clear_line(), Supervisor(_tell, "recorder") as processes:
+        for assignment in assignments:
+            if ":=" not in assignment:
+                raise ValueError(f"-p {assignment!r}: expected name:=value")
+        names = dict.fromkeys(nodes or ("actuator", "monitor"))
+        if "actuator" in names:
+            parameter_files = (parameter_file("simulated"), *parameter_files)
+        commands = {
+            node: [
+                str(program(node)),
+                *ros_arguments(
+                    node,
+                    parameter_files=parameter_files,
+                    assignments=assignments,
+                    namespace=namespace,
+                ),
+            ]
+            for node in names
+        }
+        for node, command in commands.items():
+            if not stop:
+                processes.start(node, command)
+        while processes.running and not stop:
+            time.sleep(POLL_S)
+            processes.check()
+    if processes.failed:
+        sys.exit(UNUSABLE)
+
+
+def _tell(line: str) -> None:
+    click.echo(f"ema up: {line}", err=True)

@@ -1,0 +1,1 @@
+"""Simulated lives as bags."""

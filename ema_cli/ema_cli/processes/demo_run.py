@@ -1,0 +1,198 @@
+"""What a demo does: its domain, its folder, its nodes, its end."""
+
+import os
+import time
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from shutil import which
+from typing import Final
+
+import click
+import numpy as np
+
+from ema_cli.bags.history import read_history
+from ema_cli.processes.bringup import assignments_of, parameter_file, program, ros_arguments
+from ema_cli.processes.observer import Observer
+from ema_cli.processes.supervisor import POLL_S, StopRequest, Supervisor
+from ema_cli.show.live_table import LiveTable
+
+SHOWN: Final = ("friction", "backlash", "short_circuit_a")
+"""The faults that grow in the demo."""
+
+_NODES: Final = ("recorder", "monitor", "actuator")
+_DISCOVERY_S: Final = 1.0
+_START_S: Final = 180.0  # the first run ever compiles the kernels
+_LAST_CYCLE_S: Final = 10.0
+_LAST_WINDOW_S: Final = 8.0
+_REFRESH_S: Final = 0.25
+
+
+def run_demo(duration_s: float, output: Path | None, stop: StopRequest) -> None:
+    """Run the demo until its end or until it is told to stop.
+
+    Parameters
+    ----------
+    duration_s
+        Length from the first test cycle on [s].
+    output
+        Folder for what it leaves; one of its own below ``bags`` when None.
+    stop
+        Whether it is told to stop.
+
+    Raises
+    ------
+    ValueError
+        When another actuator is there, a node failed or nothing was estimated.
+    OSError
+        When the folder cannot be written.
+    """
+    _choose_domain()
+    files = [parameter_file("simulated"), parameter_file("demo")]
+    commands = {
+        node: [str(program(node)), *ros_arguments(node, parameter_files=files)] for node in _NODES
+    }
+    _refuse_if_occupied(stop)
+    if stop:
+        return
+    folder = _make_folder(output)
+    bag, picture = folder / "bag", folder / "history.png"
+    [assignment] = assignments_of({"output": str(bag)})
+    commands["recorder"] += ["-p", assignment]
+    with LiveTable(SHOWN) as table, Supervisor(table.tell, "recorder") as processes:
+        _announce(table.tell, folder)
+        for node, command in commands.items():
+            if not stop:
+                processes.start(node, command, folder / f"{node}.log")
+        with Observer("demo") as observer:
+            _watch(duration_s, observer, table, processes, stop)
+            if not stop and not processes.failed:
+                _finish(observer, table, processes, stop)
+            processes.stop_all()
+            table.show(observer.diagnoses(), "finished", final=True)
+        if processes.failed:
+            raise ValueError(_failure(processes.failed[0], folder))
+    if stop:
+        click.echo(f"interrupted; bag {bag}" if bag.exists() else "interrupted")
+        return
+    _conclude(bag, picture, folder)
+
+
+def _choose_domain() -> None:
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    # Domains above 101 use ports that Linux hands out to other programs.
+    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 101))
+
+
+def _refuse_if_occupied(stop: StopRequest) -> None:
+    with Observer("demo") as observer:
+        deadline = time.monotonic() + _DISCOVERY_S
+        while time.monotonic() < deadline and not stop:
+            if observer.sees("actuator"):
+                raise ValueError(
+                    f"a node /ema/actuator runs in domain {os.environ['ROS_DOMAIN_ID']} already: "
+                    "stop it, or set another ROS_DOMAIN_ID"
+                )
+            time.sleep(POLL_S)
+
+
+def _make_folder(output: Path | None) -> Path:
+    if output is not None:
+        if output.exists() and any(output.iterdir()):
+            raise ValueError(f"{output} is there already and not empty")
+        output.mkdir(parents=True, exist_ok=True)
+        return output
+    name = Path("bags", f"demo_{datetime.now():%Y%m%d_%H%M%S}")
+    number = 1
+    while True:
+        folder = name if number == 1 else name.with_name(f"{name.name}_{number}")
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        else:
+            return folder
+
+
+def _announce(tell: Callable[[str], None], folder: Path) -> None:
+    names = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")
+    environment = " ".join(f"{name}={os.environ[name]}" for name in names)
+    tell(f"simulator, monitor and recorder start; what they say is in {folder}")
+    look_on = "ros2 topic echo /ema/health" if which("ros2") else "and any program of ROS 2"
+    tell(f"to look on from another shell: {environment} {look_on}")
+
+
+def _watch(
+    duration_s: float,
+    observer: Observer,
+    table: LiveTable,
+    processes: Supervisor,
+    stop: StopRequest,
+) -> None:
+    """Show what is found until the time is over, a node has failed or a signal came."""
+    began = time.monotonic()
+    first_cycle: float | None = None
+    while not stop and not processes.failed:
+        now = time.monotonic()
+        diagnoses, cycles = observer.diagnoses(), observer.cycles()
+        if first_cycle is None and cycles:
+            first_cycle = now
+        if first_cycle is None:
+            state = "waiting for the first test cycle"
+            if now - began > _START_S:
+                raise ValueError(f"no test cycle began within {_START_S:g} s")
+        else:
+            left_s = duration_s - (now - first_cycle)
+            state = f"test cycle {cycles - 1}, {max(0.0, left_s):.0f} s to go, Ctrl-C ends it"
+            if left_s < 0.0 and (diagnoses or now - began > duration_s + _START_S):
+                break
+        table.show(diagnoses, state)
+        _await(lambda: False, _REFRESH_S, processes, stop)
+
+
+def _finish(observer: Observer, table: LiveTable, processes: Supervisor, stop: StopRequest) -> None:
+    """End between two test cycles, and not before the last window is diagnosed."""
+    table.show(observer.diagnoses(), "ends with this test cycle")
+    _await(lambda: observer.cycle_between_windows() is not None, _LAST_CYCLE_S, processes, stop)
+    last = observer.cycle_between_windows()
+    processes.stop("actuator")
+    if last is not None:
+        table.show(observer.diagnoses(), "waiting for the last window")
+        _await(lambda: observer.has_diagnosed(last), _LAST_WINDOW_S, processes, stop)
+    processes.stop("monitor")
+
+
+def _await(
+    is_reached: Callable[[], bool], longest_s: float, processes: Supervisor, stop: StopRequest
+) -> None:
+    deadline = time.monotonic() + longest_s
+    while time.monotonic() < deadline and not (stop or processes.failed or is_reached()):
+        time.sleep(POLL_S)
+        processes.check()
+
+
+def _failure(node: str, folder: Path) -> str:
+    log = folder / f"{node}.log"
+    said = log.read_text(errors="replace").split("\n")
+    last = next((line for line in reversed(said) if line.strip()), "it said nothing")
+    return f"{node} failed: {last}; see {log}"
+
+
+def _conclude(bag: Path, picture: Path, folder: Path) -> None:
+    # Here, since it takes a second that nobody should have to wait for at the start.
+    from ema_cli.show.history_figure import draw_history
+
+    try:
+        history = read_history(bag)
+    except ValueError as error:
+        raise ValueError(f"{error} See {folder / 'monitor.log'}") from error
+    diagnoses = history.diagnoses()
+    draw_history(history).savefig(picture, dpi=120)
+    latencies = [one.latency_s for one in diagnoses]
+    valid = sum(one.valid for one in diagnoses)
+    click.echo(
+        f"{len(history.truths)} test cycles, {valid} valid estimates, latency median "
+        f"{np.median(latencies):.2f} s, 95 % below {np.quantile(latencies, 0.95):.2f} s"
+    )
+    click.echo(f"bag      {bag}")
+    click.echo(f"picture  {picture}")

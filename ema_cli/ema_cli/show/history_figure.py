@@ -1,0 +1,175 @@
+"""Picture of a history: true and estimated faults over test cycles."""
+
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from ema_cli.bags.history import Diagnosed, History, has_latency
+from ema_core.faults import FAULTS
+from ema_core.levels import ERROR, LEVEL_NAMES, STALE, WARN
+
+_MOVES: Final = 0.03
+_SIGMAS_OF_90_PERCENT: Final = 1.645
+_LEVEL_COLOURS: Final = {WARN: "#f6d55c", ERROR: "#e4572e", STALE: "#8a8a8a"}
+_SHADE: Final = 0.22
+_TRUTH: Final = {"color": "0.15", "lw": 1.6, "drawstyle": "steps-mid"}
+_LIMIT: Final = {"color": "#b3261e", "ls": (0, (4, 3)), "lw": 1.0}
+_ESTIMATE: Final = "#1f6feb"
+_OTHERS: Final = ("#1f6feb", "#2a9d8f", "#9b5de5", "#e07a5f", "#6c757d", "#bc6c25", "#d4a017")
+
+
+def draw_history(history: History) -> Figure:
+    """Return a figure of a history: a panel for each fault that moves, one for the others, latency.
+
+    Parameters
+    ----------
+    history
+        Diagnoses of one actuator, at least one.
+    """
+    diagnoses = history.diagnoses()
+    numbers = [i for i, fault in enumerate(FAULTS) if fault.limit is not None]
+    moving = [i for i in numbers if _moves(diagnoses, i)] or numbers
+    resting = [i for i in numbers if i not in moving]
+    timed = has_latency(diagnoses)
+
+    heights = [2.0] * len(moving) + [1.5] * bool(resting) + [1.0] * timed
+    size = (10.5, 1.1 + 1.05 * sum(heights))
+    figure = Figure(figsize=size, layout="constrained")
+    panels = list(
+        figure.subplots(len(heights), 1, sharex=True, height_ratios=heights, squeeze=False)[:, 0]
+    )
+    for axes in panels:
+        _shade(axes, diagnoses)
+        axes.grid(color="0.5", alpha=0.2)
+        axes.spines[["top", "right"]].set_visible(False)
+    for axes, i in zip(panels, moving, strict=False):
+        _draw_fault(axes, diagnoses, i, history.limits.get(FAULTS[i].name))
+    if resting:
+        _draw_errors(panels[len(moving)], diagnoses, resting)
+    if timed:
+        _draw_latency(panels[-1], diagnoses)
+    known = all(one.cycle is not None for one in diagnoses)
+    panels[-1].set_xlabel("test cycle" if known else "window")
+    panels[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
+    panels[-1].set_xlim(_place(diagnoses).min() - 0.5, _place(diagnoses).max() + 0.5)
+    figure.align_ylabels(panels)
+    valid = sum(one.valid for one in diagnoses)
+    panels[0].set_title(
+        f"{history.actuator_id} ({history.serial_number}): "
+        f"{valid} of {len(diagnoses)} windows with a valid estimate",
+        loc="left",
+    )
+    figure.legend(
+        handles=_legend(diagnoses, history), loc="outside upper center", ncols=7, frameon=False
+    )
+    return figure
+
+
+def _moves(diagnoses: list[Diagnosed], i: int) -> bool:
+    healthy = FAULTS[i].healthy
+    if any(one.truth is not None for one in diagnoses):
+        return any(
+            one.truth is not None and abs(one.truth[i] - healthy) > _MOVES for one in diagnoses
+        )
+    return any(
+        one.valid and abs(one.faults[i] - healthy) > max(_MOVES, 3.0 * one.sigma[i])
+        for one in diagnoses
+    )
+
+
+def _place(diagnoses: list[Diagnosed]) -> NDArray[np.float64]:
+    """Return the test cycles, or windows where there is one whose cycle is not known."""
+    cycles = [one.cycle for one in diagnoses if one.cycle is not None]
+    if len(cycles) < len(diagnoses):
+        return np.array([one.window for one in diagnoses], dtype=float)
+    return np.array(cycles, dtype=float)
+
+
+def _shade(axes: Axes, diagnoses: list[Diagnosed]) -> None:
+    for place, one in zip(_place(diagnoses), diagnoses, strict=True):
+        if one.level in _LEVEL_COLOURS:
+            colour = _LEVEL_COLOURS[one.level]
+            axes.axvspan(place - 0.5, place + 0.5, color=colour, alpha=_SHADE, lw=0)
+
+
+def _draw_fault(axes: Axes, diagnoses: list[Diagnosed], i: int, limit: float | None) -> None:
+    place = _place(diagnoses)
+    if any(one.truth is not None for one in diagnoses):
+        truth = [np.nan if one.truth is None else one.truth[i] for one in diagnoses]
+        axes.plot(place, truth, **_TRUTH)
+    good = np.array([one.valid for one in diagnoses])
+    value = np.array([one.faults[i] for one in diagnoses])
+    sigma = np.nan_to_num(np.array([one.sigma[i] for one in diagnoses]))
+    axes.errorbar(
+        place[good],
+        value[good],
+        _SIGMAS_OF_90_PERCENT * sigma[good],
+        fmt="o",
+        ms=4,
+        color=_ESTIMATE,
+        elinewidth=1.2,
+        capsize=2.5,
+        zorder=3,
+    )
+    bottom = axes.get_ylim()[0]
+    if not good.all():
+        axes.plot(place[~good], np.full(int((~good).sum()), bottom), "x", color="0.4", ms=6)
+    if limit is not None:
+        axes.axhline(limit, **_LIMIT)
+    axes.set_ylabel(FAULTS[i].label)
+
+
+def _draw_errors(axes: Axes, diagnoses: list[Diagnosed], resting: list[int]) -> None:
+    place = _place(diagnoses)
+    good = np.array([one.valid for one in diagnoses])
+    for i, colour in zip(resting, _OTHERS, strict=False):
+        error = np.array(
+            [one.faults[i] - (FAULTS[i].healthy if one.truth is None else one.truth[i])
+             for one in diagnoses]
+        )  # fmt: skip
+        axes.plot(place[good], error[good], ".-", color=colour, lw=0.8, label=FAULTS[i].label)
+    axes.axhline(0.0, color="0.15", lw=1.0)
+    widest = max(0.03, *(abs(value) for value in axes.get_ylim()))
+    axes.set_ylim(-1.05 * widest, 1.05 * widest)
+    axes.set_ylabel("error of\nthe others")
+    axes.legend(loc="upper left", ncols=len(resting), fontsize="small", frameon=False)
+
+
+def _draw_latency(axes: Axes, diagnoses: list[Diagnosed]) -> None:
+    latencies = np.array([one.latency_s for one in diagnoses])
+    axes.bar(_place(diagnoses), latencies, width=0.6, color="0.55")
+    median = float(np.median(latencies))
+    axes.axhline(median, color="0.15", lw=1.0)
+    axes.text(
+        0.006,
+        0.94,
+        f"median {median:.2f} s",
+        transform=axes.transAxes,
+        va="top",
+        fontsize="small",
+        bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 2.0},
+    )
+    axes.set_ylim(0.0, 1.25 * float(latencies.max()))
+    axes.set_ylabel("latency [s]")
+
+
+def _legend(diagnoses: list[Diagnosed], history: History) -> list[Line2D | Patch]:
+    handles: list[Line2D | Patch] = [
+        Line2D([], [], color=_ESTIMATE, marker="o", ms=4, lw=1.2, label="estimate, 90 %")
+    ]
+    if any(one.truth is not None for one in diagnoses):
+        handles.insert(0, Line2D([], [], color=_TRUTH["color"], lw=1.6, label="truth"))
+    if history.limits:
+        handles.append(Line2D([], [], label="limit", **_LIMIT))
+    if not all(one.valid for one in diagnoses):
+        handles.append(Line2D([], [], color="0.4", marker="x", ls="", label="no valid estimate"))
+    for level, colour in _LEVEL_COLOURS.items():
+        if any(one.level == level for one in diagnoses):
+            handles.append(Patch(color=colour, alpha=_SHADE, lw=0, label=LEVEL_NAMES[level]))
+    return handles

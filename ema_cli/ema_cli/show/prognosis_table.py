@@ -1,0 +1,167 @@
+"""A prognosis as tables, and as plain values."""
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from ema_cli.bags.unit_course import Course
+from ema_core.levels import LEVEL_NAMES
+from ema_monitor.node.messages import health_to_message
+
+_SHOWN_IN: Final = {"rad": ("mrad", 1e3)}
+_PER_HOURS: Final = 1000.0
+_MISSED: Final = "missed tests"
+
+
+def prognosis_message(course: Course) -> Any:
+    """Return the health message that a monitor publishes after the last valid test.
+
+    Parameters
+    ----------
+    course
+        Tests of a unit; at least one has a valid estimate.
+    """
+    return health_to_message(course.outlooks[-1], course.record.description)
+
+
+def as_values(message: Any) -> Any:
+    """Return a message as plain values; what is not a finite number is null.
+
+    Parameters
+    ----------
+    message
+        A message, or a field of one.
+    """
+    if hasattr(message, "get_fields_and_field_types"):
+        names = message.get_fields_and_field_types()
+        return {name: as_values(getattr(message, name)) for name in names}
+    if isinstance(message, list | tuple):
+        return [as_values(item) for item in message]
+    if isinstance(message, float):
+        return message if math.isfinite(message) else None
+    return message
+
+
+def course_as_values(course: Course) -> list[dict[str, Any]]:
+    """Return what was said after each test as plain values.
+
+    Parameters
+    ----------
+    course
+        Tests of a unit.
+    """
+    values = []
+    for step in course.steps:
+        one: dict[str, Any] = {
+            "start_ns": step.estimate.start_ns,
+            "end_ns": step.estimate.end_ns,
+            "valid": step.estimate.valid,
+            "reason": step.estimate.reason,
+        }
+        if step.outlook is not None:
+            said = as_values(health_to_message(step.outlook, course.record.description))
+            kept = ("flight_hours", "cycles", "level", "health_index", "dominant_fault", "events")
+            one |= {name: said[name] for name in (*kept, "rul_faults", "rul_requirements", "rul")}
+        values.append(one)
+    return values
+
+
+def table_of_growth(message: Any) -> Table:
+    """Return faults and requirements, their limits, growth and remaining life.
+
+    Parameters
+    ----------
+    message
+        ``ema_interfaces/msg/Health``.
+    """
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for heading in ("", "value", "sigma", "limit", f"per\n{_PER_HOURS:g} h"):
+        table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
+    table.add_column("RUL [h]\n5 / 50 / 95 %", justify="right", min_width=18)
+    items = (*message.faults, *message.requirements)
+    reasons = {item.rul.reason for item in items}
+    for number, item in enumerate(items):
+        if number == len(message.faults):
+            table.add_section()
+        unit, scale = _SHOWN_IN.get(item.unit, (item.unit, 1.0))
+        side = "≥" if item.limit_is_lower else "≤"
+        table.add_row(
+            item.name + ("" if unit == "1" else f" [{unit}]").replace("[", r"\["),
+            _figure(scale * item.value),
+            _figure(scale * item.sigma),
+            f"{side} {scale * item.limit:.4g}",
+            _figure(scale * _PER_HOURS * item.trend, sign="+"),
+            # What holds for all is said below the table.
+            "unknown" if len(reasons) == 1 and not item.rul.known else _life(item.rul),
+        )
+    return table
+
+
+def summary(course: Course, message: Any) -> list[str]:
+    """Return remaining life, health, assumption and events, a line each.
+
+    Parameters
+    ----------
+    course
+        Tests of a unit.
+    message
+        What a monitor says after the last of them.
+    """
+    lives = {
+        "by faults": message.rul_faults,
+        "by requirements": message.rul_requirements,
+        "in all, the earlier": message.rul,
+    }
+    lines = []
+    for name, life in lives.items():
+        # The note below tells a reason that is that of the whole message.
+        told = "unknown" if not life.known and life.reason in message.reason else _told(life)
+        lines.append(f"remaining useful life {name}: {told}")
+    first = f"; first to end life: {message.dominant_fault}" if message.dominant_fault else ""
+    lines.append(
+        f"health index {message.health_index:.2f}, level {LEVEL_NAMES[message.level]}, severity "
+        f"{message.severity} of 4, confidence {message.confidence:.2f}{first}"
+    )
+    lines.append(f"assumption: {message.assumption} (duty {message.duty:g})")
+    missed = []
+    for outlook in course.outlooks:
+        place = f"{outlook.hours:.6g} h" if math.isfinite(outlook.hours) else "an unknown hour"
+        for event in outlook.events:
+            if event.startswith(_MISSED):
+                missed.append(place)
+            else:
+                lines.append(f"event at {place}: {event}")
+    if missed:
+        lines.append(f"{_MISSED} before {', '.join(missed)}")
+    if message.reason:
+        lines.append(f"note: {message.reason}")
+    return lines
+
+
+def _life(life: Any) -> str:
+    if not life.known:
+        return f"[dim]{life.reason or 'unknown'}[/]"
+    return " / ".join(_hours(one) for one in (life.hours_05, life.hours_50, life.hours_95))
+
+
+def _told(life: Any) -> str:
+    if not life.known:
+        return f"unknown ({life.reason})"
+    cycles = (life.cycles_05, life.cycles_50, life.cycles_95)
+    in_cycles = ""
+    if np.isfinite(life.cycles_50):
+        in_cycles = f" ({' / '.join(_hours(one) for one in cycles)} cycles)"
+    return f"{_life(life)} h{in_cycles}, 5 / 50 / 95 %, until {life.criterion}"
+
+
+def _hours(value: float) -> str:
+    if not math.isfinite(value):
+        return "longer"
+    return f"{value:.0f}" if value >= 9.95 else f"{value:.1f}"
+
+
+def _figure(value: float, sign: str = "") -> str:
+    return f"{value:{sign}.4f}" if math.isfinite(value) else "-"

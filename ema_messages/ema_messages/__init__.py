@@ -1,1 +1,0 @@
-"""Conversions between numerics and ROS messages."""

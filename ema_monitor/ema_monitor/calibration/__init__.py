@@ -1,0 +1,1 @@
+"""The unit's own model: fitted on healthy windows, stored and aligned."""

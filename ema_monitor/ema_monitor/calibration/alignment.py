@@ -1,0 +1,61 @@
+"""Laying one window over another by their commands.
+
+Noise or coarse steps in the measured command move the sample at which it is seen to leave its
+rest, so that windows of the same command begin some samples apart.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from ema_monitor.windows.band import rms
+
+MOST_SHIFT: Final = 60
+"""Largest number of samples that two windows may begin apart."""
+
+
+# Share of the travel: far more than rounding, far less than what a sample moves.
+_SAME: Final = 1e-6
+
+
+def shift_between(command: NDArray[np.float64], reference: NDArray[np.float64]) -> int:
+    """Return how many samples later than a reference a window begins.
+
+    Parameters
+    ----------
+    command, reference
+        Commands of the two windows, both ``(n,)`` [rad].
+    """
+    if np.max(np.abs(command - reference)) <= _SAME * np.ptp(reference):
+        return 0
+    most = min(MOST_SHIFT, (len(command) - 1) // 2)
+    shifts = np.array(sorted(range(-most, most + 1), key=abs))
+    # What of the reference has a counterpart at every shift.
+    middle = reference[most : len(reference) - most]
+    counterparts = sliding_window_view(command, len(middle))[most - shifts]
+    return int(shifts[np.argmin(np.mean((counterparts - middle) ** 2, axis=1))])
+
+
+def difference_at(
+    command: NDArray[np.float64], reference: NDArray[np.float64], shift: int
+) -> float:
+    """Return the rms difference of two commands where they overlap [rad].
+
+    Parameters
+    ----------
+    command, reference
+        Commands of the two windows, both ``(n,)`` [rad].
+    shift
+        How many samples later than the reference the window begins.
+    """
+    if shift < 0:
+        command, reference, shift = reference, command, -shift
+    return rms(command[: len(command) - shift] - reference[shift:])
+
+
+def moved(row: NDArray[np.float64], shift: int) -> NDArray[np.float64]:
+    """Return a row as seen from ``shift`` samples later, ``(n,)``; its ends are held."""
+    n = len(row)
+    return row[np.clip(np.arange(n) + shift, 0, n - 1)]

@@ -1,0 +1,329 @@
+"""Calibration: what healthy windows of one unit tell about it, kept in a file."""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from ema_core.description import ActuatorDescription
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.calibration.alignment import difference_at, moved, shift_between
+from ema_monitor.model.monitor_model import MonitorModel, Response
+from ema_monitor.windows.band import rms
+from ema_monitor.windows.window import Window
+
+LEAST_SCATTER: Final = 1e-6
+"""Scatter below which healthy windows count as equal, so that it tells nothing [A, rad/s]."""
+
+MOST_SCALE: Final = 2.0
+"""How much larger or smaller than nominal friction and inertia may be [-]."""
+
+_FORMAT = 2
+COMMAND_TOLERANCE: Final = 5e-3
+"""Difference of two commands that count as the same, of their rms [-]."""
+
+_ROWS = ("command", "correction", "speed_correction")
+_SCATTERS = ("healthy_rms", "healthy_speed_rms")
+_RANGES = {
+    "dt": ("s", 1e-9, 1e-3),
+    "sample_period": ("s", 1e-9, 1.0),
+    "lift": ("A", -1e3, 1e3),
+    "friction_scale": ("", 1.0 / MOST_SCALE, MOST_SCALE),
+    "inertia_scale": ("", 1.0 / MOST_SCALE, MOST_SCALE),
+    "healthy_rms": ("A", LEAST_SCATTER, 1e4),
+    "healthy_speed_rms": ("rad/s", LEAST_SCATTER, 1e6),
+    "windows": ("", 1, 1e9),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Calibration of a monitor model for one unit, one command and one sample period.
+
+    The structural figures change the model itself, and so hold away from the healthy state; the
+    corrections are what the model still misses on healthy windows, added ever after.
+
+    Attributes
+    ----------
+    actuator_id, serial_number
+        The unit it was made on.
+    parameters
+        Nominal parameters that the model had.
+    form, dt
+        Form of the monitor model, and its step [s].
+    sample_period
+        Period of the telemetry [s].
+    command
+        Command of the window including that at the start, ``(n + 1,)`` [rad].
+    lift
+        How much the idle phase lifts the equivalent current [A] (M12).
+    friction_scale, inertia_scale
+        Friction and inertia of the unit over their nominal values [-].
+    correction, speed_correction
+        What the model still misses of current and speed, both ``(n,)`` [A, rad/s].
+    healthy_rms, healthy_speed_rms
+        Rms of the band-limited residual of current and speed that another healthy window has
+        [A, rad/s]; NaN when that is unknown: there was a single window, or all were equal.
+    windows
+        Number of windows averaged.
+
+    Raises
+    ------
+    ValueError
+        When a figure is impossible; the message names it.
+    """
+
+    actuator_id: str
+    serial_number: str
+    parameters: ActuatorParameters
+    form: str
+    dt: float
+    sample_period: float
+    command: NDArray[np.float64] = field(repr=False)
+    lift: float
+    friction_scale: float
+    inertia_scale: float
+    correction: NDArray[np.float64] = field(repr=False)
+    speed_correction: NDArray[np.float64] = field(repr=False)
+    healthy_rms: float
+    healthy_speed_rms: float
+    windows: int
+
+    def __post_init__(self) -> None:
+        for name in ("actuator_id", "serial_number", "form"):
+            value = getattr(self, name)
+            if not isinstance(value, str) or not value:
+                raise ValueError(f"{name} = {value!r}: expected a name")
+        for name, (unit, lowest, highest) in _RANGES.items():
+            value = getattr(self, name)
+            unknown = name in _SCATTERS and isinstance(value, float) and np.isnan(value)
+            if not isinstance(value, int | float) or not (lowest <= value <= highest or unknown):
+                raise ValueError(
+                    f"{name} = {value!r}: expected a number in [{lowest:g}, {highest:g}] {unit}"
+                )
+        for name in _ROWS:
+            row = getattr(self, name)
+            if row.ndim != 1 or not np.all(np.isfinite(row)):
+                raise ValueError(f"{name} is not a row of finite numbers")
+        for name in _ROWS[1:]:
+            if len(self.command) != len(getattr(self, name)) + 1:
+                raise ValueError(
+                    f"command has {len(self.command)} values, expected one more than the "
+                    f"{len(getattr(self, name))} of {name}"
+                )
+        self.model().steps(self.sample_period)
+
+    @cached_property
+    def calibration_id(self) -> str:
+        """Identity of the content: the same figures give the same name."""
+        text = json.dumps(self._as_mapping(), sort_keys=True)
+        return f"{self.serial_number}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
+
+    def model(self) -> MonitorModel:
+        """Return the monitor model of this unit."""
+        return unit_model(
+            self.parameters,
+            self.form,
+            self.dt,
+            self.lift,
+            self.friction_scale,
+            self.inertia_scale,
+        )
+
+    def expect(self, response: Response, shift: int = 0) -> Response:
+        """Return what to expect to be measured where the model answers with a response.
+
+        Parameters
+        ----------
+        response
+            Of the model.
+        shift
+            How many samples later than the calibrated window the window begins.
+        """
+        current, speed = self.corrections(shift)
+        return Response(response.current + current, response.speed + speed)
+
+    def corrections(self, shift: int = 0) -> Response:
+        """Return what is added to current and speed of the model, both ``(n,)`` [A, rad/s].
+
+        Parameters
+        ----------
+        shift
+            How many samples later than the calibrated window the window begins.
+        """
+        return Response(moved(self.correction, shift), moved(self.speed_correction, shift))
+
+    def alignment(self, window: Window) -> int:
+        """Return how many samples later than the calibrated window a window begins.
+
+        Parameters
+        ----------
+        window
+            A window with as many samples as the calibration.
+        """
+        return shift_between(window.command, self.command)
+
+    def unit_mismatch(self, description: ActuatorDescription) -> str:
+        """Return why this calibration does not fit a described actuator; empty when it does.
+
+        Parameters
+        ----------
+        description
+            The actuator at hand.
+        """
+        reasons = []
+        if description.serial_number != self.serial_number:
+            reasons.append(
+                f"the actuator has serial number {description.serial_number!r}, the calibration "
+                f"was made on {self.serial_number!r}"
+            )
+        mine, theirs = self.parameters.as_mapping(), description.parameters.as_mapping()
+        reasons += [
+            f"the actuator has {name} = {theirs[name]:g}, the calibration {mine[name]:g}"
+            for name in mine
+            if not np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0)
+        ]
+        return "; ".join(reasons)
+
+    def shape_mismatch(self, window: Window) -> str:
+        """Return why the samples of a window are not those calibrated; empty when they are.
+
+        Parameters
+        ----------
+        window
+            The window to be diagnosed.
+        """
+        if abs(window.sample_period / self.sample_period - 1.0) > 1e-6:
+            return (
+                f"the sample period is {window.sample_period:g} s, the calibration's "
+                f"{self.sample_period:g} s"
+            )
+        if len(window) != len(self.correction):
+            return f"the window has {len(window)} samples, the calibration {len(self.correction)}"
+        return ""
+
+    def command_mismatch(self, window: Window) -> str:
+        """Return why a window's command is not the calibrated one; empty when it is.
+
+        Parameters
+        ----------
+        window
+            A window with as many samples as the calibration.
+        """
+        difference = difference_at(window.command, self.command, self.alignment(window))
+        limit = COMMAND_TOLERANCE * rms(self.command)
+        if difference > limit:
+            return (
+                f"the command differs from the calibrated one by {difference:.3g} rad rms "
+                f"(limit {limit:.3g} rad): calibrate with this command"
+            )
+        return ""
+
+    def save(self, path: Path) -> None:
+        """Write the calibration to a YAML file.
+
+        Parameters
+        ----------
+        path
+            File to write; an existing one is replaced only once the new one is complete.
+        """
+        partial = path.with_suffix(path.suffix + ".partial")
+        partial.write_text(
+            yaml.safe_dump(self._as_mapping(), sort_keys=False, default_flow_style=None, width=96)
+        )
+        partial.replace(path)
+
+    @classmethod
+    def builtin(cls) -> "Calibration":
+        """Return the shipped calibration of the built-in actuator under the thesis's chirp."""
+        with resources.as_file(
+            resources.files("ema_monitor.calibration") / "builtin_calibration.yaml"
+        ) as path:
+            return cls.load(path)
+
+    @classmethod
+    def load(cls, path: Path) -> "Calibration":
+        """Read a calibration from a YAML file.
+
+        Parameters
+        ----------
+        path
+            File written by ``save``.
+
+        Raises
+        ------
+        ValueError
+            When the file is no calibration; the message names file and defect.
+        OSError
+            When it cannot be read.
+        """
+        try:
+            content = yaml.load(
+                path.read_text(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+            )
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise ValueError(f"{path} is not a YAML file: {error}") from error
+        if not isinstance(content, dict) or content.get("format") != _FORMAT:
+            raise ValueError(
+                f"{path} is not a calibration of format {_FORMAT}; "
+                "make it anew with `ema calibrate`"
+            )
+        content.pop("format")
+        try:
+            given = content["parameters"]
+            content["parameters"] = ActuatorParameters.from_mapping(given)
+            for name in content["parameters"].as_mapping():
+                if name not in given:
+                    raise ValueError(f"parameter {name} is missing")
+            for name in _ROWS:
+                content[name] = np.array(content[name], dtype=np.float64)
+            return cls(**content)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"{path} is a damaged calibration: {error}") from error
+
+    def _as_mapping(self) -> dict[str, Any]:
+        content = {"format": _FORMAT, **asdict(self)}
+        # To the last bit: an identity stands for one set of figures.
+        for name in _ROWS:
+            content[name] = getattr(self, name).tolist()
+        for name in _SCATTERS:
+            content[name] = float(getattr(self, name))
+        return content
+
+
+def unit_model(
+    parameters: ActuatorParameters,
+    form: str,
+    dt: float,
+    lift: float,
+    friction_scale: float,
+    inertia_scale: float,
+) -> MonitorModel:
+    """Return the monitor model of one unit.
+
+    Parameters
+    ----------
+    parameters
+        Nominal ones of its kind.
+    form, dt
+        Form of the model, and its step [s].
+    lift
+        How much the idle phase lifts the equivalent current [A].
+    friction_scale, inertia_scale
+        Friction and inertia of the unit over the nominal ones [-].
+    """
+    scales = {
+        "f_sm": friction_scale,
+        "f_su": friction_scale,
+        "J_m": inertia_scale,
+        "J_u": inertia_scale,
+    }
+    changed = {name: scale * getattr(parameters, name) for name, scale in scales.items()}
+    return MonitorModel(parameters.replace(changed), form, dt, lift)

@@ -1,0 +1,165 @@
+"""Calibrations of the actuators that a monitor watches, and where they are kept."""
+
+from functools import cached_property
+from pathlib import Path
+from urllib.parse import quote
+
+from ema_core.description import ActuatorDescription
+from ema_monitor.calibration.calibration import Calibration
+
+
+class CalibrationStore:
+    """Gives each actuator its calibration, and keeps new ones.
+
+    Parameters
+    ----------
+    file
+        Where calibrations are: ``{actuator_id}`` and ``{serial_number}`` in it stand for those of
+        the actuator. Empty: the shipped calibration of the built-in actuator is used.
+    own_folder
+        Where new ones are kept when neither ``file`` nor the call says where.
+
+    Raises
+    ------
+    ValueError
+        When ``file`` holds other names in braces.
+    """
+
+    def __init__(self, file: str, own_folder: Path) -> None:
+        self._file = file
+        self._own_folder = own_folder
+        self._in_use: dict[tuple[str, str], Calibration] = {}
+        self._path(file, ActuatorDescription())
+
+    @cached_property
+    def _builtin(self) -> Calibration:
+        """The shipped calibration, read once for all actuators: that takes a good part of 1 s."""
+        return Calibration.builtin()
+
+    def of(self, description: ActuatorDescription) -> Calibration | str:
+        """Return the calibration of an actuator, or why there is none.
+
+        Parameters
+        ----------
+        description
+            The actuator.
+        """
+        key = (description.actuator_id, description.serial_number)
+        if key not in self._in_use:
+            if not self._file:
+                self._in_use[key] = self._builtin
+                return self._in_use[key]
+            path = self._path(self._file, description)
+            try:
+                self._in_use[key] = Calibration.load(path)
+            except FileNotFoundError:
+                return (
+                    f"there is no calibration yet: {path} is missing; calibrate on the healthy unit"
+                )
+            except (ValueError, OSError) as error:
+                return f"the calibration cannot be used: {error}"
+        return self._in_use[key]
+
+    def load(self, description: ActuatorDescription, file: str) -> tuple[Calibration, Path]:
+        """Use a calibration from a file from now on.
+
+        Parameters
+        ----------
+        description
+            The actuator.
+        file
+            The file; empty for the usual place.
+
+        Returns
+        -------
+        Calibration, Path
+            The calibration, and where it came from.
+
+        Raises
+        ------
+        ValueError
+            When it is no calibration, or not of this unit; the one in use stays.
+        OSError
+            When it cannot be read.
+        """
+        path = self._place(description, file)
+        calibration = Calibration.load(path)
+        if reason := calibration.unit_mismatch(description):
+            raise ValueError(f"{path}: {reason}")
+        self._in_use[description.actuator_id, description.serial_number] = calibration
+        return calibration, path
+
+    def prepare(self, description: ActuatorDescription, file: str) -> Path:
+        """Return where a calibration is to be stored, and make the folder.
+
+        Parameters
+        ----------
+        description
+            The actuator.
+        file
+            Where to store it; empty for the usual place.
+
+        Raises
+        ------
+        ValueError
+            When ``file`` holds other names in braces than ``__init__`` allows, or the folder
+            cannot be made.
+        """
+        path = self._place(description, file)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ValueError(
+                f"the calibration cannot be stored in {path}: {error.strerror}"
+            ) from error
+        return path
+
+    def keep(self, description: ActuatorDescription, calibration: Calibration, path: Path) -> None:
+        """Store a calibration and use it from now on.
+
+        Parameters
+        ----------
+        description
+            The actuator.
+        calibration
+            Its new calibration.
+        path
+            Where to store it.
+
+        Raises
+        ------
+        ValueError
+            When it cannot be stored; the one in use stays.
+        """
+        try:
+            calibration.save(path)
+        except OSError as error:
+            raise ValueError(
+                f"the calibration cannot be stored in {path}: {error.strerror}"
+            ) from error
+        self._in_use[description.actuator_id, description.serial_number] = calibration
+
+    def _place(self, description: ActuatorDescription, file: str) -> Path:
+        if file or self._file:
+            return self._path(file or self._file, description)
+        name = f"calibration_{description.actuator_id}_{description.serial_number}.yaml"
+        return self._own_folder / _as_file_name(name)
+
+    @staticmethod
+    def _path(file: str, description: ActuatorDescription) -> Path:
+        names = {
+            "actuator_id": _as_file_name(description.actuator_id),
+            "serial_number": _as_file_name(description.serial_number),
+        }
+        try:
+            return Path(file.format_map(names)).expanduser()
+        except (AttributeError, KeyError, IndexError, ValueError) as error:
+            raise ValueError(
+                f"calibration_file = {file!r}: expected a path, in which {{actuator_id}} and "
+                "{serial_number} may stand"
+            ) from error
+
+
+def _as_file_name(name: str) -> str:
+    """Return a name without anything that would lead into another folder."""
+    return name.replace(".", "%2E") if name in (".", "..") else quote(name, safe=" ")

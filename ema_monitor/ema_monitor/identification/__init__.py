@@ -1,0 +1,1 @@
+"""From a window to an estimate of the faults, with its uncertainty."""

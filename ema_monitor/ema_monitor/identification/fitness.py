@@ -1,0 +1,162 @@
+"""How far a model's response is from the measured one, as a row of residuals.
+
+The cost is the sum of the squares of the row, so that one row serves algorithms that want a cost
+and algorithms that want residuals.
+"""
+
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.model.monitor_model import Response
+from ema_monitor.windows.band import band_limited, band_samples, rms, speed_weight
+from ema_monitor.windows.window import Window
+
+_SLOW_SHARE = 0.5
+_ROBUST_SCALE = 2.0
+_UNKNOWN_SCATTER = 0.05
+_GOOD_COST = 3.0
+
+
+class Fitness(Protocol):
+    """A measure of distance, made for one window.
+
+    Attributes
+    ----------
+    spacing
+        Time between two residuals [s].
+    good_cost
+        Highest cost at which an optimum is believed to be the lowest [A^2.s]; 0 where none is
+        known.
+    """
+
+    spacing: float
+    good_cost: float
+
+    def __init__(self, window: Window, calibration: Calibration) -> None: ...
+
+    def residuals(self, expected: Response) -> NDArray[np.float64]:
+        """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)].
+
+        Parameters
+        ----------
+        expected
+            Calibrated response of the individuals.
+        """
+        ...
+
+
+class BandLimited:
+    """Current and speed in the band that carries information, robust against outliers.
+
+    The residuals of current and speed are taken below some 1 kHz. That of the speed counts as
+    half the current that the speed loop makes of it, or less where the speed of a healthy actuator
+    scatters more than its current. Where the motor is slow, the model of the mean current is at
+    its worst, so each value is weighted with ``|omega| / hypot(|omega|, omega_slow)``, with half
+    the rms of the speed for ``omega_slow``. What passes twice the healthy scatter counts less
+    (pseudo-Huber), since the mismatch of the model has heavy tails (M15).
+
+    Parameters
+    ----------
+    window
+        The window to be explained.
+    calibration
+        Its scatters on healthy windows set the scale.
+    """
+
+    def __init__(self, window: Window, calibration: Calibration) -> None:
+        self._h = h = window.sample_period
+        speed = window.telemetry.speed[1:]
+        self._measured = band_limited(np.stack([window.current, speed]), h)
+        parameters = calibration.parameters
+        scatter = calibration.healthy_rms
+        if not np.isfinite(scatter):
+            scatter = _UNKNOWN_SCATTER * parameters.h_b
+        self._scale = _ROBUST_SCALE * scatter
+        stiffness = speed_weight(parameters)
+        excess = stiffness * calibration.healthy_speed_rms / scatter
+        self._stiffness = stiffness / max(1.0, excess) if np.isfinite(excess) else stiffness
+        magnitude = np.abs(self._measured[1])
+        slow = _SLOW_SHARE * rms(speed)
+        self._weights = magnitude / np.hypot(magnitude, slow)
+        self.spacing = h * band_samples(len(window), h)
+        self.good_cost = _GOOD_COST * scatter**2 * h * len(window)
+
+    def residuals(self, expected: Response) -> NDArray[np.float64]:
+        """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)].
+
+        Parameters
+        ----------
+        expected
+            Calibrated response of the individuals.
+        """
+        current, speed = self._measured
+        distance = np.concatenate(
+            [
+                (current - band_limited(expected.current, self._h)) * self._weights,
+                (speed - band_limited(expected.speed, self._h)) * self._weights * self._stiffness,
+            ],
+            axis=-1,
+        )
+        return np.sqrt(self.spacing) * pseudo_huber(distance, self._scale)
+
+
+def pseudo_huber(distance: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+    """Return numbers whose squares are the pseudo-Huber loss of distances.
+
+    Parameters
+    ----------
+    distance
+        Any shape.
+    scale
+        Below it the loss is quadratic, beyond it linear; unit of the distance.
+    """
+    ratio = np.square(distance / scale)
+    # 2 (sqrt(1 + x) - 1) without the cancellation at small x.
+    return distance * np.sqrt(2.0 / (1.0 + np.sqrt(1.0 + ratio)))
+
+
+class TotalLeastSquares:
+    """Distance of the current normal to the measured curve, sample by sample.
+
+    Notes
+    -----
+    Equation M15; eq. 6.6 of the thesis with the slope over its root mean square.
+    """
+
+    def __init__(self, window: Window, calibration: Calibration) -> None:
+        h = window.sample_period
+        self._measured = window.current
+        slope = np.gradient(self._measured, h)
+        typical = rms(slope)
+        relative = slope / typical if typical > 0.0 else slope
+        self._weights = np.sqrt(h / np.sqrt(relative**2 + 1.0))
+        self.spacing, self.good_cost = h, 0.0
+
+    def residuals(self, expected: Response) -> NDArray[np.float64]:
+        """Return the residuals of each individual, ``(m, n)``; see :meth:`Fitness.residuals`."""
+        return (self._measured - expected.current) * self._weights
+
+
+class LeastSquares:
+    """Difference of the current, sample by sample (eq. 6.3 of the thesis times the period)."""
+
+    def __init__(self, window: Window, calibration: Calibration) -> None:
+        self._measured = window.current
+        self.spacing, self.good_cost = window.sample_period, 0.0
+
+    def residuals(self, expected: Response) -> NDArray[np.float64]:
+        """Return the residuals of each individual, ``(m, n)``; see :meth:`Fitness.residuals`."""
+        return (self._measured - expected.current) * np.sqrt(self.spacing)
+
+
+DEFAULT_FITNESS: Final = "band_limited"
+
+FITNESS: Final[dict[str, type[Fitness]]] = {
+    "band_limited": BandLimited,
+    "total_least_squares": TotalLeastSquares,
+    "least_squares": LeastSquares,
+}
+"""Measures of distance by the name that command line, parameters and messages use."""

@@ -1,0 +1,183 @@
+"""Identification: from a window, or its refusal, to the estimate of the faults."""
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.conclusion import Conclusion
+from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.optimizers import ALGORITHMS
+from ema_monitor.optimizers.driver import minimise
+from ema_monitor.optimizers.interface import Hints
+from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.window import Window
+
+
+@dataclass(frozen=True, eq=False)
+class Generation:
+    """Where an identification stands after a generation."""
+
+    generation: int
+    evaluations: int
+    fitness: float
+    faults: NDArray[np.float64]
+
+
+class Identification:
+    """One identification: iterate over its generations, then read ``estimate``.
+
+    Parameters
+    ----------
+    window
+        The window, or why there is none: then the estimate is a refusal.
+    description
+        The actuator it was taken from.
+    calibration
+        Calibration of the model, or why there is none. If there is none, or it does not belong to
+        that actuator or to the window's command, the estimate is a refusal.
+    settings
+        How to identify.
+    force
+        Make an estimate all the same; it says so in its reason.
+    previous
+        Faults found in an earlier window, ``(8,)``: the search begins there if the settings want
+        a warm start.
+    """
+
+    def __init__(
+        self,
+        window: Window | Refusal,
+        description: ActuatorDescription,
+        calibration: Calibration | str,
+        settings: SearchSettings,
+        *,
+        force: bool = False,
+        previous: ArrayLike | None = None,
+    ) -> None:
+        self._window = window
+        self._description = description
+        self._force = force
+        self._calibration = calibration
+        self._settings = settings
+        faults = None if previous is None else fault_vector(previous)
+        self._previous = faults if settings.warm_start else None
+        self.estimate: Estimate | None = None
+
+    def __iter__(self) -> Iterator[Generation]:
+        """Yield the progress after each generation; there is none where a window is refused."""
+        if isinstance(self._window, Refusal):
+            self.estimate = self._refuse(self._window.reason)
+        elif isinstance(self._calibration, str):
+            self.estimate = self._refuse(self._calibration)
+        else:
+            yield from self._search(self._window, self._calibration)
+
+    def _search(self, window: Window, calibration: Calibration) -> Iterator[Generation]:
+        started = time.perf_counter()
+        refused, caveats = self._objections(window, calibration)
+        if refused:
+            self.estimate = self._refuse(refused)
+            return
+        settings = self._settings
+        optimizer_class = ALGORITHMS[settings.algorithm]
+        objective = Objective(
+            window,
+            calibration,
+            settings.fitness,
+            cartesian=optimizer_class.uses_residuals,
+        )
+        warm = self._previous is not None
+        start = objective.healthy if self._previous is None else objective.encode(self._previous)
+        conclusion = Conclusion(window, calibration, settings)
+        termination = settings.termination
+        budget = termination.budget - conclusion.most_evaluations
+        optimizer = optimizer_class(
+            start, np.random.default_rng(settings.seed), Hints(objective.good_cost, budget)
+        )
+        progress = None
+        for progress in minimise(
+            objective.residuals,
+            optimizer,
+            termination,
+            reserve=conclusion.most_evaluations,
+        ):
+            faults, _ = objective.decode(progress.point[None])
+            yield Generation(progress.generation, progress.evaluations, progress.cost, faults[0])
+        if progress is None or not np.isfinite(progress.cost):
+            self.estimate = self._refuse("no fault vector gave a finite cost")
+            return
+        faults, play = objective.decode(progress.point[None])
+        if optimizer_class.uses_residuals and not optimizer.converged:
+            caveats.append("the search was stopped before it converged")
+        try:
+            self.estimate = conclusion.draw(
+                faults[0], float(play[0]), progress.evaluations, caveats, started, warm_start=warm
+            )
+        except np.linalg.LinAlgError as error:
+            self.estimate = self._refuse(f"the uncertainty cannot be computed: {error}")
+
+    def _objections(self, window: Window, calibration: Calibration) -> tuple[str, list[str]]:
+        """Return why no estimate can be made, and what an estimate must be read with."""
+        if reason := calibration.shape_mismatch(window) or window.excitation_defect():
+            return reason, []
+        doubts = [
+            calibration.unit_mismatch(self._description),
+            calibration.command_mismatch(window),
+        ]
+        doubts = [doubt for doubt in doubts if doubt]
+        if doubts and not self._force:
+            return "the calibration does not fit: " + "; ".join(doubts), []
+        return "", [f"forced although {doubt}" for doubt in doubts]
+
+    def _refuse(self, reason: str) -> Estimate:
+        window, calibration = self._window, self._calibration
+        is_calibrated = not isinstance(calibration, str)
+        return refusal(
+            window.start_ns,
+            window.end_ns,
+            self._settings,
+            calibration.calibration_id if is_calibrated else "",
+            reason,
+            window.excitation if isinstance(window, Window) else math.nan,
+            calibration.windows if is_calibrated else 0,
+        )
+
+
+def identify(
+    window: Window | Refusal,
+    description: ActuatorDescription,
+    calibration: Calibration | str,
+    settings: SearchSettings | None = None,
+    *,
+    force: bool = False,
+    previous: ArrayLike | None = None,
+) -> Estimate:
+    """Identify the faults in a window, without progress.
+
+    Parameters
+    ----------
+    window, description, calibration, settings, force, previous
+        As of ``Identification``.
+    """
+    identification = Identification(
+        window,
+        description,
+        calibration,
+        settings or SearchSettings(),
+        force=force,
+        previous=previous,
+    )
+    for _ in identification:
+        pass
+    if identification.estimate is None:
+        raise RuntimeError("the identification ended without an estimate")
+    return identification.estimate

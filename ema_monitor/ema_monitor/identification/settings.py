@@ -1,0 +1,58 @@
+"""How to search for the faults in a window: of ROS parameters, command line and library."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from ema_core.quantity import check_quantities, flag, quantity, text
+from ema_monitor.identification.fitness import DEFAULT_FITNESS, FITNESS
+from ema_monitor.optimizers import ALGORITHMS, DEFAULT_ALGORITHM
+from ema_monitor.optimizers.driver import StopRule, Termination
+
+GOODNESS_LIMIT: Final = 3.5
+"""Calibrated on simulated windows: a few in 1,000 with faults pass it, and those are wrong [-]."""
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """How to search for the faults in a window.
+
+    Attributes
+    ----------
+    parsimonious
+        Whether components that do not differ significantly from healthy are put back to healthy
+        and the rest is fitted anew.
+    stop_rule
+        When to stop, in place of the budget and of the driver's own rule; None for those.
+
+    Raises
+    ------
+    ValueError
+        When a value is impossible; the message names it.
+    """
+
+    algorithm: str = text(DEFAULT_ALGORITHM, "optimizer", tuple(ALGORITHMS))
+    fitness: str = text(DEFAULT_FITNESS, "distance that is minimised", tuple(FITNESS))
+    budget: int = quantity(
+        Termination.budget, "-", 1, 2**53, "largest number of model evaluations a window"
+    )
+    goodness_limit: float = quantity(
+        GOODNESS_LIMIT,
+        "-",
+        0.1,
+        1e6,
+        "goodness of fit beyond which no fault explains a window; larger for a shorted motor",
+    )
+    seed: int = quantity(0, "-", 0, 2**53, "seed of the optimizer's random numbers")
+    warm_start: bool = flag(
+        True, "begin the search at the faults of the actuator's last valid estimate"
+    )
+    parsimonious: bool = True
+    stop_rule: StopRule | None = None
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    @property
+    def termination(self) -> StopRule:
+        """When to stop."""
+        return self.stop_rule or Termination(self.budget)

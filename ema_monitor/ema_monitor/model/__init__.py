@@ -1,0 +1,1 @@
+"""The monitor model: kernel, drives, threads."""

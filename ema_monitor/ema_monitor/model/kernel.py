@@ -1,0 +1,143 @@
+"""Kernels of the monitor model: one equivalent phase, computed for many fault vectors at once.
+
+Each fault vector occupies a lane of `ema_core.simd`; the equation numbers are those of
+``docs/model.md``.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from ema_core._jit import kernel
+from ema_core.dynamics import (
+    clip,
+    follow_in_play,
+    next_speed_of_lanes,
+    reference_current,
+    speed_error,
+)
+from ema_core.parameters import ControlConstants, MechanicalConstants
+from ema_core.simd import broadcast, load, select, store
+from ema_monitor.model.drives import (
+    FastDrive,
+    SourceDrive,
+    drive_current,
+    equivalent_current,
+    pair_position,
+)
+
+
+class ModelState(NamedTuple):
+    """State of the monitor model between two steps, a vector of lanes each.
+
+    ``theta_m`` [rad] and ``omega`` [rad/s] belong to the motor shaft, ``cos`` and ``sin`` to the
+    angle of the eccentricity. ``theta_b`` [rad] is the fast-shaft angle on the user side of the
+    backlash, ``I`` the current [A]; ``integral`` [rad] and ``error`` [rad/s] belong to the speed
+    loop.
+    """
+
+    theta_m: Any
+    cos: Any
+    sin: Any
+    omega: Any
+    theta_b: Any
+    I: Any
+    integral: Any
+    error: Any
+
+
+@kernel()
+def rotate(cos, sin, angle):
+    """Return cosine and sine of an angle increased by up to 0.02 rad: their series, to 1e-13."""
+    square = angle * angle
+    c = 1.0 - square * (0.5 - square * (1.0 / 24.0))
+    s = angle * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)))
+    return c * cos - s * sin, c * sin + s * cos
+
+
+@kernel()
+def advance(
+    c: ControlConstants,
+    drive: FastDrive | SourceDrive,
+    mech: MechanicalConstants,
+    x: ModelState,
+    proportional,
+    command,
+    dt,
+):
+    """Return the state one step of ``dt`` [s] later, under a ``command`` [rad].
+
+    ``proportional`` computes the reference current of a speed loop whose other gains are 0.
+    """
+    error = speed_error(c, command, x.theta_b * mech.tau, x.omega)
+    if proportional:
+        I_ref = clip(c.GAP / c.k_t * error, c.I_max)
+    else:
+        I_ref = reference_current(c, error, x.integral, x.error, 0.0, dt)
+    position = pair_position(drive.half_turns * x.theta_m)
+    I, torque, ripple = drive_current(drive, position, x.cos, x.sin, x.I, I_ref, x.omega)
+    # The ripple of the PWM breaks the motor away below its static friction (M12).
+    breakaway = max(mech.f_s - ripple, mech.f_d)
+    omega = next_speed_of_lanes(mech, x.omega, torque, breakaway, dt)
+    theta_m = x.theta_m + dt * omega
+    omega = select(abs(theta_m) > mech.theta_stop, 0.0, omega)
+    theta_m = clip(theta_m, mech.theta_stop)
+    cos, sin = rotate(x.cos, x.sin, drive.waves * (theta_m - x.theta_m))
+    theta_b = follow_in_play(x.theta_b, theta_m, mech.half_backlash)
+    return ModelState(theta_m, cos, sin, omega, theta_b, I, x.integral + dt * error, error)
+
+
+@kernel()
+def run_lanes(
+    control: ControlConstants,
+    drive_of_lanes: FastDrive | SourceDrive,
+    mechanics: MechanicalConstants,
+    play,
+    first,
+    command,
+    position_0,
+    speed_0,
+    current_0,
+    steps,
+    dt,
+    lag,
+    current_correction,
+    speed_correction,
+    current,
+    speed,
+):
+    """Run `LANES` individuals from row ``first`` on and fill their rows of the response.
+
+    ``current`` [A] and ``speed`` [rad/s] are ``(n_lanes, n)``; their corrections, ``(n,)``, are
+    added. Constants that differ between individuals are arrays ``(n_lanes,)``, as is ``play``: the
+    initial position of the motor within the backlash, in half-widths. ``command`` is ``(n + 1,)``,
+    its first value that at the start. The initial state is ``position_0`` [rad] of the user shaft,
+    ``speed_0`` [rad/s] and ``current_0`` [A] of the motor.
+    """
+    c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
+    theta_b = broadcast(position_0 / mech.tau)
+    theta_m = theta_b + load(play, first) * mech.half_backlash
+    angle = drive.waves * theta_m
+    omega = broadcast(speed_0)
+    error = speed_error(c, command[0], position_0, omega)
+    # The integral at the start follows from the measured current.
+    integral = broadcast(0.0)
+    if c.GAI > 0.0:
+        integral = (current_0 * c.k_t - c.GAP * error) / c.GAI
+    I = reference_current(c, error, integral, error, 0.0, dt)
+    x = ModelState(theta_m, math.cos(angle), math.sin(angle), omega, theta_b, I, integral, error)
+    equivalent = equivalent_current(drive, pair_position(drive.half_turns * theta_m), I)
+    lag_1, lag_2, lag_3 = equivalent, equivalent, equivalent
+    proportional = c.GAI == 0.0 and c.GAD == 0.0
+    for k in range(current.shape[1]):
+        total = broadcast(0.0)
+        slope = (command[k + 1] - command[k]) / steps
+        for j in range(steps):
+            position = pair_position(drive.half_turns * x.theta_m)
+            # An Euler step responds half a step too early: the command is read half a step later.
+            x = advance(c, drive, mech, x, proportional, command[k] + (j - 0.5) * slope, dt)
+            lag_1 += lag * (equivalent_current(drive, position, x.I) - lag_1)
+            lag_2 += lag * (lag_1 - lag_2)
+            lag_3 += lag * (lag_2 - lag_3)
+            total += lag_3
+        store(current, first, k, total / steps + current_correction[k])
+        store(speed, first, k, x.omega + speed_correction[k])

@@ -1,0 +1,167 @@
+"""The monitor model: the response of an actuator with given faults in a window."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ema_core.dynamics import lag_factor
+from ema_core.faults import degrade, healthy_faults
+from ema_core.parameters import ActuatorParameters, constants
+from ema_core.simd import LANES
+from ema_core.telemetry import COLUMNS, Telemetry
+from ema_monitor.model.drives import fast_constants, source_constants
+from ema_monitor.model.kernel import run_lanes
+from ema_monitor.model.threads import run_in_threads
+from ema_monitor.windows.window import Window
+
+FORMS: Final = {"fast": 2e-5, "source": 1e-6}
+"""Forms of the model and their default integration step [s]."""
+
+
+class Response(NamedTuple):
+    """Mean current over each sample and speed at its end, ``(m, n)`` each [A, rad/s]."""
+
+    current: NDArray[np.float64]
+    speed: NDArray[np.float64]
+
+
+class MonitorModel:
+    """One-phase model of an actuator, driven by the measured command of a window.
+
+    Parameters
+    ----------
+    parameters
+        Nominal parameters of the actuator.
+    form
+        "fast", the slew-limited current of the driven pair (M10), or "source", the thesis's own
+        sign-switched current with its eq. 4.24 (M11).
+    dt
+        Integration step [s], by default that of the form.
+    lift
+        Contribution of a healthy motor's idle phase to the equivalent current [A] (M12); the
+        source form has none.
+
+    Raises
+    ------
+    ValueError
+        When the form is unknown or the step not positive.
+    """
+
+    def __init__(
+        self,
+        parameters: ActuatorParameters,
+        form: str = "fast",
+        dt: float | None = None,
+        lift: float = 0.0,
+    ) -> None:
+        if form not in FORMS:
+            raise ValueError(f"monitor form {form!r} is unknown; known: {', '.join(FORMS)}")
+        self.parameters = parameters
+        self.form = form
+        self.dt = FORMS[form] if dt is None else float(dt)
+        if not 0.0 < self.dt <= 1e-3:
+            raise ValueError(f"monitor step dt = {self.dt:g} s is outside (0, 0.001] s")
+        self.lift = lift
+        self._plant = constants(parameters)
+
+    def respond(
+        self,
+        window: Window,
+        faults: ArrayLike,
+        play: ArrayLike | float = 0.0,
+        corrections: Response | None = None,
+    ) -> Response:
+        """Return equivalent current and motor speed of each individual in a window.
+
+        Parameters
+        ----------
+        window
+            Command and initial state, ``n`` samples after the initial one.
+        faults
+            Fault vectors, ``(m, 8)``.
+        play
+            Initial position of the motor within the backlash, ``(m,)`` or one value for all
+            [half-widths, -1 to 1].
+        corrections
+            Added to current and speed of all individuals, ``(n,)`` each; None for zeros.
+
+        Returns
+        -------
+        Response
+            Of the ``m`` individuals.
+
+        Raises
+        ------
+        ValueError
+            When the window's sample period is not a whole multiple of the step, or a fault
+            vector is impossible.
+        """
+        faults = np.atleast_2d(np.asarray(faults, dtype=np.float64))
+        m = len(faults)
+        groups = -(-m // LANES)
+        # Copies of the last individual fill the last group.
+        lane_of = np.minimum(np.arange(groups * LANES), m - 1)
+        control, motor, mechanics = degrade(self._plant, faults[lane_of])
+        if self.form == "fast":
+            drive = fast_constants(motor, self.dt, self.lift)
+        else:
+            drive = source_constants(motor, self.dt)
+        steps, lag = self.steps(window.sample_period), lag_factor(self.dt)
+        play_of_lane = np.full(m, play, dtype=np.float64)[lane_of]
+        start = window.telemetry
+        current, speed = np.empty((2, len(lane_of), len(window)))
+        if corrections is None:
+            corrections = Response(*np.zeros((2, len(window))))
+        current_correction, speed_correction = corrections
+
+        def run(group: int) -> None:
+            run_lanes(
+                control,
+                drive,
+                mechanics,
+                play_of_lane,
+                group * LANES,
+                window.command,
+                float(start.position[0]),
+                float(start.speed[0]),
+                float(start.current[0]),
+                steps,
+                self.dt,
+                lag,
+                current_correction,
+                speed_correction,
+                current,
+                speed,
+            )
+
+        run_in_threads(run, groups)
+        return Response(current[:m], speed[:m])
+
+    def steps(self, sample_period: float) -> int:
+        """Return the number of integration steps per sample.
+
+        Parameters
+        ----------
+        sample_period
+            Period of the telemetry [s].
+
+        Raises
+        ------
+        ValueError
+            When it is not a whole multiple of the step.
+        """
+        steps = round(sample_period / self.dt)
+        if steps < 1 or abs(steps * self.dt - sample_period) > 1e-6 * sample_period:
+            raise ValueError(
+                f"sample period {sample_period:g} s is not a whole multiple of the monitor's "
+                f"step dt = {self.dt:g} s"
+            )
+        return steps
+
+
+def compile_kernels() -> None:
+    """Compile the kernels, or load them from the cache, ahead of their first use."""
+    at_rest = Telemetry(0, 1e-4, 1, *(np.zeros(2) for _ in COLUMNS))
+    for form in FORMS:
+        MonitorModel(ActuatorParameters(), form).respond(Window(at_rest), healthy_faults())

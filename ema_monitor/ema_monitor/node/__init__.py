@@ -1,0 +1,1 @@
+"""The monitor node: the only part of the monitor that imports ROS."""

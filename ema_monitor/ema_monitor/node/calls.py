@@ -1,0 +1,260 @@
+"""What the monitor does on call: calibrate, and identify with an algorithm of choice."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
+from rclpy.node import Node
+
+from ema_core.description import ActuatorDescription
+from ema_interfaces.action import IdentifyFaults
+from ema_interfaces.srv import Calibrate
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.store import CalibrationStore
+from ema_monitor.identification.search import Identification
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.node.messages import estimate_to_message
+from ema_monitor.node.units import Unit
+from ema_monitor.windows.finder import Segment
+from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.window import Window
+from ema_ros.executor import WaitingCallbackGroup
+from ema_ros.faults import faults_to_message
+
+_POLL_S = 0.1
+_MOST_GOALS = 2
+
+
+class MonitorCalls:
+    """The service ``~/calibrate`` and the action ``~/identify_faults`` of a monitor.
+
+    Both take their time, in threads that receive no telemetry.
+
+    Parameters
+    ----------
+    node
+        Gets service and action.
+    store
+        Calibrations of the actuators.
+    find
+        Gives the unit that is watched under a name.
+    search
+        Gives how to identify by default.
+    timeout_s
+        Gives how long to wait for a window [s].
+    is_active
+        Whether windows are found at all.
+    calibrated
+        Called with an actuator that has another calibration now.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        store: CalibrationStore,
+        find: Callable[[str], Unit],
+        search: Callable[[], SearchSettings],
+        timeout_s: Callable[[], float],
+        is_active: Callable[[], bool],
+        calibrated: Callable[[ActuatorDescription], None],
+    ) -> None:
+        self._node = node
+        self._store = store
+        self._find = find
+        self._search = search
+        self._timeout_s = timeout_s
+        self._is_active = is_active
+        self._calibrated = calibrated
+        self._log = node.get_logger()
+        self._queues: list[SimpleQueue[Segment]] = []
+        self._queues_lock = threading.Lock()
+        self._goals = 0
+        self._goal_lock = threading.Lock()
+        self._service = node.create_service(
+            Calibrate,
+            "~/calibrate",
+            self._calibrate,
+            callback_group=WaitingCallbackGroup(),
+        )
+        self._action = ActionServer(
+            node,
+            IdentifyFaults,
+            "~/identify_faults",
+            self._identify,
+            goal_callback=self._accept_or_reject,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
+    def destroy(self) -> None:
+        """Stop serving."""
+        self._node.destroy_service(self._service)
+        self._action.destroy()
+
+    def offer(self, found: Segment) -> None:
+        """Pass on a window that was just found to the calls that wait for one.
+
+        Parameters
+        ----------
+        found
+            The window.
+        """
+        with self._queues_lock:
+            for queue in self._queues:
+                queue.put(found)
+
+    @contextmanager
+    def _windows(self) -> Iterator[SimpleQueue[Segment]]:
+        """Give a queue of the windows that are found from now on."""
+        queue: SimpleQueue[Segment] = SimpleQueue()
+        with self._queues_lock:
+            self._queues.append(queue)
+        try:
+            yield queue
+        finally:
+            with self._queues_lock:
+                self._queues.remove(queue)
+
+    def _calibrate(
+        self, request: Calibrate.Request, response: Calibrate.Response
+    ) -> Calibrate.Response:
+        try:
+            unit = self._find(request.actuator_id)
+            self._log.info(f"{unit.actuator_id}: calibration is called for")
+            if request.load:
+                calibration, path = self._store.load(_description(unit), request.file)
+                response.message = f"loaded from {path}"
+            else:
+                path = self._store.prepare(_description(unit), request.file)
+                windows = list(self._healthy_windows(unit, request.windows))
+                calibration = calibrate(windows, _description(unit))
+                self._store.keep(_description(unit), calibration, path)
+                response.message = (
+                    f"made of {len(windows)} windows and stored in {path}; calibration_file has to "
+                    "name it for it to be used after a restart"
+                )
+            self._calibrated(_description(unit))
+            response.success, response.calibration_id = True, calibration.calibration_id
+        except (ValueError, OSError) as error:
+            response.success, response.message = False, str(error)
+        self._log.info(f"calibration: {response.message}")
+        return response
+
+    def _healthy_windows(self, unit: Unit, number: int) -> Iterator[Window]:
+        """Yield the next windows of an actuator; those that cannot be used are passed over."""
+        if number < 1:
+            raise ValueError(f"windows = {number}: expected at least 1 healthy window")
+        with self._windows() as windows:
+            for made in range(number):
+                deadline = time.monotonic() + self._timeout_s()
+                window, passed_over = None, ""
+                while not isinstance(window, Window):
+                    found = self._next(windows, unit, deadline)
+                    if found is None:
+                        raise ValueError(
+                            f"no healthy window came for {self._timeout_s():g} s after {made} of "
+                            f"{number}{passed_over}"
+                        )
+                    window = found.window
+                    if isinstance(window, Refusal):
+                        passed_over = f"; the latest was refused: {window.reason}"
+                yield window
+
+    def _next(
+        self, windows: SimpleQueue[Segment], unit: Unit, deadline: float, goal: Any = None
+    ) -> Segment | None:
+        """Wait for the next window of an actuator; None when the time is over, or on cancelling."""
+        while time.monotonic() < deadline and not (goal and goal.is_cancel_requested):
+            if not self._is_active():
+                raise ValueError("the monitor is not active")
+            try:
+                found = windows.get(timeout=_POLL_S)
+            except Empty:
+                continue
+            if found.description.actuator_id == unit.actuator_id:
+                return found
+        return None
+
+    def _accept_or_reject(self, _: Any) -> GoalResponse:
+        """Accept no more goals than leave the processor to the windows of the telemetry."""
+        with self._goal_lock:
+            if self._goals >= _MOST_GOALS:
+                self._log.warning(
+                    f"a goal of identify_faults is rejected: {_MOST_GOALS} run already"
+                )
+                return GoalResponse.REJECT
+            self._goals += 1
+        return GoalResponse.ACCEPT
+
+    def _identify(self, goal: Any) -> IdentifyFaults.Result:
+        result = IdentifyFaults.Result()
+        try:
+            self._identify_for(goal, result)
+        except ValueError as error:
+            result.success, result.message = False, str(error)
+        finally:
+            with self._goal_lock:
+                self._goals -= 1
+        if goal.is_cancel_requested and not result.success:
+            result.message = "cancelled"
+            goal.canceled()
+        elif result.success:
+            goal.succeed()
+        else:
+            goal.abort()
+        return result
+
+    def _identify_for(self, goal: Any, result: IdentifyFaults.Result) -> None:
+        """Identify what a goal asks for, unless it is cancelled."""
+        unit = self._find(goal.request.actuator_id)
+        search = self._search_for(goal.request)
+        found = self._window(unit, goal)
+        if found is None:
+            return
+        # Cold: what a goal leads to depends on its window and its figures alone.
+        calibration = self._store.of(found.description)
+        run = Identification(found.window, found.description, calibration, search)
+        for generation in run:
+            if goal.is_cancel_requested:
+                return
+            if not self._is_active():
+                raise ValueError("the monitor is not active")
+            goal.publish_feedback(
+                IdentifyFaults.Feedback(
+                    generation=generation.generation,
+                    evaluations=generation.evaluations,
+                    best_fitness=float(generation.fitness),
+                    best=faults_to_message(generation.faults),
+                )
+            )
+        if run.estimate is not None:
+            result.estimate = estimate_to_message(run.estimate, found.number, found.description)
+            result.success, result.message = run.estimate.valid, run.estimate.reason
+
+    def _search_for(self, request: IdentifyFaults.Goal) -> SearchSettings:
+        wanted: dict[str, Any] = {"seed": request.seed}
+        if request.algorithm:
+            wanted["algorithm"] = request.algorithm
+        if request.budget:
+            wanted["budget"] = request.budget
+        return replace(self._search(), **wanted)
+
+    def _window(self, unit: Unit, goal: Any) -> Segment | None:
+        """Return the window that a goal is about; None when it is cancelled before it comes."""
+        if not goal.request.next_window:
+            if unit.latest is None:
+                raise ValueError(f"actuator {unit.actuator_id!r} has had no complete window so far")
+            return unit.latest
+        with self._windows() as windows:
+            found = self._next(windows, unit, time.monotonic() + self._timeout_s(), goal)
+        if found is None and not goal.is_cancel_requested:
+            raise ValueError(f"no window came for {self._timeout_s():g} s")
+        return found
+
+
+def _description(unit: Unit) -> Any:
+    return unit.watch.description

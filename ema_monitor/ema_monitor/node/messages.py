@@ -1,0 +1,145 @@
+"""Estimates and health as messages."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.description import ActuatorDescription
+from ema_interfaces.msg import FaultEstimate, RemainingUsefulLife
+from ema_interfaces.msg import FaultHealth as FaultHealthMessage
+from ema_interfaces.msg import Health as HealthMessage
+from ema_monitor.health import FaultHealth
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.growth.prediction import RemainingLife
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits
+from ema_monitor.windows.window import MIN_TRAVEL
+from ema_ros.faults import faults_to_message
+from ema_ros.stamps import stamp_to_message
+
+
+def estimate_to_message(
+    estimate: Estimate, window: int, description: ActuatorDescription
+) -> FaultEstimate:
+    """Return an estimate as a message.
+
+    Parameters
+    ----------
+    estimate
+        What was found.
+    window
+        Running number of the window.
+    description
+        The actuator.
+
+    Raises
+    ------
+    ValueError
+        When a stamp is out of range.
+    """
+    message = FaultEstimate(
+        actuator_id=description.actuator_id,
+        serial_number=description.serial_number,
+        window=int(window),
+        faults=faults_to_message(estimate.faults),
+        unobservable=_bits(estimate.unobservable),
+        insignificant=_bits(estimate.insignificant),
+        play_offset=float(estimate.play),
+        fitness=float(estimate.fitness),
+        goodness_of_fit=float(estimate.goodness_of_fit),
+        goodness_limit=float(estimate.goodness_limit),
+        excitation=float(estimate.excitation),
+        excitation_limit=MIN_TRAVEL,
+        algorithm=estimate.algorithm,
+        seed=int(estimate.seed),
+        evaluations=int(estimate.evaluations),
+        warm_start=bool(estimate.warm_start),
+        computing_time=float(estimate.computing_time_s),
+        calibration_id=estimate.calibration_id,
+        calibration_windows=int(estimate.calibration_windows),
+        valid=bool(estimate.valid),
+        reason=estimate.reason,
+    )
+    message.window_start = stamp_to_message(estimate.start_ns)
+    message.window_end = stamp_to_message(estimate.end_ns)
+    message.header.stamp = message.window_end
+    message.covariance = estimate.covariance.astype(np.float64).ravel()
+    return message
+
+
+def _bits(components: NDArray[np.bool_]) -> int:
+    return int(np.packbits(components, bitorder="little")[0])
+
+
+def health_to_message(outlook: Outlook, description: ActuatorDescription) -> HealthMessage:
+    """Return health and remaining life as a message.
+
+    Parameters
+    ----------
+    outlook
+        What there is to say.
+    description
+        The actuator.
+
+    Raises
+    ------
+    ValueError
+        When the stamp is out of range.
+    """
+    health, lives = outlook.health, (outlook.rul_faults, outlook.rul_requirements, outlook.rul)
+    rul_faults, rul_requirements, rul = (_life(life, outlook) for life in lives)
+    message = HealthMessage(
+        actuator_id=description.actuator_id,
+        serial_number=description.serial_number,
+        level=health.level,
+        health_index=float(health.health_index),
+        severity=health.severity,
+        confidence=float(health.confidence),
+        dominant_fault=outlook.dominant,
+        faults=[_item(item, "1", outlook) for item in health.faults],
+        requirements=[
+            _item(item, RequirementLimits.unit(item.name), outlook) for item in health.requirements
+        ],
+        rul_faults=rul_faults,
+        rul_requirements=rul_requirements,
+        rul=rul,
+        flight_hours=float(outlook.hours),
+        cycles=int(outlook.cycles),
+        duty=float(outlook.duty),
+        assumption=outlook.assumption,
+        events=list(outlook.events),
+        reason="; ".join(dict.fromkeys(filter(None, [health.reason, outlook.rul.reason]))),
+    )
+    message.header.stamp = stamp_to_message(outlook.stamp_ns)
+    return message
+
+
+def _item(item: FaultHealth, unit: str, outlook: Outlook) -> FaultHealthMessage:
+    return FaultHealthMessage(
+        name=item.name,
+        level=item.level,
+        value=float(item.value),
+        sigma=float(item.sigma),
+        limit=float(item.limit),
+        limit_is_lower=bool(item.limit_is_lower),
+        trend=float(outlook.trends.get(item.name, math.nan)),
+        unit=unit,
+        rul=_life(outlook.lives.get(item.name, outlook.rul), outlook),
+    )
+
+
+def _life(life: RemainingLife, outlook: Outlook) -> RemainingUsefulLife:
+    """Return a life as a message; a test cycle is made every so many flight hours."""
+    per_cycle = outlook.hours_per_cycle
+    return RemainingUsefulLife(
+        known=life.known,
+        hours_05=life.hours_05,
+        hours_50=life.hours_50,
+        hours_95=life.hours_95,
+        cycles_05=life.hours_05 / per_cycle,
+        cycles_50=life.hours_50 / per_cycle,
+        cycles_95=life.hours_95 / per_cycle,
+        criterion=life.criterion,
+        reason=life.reason,
+    )

@@ -1,0 +1,249 @@
+"""The monitor node: telemetry in, estimates and health out."""
+
+import os
+from pathlib import Path
+from typing import Any, Final
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.lifecycle.publisher import LifecyclePublisher
+
+from ema_core.description import ActuatorDescription
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.store import CalibrationStore
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.last_faults import LastFaults
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.node.calls import MonitorCalls
+from ema_monitor.node.messages import estimate_to_message
+from ema_monitor.node.prognosis import MonitorPrognosis
+from ema_monitor.node.settings import Files, Operation
+from ema_monitor.node.units import Units, UnitsCallbacks
+from ema_monitor.node.worker import IdentificationWorker
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.windows.finder import Segment
+from ema_monitor.windows.trigger import TriggerSettings
+from ema_ros import topics
+from ema_ros.actuator_file import load_description
+from ema_ros.description import description_from_message
+from ema_ros.managed_node import ManagedNode
+from ema_ros.run import run
+from ema_ros.settings import LiveSettings, declare, read
+from ema_ros.status import Task
+
+_LOG_PERIOD_S: Final = 5.0
+_STALE_CHECK_S: Final = 1.0
+
+
+class MonitorNode(ManagedNode):
+    """Watches the actuators whose telemetry it receives, and publishes their faults and health.
+
+    Telemetry is received in one thread and windows are identified in another, in the order in
+    which they end. ``docs/nodes.md`` describes topics, services and parameters.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("monitor", **kwargs)
+        self._search = LiveSettings(self, SearchSettings)
+        self._operation = LiveSettings(self, Operation)
+        self._trigger = LiveSettings(
+            self, TriggerSettings, on_change=lambda new: self._units.restart(new)
+        )
+        self._health_publishers: dict[str, LifecyclePublisher] = {}
+        self._units = Units(
+            UnitsCallbacks(
+                self._now_ns,
+                lambda: self._trigger.value,
+                lambda: self._operation.value.expected_period_s,
+                self._add_health_publisher,
+                self._queue_window,
+                self._warn,
+                lambda health: self._health_publishers[health.actuator_id].publish(health),
+            )
+        )
+        self._prognosis = MonitorPrognosis(
+            self,
+            lambda description: self._store.of(description),
+            self._units.find,
+            self._resume,
+        )
+        declare(self, Files)
+        self._last_faults = LastFaults()
+        self._worker = IdentificationWorker(
+            self._calibration_of,
+            lambda: self._search.value,
+            self._last_faults,
+            self._publish_estimate,
+            lambda text: self.get_logger().error(text),
+        )
+        self._searched: set[str] = set()
+        self._is_active = False
+
+    def configure(self) -> None:
+        """Read the files, and create what publishes and serves."""
+        files = read(self, Files)
+        own_folder = Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser() / "ema"
+        self._store = CalibrationStore(files.calibration_file, own_folder)
+        described = load_description(Path(files.actuator_file)) if files.actuator_file else None
+        message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
+        self._estimates = self.add_publisher(message_class, topics.FAULT_ESTIMATE, qos)
+        self._calls = MonitorCalls(
+            self,
+            self._store,
+            self._units.find,
+            lambda: self._search.value,
+            lambda: self._operation.value.calibration_timeout_s,
+            lambda: self._is_active and not self.stopping.is_set(),
+            self._prognosis.refresh,
+        )
+        self._stale_timer = self.create_timer(_STALE_CHECK_S, self._check_staleness)
+        self._prognosis.begin(files.history_folder)
+        if described is not None:
+            self._describe(described)
+
+    def activate(self) -> None:
+        """Subscribe, and identify what is received."""
+        self._is_active = True
+        self._worker.start()
+        with self._units.lock:
+            for unit in self._units.values():
+                if unit.watch.description is not None:
+                    self._prognosis.describe(unit.watch.description)
+        receiving = MutuallyExclusiveCallbackGroup()
+        classes = topics.ACTUATOR_TOPICS
+        self._subscriptions_in_use = [
+            self.create_subscription(
+                classes[name][0], name, callback, qos, callback_group=receiving
+            )
+            for name, callback, qos in (
+                (topics.USAGE, self._receive_usage, topics.LATCHED_BY_MANY),
+                (topics.DESCRIPTION, self._receive_description, topics.LATCHED_BY_MANY),
+                (topics.TELEMETRY, self._units.feed, topics.STREAM),
+            )
+        ]
+
+    def deactivate(self) -> None:
+        """Unsubscribe; windows that still wait are refused."""
+        with self._units.lock:
+            self._is_active = False
+        for subscription in self._subscriptions_in_use:
+            self.destroy_subscription(subscription)
+        self._worker.stop()
+        for found in self._units.finish():
+            self._worker.refuse(found, "")
+
+    def clean_up(self) -> None:
+        """Forget the actuators, and stop serving."""
+        self._calls.destroy()
+        self._prognosis.end()
+        self.destroy_timer(self._stale_timer)
+        for publisher in (self._estimates, *self._health_publishers.values()):
+            self.destroy_lifecycle_publisher(publisher)
+        self._health_publishers.clear()
+        self._units.clear()
+        self._last_faults.clear()
+        self._searched.clear()
+
+    def tasks(self) -> list[Task]:
+        """Return the status of the actuators, their histories and the identification."""
+        input_level, remarks = self._units.input_status()
+        level, message = self._worker.status()
+        dropped = {"windows dropped": self._worker.dropped}
+        return [
+            *self._units.tasks(self._worker.waiting),
+            *self._prognosis.tasks(),
+            Task("input", input_level, remarks, self.hardware_id, dropped),
+            Task("identification", level, message, self.hardware_id),
+        ]
+
+    def _now_ns(self) -> int:
+        return self.get_clock().now().nanoseconds
+
+    def _warn(self, text: str, is_news: bool) -> None:
+        self.get_logger().warning(text, throttle_duration_sec=_LOG_PERIOD_S)
+        if is_news:
+            self.report()
+
+    def _add_health_publisher(self, actuator_id: str) -> None:
+        """Add the publisher of an actuator's health: one for each, so that each is latched."""
+        message_class, qos = topics.MONITOR_TOPICS[topics.HEALTH]
+        quiet = bool(self._health_publishers)
+        publisher = self.add_publisher(message_class, topics.HEALTH, qos, quiet=quiet)
+        self._health_publishers[actuator_id] = publisher
+
+    def _receive_description(self, message: Any) -> None:
+        try:
+            self._describe(description_from_message(message))
+        except ValueError as error:
+            reason = f"the description is impossible: {error}"
+            self._units.note_defect(message.actuator_id, reason)
+
+    def _describe(self, description: ActuatorDescription) -> None:
+        if self._units.describe(description):
+            self._prognosis.describe(description)
+
+    def _receive_usage(self, message: Any) -> None:
+        if not message.actuator_id:
+            self._units.note_defect("", "usage without actuator_id")
+            return
+        unit = self._units.get(message.actuator_id)
+        if wrong := self._prognosis.count(message, unit.watch.description if unit else None):
+            # A count alone makes no actuator known.
+            self._units.note_defect(message.actuator_id, wrong, is_watched=unit is not None)
+
+    def _queue_window(self, found: Segment) -> None:
+        self._calls.offer(found)
+        in_sim_time = self.get_parameter("use_sim_time").value
+        most_waiting = None if in_sim_time else self._operation.value.waiting_windows
+        for dropped in self._worker.add(found, most_waiting):
+            self.get_logger().warning(
+                f"{dropped.description.actuator_id}: window {dropped.number} is dropped, "
+                f"{self._worker.waiting} wait"
+            )
+
+    def _calibration_of(self, description: ActuatorDescription) -> Calibration | str:
+        """Return what to search with; the first search begins where the history ends."""
+        if description.actuator_id not in self._searched and self._is_active:
+            self._searched.add(description.actuator_id)
+            if (latest := self._prognosis.latest(description)) is not None:
+                self._last_faults.record(description, latest)
+        return self._store.of(description)
+
+    def _publish_estimate(self, found: Segment, estimate: Estimate) -> None:
+        self._estimates.publish(estimate_to_message(estimate, found.number, found.description))
+        now_ns, actuator_id = self._now_ns(), found.description.actuator_id
+        # Without the lock: telemetry must not wait for a prognosis.
+        outlook = self._prognosis.record(found, estimate)
+        try:
+            self._units.record(found, estimate, outlook, now_ns)
+        except Exception as error:
+            # The estimate is published: the window must not be refused in addition.
+            reason = self._prognosis.report_failure(actuator_id, error, "publishing health")
+            self._units.note_defect(actuator_id, reason)
+        if not estimate.valid:
+            self.get_logger().warning(
+                f"{actuator_id}: window {found.number} has no valid estimate: {estimate.reason}"
+            )
+        self.report()
+
+    def _resume(self, description: ActuatorDescription, outlook: Outlook) -> None:
+        with self._units.lock:
+            if not self._is_active:
+                return
+            self._units.resume(description, outlook)
+        self.report()
+
+    def _check_staleness(self) -> None:
+        stale = self._units.publish_stale() if self._is_active else []
+        for health in stale:
+            self.get_logger().warning(f"{health.actuator_id}: {health.reason}")
+        if stale:
+            self.report()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the monitor."""
+    return run(MonitorNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,312 @@
+"""The prognosis of each unit that a monitor watches: settings, histories, topic and service."""
+
+import os
+import threading
+import traceback
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from rclpy.node import Node
+
+from ema_core.description import ActuatorDescription
+from ema_core.levels import OK, WARN
+from ema_core.parameters import ActuatorParameters
+from ema_interfaces.srv import PredictRemainingLife
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.health import HealthLimits
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.node.histories import MonitorHistories
+from ema_monitor.node.messages import health_to_message
+from ema_monitor.node.units import Unit
+from ema_monitor.prognosis.growth.known_laws import KnownLawTexts
+from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.outlook import Outlook, outlook_of_one
+from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.requirements.required_life import BEING_COMPUTED, FITTED
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits, Requirements
+from ema_monitor.prognosis.service_count import Count
+from ema_monitor.prognosis.service_hours import Service
+from ema_monitor.prognosis.settings import PrognosisSettings, duty_of
+from ema_monitor.windows.finder import Segment
+from ema_ros.executor import WaitingCallbackGroup
+from ema_ros.settings import LiveSettings
+from ema_ros.stamps import stamp_from_message
+from ema_ros.status import Task
+
+
+class MonitorPrognosis:
+    """What a monitor knows of the growth of faults, unit by unit.
+
+    Parameters
+    ----------
+    node
+        Gets parameters and service.
+    calibration_of
+        Gives the calibration of an actuator, or why there is none.
+    find
+        Gives the unit that is watched under a name.
+    resume
+        Called with a unit, once its history is read, and the health and life that follow from it.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        calibration_of: Callable[[ActuatorDescription], Calibration | str],
+        find: Callable[[str], Unit],
+        resume: Callable[[ActuatorDescription, Outlook], None],
+    ) -> None:
+        self._node = node
+        self._calibration_of = calibration_of
+        self._find = find
+        self._resume = resume
+        self._limits = LiveSettings(node, HealthLimits, "limits.")
+        self._requirements = LiveSettings(node, RequirementLimits, "requirements.")
+        self._tracker = LiveSettings(node, TrackerSettings, "tracker.")
+        self._laws = LiveSettings(node, KnownLawTexts, "known_law.")
+        self._service = LiveSettings(node, Service)
+        self._histories = MonitorHistories(self._requirements_of)
+        self._to_refresh: SimpleQueue[ActuatorDescription] = SimpleQueue()
+        self._logged: dict[tuple[str, str], str] = {}
+        self._is_serving = False
+        self._resuming = threading.Lock()
+
+    @property
+    def settings(self) -> PrognosisSettings:
+        """What prognoses rest on, as it is now."""
+        return PrognosisSettings(
+            self._limits.value,
+            self._requirements.value,
+            replace(self._tracker.value, laws=self._laws.value.laws()),
+            self._service.value,
+        )
+
+    def begin(self, history_folder: str) -> None:
+        """Keep histories in a folder from now on, and serve.
+
+        Parameters
+        ----------
+        history_folder
+            The folder; empty for memory alone, as always in simulated time: a bag that is
+            replayed must not mix with tests of the actuator itself.
+        """
+        in_sim_time = bool(self._node.get_parameter("use_sim_time").value)
+        is_kept = bool(history_folder) and not in_sim_time
+        self._histories.begin(_folder(history_folder) if is_kept else None)
+        self._is_serving = True
+        self._refresh_soon = self._node.create_guard_condition(
+            self._refresh_all, callback_group=WaitingCallbackGroup()
+        )
+        self._call = self._node.create_service(
+            PredictRemainingLife,
+            "~/predict_remaining_life",
+            self._predict,
+            callback_group=WaitingCallbackGroup(),
+        )
+
+    def end(self) -> None:
+        """Stop serving, and let go of the histories."""
+        # A health that is about to be published comes first.
+        with self._resuming:
+            self._is_serving = False
+        self._node.destroy_service(self._call)
+        self._node.destroy_guard_condition(self._refresh_soon)
+        self._histories.end()
+        self._logged.clear()
+        self._to_refresh = SimpleQueue()
+
+    def describe(self, description: ActuatorDescription) -> None:
+        """Prepare for a unit that has just been described, as ``refresh`` does.
+
+        Parameters
+        ----------
+        description
+            The unit.
+        """
+        self._histories.counts.assign((description.actuator_id, description.serial_number))
+        self.refresh(description)
+
+    def refresh(self, description: ActuatorDescription) -> None:
+        """Have requirements fitted, the history opened and health published, in another thread.
+
+        Parameters
+        ----------
+        description
+            The unit.
+        """
+        self._to_refresh.put(description)
+        self._refresh_soon.trigger()
+
+    def count(self, message: Any, described: ActuatorDescription | None) -> str:
+        """Record counted use; return what is wrong with it, empty when nothing.
+
+        Parameters
+        ----------
+        message
+            ``ema_interfaces/msg/Usage``.
+        described
+            The actuator, as it is described now; None when it is not.
+        """
+        # One that its sender did not stamp was read just now.
+        now_ns = self._node.get_clock().now().nanoseconds
+        stamp_ns = stamp_from_message(message.header.stamp) or now_ns
+        try:
+            count = Count(stamp_ns, message.flight_hours, message.cycles)
+        except ValueError as error:
+            return f"usage is impossible: {error}"
+        serial_number = message.serial_number or (described.serial_number if described else "")
+        self._histories.counts.add((message.actuator_id, serial_number), count)
+        return ""
+
+    def latest(self, description: ActuatorDescription) -> Estimate | None:
+        """Return the latest valid estimate in the history of a unit; None when there is none.
+
+        Parameters
+        ----------
+        description
+            The unit.
+        """
+        try:
+            entries = self._of(description).history.entries
+        except Exception as error:
+            # The search can do without.
+            self.report_failure(description.actuator_id, error)
+            return None
+        return entries[-1].estimate if entries else None
+
+    def record(self, found: Segment, estimate: Estimate) -> Outlook | None:
+        """Record a test; return health and life after it, None when it is not valid.
+
+        Parameters
+        ----------
+        found
+            Its window.
+        estimate
+            What was found in it.
+        """
+        description, settings = found.description, self.settings
+        try:
+            prognostics = self._of(description)
+            unit = (description.actuator_id, description.serial_number)
+            count = self._histories.counts.latest(unit, estimate.end_ns)
+            outlook = prognostics.take(estimate, self._parameters(description), settings, count)
+        except Exception as error:
+            # What fails here must cost neither the estimate nor the alarm.
+            reason = self.report_failure(description.actuator_id, error)
+            return outlook_of_one(estimate, settings.limits, reason) if estimate.valid else None
+        if outlook and outlook.rul_requirements.reason == BEING_COMPUTED:
+            self.refresh(description)
+        self._log_problem(description, prognostics)
+        for event in outlook.events if outlook else ():
+            if event != prognostics.history.problem:
+                self._node.get_logger().warning(f"{description.actuator_id}: {event}")
+        return outlook
+
+    def tasks(self) -> list[Task]:
+        """Return the status of each history."""
+        return [
+            Task(
+                f"{actuator_id} history",
+                WARN if prognostics.history.problem else OK,
+                prognostics.history.problem or f"{len(prognostics.history.entries)} tests",
+                serial_number,
+                {"file": prognostics.history.path or "none, in memory only"},
+            )
+            for (actuator_id, serial_number), prognostics in self._histories.items()
+        ]
+
+    def _refresh_all(self) -> None:
+        """Fit the requirements of units, read their histories, and publish their health."""
+        while True:
+            try:
+                description = self._to_refresh.get_nowait()
+            except Empty:
+                return
+            try:
+                parameters = self._parameters(description)
+                if parameters is not None:
+                    FITTED.of(parameters, self._requirements.value)
+                with self._resuming:
+                    if not self._is_serving:
+                        return
+                    outlook = self._of(description).resume(parameters, self.settings)
+                    if outlook is not None:
+                        self._resume(description, outlook)
+            except Exception as error:
+                self.report_failure(description.actuator_id, error)
+
+    def _requirements_of(
+        self, parameters: ActuatorParameters, limits: RequirementLimits
+    ) -> Requirements | str:
+        """Return requirements as far as they are there: no window waits until they are fitted.
+
+        In simulated time windows may wait, so that a replay says what ``ema prognose`` does.
+        """
+        in_sim_time = self._node.get_parameter("use_sim_time").value
+        return (FITTED.of if in_sim_time else FITTED.if_ready)(parameters, limits)
+
+    def _of(self, description: ActuatorDescription) -> Prognostics:
+        unit = (description.actuator_id, description.serial_number)
+        prognostics = self._histories.of(unit, self.settings)
+        self._log_problem(description, prognostics)
+        return prognostics
+
+    def _parameters(self, description: ActuatorDescription) -> ActuatorParameters | None:
+        calibration = self._calibration_of(description)
+        return None if isinstance(calibration, str) else calibration.model().parameters
+
+    def _log_problem(self, description: ActuatorDescription, prognostics: Prognostics) -> None:
+        problem, actuator_id = prognostics.history.problem, description.actuator_id
+        unit = (actuator_id, description.serial_number)
+        if problem and self._logged.get(unit) != problem:
+            self._node.get_logger().error(f"{actuator_id}: {problem}")
+        self._logged[unit] = problem
+
+    def _predict(
+        self, request: PredictRemainingLife.Request, response: PredictRemainingLife.Response
+    ) -> PredictRemainingLife.Response:
+        try:
+            unit = self._find(request.actuator_id)
+            settings = duty_of(self.settings, request.duty)
+            description = unit.watch.description
+            if description is None:
+                raise ValueError(f"actuator {unit.actuator_id!r} has not been described")
+            prognostics = self._of(description)
+            outlook = prognostics.outlook(self._parameters(description), settings)
+            response.health = health_to_message(outlook, description)
+            response.success, response.message = True, ""
+        except ValueError as error:
+            response.success, response.message = False, str(error)
+        except Exception as error:
+            # A service that raises would take the node along.
+            response.success = False
+            response.message = self.report_failure(request.actuator_id, error)
+        return response
+
+    def report_failure(
+        self, actuator_id: str, error: Exception, what: str = "the prognosis"
+    ) -> str:
+        """Log what has just failed, and return it in words.
+
+        Parameters
+        ----------
+        actuator_id
+            Of which actuator; empty when that is not known.
+        error
+            What was raised.
+        what
+            What failed.
+        """
+        reason = f"{what} failed: {error!r}"
+        self._node.get_logger().error(
+            f"{actuator_id or 'actuator'}: {reason}\n{traceback.format_exc()}"
+        )
+        return reason
+
+
+def _folder(text: str) -> Path:
+    ros_home = os.environ.get("ROS_HOME") or "~/.ros"
+    return Path(os.path.expandvars(text.replace("$ROS_HOME", ros_home))).expanduser()

@@ -1,0 +1,1 @@
+"""Growth of the faults: measured, tracked and extrapolated."""

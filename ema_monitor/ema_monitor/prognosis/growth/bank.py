@@ -1,0 +1,204 @@
+"""A bank of Gaussian filters, one to each cell of the grid, with the cells' probabilities.
+
+Within a cell law, shape and rate are fixed, so that what is left is one smooth scalar state, the
+fault's distance from healthy, and a Gaussian holds it (unscented transform through the exact
+solution of the law). The cells' probabilities carry all that is not Gaussian: which law, how
+bent, how fast. This is the static multiple-model estimator (Magill 1965; Bar-Shalom, Li and
+Kirubarajan 2001, section 11.6.2), with the merging of the interacting one (section 11.6.6) for
+the onset of growth and for changes of it.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.growth_laws import increment
+from ema_monitor.prognosis.growth.cells import Cells
+from ema_monitor.prognosis.growth.measurement import REACH
+from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
+from ema_monitor.prognosis.growth.settings import TrackerSettings
+
+_LEAST = 1e-280
+_STANDSTILL = 1e-3
+
+
+class Bank:
+    """Probability, mean and variance of every cell.
+
+    Parameters
+    ----------
+    cells
+        The grid.
+    settings
+        Noise and probabilities.
+
+    Attributes
+    ----------
+    weight
+        Probability of each cell; sums to 1 over the cells of a component.
+    mean, variance
+        Signed distance from healthy in each cell [-].
+    members
+        Numbers of the cells of each component.
+    """
+
+    def __init__(self, cells: Cells, settings: TrackerSettings) -> None:
+        self.cells = cells
+        self._settings = settings
+        self.weight = cells.prior.copy()
+        self.mean = np.zeros_like(cells.prior)
+        self.variance = np.ones_like(cells.prior)
+        self._n = int(cells.component.max()) + 1
+        self.members = [np.flatnonzero(cells.component == number) for number in range(self._n)]
+        # Cells of a component lie side by side in each law.
+        self._runs = np.flatnonzero(np.diff(cells.component, prepend=-1))
+        self._constant = cells.slices["constant"]
+        self._noise_hours = np.expm1(settings.process_noise**2) * settings.process_noise_hours
+        # A change leads to growth of any kind, and seldom to none: a component seen to grow that
+        # never did must find back, but not by the few tests that its growth does not show in.
+        arriving = cells.prior.copy()
+        arriving[self._constant] *= _STANDSTILL
+        self._arriving = arriving / self.sums(arriving)[cells.component]
+        self._two_sided = (self.sums((cells.side < 0.0).astype(float)) > 0.0)[cells.component]
+
+    @property
+    def noise_hours(self) -> float:
+        """Variance of the effective time of growth per hour in service [h]."""
+        return float(self._noise_hours)
+
+    def sums(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the sums over each component's cells, ``(7,)``.
+
+        Parameters
+        ----------
+        values
+            One of each cell.
+        """
+        owner = self.cells.component[self._runs]
+        total = np.bincount(owner, np.add.reduceat(values, self._runs), self._n)
+        return total.astype(np.float64, copy=False)
+
+    def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return mean and variance of each component's signed distance, ``(7,)`` each."""
+        mean = self.sums(self.weight * self.mean)
+        away = self.mean - mean[self.cells.component]
+        return mean, self.sums(self.weight * (self.variance + away**2))
+
+    def advance(self, hours: float) -> None:
+        """Let all cells grow over some hours [h]."""
+        if hours <= 0.0:
+            return
+        cells = self.cells
+        for law, part in cells.slices.items():
+            if law == "constant":
+                continue
+            if law == "drift":
+                self.mean[part] += cells.side[part] * cells.rate[part] * hours
+                self.variance[part] += cells.diffusion[part] ** 2 * hours
+                continue
+            side, rate, shape = cells.side[part], cells.rate[part], cells.shape[part]
+            x, sd = side * self.mean[part], np.sqrt(self.variance[part])
+            points = np.maximum(np.stack([x - sd, x + sd]), 0.0)
+            steps = np.minimum(increment(law, points, rate, shape, hours), 1.0)
+            low, high = points + steps
+            step = 0.5 * (steps[0] + steps[1])
+            self.mean[part] = side * 0.5 * (low + high)
+            self.variance[part] = (0.5 * (high - low)) ** 2 + step**2 * self._noise_hours / hours
+
+    def change(self) -> None:
+        """Let growth begin, or become another, with the probabilities of the settings."""
+        cells, settings = self.cells, self._settings
+        leaving = np.full_like(self.weight, settings.change_probability)
+        leaving[self._constant] = settings.onset_probability
+        out = leaving * self.weight
+        mass = self.sums(out)
+        mass = np.maximum(mass, _LEAST)
+        mean = self.sums(out * self.mean) / mass
+        away = self.mean - mean[cells.component]
+        variance = self.sums(out * (self.variance + away**2)) / mass
+        self.weight -= out
+        arriving = self._arriving * mass[cells.component]
+        total = np.maximum(self.weight + arriving, _LEAST)
+        share = arriving / total
+        gap = mean[cells.component] - self.mean
+        self.mean += share * gap
+        self.variance += share * (variance[cells.component] - self.variance)
+        self.variance += share * (1.0 - share) * gap**2
+        self.weight = total
+
+    def measure(
+        self,
+        value: NDArray[np.float64],
+        noise: NDArray[np.float64],
+        used: NDArray[np.bool_],
+        near_healthy: NDArray[np.bool_],
+    ) -> None:
+        """Update all cells by what a test told.
+
+        Parameters
+        ----------
+        value
+            Signed distances from healthy, ``(7,)``.
+        noise
+            Variances of their errors, ``(7,)``.
+        used
+            Components that the test tells of, ``(7,)``.
+        near_healthy
+            Those of them that were put back to healthy, ``(7,)``.
+        """
+        component = self.cells.component
+        log_likelihood = np.zeros_like(self.weight)
+        plain = np.flatnonzero((used & ~near_healthy)[component])
+        self._measure_values(
+            plain, value[component[plain]], noise[component[plain]], log_likelihood
+        )
+        near = np.flatnonzero((used & near_healthy)[component])
+        mean, variance, told = self.mean[near], self.variance[near], np.empty(near.size)
+        own = component[near]
+        near_healthy_update(mean, variance, noise[own], REACH[own], self._two_sided[near], told)
+        self.mean[near], self.variance[near], log_likelihood[near] = mean, variance, told
+        highest = np.full(self._n, -np.inf)
+        np.maximum.at(highest, component, log_likelihood)
+        weight = self.weight * np.exp(log_likelihood - highest[component])
+        self.weight = np.maximum(weight / self.sums(weight)[component], _LEAST)
+
+    def _measure_values(
+        self,
+        at: NDArray[np.intp],
+        value: NDArray[np.float64],
+        noise: NDArray[np.float64],
+        log_likelihood: NDArray[np.float64],
+    ) -> None:
+        """Update by values whose error is at times larger: a mixture of two Gaussians, merged."""
+        settings = self._settings
+        innovation, variance = value - self.mean[at], self.variance[at]
+        usual, large = variance + noise, variance + noise + settings.occasional_error**2
+        squared = innovation**2
+        rare = settings.occasional_probability
+        log_usual = np.log1p(-rare) - 0.5 * (squared / usual + np.log(usual))
+        log_large = np.log(max(rare, _LEAST)) - 0.5 * (squared / large + np.log(large))
+        log_likelihood[at] = np.logaddexp(log_usual, log_large)
+        share = np.exp(log_large - log_likelihood[at])
+        gain_usual, gain_large = variance / usual, variance / large
+        gain = gain_usual + share * (gain_large - gain_usual)
+        self.mean[at] += gain * innovation
+        spread = share * (1.0 - share) * (gain_usual - gain_large) ** 2 * squared
+        self.variance[at] = variance * (1.0 - gain) + spread
+
+    def restart(self, component: int, value: float, variance: float, *, keep: float) -> None:
+        """Start a component's level anew.
+
+        Parameters
+        ----------
+        component
+            Number of the component.
+        value, variance
+            New signed distance from healthy and its variance [-].
+        keep
+            Power to which the cells' probabilities are kept, relative to the prior: 0 reopens
+            the prior, 1 keeps all that is known of the growth [-].
+        """
+        at = self.members[component]
+        self.mean[at], self.variance[at] = value, variance
+        prior = self.cells.prior[at]
+        weight = prior * (self.weight[at] / prior) ** keep
+        self.weight[at] = weight / weight.sum()

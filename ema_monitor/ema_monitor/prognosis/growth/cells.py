@@ -1,0 +1,123 @@
+"""The grid over laws, shapes and rates on which a tracker weighs how each component grows.
+
+A rate is stated by the hours T that the law takes from healthy to the limit, and a shape by the
+bend of its curve (``curves``), so that one grid serves components, limits and actuators of any
+kind. T is anything from 50 h to 30,000 h, log-uniform. These figures come from what a tracker can
+tell (faster growth ends within five tests, slower growth is beyond the horizon), not from the
+lives that it is tried on.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
+from ema_core.growth_laws import LAWS, hours_until
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.growth.curves import Curve, curves_of
+from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
+
+N_RATES: Final = 97
+LIFE_HOURS: Final = np.geomspace(50.0, 30_000.0, N_RATES)
+"""Hours from healthy to the limit on the grid [h]."""
+RATE_SPACING: Final = float(np.log(LIFE_HOURS[1] / LIFE_HOURS[0]))
+"""Distance of neighbouring rates in the logarithm [-]."""
+CONSTANT_PRIOR: Final = 0.5
+"""Prior probability that a component does not grow [-]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Cells of the grid, ``(n,)`` each, those of a law next to each other.
+
+    Attributes
+    ----------
+    slices
+        Where the cells of each law are.
+    component
+        Number of the component among those tracked.
+    side
+        Side of the healthy value on which it grows, -1 or 1.
+    rate, shape
+        Figures of the law.
+    diffusion
+        Of ``drift`` its s [1/sqrt(h)]; else 0.
+    limit
+        Distance from healthy at which life ends [-].
+    prior
+        Prior probability; sums to 1 over the cells of a component.
+    """
+
+    slices: dict[str, slice]
+    component: NDArray[np.intp]
+    side: NDArray[np.float64]
+    rate: NDArray[np.float64]
+    shape: NDArray[np.float64]
+    diffusion: NDArray[np.float64]
+    limit: NDArray[np.float64]
+    prior: NDArray[np.float64]
+
+
+def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
+    """Return the cells for all components.
+
+    Parameters
+    ----------
+    limits
+        Where life ends.
+    settings
+        Laws that are known.
+    """
+    by_law: dict[str, list[NDArray[np.float64]]] = {law: [] for law in LAWS}
+    for number, name in enumerate(COMPONENTS):
+        limit, known = limits.of(name), settings.laws.get(name)
+        still = [number, 1.0, 0.0, 0.0, 0.0, limit, CONSTANT_PRIOR]
+        by_law["constant"].append(np.array([still]).T)
+        for curve in curves_of(limit, known, two_sided=_is_two_sided(number)):
+            by_law[curve.law].append(_cells_of(curve, number, limit, known))
+    slices: dict[str, slice] = {}
+    parts: list[NDArray[np.float64]] = []
+    n = 0
+    for law, of_it in by_law.items():
+        size = sum(part.shape[1] for part in of_it)
+        slices[law] = slice(n, n + size)
+        parts += of_it
+        n += size
+    component, side, rate, shape, diffusion, limit, prior = np.concatenate(parts, axis=1)
+    number = component.astype(np.intp)
+    prior /= np.bincount(number, prior)[number]
+    return Cells(slices, number, side, rate, shape, diffusion, limit, prior)
+
+
+def _cells_of(
+    curve: Curve, number: int, limit: float, known: KnownLaw | None
+) -> NDArray[np.float64]:
+    """Return component, side, rate, shape, diffusion, limit and prior, ``(7, n)``."""
+    # Hours of the law at rate 1: T is in proportion to 1 / a, and to c.
+    at_one = float(hours_until(curve.law, 0.0, 1.0, curve.shape, limit))
+    rate = LIFE_HOURS / at_one if curve.law == "power" else at_one / LIFE_HOURS
+    sides = (-1.0, 1.0) if _is_two_sided(number) else (1.0,)
+    prior = _rate_prior(rate, known) * (1.0 - CONSTANT_PRIOR) * curve.share / len(sides)
+    parts = []
+    for side in sides:
+        row = np.empty((7, N_RATES))
+        row[:] = np.array([[number, side, 0.0, curve.shape, curve.diffusion, limit, 0.0]]).T
+        row[2], row[6] = rate, prior
+        parts.append(row)
+    return np.concatenate(parts, axis=1)
+
+
+def _is_two_sided(number: int) -> bool:
+    return FAULTS[FAULT_NAMES.index(COMPONENTS[number])].is_two_sided
+
+
+def _rate_prior(rate: NDArray[np.float64], known: KnownLaw | None) -> NDArray[np.float64]:
+    flat = np.full(N_RATES, 1.0 / N_RATES)
+    if known is None:
+        return flat
+    away = (np.log(rate / known.rate) / known.rate_sigma) ** 2
+    # Of a rate far off the grid, the nearest is left.
+    peak = np.exp(0.5 * (away.min() - away))
+    return 0.5 * flat + 0.5 * peak / peak.sum()

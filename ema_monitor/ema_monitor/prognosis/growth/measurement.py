@@ -1,0 +1,166 @@
+"""What one valid test measures of the faults, and at which service hour."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import COMPONENTS, FAULT_NAMES, N_FAULTS, healthy_faults
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS
+
+INDICES: Final = [FAULT_NAMES.index(name) for name in COMPONENTS]
+"""Where the tracked components are in a fault vector."""
+HEALTHY: Final = healthy_faults()[INDICES]
+REACH: Final = SIGNIFICANT_SIGMAS[INDICES]
+"""Standard deviations within which an estimate is put back to healthy, ``(7,)`` [-]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """Fault vector that one valid test measured.
+
+    Attributes
+    ----------
+    hours
+        Service hour of the test [h].
+    faults
+        Fault vector, ``(8,)``.
+    covariance
+        Its covariance, ``(8, 8)``; rows and columns of unobservable components are not read.
+    unobservable
+        Components that the test does not show, ``(8,)``.
+    sigma_floor
+        Error beside the covariance, as a standard deviation of each tracked component [-].
+
+    Raises
+    ------
+    ValueError
+        When the hours are no number of at least 0, a shape is wrong, or an observable component
+        has no finite value or variance.
+    """
+
+    hours: float
+    faults: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    unobservable: NDArray[np.bool_]
+    sigma_floor: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.hours < math.inf:
+            raise ValueError(f"hours = {self.hours!r} h: expected a number of at least 0")
+        for name, kind, shape in (
+            ("faults", np.float64, (N_FAULTS,)),
+            ("covariance", np.float64, (N_FAULTS, N_FAULTS)),
+            ("unobservable", np.bool_, (N_FAULTS,)),
+        ):
+            values = np.array(getattr(self, name), dtype=kind)
+            if values.shape != shape:
+                raise ValueError(f"{name} of a measurement has shape {values.shape}, not {shape}")
+            object.__setattr__(self, name, values)
+        seen = ~self.unobservable
+        if not np.all(np.isfinite(self.faults[seen])):
+            raise ValueError(f"faults = {self.faults}: an observable component is not finite")
+        variances = np.diag(self.covariance)[seen]
+        if not np.all((variances >= 0.0) & (variances < math.inf)):
+            raise ValueError(f"variances = {variances}: expected numbers of at least 0")
+
+    @classmethod
+    def of(cls, estimate: Estimate, hours: float) -> Self:
+        """Return the measurement that an estimate makes.
+
+        Parameters
+        ----------
+        estimate
+            What was found in a window.
+        hours
+            Service hour of the window [h].
+
+        Raises
+        ------
+        ValueError
+            When the estimate is not valid, or the hours are no number of at least 0.
+        """
+        if not estimate.valid:
+            raise ValueError(f"an invalid estimate measures nothing: {estimate.reason}")
+        return cls(float(hours), estimate.faults, estimate.covariance, estimate.unobservable)
+
+    @property
+    def at_healthy(self) -> NDArray[np.bool_]:
+        """Observable components that were set to healthy: they lie somewhere near it, ``(8,)``."""
+        return ~self.unobservable & (self.faults == healthy_faults())
+
+    @property
+    def variance(self) -> NDArray[np.float64]:
+        """Variances, ``(8,)``; infinite where unobservable."""
+        return np.where(self.unobservable, np.inf, np.diag(self.covariance))
+
+    @cached_property
+    def seen(self) -> NDArray[np.bool_]:
+        """Tracked components that the test shows, ``(7,)``."""
+        return ~self.unobservable[INDICES]
+
+    @cached_property
+    def near_healthy(self) -> NDArray[np.bool_]:
+        """Tracked components that were set to healthy, ``(7,)``."""
+        return self.at_healthy[INDICES]
+
+    @cached_property
+    def value(self) -> NDArray[np.float64]:
+        """Signed distances of the tracked components from healthy [-], ``(7,)``."""
+        return np.where(self.seen, self.faults[INDICES] - HEALTHY, 0.0)
+
+    @cached_property
+    def error_covariance(self) -> NDArray[np.float64]:
+        """Covariance of the error of ``value``, the floor included, ``(7, 7)``."""
+        covariance = self.covariance[np.ix_(INDICES, INDICES)]
+        covariance = np.where(np.outer(self.seen, self.seen), np.nan_to_num(covariance), 0.0)
+        return covariance + self.sigma_floor**2 * np.eye(len(INDICES))
+
+    @property
+    def noise(self) -> NDArray[np.float64]:
+        """Variances of the error of ``value``, ``(7,)``."""
+        return np.diag(self.error_covariance)
+
+    def normalized_innovation(
+        self, mean: NDArray[np.float64], variance: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return how many standard deviations each value is from its prediction, ``(7,)``."""
+        away = np.abs(self.value - mean)
+        reach = np.where(self.near_healthy, REACH * np.sqrt(self.noise), 0.0)
+        total = np.sqrt(self.noise + variance)
+        return np.where(self.seen, np.maximum(away - reach, 0.0) / total, 0.0)
+
+    def without_common_errors(
+        self,
+        mean: NDArray[np.float64],
+        variance: NDArray[np.float64],
+        plain: NDArray[np.bool_],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return values and error variances, given all other components, ``(7,)`` each.
+
+        Errors of one test are correlated: that the others lie off their predictions shows part of
+        the error of each (the conditional Gaussian distribution).
+
+        Parameters
+        ----------
+        mean, variance
+            The predictions.
+        plain
+            Components whose value is that of the test and not merely near healthy.
+        """
+        value, noise = self.value.copy(), self.noise.copy()
+        total = self.error_covariance + np.diag(variance)
+        for number in np.flatnonzero(plain):
+            others = plain.copy()
+            others[number] = False
+            shared = self.error_covariance[number, others]
+            if not np.any(shared):
+                continue
+            factor = np.linalg.solve(total[np.ix_(others, others)], shared)
+            value[number] -= factor @ (self.value - mean)[others]
+            noise[number] = max(noise[number] - factor @ shared, 0.01 * noise[number])
+        return value, noise

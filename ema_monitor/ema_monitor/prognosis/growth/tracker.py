@@ -1,0 +1,290 @@
+"""Bayesian tracker of how an actuator's faults grow.
+
+State and growth are estimated together: each component has a bank of Gaussian filters on a grid
+of laws, shapes and rates (``bank``). A grid was chosen rather than particles, because given law,
+shape and rate only one smooth scalar is left, which a Gaussian holds; because static parameters
+make particles degenerate and the usual cure, jitter, forgets what long lives taught; because the
+probabilities of laws are then exact marginal likelihoods; and because nothing is random before
+a prediction draws from it. A single extended Kalman filter would hold neither the early,
+many-peaked distribution of the rates nor several laws.
+"""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULTS, HIGHEST, healthy_faults
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.growth.bank import Bank
+from ema_monitor.prognosis.growth.cells import grid
+from ema_monitor.prognosis.growth.events import Event
+from ema_monitor.prognosis.growth.forecast import draw, futures, lives
+from ema_monitor.prognosis.growth.measurement import INDICES, Measurement
+from ema_monitor.prognosis.growth.outliers import Opening, OutlierDetector
+from ema_monitor.prognosis.growth.prediction import Fan, Prognosis
+from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracked_fault import TrackedFault, tracked_faults
+from ema_monitor.prognosis.growth.verdict import Evidence, prognosis_of
+
+KEPT_AFTER_STEP: Final = 0.5
+"""Power to which the probabilities of laws and rates are kept after a step fault [-]."""
+
+LEAST_TESTS: Final = 5
+"""Tests of a level below which no component is newly taken to grow."""
+BEGINS_BELOW: Final = 1e-4
+"""Probability of no growth below which a component is taken to grow [-].
+
+Of a component that does not grow, the probability that this ever happens is of the same size,
+however long it is watched (Ville's inequality for likelihood ratios).
+"""
+ENDS_ABOVE: Final = 0.2
+"""Probability of no growth above which it no longer is [-]."""
+
+
+class Tracker:
+    """Tracks one actuator from test to test.
+
+    Parameters
+    ----------
+    limits
+        Where life ends.
+    settings
+        What is assumed of growth; by default that no law is known.
+    seed
+        Seed of the samples of predictions, at least 0. The same measurements with the same seed
+        give the same figures, so that a replay of the history restores a tracker.
+
+    Raises
+    ------
+    ValueError
+        When the seed is negative.
+    """
+
+    def __init__(
+        self,
+        limits: HealthLimits | None = None,
+        settings: TrackerSettings | None = None,
+        seed: int = 0,
+    ) -> None:
+        if seed < 0:
+            raise ValueError(f"seed = {seed}: expected a whole number of at least 0")
+        self._limits = limits or HealthLimits()
+        self._settings = settings or TrackerSettings()
+        self._seed = seed
+        self._bank = Bank(grid(self._limits, self._settings), self._settings)
+        self._opening = Opening(self._settings)
+        self._outliers = OutlierDetector(self._settings)
+        self._tests = np.zeros(len(COMPONENTS), dtype=np.intp)
+        self._first_hours = np.full(len(COMPONENTS), np.nan)
+        self._growing = np.zeros(len(COMPONENTS), dtype=bool)
+        self._phase = float(FAULTS[ECCENTRICITY_PHASE].healthy)
+        self._updates = 0
+        self._hours = np.nan
+
+    @property
+    def hours(self) -> float:
+        """Service hour of the latest test [h]; NaN before any."""
+        return float(self._hours)
+
+    @property
+    def updates(self) -> int:
+        """Number of measurements so far."""
+        return self._updates
+
+    def update(self, measurement: Measurement) -> list[Event]:
+        """Update by a test.
+
+        Parameters
+        ----------
+        measurement
+            The test; missing tests and irregular intervals show in its hours.
+
+        Returns
+        -------
+        list of Event
+            What growth does not explain.
+
+        Raises
+        ------
+        ValueError
+            When the test was before the latest one.
+        """
+        if measurement.hours < self._hours:
+            raise ValueError(
+                f"hours = {measurement.hours:g} h: expected at least those of the latest test, "
+                f"{self._hours:g} h"
+            )
+        elapsed = measurement.hours - self._hours
+        self._hours = measurement.hours
+        self._updates += 1
+        if not measurement.unobservable[ECCENTRICITY_PHASE]:
+            self._phase = float(measurement.faults[ECCENTRICITY_PHASE])
+        measurement = replace(measurement, sigma_floor=self._settings.sigma_floor)
+        if not self._tests.any():
+            first, events = self._opening.judge(measurement)
+            if first is None:
+                return events
+            self._use(first)
+            elapsed = measurement.hours - first.hours
+        else:
+            events = []
+        self._bank.advance(elapsed)
+        mean, variance = self._bank.moments()
+        odd, changed, held = self._outliers.judge(measurement, mean, variance, self._tests)
+        for number in np.flatnonzero(changed):
+            rose = abs(measurement.value[number]) > abs(mean[number])
+            self._restart(int(number), measurement, keep=KEPT_AFTER_STEP if rose else 0.0)
+        if not held.all():
+            self._use(measurement, changed, held)
+        return events + odd
+
+    def _use(
+        self,
+        measurement: Measurement,
+        changed: NDArray[np.bool_] | None = None,
+        held: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Update by a test, but for components whose level it has set and those held back."""
+        none = np.zeros(len(COMPONENTS), dtype=bool)
+        changed, held = (none if item is None else item for item in (changed, held))
+        fresh = self._begin(measurement, ~changed & ~held)
+        used = measurement.seen & ~changed & ~held & ~fresh
+        self._bank.change()
+        mean, variance = self._bank.moments()
+        value, noise = measurement.without_common_errors(
+            mean, variance, used & ~measurement.near_healthy
+        )
+        self._bank.measure(value, noise, used, used & measurement.near_healthy)
+        self._tests += measurement.seen & ~held
+        constant = self._constant()
+        begins = (constant < BEGINS_BELOW) & (self._tests >= LEAST_TESTS)
+        self._growing = np.where(self._growing, constant < ENDS_ABOVE, begins)
+
+    def _constant(self) -> NDArray[np.float64]:
+        """Return the probability that each component does not grow, ``(7,)``."""
+        return self._bank.weight[self._bank.cells.slices["constant"]]
+
+    def _begin(self, measurement: Measurement, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return components whose level this test sets, being the first of them, ``(7,)``."""
+        first = measurement.seen & used & (self._tests == 0)
+        for number in np.flatnonzero(first):
+            self._restart(int(number), measurement, keep=0.0)
+        return first
+
+    def _restart(self, number: int, measurement: Measurement, keep: float) -> None:
+        # The one test that a level starts from may have an occasional error.
+        variance = measurement.noise[number] + self._settings.occasional_error**2
+        self._bank.restart(number, float(measurement.value[number]), float(variance), keep=keep)
+        self._tests[number] = 0
+        if keep == 0.0:
+            self._first_hours[number] = measurement.hours
+            self._growing[number] = False
+
+    def components(self) -> tuple[TrackedFault, ...]:
+        """Return what is known of each component."""
+        return tracked_faults(self._bank, self._tests)
+
+    def _rng(self) -> np.random.Generator:
+        return np.random.default_rng([self._seed, self._updates])
+
+    def predict(self, duty: float = 1.0) -> Prognosis:
+        """Return the remaining useful life from the latest test on.
+
+        Parameters
+        ----------
+        duty
+            Growth of the faults in a future flight hour, relative to a past one, > 0: with twice
+            the test cycles to the hour it is 2, and all lives are half as long [-].
+
+        Raises
+        ------
+        ValueError
+            When the duty is not a number above 0.
+        """
+        _check_duty(duty)
+        rng = self._rng()
+        sample = draw(self._bank, self._settings.samples, rng)
+        mean, variance = self._bank.moments()
+        return prognosis_of(
+            lives(sample, rng) / duty,
+            Evidence(
+                self._hours,
+                self._tests,
+                self._hours - self._first_hours,
+                mean,
+                np.sqrt(variance),
+                self._growing,
+                1.0 - self._constant(),
+            ),
+            self._limits,
+            self._settings,
+            duty,
+        )
+
+    def futures(self, hours: ArrayLike, n: int = 500, duty: float = 1.0) -> NDArray[np.float64]:
+        """Return samples of the fault vector in the future.
+
+        Parameters
+        ----------
+        hours
+            Ascending hours from the latest test on, at least 0 [h], ``(m,)``.
+        n
+            Number of samples.
+        duty
+            As of ``predict``.
+
+        Returns
+        -------
+        numpy.ndarray
+            Fault vectors within their range, ``(m, n, 8)``; the direction of eccentricity stays
+            that of the latest test.
+
+        Raises
+        ------
+        ValueError
+            When the hours descend or are below 0, or the duty is not a number above 0.
+        """
+        _check_duty(duty)
+        times = np.atleast_1d(np.asarray(hours, dtype=np.float64))
+        if times.ndim != 1 or not np.all(np.diff(times, prepend=0.0) >= 0.0):
+            raise ValueError(f"hours = {hours} h: expected ascending numbers of at least 0")
+        rng = self._rng()
+        away = futures(draw(self._bank, n, rng), times * duty, rng)
+        vectors = np.tile(healthy_faults(), (times.size, n, 1))
+        vectors[..., INDICES] += np.moveaxis(away, 1, 2)
+        vectors[..., ECCENTRICITY_PHASE] = self._phase
+        return np.clip(vectors, 0.0, HIGHEST)
+
+    def fan(
+        self,
+        hours: ArrayLike,
+        levels: tuple[float, ...] = (0.05, 0.25, 0.5, 0.75, 0.95),
+        duty: float = 1.0,
+    ) -> Fan:
+        """Return quantiles of the future of each component, for plots.
+
+        Parameters
+        ----------
+        hours, duty
+            As of ``futures``.
+        levels
+            Probabilities of the quantiles [-].
+
+        Raises
+        ------
+        ValueError
+            As ``futures``.
+        """
+        values = np.quantile(self.futures(hours, duty=duty), levels, axis=1)
+        return Fan(
+            np.atleast_1d(np.asarray(hours, dtype=np.float64)),
+            np.array(levels),
+            {name: values[..., i] for name, i in zip(COMPONENTS, INDICES, strict=True)},
+        )
+
+
+def _check_duty(duty: float) -> None:
+    if not 0.0 < duty < np.inf:
+        raise ValueError(f"duty = {duty!r}: expected a number above 0")

@@ -1,0 +1,1 @@
+"""Required performances, and when they fail."""

@@ -1,0 +1,270 @@
+"""Required performance: its limits, and how far an actuator with given faults is from them."""
+
+from dataclasses import dataclass, fields
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, HIGHEST, N_FAULTS
+from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_core.parameters import ActuatorParameters
+from ema_core.quantity import check_quantities, quantity
+from ema_monitor.health import ONE_SIDED_95, FaultHealth, HealthLimits
+from ema_monitor.prognosis.requirements.performance import (
+    Performance,
+    PerformanceModel,
+    as_faults,
+)
+from ema_monitor.prognosis.requirements.surrogate import Surrogate, Trend, training_faults
+
+REQUIREMENTS: Final = Performance._fields
+"""Names of the requirements, in the order of `Performance`."""
+
+MODELLED: Final = ("tracking_error", "bandwidth", "torque_margin")
+"""Those for which the model must run; free play has a closed form."""
+
+BELOW: Final = frozenset({"bandwidth", "torque_margin"})
+"""Those that fail below their limit."""
+
+TRAINING_SIZE: Final = 4000
+"""Fault vectors that the trend is fitted to."""
+
+SEEN: Final = (-0.5, 1.5)
+"""Reserves beyond which the stand-in need not tell more [-]."""
+
+_SMALLEST_STEP = 0.01
+_NEGLIGIBLE = 0.05
+_ROUNDED_ZETA = 0.02
+
+
+@dataclass(frozen=True)
+class RequirementLimits:
+    """What an actuator must still perform.
+
+    A healthy built-in actuator has a tracking error of 2.14 mrad, a bandwidth of 32.9 Hz, a free
+    play of 0.01 mrad and a torque margin of 0.653.
+
+    Raises
+    ------
+    ValueError
+        When a figure is outside its range; the message names it.
+    """
+
+    tracking_error: float = quantity(
+        1.5e-3, "rad", 1e-6, 1.0, "limit of the tracking error above the healthy actuator's"
+    )
+    bandwidth: float = quantity(12.0, "Hz", 0.1, 1e3, "least bandwidth at -3 dB")
+    free_play: float = quantity(5e-4, "rad", 1e-7, 1.0, "limit of free play at the user shaft")
+    torque_margin: float = quantity(0.5, "-", 0.0, 0.99, "least share of torque left unused")
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    @classmethod
+    def unit(cls, name: str) -> str:
+        """Return the unit of a requirement as messages write it; "1" for a share."""
+        units = {item.name: item.metadata["unit"] for item in fields(cls)}
+        return units[name].replace("-", "1")
+
+    def criterion(self, name: str) -> str:
+        """Return in words when a requirement is met, of an actuator that is not known."""
+        of_healthy = " above that of the healthy actuator" if name == "tracking_error" else ""
+        return _criterion(name, getattr(self, name)) + of_healthy
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """How an actuator with given faults meets the requirements.
+
+    Attributes
+    ----------
+    healths
+        Health as to each requirement, in the units of ``RequirementLimits.unit``.
+    gradients
+        How each performance changes with the faults, ``(8,)``, by name [its unit]; 0 for what is
+        not observable.
+    """
+
+    healths: tuple[FaultHealth, ...]
+    gradients: dict[str, NDArray[np.float64]]
+
+
+class Requirements:
+    """The requirements of one actuator.
+
+    A quick stand-in of the model is fitted at construction, which takes a second.
+
+    Parameters
+    ----------
+    parameters
+        Those of the unit: of ``Calibration.model()`` where there is a calibration.
+    limits
+        What is required.
+
+    Attributes
+    ----------
+    healthy
+        Performance of the healthy actuator by name.
+    limit
+        Value at which each requirement fails, by name; that of the tracking error is absolute.
+    trend
+        Weights of the `Trend` of the reserve of each of the ``MODELLED`` requirements, by name.
+    trend_error
+        Its rms error on other faults than it was fitted to, by name [-].
+
+    Raises
+    ------
+    ValueError
+        When a healthy actuator misses a requirement.
+    """
+
+    def __init__(
+        self, parameters: ActuatorParameters, limits: RequirementLimits | None = None
+    ) -> None:
+        self.limits = limits or RequirementLimits()
+        self.model = PerformanceModel(parameters, self.limits.bandwidth)
+        self.healthy = self.model.healthy
+        self.limit = {name: float(getattr(self.limits, name)) for name in REQUIREMENTS}
+        self.limit["tracking_error"] += self.healthy["tracking_error"]
+        self._scale = {name: self.limit[name] - self.healthy[name] for name in REQUIREMENTS}
+        for name, scale in self._scale.items():
+            if (scale >= 0.0) if name in BELOW else (scale <= 0.0):
+                unit = RequirementLimits.unit(name)
+                raise ValueError(
+                    f"{name}: a healthy actuator has {self.healthy[name]:.4g} {unit} and misses "
+                    f"the limit of {self.limit[name]:.4g} {unit}; set one that it meets"
+                )
+        faults = training_faults(TRAINING_SIZE + TRAINING_SIZE // 4, seed=0)
+        values = np.clip(self._modelled_reserves(faults), *SEEN)
+        trend = Trend(faults[:TRAINING_SIZE], values[:TRAINING_SIZE])
+        self.trend: dict[str, NDArray[np.float64]] = dict(zip(MODELLED, trend.weights, strict=True))
+        self.trend_error: dict[str, float] = {}
+        for number, name in enumerate(MODELLED):
+            told = Surrogate(self.trend[name]).at(faults[TRAINING_SIZE:])
+            missed = told - values[TRAINING_SIZE:, number]
+            self.trend_error[name] = float(np.sqrt(np.mean(missed**2)))
+
+    def reserve(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how much is left of the way from healthy to the limit: 1 when healthy, 0 there.
+
+        Parameters
+        ----------
+        name
+            Requirement.
+        values
+            Performance in its unit, of any shape.
+        """
+        return (self.limit[name] - values) / self._scale[name]
+
+    def criterion(self, name: str) -> str:
+        """Return in words when a requirement is met."""
+        return _criterion(name, self.limit[name])
+
+    def exact_reserves(self, names: tuple[str, ...], faults: ArrayLike) -> NDArray[np.float64]:
+        """Return reserves by the model, ``(m, len(names))``, running only what they need.
+
+        Parameters
+        ----------
+        names
+            Requirements.
+        faults
+            Fault vectors, ``(m, 8)``.
+        """
+        faults = as_faults(faults)
+        found: dict[str, NDArray[np.float64]] = {}
+        if "tracking_error" in names or "torque_margin" in names:
+            found["tracking_error"], found["torque_margin"] = self.model.chirp(faults)
+        if "bandwidth" in names:
+            found["bandwidth"] = self.model.bandwidth(faults)
+        if "free_play" in names:
+            found["free_play"] = self.model.free_play(faults)
+        return np.stack([self.reserve(name, found[name]) for name in names], axis=1)
+
+    def judge(
+        self,
+        faults: ArrayLike,
+        covariance: ArrayLike,
+        unobservable: ArrayLike | None = None,
+        warn_share: float | None = None,
+    ) -> Judgement:
+        """Return how far each requirement is met, and how that changes with the faults.
+
+        Parameters
+        ----------
+        faults
+            Estimated fault vector, ``(8,)``.
+        covariance
+            Its covariance, ``(8, 8)``; NaN rows and columns count as unobservable.
+        unobservable
+            Components about which nothing is known, ``(8,)``; None for none.
+        warn_share
+            Share of the way to a limit that the lower 95 % bound passes at a warning [-]; that of
+            ``HealthLimits`` by default.
+
+        Notes
+        -----
+        Standard deviations by the delta method, from differences over one standard deviation of
+        each component, at least 0.01. Where an unobservable component over its whole range would
+        change a performance by more than 5 % of the way to the limit, sigma is NaN and the level
+        ``STALE``, unless the value is beyond the limit. A direction of eccentricity does not
+        count below 0.02.
+        """
+        k = as_faults(faults)[0]
+        P = np.array(covariance, dtype=np.float64)
+        if P.shape != (N_FAULTS, N_FAULTS):
+            raise ValueError(f"covariance has shape {P.shape}, expected ({N_FAULTS}, {N_FAULTS})")
+        hidden = ~np.isfinite(np.diag(P))
+        if unobservable is not None:
+            hidden = hidden | np.asarray(unobservable, dtype=bool)
+        P[hidden] = 0.0
+        P[:, hidden] = 0.0
+        step = np.maximum(np.sqrt(np.maximum(np.diag(P), 0.0)), _SMALLEST_STEP)
+        up = np.where(hidden, HIGHEST, np.minimum(k + step, HIGHEST))
+        down = np.where(hidden, 0.0, np.maximum(k - step, 0.0))
+        if hidden[ECCENTRICITY_PHASE]:
+            # Both ends of its range are one direction: compare with the opposite one.
+            down[ECCENTRICITY_PHASE] = k[ECCENTRICITY_PHASE]
+            up[ECCENTRICITY_PHASE] = (k[ECCENTRICITY_PHASE] + 0.5) % 1.0
+        points = np.tile(k, (1 + 2 * N_FAULTS, 1))
+        component = np.arange(N_FAULTS)
+        points[1 + component, component] = up
+        points[1 + N_FAULTS + component, component] = down
+        if k[ECCENTRICITY] < _ROUNDED_ZETA:
+            points[1 + ECCENTRICITY_PHASE] = points[1 + N_FAULTS + ECCENTRICITY_PHASE] = k
+        # The points around a vector with NaN are as unknown as itself.
+        points[1:][np.isnan(k).any() | np.isnan(points[1:]).any(axis=1)] = np.nan
+        # A component at the end of its range goes one way only: half of its points are no others.
+        distinct, which = np.unique(points, axis=0, return_inverse=True)
+        performance = self.model.performance(distinct)
+        share = HealthLimits().warn_share if warn_share is None else warn_share
+        healths, gradients = [], {}
+        for name in REQUIREMENTS:
+            values = getattr(performance, name)[which]
+            change = values[1 : 1 + N_FAULTS] - values[1 + N_FAULTS :]
+            gradient = np.where(hidden, 0.0, change / (up - down))
+            blind = np.any(hidden & (np.abs(change / self._scale[name]) > _NEGLIGIBLE))
+            sigma = np.nan if blind else float(np.sqrt(max(gradient @ P @ gradient, 0.0)))
+            healths.append(self._health(name, float(values[0]), sigma, share))
+            gradients[name] = gradient
+        return Judgement(tuple(healths), gradients)
+
+    def _health(self, name: str, value: float, sigma: float, warn_share: float) -> FaultHealth:
+        share = 1.0 - float(self.reserve(name, np.array(value)))
+        bound = share - ONE_SIDED_95 * sigma / abs(self._scale[name])
+        if share > 1.0:
+            level = ERROR
+        elif np.isnan(bound):
+            level = STALE
+        else:
+            level = WARN if bound > warn_share else OK
+        return FaultHealth(name, level, value, sigma, self.limit[name], name in BELOW, share)
+
+    def _modelled_reserves(self, faults: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.exact_reserves(MODELLED, faults)
+
+
+def _criterion(name: str, limit: float) -> str:
+    sign = ">=" if name in BELOW else "<="
+    unit = RequirementLimits.unit(name).replace("1", "")
+    return f"{name} {sign} {limit:.4g} {unit}".strip()

@@ -1,0 +1,148 @@
+"""A quick stand-in for a slow function of the faults, corrected where it matters.
+
+The trend is a cubic polynomial fitted once; what it leaves is kriged from a few exact values
+(universal kriging; Santner, Williams and Notz, The Design and Analysis of Computer Experiments,
+Springer 2018, chapter 3).
+"""
+
+from itertools import combinations_with_replacement
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import (
+    BACKLASH,
+    ECCENTRICITY,
+    ECCENTRICITY_PHASE,
+    GAIN,
+    HIGHEST,
+    N_FAULTS,
+    SHORT_CIRCUITS,
+)
+from ema_core.simd import LANES
+from ema_monitor.prognosis.requirements.kernel import evaluate_surrogate
+
+CORRELATION_LENGTH: Final = 0.5
+"""Distance in ``coordinates`` over which the error of the trend is alike [-]."""
+
+NUGGET: Final = 1e-3
+"""Share of that error's variance that is not smooth [-]."""
+
+_SMALLESTBACKLASH = 0.005
+_WIDEST_SHORT_CIRCUIT = 0.5
+_RIDGE = 1e-9
+
+_WIDTH = N_FAULTS + 1
+_CUBIC = np.array(list(combinations_with_replacement(range(_WIDTH), 3)))
+
+
+def coordinates(faults: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return coordinates of fault vectors, ``(n, 8)``, in which performance is smooth.
+
+    Eccentricity becomes ``zeta cos(phi)`` and ``zeta sin(phi)``, the backlash its root, since the
+    torque that crossing a play takes grows with that; a short circuit counts to half the turns.
+    """
+    x = np.clip(faults, 0.0, HIGHEST)
+    phi = (2.0 * x[:, ECCENTRICITY_PHASE] - 1.0) * np.pi
+    zeta = x[:, ECCENTRICITY].copy()
+    x[:, ECCENTRICITY], x[:, ECCENTRICITY_PHASE] = zeta * np.cos(phi), zeta * np.sin(phi)
+    x[:, BACKLASH] = np.sqrt(x[:, BACKLASH] + _SMALLESTBACKLASH)
+    x[:, SHORT_CIRCUITS] = np.minimum(x[:, SHORT_CIRCUITS], _WIDEST_SHORT_CIRCUIT)
+    x[:, GAIN] = 2.0 * x[:, GAIN] - 1.0
+    return x
+
+
+def training_faults(n: int, seed: int) -> NDArray[np.float64]:
+    """Draw fault vectors, ``(n, 8)``, that fill the range, more densely near the healthy state.
+
+    Parameters
+    ----------
+    n
+        How many.
+    seed
+        Seed of the draw.
+    """
+    r = np.random.default_rng(seed).random((n, N_FAULTS))
+    k = r**3 * HIGHEST
+    k[:, SHORT_CIRCUITS] = r[:, SHORT_CIRCUITS] ** 3 * _WIDEST_SHORT_CIRCUIT
+    k[:, ECCENTRICITY] = 0.9 * r[:, ECCENTRICITY] ** 3
+    k[:, ECCENTRICITY_PHASE] = r[:, ECCENTRICITY_PHASE]
+    off = 2.0 * r[:, GAIN] - 1.0
+    k[:, GAIN] = 0.5 + 0.5 * np.sign(off) * np.abs(off) ** 1.5
+    return k
+
+
+class Trend:
+    """Cubic polynomials in the coordinates of the faults.
+
+    Parameters
+    ----------
+    faults
+        Fault vectors, ``(n, 8)``.
+    values
+        Values there, ``(n, q)``.
+
+    Attributes
+    ----------
+    weights
+        Of the products of three coordinates or ones, ``(q, 165)``.
+    """
+
+    def __init__(self, faults: NDArray[np.float64], values: NDArray[np.float64]) -> None:
+        design = _with_ones(faults).T[_CUBIC].prod(axis=1)
+        normal = design @ design.T + _RIDGE * len(faults) * np.eye(len(_CUBIC))
+        self.weights = np.ascontiguousarray(np.linalg.solve(normal, design @ values).T)
+
+
+class Surrogate:
+    """A trend, and what it leaves of the value kriged from exact values at a few points.
+
+    Parameters
+    ----------
+    weights
+        Those of the trend, ``(165,)``.
+    faults
+        Fault vectors where the value is known, ``(k, 8)``; k may be 0.
+    exact
+        The value there, ``(k,)``.
+    """
+
+    def __init__(
+        self,
+        weights: NDArray[np.float64],
+        faults: NDArray[np.float64] | None = None,
+        exact: NDArray[np.float64] | None = None,
+    ) -> None:
+        self._weights = weights.copy()
+        self._known, self._known_weights = np.empty((0, _WIDTH)), np.empty(0)
+        if faults is not None and exact is not None and len(faults):
+            missed = exact - self.at(faults)
+            mean = float(missed.mean())
+            # The first product of the trend is that of three ones.
+            self._weights[0] += mean
+            known = _with_ones(faults)
+            between = known[:, None] - known
+            gram = (1.0 + 0.125 * (between**2).sum(axis=2) / CORRELATION_LENGTH**2) ** -4
+            gram += NUGGET * np.eye(len(known))
+            self._known, self._known_weights = known, np.linalg.solve(gram, missed - mean)
+
+    def at(self, faults: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the values, ``(m,)``, at fault vectors, ``(m, 8)``."""
+        m = len(faults)
+        points = np.ones((_WIDTH, -(-m // LANES) * LANES))
+        points[1:, :m] = coordinates(faults).T
+        values = np.empty((points.shape[1], 1))
+        evaluate_surrogate(
+            points,
+            self._weights,
+            self._known,
+            self._known_weights,
+            1.0 / CORRELATION_LENGTH,
+            values,
+        )
+        return values[:m, 0]
+
+
+def _with_ones(faults: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.column_stack([np.ones(len(faults)), coordinates(faults)])

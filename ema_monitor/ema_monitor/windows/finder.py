@@ -1,0 +1,199 @@
+"""Following one actuator: description and telemetry in, numbered windows out.
+
+Live, in a replay and over a bag, windows are found here; none of it knows the time of arrival.
+"""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry
+from ema_monitor.windows.trigger import LOOKBACK_S, Defect, Refusal, TriggerSettings, WindowTrigger
+from ema_monitor.windows.window import Window
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A window, or one that was begun and cannot be used.
+
+    Attributes
+    ----------
+    number
+        Its running number, from 0.
+    description
+        The actuator, as it was described at the time.
+    window
+        The window, or why there is none.
+    """
+
+    number: int
+    description: ActuatorDescription
+    window: Window | Refusal
+
+
+class WindowFinder:
+    """Follows one actuator.
+
+    Telemetry that comes before the description waits for it, the latest ten seconds of it.
+
+    Parameters
+    ----------
+    settings
+        When a window begins and how long it is.
+    description
+        The actuator, if that is known already.
+
+    Attributes
+    ----------
+    description
+        The actuator as it was described last; None when it was not.
+    blocks
+        Number of blocks that came.
+    lost_samples
+        Number of samples that were missing between them.
+    windows
+        Number of windows found, those that cannot be used among them.
+    """
+
+    def __init__(
+        self, settings: TriggerSettings, description: ActuatorDescription | None = None
+    ) -> None:
+        self.description: ActuatorDescription | None = None
+        self.blocks = 0
+        self.lost_samples = 0
+        self.windows = 0
+        self._settings = settings
+        self._early: deque[Telemetry | Defect] = deque()
+        self._trigger: WindowTrigger | None = None
+        self._last: Telemetry | None = None
+        self._period_told = False
+        if description is not None:
+            self.describe(description)
+
+    @property
+    def longest_motion_s(self) -> float:
+        """Longest motion so far that made no window [s]."""
+        return self._trigger.longest_motion_s if self._trigger else 0.0
+
+    @property
+    def has_rested(self) -> bool:
+        """Whether the command was ever at rest."""
+        return self._trigger is not None and self._trigger.has_rested
+
+    def describe(self, description: ActuatorDescription) -> list[Segment | Defect]:
+        """Take a description; another one than before ends a window that is open.
+
+        Parameters
+        ----------
+        description
+            The actuator.
+        """
+        if description == self.description:
+            return []
+        found = self.restart(self._settings, "the description of the actuator changed")
+        self.description = description
+        self._trigger = WindowTrigger(description.parameters, self._settings)
+        self._period_told = False
+        early, self._early = self._early, deque()
+        for item in early:
+            if isinstance(item, Defect):
+                found += self._number([self._trigger.interrupt(item.stamp_ns, item.reason)])
+            else:
+                found += self._scan(item)
+        return found
+
+    def restart(self, settings: TriggerSettings, reason: str) -> list[Segment | Defect]:
+        """Begin anew with other settings; a window that is open ends.
+
+        Parameters
+        ----------
+        settings
+            When a window begins and how long it is.
+        reason
+            Why.
+        """
+        self._settings = settings
+        found: list[Segment | Defect] = []
+        if self._trigger is not None and self._last is not None:
+            found = self._number([self._trigger.interrupt(self._last.stamp_ns, reason)])
+        if self.description is not None:
+            self._trigger = WindowTrigger(self.description.parameters, settings)
+        return found
+
+    def feed(self, block: Telemetry) -> list[Segment | Defect]:
+        """Take the next block and return what it completes or reveals.
+
+        Parameters
+        ----------
+        block
+            Telemetry of the actuator.
+        """
+        self.blocks += 1
+        if self._last is not None:
+            missing = block.first_index - self._last.first_index - len(self._last)
+            self.lost_samples += max(0, missing)
+        self._last = block
+        if self._trigger is None:
+            self._keep(block)
+            return []
+        return self._scan(block)
+
+    def reject(self, stamp_ns: int, reason: str) -> list[Segment | Defect]:
+        """Take note of a block that is no telemetry.
+
+        Parameters
+        ----------
+        stamp_ns
+            Its stamp [ns].
+        reason
+            What is wrong with it.
+        """
+        self.blocks += 1
+        if self._trigger is None:
+            defect = Defect(stamp_ns, reason)
+            self._keep(defect)
+            return [defect]
+        return self._number([self._trigger.interrupt(stamp_ns, reason)])
+
+    def finish(self) -> list[Segment | Defect]:
+        """End the telemetry: return the refusal of a window that is cut off, and begin anew."""
+        found = self._number(self._trigger.finish() if self._trigger else [])
+        self._last = None
+        if self.description is not None:
+            self._trigger = WindowTrigger(self.description.parameters, self._settings)
+        return found
+
+    def _keep(self, item: Telemetry | Defect) -> None:
+        """Let something wait for the description, and let go of what is too old."""
+        self._early.append(item)
+        oldest_ns = item.stamp_ns - round(LOOKBACK_S * 1e9)
+        while self._early[0].stamp_ns < oldest_ns:
+            self._early.popleft()
+
+    def _scan(self, block: Telemetry) -> list[Segment | Defect]:
+        if self._trigger is None or self.description is None:
+            return []
+        found: list[Segment | Defect] = []
+        period = self.description.sample_period
+        if not self._period_told and abs(block.sample_period / period - 1.0) > 1e-6:
+            self._period_told = True
+            found.append(
+                Defect(
+                    block.stamp_ns,
+                    f"the description says one sample every {period:g} s, the telemetry "
+                    f"{block.sample_period:g} s, which is used",
+                )
+            )
+        return found + self._number(self._trigger.feed(block))
+
+    def _number(self, events: Iterable[Window | Refusal | Defect]) -> list[Segment | Defect]:
+        """Give windows their numbers."""
+        found: list[Segment | Defect] = []
+        for event in events:
+            if isinstance(event, Defect):
+                found.append(event)
+            elif self.description is not None:
+                found.append(Segment(self.windows, self.description, event))
+                self.windows += 1
+        return found

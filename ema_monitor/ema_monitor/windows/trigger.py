@@ -1,0 +1,299 @@
+"""Where windows begin and end in a stream of telemetry, and what is wrong with the stream.
+
+All decisions rest on running indices and stamps, never on the time of arrival, so that a replay
+finds the same windows.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.commands import approach_travel
+from ema_core.parameters import ActuatorParameters
+from ema_core.quantity import check_quantities, quantity
+from ema_core.telemetry import COLUMNS, Telemetry, join
+from ema_monitor.windows.window import Window
+
+LOOKBACK_S: Final = 10.0
+"""How much telemetry is kept, to tell how a window was approached [s]."""
+
+_RATE_TOLERANCE: Final = 0.01
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A window that was begun and cannot be used.
+
+    ``start_ns`` and ``end_ns`` are the stamps of its first and last sample [ns].
+    """
+
+    start_ns: int
+    end_ns: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Defect:
+    """Something wrong with the stream outside of any window, at ``stamp_ns`` [ns]."""
+
+    stamp_ns: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class TriggerSettings:
+    """When a window begins and how long it is.
+
+    Attributes
+    ----------
+    window_s
+        Length of a window [s].
+    rest_s
+        How long the command must have been at rest before [s].
+    threshold
+        Change of the command that counts as motion [rad].
+
+    Raises
+    ------
+    ValueError
+        When a figure is outside its range; the message names it.
+    """
+
+    window_s: float = quantity(0.5, "s", 0.01, 100.0, "length of a window")
+    rest_s: float = quantity(0.02, "s", 1e-4, 10.0, "rest of the command before a window")
+    threshold: float = quantity(1e-6, "rad", 1e-12, 1.0, "change of the command that is motion")
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+class WindowTrigger:
+    """Cuts windows out of telemetry blocks.
+
+    A window begins at the last sample before the command leaves its rest value. If the command
+    comes to rest again before the window is full, or moves one way only, there is no window: so a
+    cycle's slow approach is passed over.
+
+    Parameters
+    ----------
+    parameters
+        Nominal parameters of the actuator: they tell how far an approach must go to leave the
+        motor on a known flank of its play.
+    settings
+        When a window begins and how long it is.
+
+    Attributes
+    ----------
+    longest_motion_s
+        Longest motion so far that made no window [s].
+    has_rested
+        Whether the command was ever at rest.
+    """
+
+    def __init__(
+        self, parameters: ActuatorParameters, settings: TriggerSettings | None = None
+    ) -> None:
+        self.settings = settings or TriggerSettings()
+        self.longest_motion_s = 0.0
+        self.has_rested = False
+        self._approach_travel = approach_travel(parameters)
+        self._reset()
+
+    def _reset(self) -> None:
+        self._blocks: list[Telemetry] = []
+        self._start: int | None = None
+        self._rest_value = float("nan")
+        self._rest_count = 0
+
+    def feed(self, block: Telemetry) -> list[Window | Refusal | Defect]:
+        """Take the next block and return what it completes or reveals.
+
+        Parameters
+        ----------
+        block
+            Telemetry of the one actuator that is watched.
+        """
+        events: list[Window | Refusal | Defect] = []
+        if self._blocks and (reason := _break_between(self._blocks[-1], block)):
+            events.append(self.interrupt(block.stamp_ns, reason))
+        if reason := _not_finite(block):
+            events.append(self.interrupt(block.stamp_ns, reason))
+            return events
+        self._blocks.append(block)
+        events += self._scan(block)
+        self._forget()
+        return events
+
+    def finish(self) -> list[Refusal]:
+        """Return the refusal of a window that the end of the telemetry cut off, if there is one."""
+        if self._start is None:
+            return []
+        first, last = self._blocks_from(self._start)[0], self._blocks[-1]
+        start_ns = first.stamp_at(self._start - first.first_index)
+        end_ns = last.stamp_at(len(last) - 1)
+        return [
+            Refusal(
+                start_ns,
+                end_ns,
+                f"the telemetry ends {(end_ns - start_ns) * 1e-9:.3f} s into the window of "
+                f"{self.settings.window_s:g} s",
+            )
+        ]
+
+    def interrupt(self, stamp_ns: int, reason: str) -> Refusal | Defect:
+        """Drop what was collected because the stream broke, and tell of the window if one is open.
+
+        Parameters
+        ----------
+        stamp_ns
+            When it broke [ns].
+        reason
+            What happened.
+        """
+        event: Refusal | Defect = Defect(stamp_ns, reason)
+        for cut in self.finish():
+            event = Refusal(cut.start_ns, cut.end_ns, reason)
+        self._reset()
+        return event
+
+    def _scan(self, block: Telemetry) -> list[Window | Refusal | Defect]:
+        """Follow the command through a block, sample by sample."""
+        h = block.sample_period
+        rest_samples = max(1, round(self.settings.rest_s / h))
+        window_samples = max(1, round(self.settings.window_s / h))
+        threshold = self.settings.threshold
+        events: list[Window | Refusal | Defect] = []
+        for index, command in enumerate(block.command.tolist(), block.first_index):
+            if abs(command - self._rest_value) <= threshold:
+                self._rest_count += 1
+                if self._rest_count == rest_samples:
+                    self.has_rested = True
+                    # The value that the rest began with may be a last step of the motion before.
+                    self._rest_value = command
+                if self._start is not None and self._rest_count >= rest_samples:
+                    self._abandon(index - self._rest_count + 1, h)
+            else:
+                if self._rest_count >= rest_samples:
+                    self._start = index - 1
+                self._rest_value, self._rest_count = command, 1
+            if self._start is not None and index == self._start + window_samples:
+                events += self._complete(self._start, window_samples)
+                self._start = None
+        return events
+
+    def _abandon(self, stop: int, h: float) -> None:
+        if self._start is not None:
+            self.longest_motion_s = max(self.longest_motion_s, (stop - self._start) * h)
+        self._start = None
+
+    def _complete(self, start: int, samples: int) -> list[Window | Refusal]:
+        # Stamped by the block that the window begins in: stamps counted on from the approach would
+        # carry along how far the clock has drifted since.
+        held = self._blocks_from(start)
+        offset = start - held[0].first_index
+        telemetry = join(held).part(offset, offset + samples + 1)
+        if is_one_way(telemetry.command, self.settings.threshold):
+            self.longest_motion_s = max(self.longest_motion_s, samples * telemetry.sample_period)
+            return []
+        stamps = np.array([block.stamp_ns for block in held])
+        indices = np.array([block.first_index for block in held])
+        inside = (indices >= start) & (indices <= start + samples)
+        if np.count_nonzero(inside) > 1:
+            period = np.ptp(stamps[inside]) * 1e-9 / np.ptp(indices[inside])
+            if abs(period / telemetry.sample_period - 1.0) > _RATE_TOLERANCE:
+                reason = (
+                    f"the stamps say one sample every {period:.4g} s, the blocks "
+                    f"{telemetry.sample_period:.4g} s"
+                )
+                return [Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), reason)]
+        commands = np.concatenate([block.command for block in self._blocks])
+        approach = commands[: start - self._blocks[0].first_index + 1]
+        play = play_after(approach, self._approach_travel, self.settings.threshold)
+        return [Window(telemetry, play)]
+
+    def _blocks_from(self, index: int) -> list[Telemetry]:
+        """Return the blocks from that on which holds a sample."""
+        return [block for block in self._blocks if block.first_index + len(block) > index]
+
+    def _forget(self) -> None:
+        """Let go of blocks too old to matter."""
+        last = self._blocks[-1]
+        oldest = last.first_index - round(LOOKBACK_S / last.sample_period)
+        if self._start is not None:
+            oldest = self._start - round(LOOKBACK_S / last.sample_period)
+        while self._blocks[0].first_index + len(self._blocks[0]) < oldest:
+            self._blocks.pop(0)
+
+
+def play_after(command: NDArray[np.float64], travel: float, tolerance: float) -> float | None:
+    """Return where in its play the motor stands after a command: 1 or -1, None when unknown.
+
+    Parameters
+    ----------
+    command
+        The command up to the moment in question, ``(n,)`` [rad].
+    travel
+        How far it must have gone one way last [rad].
+    tolerance
+        How far it may have gone back on the way, too little to move the motor [rad].
+    """
+    for direction in (1.0, -1.0):
+        way = direction * command
+        far = np.flatnonzero(way <= way[-1] - travel)
+        if far.size and _way_back(way[far[-1] :]) <= tolerance:
+            return direction
+    return None
+
+
+def is_one_way(command: NDArray[np.float64], tolerance: float) -> bool:
+    """Return whether a command never turns back; some faults only show when it does.
+
+    Parameters
+    ----------
+    command
+        The command, ``(n,)`` [rad].
+    tolerance
+        How far it may go back all the same [rad].
+    """
+    return min(_way_back(command), _way_back(-command)) <= tolerance
+
+
+def _way_back(command: NDArray[np.float64]) -> float:
+    """Return how far a command that should rise falls at most [rad]."""
+    return float(np.max(np.maximum.accumulate(command) - command))
+
+
+def _break_between(last: Telemetry, block: Telemetry) -> str:
+    """Return what is wrong from one block to the next; empty when they join."""
+    if abs(block.sample_period / last.sample_period - 1.0) > 1e-6:
+        return (
+            f"the sample period changed from {last.sample_period:g} s to {block.sample_period:g} s"
+        )
+    expected = last.first_index + len(last)
+    if block.first_index > expected:
+        return (
+            f"gap of {block.first_index - expected} samples: index {block.first_index} follows "
+            f"{expected - 1}"
+        )
+    if block.first_index < expected:
+        return f"the sample index went back from {expected - 1} to {block.first_index}"
+    if block.stamp_ns <= last.stamp_ns:
+        return (
+            f"time ran backwards by {(last.stamp_ns - block.stamp_ns) * 1e-9:g} s at index "
+            f"{block.first_index}"
+        )
+    return ""
+
+
+def _not_finite(block: Telemetry) -> str:
+    for name in COLUMNS:
+        column = getattr(block, name)
+        bad = np.flatnonzero(~np.isfinite(column))
+        if bad.size:
+            return (
+                f"{name} is {column[bad[0]]} at index {block.first_index + bad[0]} "
+                f"({bad.size} such samples in its block): expected finite numbers"
+            )
+    return ""

@@ -1,0 +1,1 @@
+"""What nodes share: conversion of messages, topics and QoS; lifecycle, parameters, status, main."""

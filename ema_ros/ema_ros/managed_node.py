@@ -1,0 +1,233 @@
+"""A lifecycle node that survives what clients ask of it and tells how it fares."""
+
+import threading
+import traceback
+from collections.abc import Callable
+from difflib import get_close_matches
+from typing import Any, Final, cast
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle.publisher import LifecyclePublisher
+from rclpy.qos import QoSProfile
+
+from ema_ros.peers import Peers, nodes_alive, nodes_in_touch, now_s
+from ema_ros.status import ERROR, OK, WARN, Task, status_message
+from ema_ros.topics import NAMESPACE
+
+_REPORT_S: Final = 1.0
+
+
+class ManagedNode(LifecycleNode):
+    """A lifecycle node, in namespace ``/ema`` unless it is remapped.
+
+    What a subclass does lies in ``configure``, ``activate``, ``deactivate`` and ``clean_up``; each
+    may refuse with a ValueError or OSError, whose message is logged and told on ``/diagnostics``.
+
+    Parameters
+    ----------
+    name
+        Name of the node.
+    kwargs
+        As of ``rclpy.lifecycle.LifecycleNode``.
+
+    Attributes
+    ----------
+    finished
+        Set when the node has done its work: its process then ends.
+    exit_code
+        What its process returns.
+    stopping
+        Set when the process is about to end: callbacks that wait have to return.
+    """
+
+    _state_machine: Any
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        super().__init__(name, **{"namespace": NAMESPACE, **kwargs})
+        self.finished = threading.Event()
+        self.stopping = threading.Event()
+        self.exit_code = 0
+        self._refused = ""
+        self._configured = False
+        self._peers = Peers()
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._guard_change_state()
+        self._report_timer = self.create_timer(
+            _REPORT_S,
+            self._report_regularly,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+            # Simulated time may stand still; the status must not.
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )
+
+    def configure(self) -> None:
+        """Read the parameters and create what publishes and serves."""
+
+    def activate(self) -> None:
+        """Begin to work."""
+
+    def deactivate(self) -> None:
+        """Stop working."""
+
+    def clean_up(self) -> None:
+        """Let go of what ``configure`` made."""
+
+    def tasks(self) -> list[Task]:
+        """Return how the node fares; asked for while it is configured."""
+        return []
+
+    @property
+    def hardware_id(self) -> str:
+        """The unit that the node is about, for its status."""
+        return self.get_name()
+
+    @property
+    def state(self) -> str:
+        """Label of the state of its lifecycle."""
+        return self._state_machine.current_state[1]
+
+    def bring_up(self) -> bool:
+        """Configure and activate; return whether that worked."""
+        self._tell_strange_parameters()
+        success = TransitionCallbackReturn.SUCCESS
+        return self.trigger_configure() == success and self.trigger_activate() == success
+
+    def destroy_node(self) -> None:
+        """Destroy the node and its state machine.
+
+        rclpy leaves the latter, and with it the participant of DDS, to the garbage collector.
+        """
+        super().destroy_node()
+        self._state_machine = None
+
+    def add_publisher(
+        self, message_class: Any, topic: str, qos: QoSProfile, *, quiet: bool = False
+    ) -> LifecyclePublisher:
+        """Return a new publisher that publishes while the node is active.
+
+        Parameters
+        ----------
+        message_class, topic, qos
+            As of ``rclpy.node.Node.create_publisher``.
+        quiet
+            Whether to say nothing of subscriptions that want another quality of service; where
+            there are many publishers, listening for these takes long.
+        """
+        events = PublisherEventCallbacks(use_default_callbacks=not quiet)
+        publisher = cast(
+            LifecyclePublisher,
+            self.create_lifecycle_publisher(message_class, topic, qos, event_callbacks=events),
+        )
+        if self.state == "active":
+            publisher.on_activate(LifecycleState(label=self.state, state_id=0))
+        return publisher
+
+    def report(self) -> None:
+        """Publish how the node fares; any thread may."""
+        tasks = [self._lifecycle_task(), self._peers.task(self.hardware_id, now_s())]
+        if self._configured:
+            tasks += self.tasks()
+        name = self.get_name()
+        message = DiagnosticArray(status=[status_message(name, task) for task in tasks])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Configure, and be unconfigured still when that is refused."""
+        if not self._attempt("configure", self.configure):
+            return TransitionCallbackReturn.FAILURE
+        self._configured = True
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Activate, and be inactive still when that is refused."""
+        result = super().on_activate(state)
+        if not self._attempt("activate", self.activate):
+            super().on_deactivate(state)
+            return TransitionCallbackReturn.FAILURE
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Deactivate while the publishers still publish."""
+        done = self._attempt("deactivate", self.deactivate)
+        result = super().on_deactivate(state)
+        return result if done else TransitionCallbackReturn.ERROR
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of what was configured."""
+        self._configured = False
+        done = self._attempt("clean up", self.clean_up)
+        return super().on_cleanup(state) if done else TransitionCallbackReturn.ERROR
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop whatever is going on, and end the process."""
+        done = True
+        if state.label == "active":
+            done = self._attempt("deactivate", self.deactivate)
+        if state.label in ("active", "inactive"):
+            self._configured = False
+            done = self._attempt("clean up", self.clean_up) and done
+        self.finished.set()
+        return super().on_shutdown(state) if done else TransitionCallbackReturn.ERROR
+
+    def _attempt(self, name: str, step: Callable[[], None]) -> bool:
+        """Take a step of the lifecycle; rclpy would keep quiet about what goes wrong in it."""
+        try:
+            step()
+        except (ValueError, OSError) as error:
+            self._refused = f"cannot {name}: {error}"
+            self.get_logger().error(self._refused)
+            return False
+        except Exception as error:
+            self._refused = f"cannot {name}: {error!r}"
+            self.get_logger().error(f"{self._refused}\n{traceback.format_exc()}")
+            return False
+        self._refused = ""
+        return True
+
+    def _lifecycle_task(self) -> Task:
+        if self._refused:
+            return Task("lifecycle", ERROR, f"{self.state}: {self._refused}", self.hardware_id)
+        level = OK if self.state == "active" else WARN
+        return Task("lifecycle", level, self.state, self.hardware_id)
+
+    def _report_regularly(self) -> None:
+        for lost in self._peers.update(nodes_in_touch(self), nodes_alive(self), now_s()):
+            self.get_logger().warning(f"{lost} has gone from the graph")
+        self.report()
+
+    def _tell_strange_parameters(self) -> None:
+        """Tell of parameters that were given and are none of this node's, as rclpy does not."""
+        own = self.list_parameters([], 0).names
+        for name in self._parameter_overrides:
+            if name in own:
+                continue
+            text = f"parameter {name} is none of this node's and has no effect"
+            similar = get_close_matches(name, own, 1)
+            if similar:
+                self.get_logger().warning(f"{text}: is {similar[0]} meant?")
+            else:
+                self.get_logger().info(text)
+
+    def _guard_change_state(self) -> None:
+        """See to it that a transition that is not possible is refused instead of raising."""
+        service = self._service_change_state
+        change_state = service.callback
+
+        def guarded(request: Any, response: Any) -> Any:
+            try:
+                return change_state(request, response)
+            except RuntimeError:
+                wanted = request.transition.label or request.transition.id
+                self.get_logger().warning(
+                    f"transition {wanted!r} is not possible in state {self.state!r}"
+                )
+                response.success = False
+                return response
+
+        service.callback = guarded

@@ -1,0 +1,86 @@
+"""Who else is in the graph, and who has gone."""
+
+import time
+from collections.abc import Iterable
+from typing import Final
+
+from rclpy.node import Node
+
+from ema_ros.status import OK, WARN, Task
+
+FRESH_S: Final = 60.0
+"""How long a node that has gone is worth a warning [s]."""
+
+_UNSEEN = ("/rosout", "/parameter_events", "/clock", "/diagnostics")
+
+
+class Peers:
+    """The nodes of the same namespace that share, or shared, a topic with a node.
+
+    A killed node cannot say that it goes, so that the others have to. Tools that come and go in
+    other namespaces are of no concern, nor is a node that is there and only inactive.
+    """
+
+    def __init__(self) -> None:
+        self._present: set[str] = set()
+        self._gone: dict[str, float] = {}
+
+    def update(self, in_touch: set[str], alive: set[str], now_s: float) -> list[str]:
+        """Take note of who is there and return who has gone since the last time.
+
+        Parameters
+        ----------
+        in_touch
+            Full names of the nodes that share a topic at the moment.
+        alive
+            Full names of all nodes.
+        now_s
+            Time on a clock of one's own [s].
+        """
+        present = in_touch | (alive & (self._present | self._gone.keys()))
+        lost = sorted(self._present - present)
+        known = {name: since for name, since in self._gone.items() if name not in present}
+        # Replaced as a whole: another thread may be reading.
+        self._gone = known | dict.fromkeys(lost, now_s)
+        self._present = present
+        return lost
+
+    def task(self, hardware_id: str, now_s: float) -> Task:
+        """Return the status: a warning for a minute after somebody has gone."""
+        fresh = [name for name, since in self._gone.items() if now_s - since < FRESH_S]
+        values = {"present": ", ".join(sorted(self._present)), "gone": ", ".join(self._gone)}
+        if fresh:
+            return Task(
+                "peers", WARN, f"gone from the graph: {', '.join(fresh)}", hardware_id, values
+            )
+        return Task("peers", OK, f"{len(self._present)} in touch", hardware_id, values)
+
+
+def nodes_in_touch(node: Node) -> set[str]:
+    """Return the full names of the nodes of its namespace that share a topic with a node."""
+    namespace, own = node.get_namespace(), node.get_fully_qualified_name()
+    found = set()
+    for topic in _topics_of(node):
+        for endpoint in (
+            *node.get_publishers_info_by_topic(topic),
+            *node.get_subscriptions_info_by_topic(topic),
+        ):
+            if endpoint.node_namespace == namespace:
+                found.add(f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}")
+    return found - {own}
+
+
+def nodes_alive(node: Node) -> set[str]:
+    """Return the full names of all nodes in the graph."""
+    pairs = node.get_node_names_and_namespaces()
+    return {f"{namespace.rstrip('/')}/{name}" for name, namespace in pairs}
+
+
+def _topics_of(node: Node) -> Iterable[str]:
+    names = {item.topic_name for item in (*node.publishers, *node.subscriptions)}
+    return sorted(names - set(_UNSEEN))
+
+
+def now_s() -> float:
+    """Return the time on the clock that ``Peers`` goes by [s]."""
+    return time.monotonic()

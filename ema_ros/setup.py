@@ -1,0 +1,18 @@
+from setuptools import find_packages, setup
+
+package = "ema_ros"
+
+setup(
+    name=package,
+    version="0.1.0",
+    description="What nodes share: messages, topics, lifecycle, parameters, status, main.",
+    license="Apache-2.0",
+    maintainer="EMA health monitor maintainers",
+    maintainer_email="maintainers@example.org",
+    packages=find_packages(include=[package, f"{package}.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
+        (f"share/{package}", ["package.xml"]),
+    ],
+    zip_safe=True,
+)
