@@ -5,6 +5,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from ema_core.commands import COMMAND_SHAPES, Command
+from ema_core.wording import unknown_name
 
 _FIGURES = [item.name for item in fields(Command) if item.name not in ("shape", "samples")]
 
@@ -30,7 +31,7 @@ def command_from(shape: str, figures: dict[str, float]) -> Command:
     """
     for name in figures:
         if name not in _FIGURES:
-            raise ValueError(f"unknown command figure {name!r}; known: {', '.join(_FIGURES)}")
+            raise ValueError(unknown_name("command figure", name, _FIGURES))
     if shape.endswith(".csv"):
         if figures:
             raise ValueError(f"a command from a file takes no figures, but {next(iter(figures))}")

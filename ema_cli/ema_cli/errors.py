@@ -1,10 +1,12 @@
 """Exit codes, and errors as one clear line."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, Final
 
 import click
+
+from ema_core.wording import as_identifier, unknown_name
 
 UNUSABLE: Final = 1
 """Nothing could be done with the input."""
@@ -22,10 +24,43 @@ def one_clear_line() -> Iterator[None]:
         raise click.ClickException(" ".join(str(error).split())) from error
 
 
+class NameChoice(click.Choice[str]):
+    """One of several names, also written as a label; of a slip it says what was probably meant.
+
+    Parameters
+    ----------
+    kind
+        What is named, such as "fault".
+    names
+        What may be chosen.
+    """
+
+    def __init__(self, kind: str, names: Iterable[str]) -> None:
+        super().__init__(names)
+        self._kind = kind
+
+    def normalize_choice(self, choice: object, ctx: click.Context | None) -> str:
+        """Return a choice as an identifier."""
+        return as_identifier(str(choice))
+
+    def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
+        """Return what is wrong with a value."""
+        return unknown_name(self._kind, str(value), self.choices)
+
+
 class Assignments(click.ParamType):
-    """``name=value`` or ``name=value,name=value``, as pairs of name and number."""
+    """``name=value`` or ``name=value,name=value``, as pairs of name and number.
+
+    Parameters
+    ----------
+    as_name
+        Gives the name that is meant by what is left of the equals sign.
+    """
 
     name = "name=value"
+
+    def __init__(self, as_name: Callable[[str], str] = str.strip) -> None:
+        self._as_name = as_name
 
     def convert(self, value: Any, param: Any, ctx: Any) -> list[tuple[str, float]]:
         """Return the pairs in the order given."""
@@ -35,7 +70,7 @@ class Assignments(click.ParamType):
         for item in value.split(","):
             name, equals, figure = item.partition("=")
             try:
-                pairs.append((name.strip(), float(figure)))
+                pairs.append((self._as_name(name), float(figure)))
             except ValueError:
                 equals = ""
             if not equals or not name.strip():

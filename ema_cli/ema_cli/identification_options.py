@@ -8,9 +8,10 @@ from typing import Any
 
 import click
 
-from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.fitness import FITNESS
-from ema_monitor.identification.settings import SearchSettings
+from ema_cli.errors import NameChoice
+from ema_monitor.calibration.calibration.calibration import Calibration
+from ema_monitor.identification.search.fitness import FITNESS
+from ema_monitor.identification.search.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
 
 _OF_A_SERIES = (
@@ -18,7 +19,7 @@ _OF_A_SERIES = (
         "--algorithm",
         default=SearchSettings.algorithm,
         show_default=True,
-        type=click.Choice(list(ALGORITHMS)),
+        type=NameChoice("algorithm", ALGORITHMS),
     ),
     click.option(
         "--warm-start/--no-warm-start",
@@ -32,7 +33,7 @@ _OF_EACH_SEARCH = (
         "--fitness",
         default=SearchSettings.fitness,
         show_default=True,
-        type=click.Choice(list(FITNESS)),
+        type=NameChoice("fitness", FITNESS),
     ),
     click.option(
         "--budget",

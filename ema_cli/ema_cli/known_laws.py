@@ -4,6 +4,7 @@ from typing import Any, Final
 
 import click
 
+from ema_core.wording import as_identifier
 from ema_monitor.prognosis.growth.known_laws import FORM as FORM_OF_LAW
 from ema_monitor.prognosis.growth.known_laws import known_law
 from ema_monitor.prognosis.growth.settings import KnownLaw
@@ -21,6 +22,7 @@ class KnownLawType(click.ParamType):
         if not isinstance(value, str):
             return value
         fault, _, law = value.partition("=")
+        fault = as_identifier(fault)
         try:
             return fault, known_law(fault, law)
         except ValueError as error:

@@ -34,9 +34,11 @@ class _CommandsOnDemand(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(_COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
         if cmd_name not in _COMMANDS:
-            return None
+            from ema_core.wording import unknown_name
+
+            ctx.fail(unknown_name("command", cmd_name, _COMMANDS))
         return getattr(import_module(f"ema_cli.commands.{cmd_name}"), cmd_name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ema_core.growth_laws import TypicalGrowth
 from ema_core.parameters import PlantConstants
+from ema_core.wording import unknown_name
 
 
 @dataclass(frozen=True)
@@ -255,7 +256,7 @@ def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]
         k = healthy_faults()
         for name, value in values.items():
             if name not in FAULT_NAMES:
-                raise ValueError(f"unknown fault {name!r}; known: {', '.join(FAULT_NAMES)}")
+                raise ValueError(unknown_name("fault", name, FAULT_NAMES))
             try:
                 k[FAULT_NAMES.index(name)] = value
             except (TypeError, ValueError) as error:

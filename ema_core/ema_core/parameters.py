@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 from ema_core.quantity import check_quantities, quantity
+from ema_core.wording import unknown_name
 
 RPM = 2.0 * math.pi / 60.0
 
@@ -129,7 +130,7 @@ class ActuatorParameters:
         known = [item.name for item in fields(self)]
         for name in values:
             if name not in known:
-                raise ValueError(f"unknown actuator parameter {name!r}; known: {', '.join(known)}")
+                raise ValueError(unknown_name("actuator parameter", name, known))
         return dataclasses.replace(self, **values)
 
     def as_mapping(self) -> dict[str, float]:

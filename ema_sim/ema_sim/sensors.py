@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ema_core.telemetry import COLUMNS, Telemetry
+from ema_core.wording import unknown_name
 
 
 class Sensors:
@@ -33,7 +34,7 @@ class Sensors:
             raise ValueError(f"current_noise = {current_noise:g} A: expected at least 0 A")
         for name, resolution in resolutions.items():
             if name not in COLUMNS:
-                raise ValueError(f"unknown telemetry column {name!r}; known: {', '.join(COLUMNS)}")
+                raise ValueError(unknown_name("telemetry column", name, COLUMNS))
             if not 0.0 < resolution < float("inf"):
                 raise ValueError(f"resolution of {name} = {resolution:g}: expected more than 0")
         self._current_noise = current_noise

@@ -120,7 +120,7 @@ def test_overall_life_is_the_earliest_of_the_components(tracker):
         overall = getattr(told.overall, quantile)
         assert overall <= min(getattr(life, quantile) for life in known)
     assert told.overall.hours_05 < told.overall.hours_50 < told.overall.hours_95
-    assert told.overall.criterion == "friction limit 0.5"
+    assert told.overall.criterion == "friction exceeds 0.5"
     assert told.components["gain"].reason == "no significant growth"
 
 
@@ -137,7 +137,7 @@ def test_overall_life_counts_a_fault_whose_growth_is_not_certain_yet():
     assert "growth is not certain yet" in told.components["short_circuit_c"].reason
     assert told.overall.hours_50 < 0.6 * told.components["backlash"].hours_50
     assert told.dominant_fault == "short_circuit_c"
-    assert told.overall.criterion == "short_circuit_c limit 0.25"
+    assert told.overall.criterion == "short circuit C exceeds 0.25"
 
 
 def test_nothing_is_told_before_any_test():

@@ -50,7 +50,7 @@ def test_life_is_told_for_each_fault_and_requirement_and_the_earlier_of_both(wor
     assert last.rul.hours_50 == min(last.rul_faults.hours_50, last.rul_requirements.hours_50)
     assert last.rul.hours_05 <= last.rul.hours_50 <= last.rul.hours_95
     # By then friction and backlash leave too little torque.
-    assert last.rul.criterion == last.rul_requirements.criterion == "torque_margin >= 0.5"
+    assert last.rul.criterion == last.rul_requirements.criterion == "torque margin falls below 0.5"
     assert last.dominant == "torque_margin"
 
 
@@ -188,8 +188,8 @@ def test_requirement_that_a_healthy_actuator_misses_is_told():
     _, told = lived(2, settings)
     assert told[-1].health.requirements == ()
     assert "misses the limit of 60 Hz" in told[-1].rul_requirements.reason
-    assert told[-1].lives["bandwidth"].criterion == "bandwidth >= 60 Hz"
-    above = "tracking_error <= 0.0015 rad above that of the healthy actuator"
+    assert told[-1].lives["bandwidth"].criterion == "bandwidth falls below 60 Hz"
+    above = "tracking error exceeds that of the healthy actuator by more than 0.0015 rad"
     assert told[-1].lives["tracking_error"].criterion == above
 
 
@@ -199,7 +199,7 @@ def test_criterion_is_the_same_be_its_life_known_or_not(worn):
     assert not unknown["torque_margin"].known
     for name in REQUIREMENTS:
         assert unknown[name].criterion == known[name].criterion
-    assert known["bandwidth"].criterion == "bandwidth >= 12 Hz"
+    assert known["bandwidth"].criterion == "bandwidth falls below 12 Hz"
 
 
 def test_worst_requirement_with_a_warning_is_named_while_no_life_is_known():

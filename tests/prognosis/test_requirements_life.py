@@ -96,7 +96,7 @@ def test_free_play_fails_at_the_closed_form_hour(requirements):
     life = life_by_requirements(requirements, future, HOURS).lives["free_play"]
     assert life.known
     assert life.hours_50 == pytest.approx(1000.0 * limit, rel=1e-9)
-    assert life.criterion == "free_play <= 0.0005 rad"
+    assert life.criterion == "free play exceeds 0.0005 rad"
 
 
 def test_overall_is_the_earliest_in_each_sample(requirements):

@@ -60,7 +60,7 @@ def test_health_tells_how_long_it_will_last(health: Health):
         assert life.known, life.reason
         assert life.hours_05 < truth < life.hours_95
         assert life.cycles_50 == pytest.approx(life.hours_50 / HOURS)
-        assert (life.criterion, life.reason) == ("friction limit 0.5", "")
+        assert (life.criterion, life.reason) == ("friction exceeds 0.5", "")
     assert health.rul.known
     assert health.rul.hours_50 <= health.rul_faults.hours_50
     assert health.rul.cycles_05 == pytest.approx(health.rul.hours_05 / HOURS)

@@ -13,7 +13,7 @@ from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.bags.windows import BagWindows, read_windows, require_windows
 from ema_cli.commands.estimate import as_object
 from ema_cli.comparison import Comparison, choose_window, compare_algorithms
-from ema_cli.errors import REFUSED, one_clear_line
+from ema_cli.errors import REFUSED, NameChoice, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, comparison_options
 from ema_cli.show.compare_figure import draw_comparison
 from ema_cli.show.compare_table import table_of_faults, table_of_runs
@@ -29,10 +29,9 @@ class _Algorithms(click.ParamType):
 
     def convert(self, value: Any, param: Any, ctx: Any) -> list[str]:
         """Return the names in the order given, each once."""
-        names = [name.strip() for name in value.split(",")]
+        choice = NameChoice("algorithm", ALGORITHMS)
+        names = [choice.convert(name, param, ctx) for name in value.split(",")]
         for name in names:
-            if name not in ALGORITHMS:
-                self.fail(f"{name!r} is no algorithm; known: {', '.join(ALGORITHMS)}", param, ctx)
             if names.count(name) > 1:
                 self.fail(f"{name} is given more than once", param, ctx)
         return names

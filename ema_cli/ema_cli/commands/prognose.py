@@ -26,11 +26,11 @@ from ema_cli.show.prognosis_table import (
     summary,
     table_of_growth,
 )
+from ema_core.wording import as_identifier, unknown_name
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
-from ema_monitor.prognosis.requirements.requirements import RequirementLimits
+from ema_monitor.prognosis.growth.settings import KnownLaw, PrognosisSettings, TrackerSettings
+from ema_monitor.prognosis.requirements.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service_hours import Service
-from ema_monitor.prognosis.settings import PrognosisSettings
 
 
 def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
@@ -67,7 +67,7 @@ def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> 
 @click.option(
     "--limit",
     "limits",
-    type=Assignments(),
+    type=Assignments(as_identifier),
     multiple=True,
     help="Where life ends, e.g. friction=0.4 or bandwidth=15; as the monitor's parameters "
     "limits.NAME and requirements.NAME.",
@@ -166,8 +166,8 @@ def _settings(
     )
     for name in limits:
         if name not in (*of_faults, *of_requirements):
-            known = ", ".join((*of_faults, *of_requirements))
-            raise ValueError(f"--limit: unknown limit {name!r}; known: {known}")
+            known = (*of_faults, *of_requirements)
+            raise ValueError(f"--limit: {unknown_name('limit', name, known)}")
     if len(dict(laws)) < len(laws):
         raise ValueError("--known-law: a fault has more than one law")
     return PrognosisSettings(

@@ -12,10 +12,11 @@ from rich.table import Table
 
 from ema_cli.command_file import command_from
 from ema_cli.errors import Assignments, merged, one_clear_line
-from ema_cli.processes.interrupt import deferred_interrupt
+from ema_cli.processes.supervisor.interrupt import deferred_interrupt
 from ema_cli.show.progress import progress_bar
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FAULTS, random_faults
+from ema_core.wording import as_identifier, counted
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
 from ema_ros.actuator_file import load_description
@@ -28,7 +29,7 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
 @click.option(
     "--fault",
     "faults",
-    type=Assignments(),
+    type=Assignments(as_identifier),
     multiple=True,
     help=f"A fault in [0, 1], e.g. friction=0.25; known: {', '.join(FAULT_NAMES)}.",
 )
@@ -171,7 +172,7 @@ def simulate(
         _print_drawn(drawn, seed)
     seconds = 1e-9 * bench.end_ns
     click.echo(
-        f"{output}: {cycles} cycle{'s' * (cycles > 1)} of {description.actuator_id} "
+        f"{output}: {counted(cycles, 'cycle')} of {description.actuator_id} "
         f"({description.serial_number}), {seconds:.1f} s of telemetry"
     )
 

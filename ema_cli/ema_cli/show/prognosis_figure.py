@@ -53,7 +53,7 @@ def draw_course(course: Course, end_hours: float | None = None) -> Figure:
     shown = [i for i in range(len(FAULTS)) if _is_shown(course, truth, i)]
     required = last.rul_requirements.criterion if last.rul_requirements.known else ""
     performance = next(
-        (i.name for i in last.health.requirements if required.startswith(i.name)), ""
+        (i.name for i in last.health.requirements if last.lives[i.name].criterion == required), ""
     )
     heights = [2.4] + [1.7] * (len(shown) + bool(performance))
     figure = Figure(figsize=(10.5, 1.2 + 1.15 * sum(heights)), layout="constrained")

@@ -7,6 +7,7 @@ from typing import Any, Final
 from ema_core.faults import COMPONENTS, KINDS, kind_of, settings_by_kind
 from ema_core.growth_laws import LAWS, hours_until
 from ema_core.quantity import text
+from ema_core.wording import unknown_name
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.cells import LIFE_HOURS
 from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, KnownLaw
@@ -65,10 +66,10 @@ def known_law(fault: str, written: str) -> KnownLaw:
         beyond what a tracker follows.
     """
     if fault not in COMPONENTS:
-        raise ValueError(f"unknown fault {fault!r}; known: {', '.join(COMPONENTS)}")
+        raise ValueError(unknown_name("fault", fault, COMPONENTS))
     law, *figures = written.split(":")
     if law not in LAWS[1:]:
-        raise ValueError(f"unknown law {law!r} of {fault}; known: {', '.join(LAWS[1:])}")
+        raise ValueError(unknown_name(f"law of {fault}", law, LAWS[1:]))
     nominal = NOMINAL_LAWS[fault]
     if not figures:
         if law != nominal.law:

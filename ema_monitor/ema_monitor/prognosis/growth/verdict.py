@@ -72,9 +72,7 @@ def prognosis_of(
     every = hours.copy()
     for number, name in enumerate(COMPONENTS):
         limit = limits.of(name)
-        fault = FAULTS[FAULT_NAMES.index(name)]
-        origin = f" from {fault.healthy:g}" if fault.is_two_sided else ""
-        criterion = f"{name} limit {limit:g}{origin}"
+        criterion = _criterion(name, limit)
         own = hours[number]
         lower = abs(evidence.mean[number]) - ONE_SIDED_95 * evidence.sigma[number]
         if evidence.tests[number] and lower > limit:
@@ -102,6 +100,14 @@ def prognosis_of(
     return Prognosis(
         evidence.hours, components, overall, dominant, first, duty, assumption_of(duty)
     )
+
+
+def _criterion(name: str, limit: float) -> str:
+    """Return in words when a fault ends life."""
+    fault = FAULTS[FAULT_NAMES.index(name)]
+    if fault.is_two_sided:
+        return f"{fault.label} differs from {fault.healthy:g} by more than {limit:g}"
+    return f"{fault.label} exceeds {limit:g}"
 
 
 def _ignorance(

@@ -68,9 +68,11 @@ class RequirementLimits:
         return units[name].replace("-", "1")
 
     def criterion(self, name: str) -> str:
-        """Return in words when a requirement is met, of an actuator that is not known."""
-        of_healthy = " above that of the healthy actuator" if name == "tracking_error" else ""
-        return _criterion(name, getattr(self, name)) + of_healthy
+        """Return in words when a requirement fails, of an actuator that is not known."""
+        if name == "tracking_error":
+            more = f"{self.tracking_error:.4g} {self.unit(name)}"
+            return f"tracking error exceeds that of the healthy actuator by more than {more}"
+        return _criterion(name, getattr(self, name))
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,7 @@ class Requirements:
         return (self.limit[name] - values) / self._scale[name]
 
     def criterion(self, name: str) -> str:
-        """Return in words when a requirement is met."""
+        """Return in words when a requirement fails."""
         return _criterion(name, self.limit[name])
 
     def exact_reserves(self, names: tuple[str, ...], faults: ArrayLike) -> NDArray[np.float64]:
@@ -265,6 +267,6 @@ class Requirements:
 
 
 def _criterion(name: str, limit: float) -> str:
-    sign = ">=" if name in BELOW else "<="
+    verb = "falls below" if name in BELOW else "exceeds"
     unit = RequirementLimits.unit(name).replace("1", "")
-    return f"{name} {sign} {limit:.4g} {unit}".strip()
+    return f"{name.replace('_', ' ')} {verb} {limit:.4g} {unit}".strip()

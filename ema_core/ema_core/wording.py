@@ -1,0 +1,46 @@
+"""What messages to users have in common."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun, in the plural unless there is exactly one.
+
+    Parameters
+    ----------
+    number
+        How many.
+    noun
+        In the singular; its plural ends in "s".
+    """
+    return f"{number} {noun}" + ("" if number == 1 else "s")
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
+    """Return that a name is unknown, what was probably meant, and what there is.
+
+    Parameters
+    ----------
+    kind
+        What it names, such as "fault".
+    name
+        As it was given.
+    known
+        What it may be.
+    """
+    by_lower_case = {item.lower(): item for item in known}
+    close = get_close_matches(as_identifier(name), by_lower_case, n=1)
+    hint = f"did you mean {by_lower_case[close[0]]!r}? " if close else ""
+    return f"unknown {kind} {name!r}; {hint}known: {', '.join(by_lower_case.values())}"
+
+
+def as_identifier(label: str) -> str:
+    """Return a label as it stands in files and commands: "short circuit A" is short_circuit_a.
+
+    Parameters
+    ----------
+    label
+        Words, with blanks or hyphens between.
+    """
+    return "_".join(label.lower().replace("-", " ").split())
