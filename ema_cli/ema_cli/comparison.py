@@ -12,11 +12,12 @@ from ema_cli.identification_options import IdentificationOptions
 from ema_cli.processes.interrupt import deferred_interrupt
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import estimation_error
-from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.objective import Objective
-from ema_monitor.identification.search import Identification
-from ema_monitor.model.monitor_model import compile_kernels
+from ema_core.wording import counted
+from ema_monitor.calibration.calibration.calibration import Calibration
+from ema_monitor.identification.search.estimate import Estimate
+from ema_monitor.identification.search.objective import Objective
+from ema_monitor.identification.search.search import Identification
+from ema_monitor.model.monitor_model.monitor_model import compile_kernels
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
 
@@ -105,10 +106,8 @@ def choose_window(found: BagWindows, number: int | None) -> Segment:
     """
     if number is not None:
         if number >= len(found.windows):
-            raise ValueError(
-                f"--window {number}: the bag has {len(found.windows)} "
-                f"window{'s' * (len(found.windows) > 1)}, numbered from 0"
-            )
+            windows = counted(len(found.windows), "window")
+            raise ValueError(f"--window {number}: the bag has {windows}, numbered from 0")
         return found.windows[number].load()
     for window in found.windows:
         one = window.load()

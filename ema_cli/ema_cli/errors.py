@@ -21,7 +21,10 @@ def one_clear_line() -> Iterator[None]:
     try:
         yield
     except (ValueError, OSError) as error:
-        raise click.ClickException(" ".join(str(error).split())) from error
+        words = str(error)
+        if isinstance(error, OSError) and error.filename is not None:
+            words = f"{error.filename}: {error.strerror}"
+        raise click.ClickException(" ".join(words.split())) from error
 
 
 class NameChoice(click.Choice[str]):

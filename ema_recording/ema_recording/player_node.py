@@ -120,7 +120,7 @@ class PlayerNode(ManagedNode):
     def tasks(self) -> list[Task]:
         """Return how far the bag is played, and what is wrong."""
         playback, bag = self._playback, self._bag
-        remarks = [f"the bag is damaged: {bag.damage}"] if bag.damage else []
+        remarks = [f"{bag.path.name} is damaged: {bag.damage}"] if bag.damage else []
         remarks += [f"{name}: not played, {why}" for name, why in self._passed_over.items()]
         for name in (*self._outlets, _CLOCK):
             others = self._other_sources(name)
@@ -243,7 +243,7 @@ class PlayerNode(ManagedNode):
 
     def _tell_damage(self, told: str) -> None:
         if self._bag.damage != told:
-            self.get_logger().warning(f"the bag is damaged: {self._bag.damage}")
+            self.get_logger().warning(f"{self._bag.path.name} is damaged: {self._bag.damage}")
 
     def _say(self, doing: str) -> None:
         self._doing = doing

@@ -170,25 +170,27 @@ class Bag:
 
     def _open_folder(self) -> None:
         folder = folder_contents(self.path)
-        self._note(f"{self.path.name}: {item}" for item in folder.damage)
+        self._note(self.path, folder.damage)
         for path in folder.files:
             try:
                 self._open_file(path)
             except ValueError as error:
                 if len(folder.files) == 1:
                     raise
-                self._note([str(error)])
+                self._note(self.path, [str(error)])
         found = sum(contents.counts.total() for contents in self._files.values())
         if folder.message_count is not None and folder.message_count > found:
             promised = f"{METADATA_FILE} promises {folder.message_count} messages"
-            self._note([f"{self.path.name}: {promised}, {found} are there"])
+            self._note(self.path, [f"{promised}, {found} are there"])
 
     def _open_file(self, path: Path) -> None:
         contents = self._files[path] = read_contents(path)
-        self._note(f"{path.name}: {item}" for item in contents.damage)
+        self._note(path, contents.damage)
 
-    def _note(self, findings: Iterable[str]) -> None:
-        self._damage.update(dict.fromkeys(findings))
+    def _note(self, path: Path, findings: Iterable[str]) -> None:
+        # Of a folder it says in which file.
+        place = "" if path == self.path else f"{path.name}: "
+        self._damage.update(dict.fromkeys(f"{place}{item}" for item in findings))
 
     def _find_topics(self) -> dict[str, Topic]:
         topics: dict[str, Topic] = {}
@@ -276,7 +278,7 @@ class Bag:
         for name, topic in chosen.items():
             if found[name] < topic.count:
                 lost = f"{topic.count - found[name]} of {topic.count} messages are lost"
-                self._note([f"{self.path.name}: topic {name}: {lost}"])
+                self._note(self.path, [f"topic {name}: {lost}"])
 
     def _stretches(self, chosen: Mapping[str, Topic]) -> list[tuple[int, Path, Stretch]]:
         """Stretches that may hold messages of the topics, by the time of their first message."""
@@ -295,7 +297,7 @@ class Bag:
         try:
             messages = read_messages(path, stretch)
         except DamageError as error:
-            self._note([f"{path.name}: the chunk at byte {stretch.offset} is lost: {error}"])
+            self._note(path, [f"the chunk at byte {stretch.offset} is lost: {error}"])
             return
         for number, log_time_ns, publish_time_ns, data in messages:
             channel = channels.get(number)

@@ -90,7 +90,8 @@ class RecorderNode(ManagedNode):
         try:
             self._bag = BagWriter(output, flush_s=settings.flush_s, overwrite=settings.overwrite)
         except FileExistsError as error:
-            raise FileExistsError(f"parameter output: {error}") from error
+            hint = "" if settings.overwrite else "; parameter overwrite (--force) replaces a bag"
+            raise FileExistsError(f"parameter output: {error}{hint}") from error
         self.get_logger().info(f"recording to {self._bag.path}")
 
     def activate(self) -> None:

@@ -275,7 +275,7 @@ def _make_room(path: Path, overwrite: bool) -> None:
     if not path.exists():
         return
     if not overwrite:
-        raise FileExistsError(f"{path} is there already; overwrite=True replaces it")
+        raise FileExistsError(f"{path} is there already")
     is_file = path.suffix == ".mcap"
     if is_file and path.is_file():
         path.unlink()

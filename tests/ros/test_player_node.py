@@ -317,7 +317,7 @@ def test_truncated_bag_is_played_as_far_as_it_is_intact(graph: Graph, bag: Path)
     wait_for(lambda: len(heard) == len(intact), "what is intact")
     assert texts(heard) == list(range(0, 2 * len(intact), 2))
     assert task(player).level == WARN
-    assert "the bag is damaged: flight.mcap: it breaks off at byte" in task(player).message
+    assert "flight.mcap is damaged: it breaks off at byte" in task(player).message
 
 
 def test_second_source_is_told(graph: Graph, bag: Path):

@@ -113,7 +113,6 @@ def test_truncated_file_yields_what_is_before_the_cut(recorder: Callable, tmp_pa
         bag = Bag(path)
         read = as_read(bag)
         assert read == written[: len(read)]
-        assert bag.damage.startswith("flight.mcap: ")
         assert f"{len(read) or 'no'} message" in bag.damage
         assert sum(topic.count for topic in bag.topics.values()) == len(read)
         assert bag.end_ns == (read[-1][2] if read else None)

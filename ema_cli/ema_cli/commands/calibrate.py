@@ -13,8 +13,9 @@ from ema_cli.bags.source_options import Source, source_options
 from ema_cli.bags.windows import RecordedWindow, read_windows, require_windows
 from ema_cli.errors import one_clear_line
 from ema_cli.show.progress import progress_bar
-from ema_monitor.calibration.fit import calibrate as calibrate_windows
-from ema_monitor.model.monitor_model import FORMS
+from ema_core.wording import counted
+from ema_monitor.calibration.calibration.fit import calibrate as calibrate_windows
+from ema_monitor.model.monitor_model.monitor_model import FORMS
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -83,9 +84,10 @@ def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -
             progress.add_task("calibrating", total=None)
             calibration = calibrate_windows(_ReadAgain(windows), descriptions[0], form)
         calibration.save(output)
+    windows = counted(calibration.windows, "window")
     if calibration.windows < _ENOUGH_WINDOWS:
         click.echo(
-            f"warning: {calibration.windows} windows average out little of the current's ripple, "
+            f"warning: {windows} cannot average out much of the current's ripple, "
             f"{_ENOUGH_WINDOWS} or more are better",
             err=True,
         )
@@ -93,7 +95,7 @@ def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -
     residual = f"{calibration.healthy_rms:.4f} A" if known else "unknown"
     click.echo(
         f"{output}: calibration {calibration.calibration_id} of {calibration.actuator_id} from "
-        f"{calibration.windows} windows, lift {calibration.lift:.4f} A, friction "
+        f"{windows}, lift {calibration.lift:.4f} A, friction "
         f"{calibration.friction_scale:.3f} and inertia {calibration.inertia_scale:.3f} of nominal, "
         f"residual of a healthy window {residual}"
     )

@@ -17,7 +17,7 @@ from ema_cli.errors import REFUSED, NameChoice, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, comparison_options
 from ema_cli.show.compare_figure import draw_comparison
 from ema_cli.show.compare_table import table_of_faults, table_of_runs
-from ema_cli.show.picture_path import require_drawable
+from ema_cli.show.picture_path import require_drawable, save_picture
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.optimizers import ALGORITHMS
 
@@ -100,9 +100,8 @@ def compare(
     if comparison.best is not None:
         unit = found.description
         with one_clear_line():
-            draw_comparison(
-                comparison, f"{unit.actuator_id} ({unit.serial_number}), {title}"
-            ).savefig(picture, dpi=150)
+            name = f"{unit.actuator_id} ({unit.serial_number}), {title}"
+            save_picture(draw_comparison(comparison, name), picture, dpi=150)
         click.echo(f"{picture}", err=as_json)
     if not all(run.estimate.valid for run in comparison.runs):
         sys.exit(REFUSED)

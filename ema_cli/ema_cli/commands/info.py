@@ -9,6 +9,7 @@ from rich.table import Table
 from ema_cli.bags.source_options import Source, source_options
 from ema_cli.bags.windows import read_windows
 from ema_cli.errors import one_clear_line
+from ema_core.wording import counted
 from ema_monitor.windows.trigger import Refusal
 from ema_recording.reader import Bag
 
@@ -32,8 +33,8 @@ def info(bag: Path, source: Source) -> None:
     nominal = unit.parameters.as_mapping()
     click.echo("nominal parameters: " + ", ".join(f"{k} {v:g}" for k, v in nominal.items()))
     click.echo(
-        f"telemetry: {found.samples} samples every {found.sample_period:g} s in "
-        f"{found.blocks} blocks, {found.samples * found.sample_period:.3f} s"
+        f"telemetry: {counted(found.samples, 'sample')} every {found.sample_period:g} s in "
+        f"{counted(found.blocks, 'block')}, {found.samples * found.sample_period:.3f} s"
     )
     click.echo(f"windows: {len(found.windows)}")
     for window in found.windows:

@@ -16,7 +16,7 @@ from ema_cli.commands.lives.estimates import LifeEstimator, as_line
 from ema_cli.commands.lives.tests_of_life import LifeTest, simulated_tests
 from ema_cli.commands.lives.unit import calibration_of_life, unit_of_life
 from ema_cli.errors import NameChoice, one_clear_line
-from ema_cli.processes.supervisor.interrupt import deferred_interrupt
+from ema_cli.processes.interrupt import deferred_interrupt
 from ema_cli.show.progress import progress_bar
 from ema_core.description import ActuatorDescription
 from ema_core.faults import COMPONENTS, TYPICAL
@@ -101,7 +101,14 @@ def lives(
                 # Under another name until it is complete.
                 part = folder / f"{name}{_PART}"
                 write = _write_bags if form == "bags" else _write_estimates
-                write(part, tests, description, lambda test: progress.update(task, completed=test))
+                try:
+                    write(
+                        part, tests, description, lambda test: progress.update(task, completed=test)
+                    )
+                except OSError as error:
+                    _remove(part)
+                    words = error.strerror or str(error)
+                    raise OSError(error.errno, words, error.filename or str(part)) from error
                 if interrupted.is_set():
                     _remove(part)
                     raise ValueError(f"stopped: {number} of {count} lives are in {folder}")
@@ -151,7 +158,7 @@ def _remove(part: Path) -> None:
     if part.is_dir():
         shutil.rmtree(part)
     else:
-        part.unlink()
+        part.unlink(missing_ok=True)
 
 
 def _told(name: str, unit: ActuatorDescription, life: SimulatedLife) -> dict[str, object]:

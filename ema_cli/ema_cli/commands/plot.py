@@ -15,10 +15,11 @@ from ema_cli.commands.estimate import estimate_windows
 from ema_cli.errors import one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.show.history_figure import draw_history
-from ema_cli.show.picture_path import require_drawable
+from ema_cli.show.picture_path import require_drawable, save_picture
 from ema_core.faults import FAULTS, healthy_faults
-from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.estimate import Estimate
+from ema_core.wording import counted
+from ema_monitor.calibration.calibration.calibration import Calibration
+from ema_monitor.identification.search.estimate import Estimate
 from ema_monitor.windows.band import band_limited, band_samples
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -56,7 +57,7 @@ def plot(
         output = output or bag.with_suffix(".png")
         require_drawable(output)
         if as_history:
-            draw_history(read_history(bag, source.actuator_id)).savefig(output, dpi=120)
+            save_picture(draw_history(read_history(bag, source.actuator_id)), output)
             click.echo(f"{output}")
             return
         outline = Outline()
@@ -74,13 +75,14 @@ def plot(
             if not one.valid:
                 raise ValueError(f"window {number} has no estimate: {one.reason}")
             figure = draw_fit(found, window, calibration, one)
-        figure.savefig(output, dpi=120)
+        save_picture(figure, output)
     click.echo(f"{output}")
 
 
 def _window(found: BagWindows, number: int) -> Window:
     if number >= len(found.windows):
-        raise ValueError(f"--window {number}: the bag has {len(found.windows)} windows, from 0")
+        windows = counted(len(found.windows), "window")
+        raise ValueError(f"--window {number}: the bag has {windows}, numbered from 0")
     window = found.windows[number].window
     if not isinstance(window, Window):
         raise ValueError(f"window {number} cannot be used: {window.reason}")

@@ -17,7 +17,7 @@ from ema_cli.commands.estimate import estimate_windows
 from ema_cli.errors import REFUSED, Assignments, merged, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.known_laws import FORM, KnownLawType
-from ema_cli.show.picture_path import require_drawable
+from ema_cli.show.picture_path import require_drawable, save_picture
 from ema_cli.show.prognosis_figure import draw_course
 from ema_cli.show.prognosis_table import (
     as_values,
@@ -144,7 +144,7 @@ def prognose(
     if output is not None:
         # After the figures: they stand, even if the disk is full.
         with one_clear_line():
-            draw_course(course, end_hours).savefig(output, dpi=120)
+            save_picture(draw_course(course, end_hours), output)
         if not as_json:
             click.echo(f"{output}")
     if len(course.outlooks) < len(estimates):

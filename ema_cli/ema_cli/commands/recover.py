@@ -7,13 +7,14 @@ from rclpy.qos import QoSProfile
 
 from ema_cli.bags.output_path import require_apart
 from ema_cli.errors import one_clear_line
+from ema_cli.new_bag import new_bag
 from ema_cli.processes.interrupt import deferred_interrupt
 from ema_cli.show.progress import progress_bar
+from ema_core.wording import counted
 from ema_recording.message_type import message_class
 from ema_recording.qos import joint_offer, recorded_qos
 from ema_recording.reader import Bag, Topic
 from ema_recording.schema import check_schema
-from ema_recording.writer import BagWriter
 
 
 @click.command()
@@ -34,7 +35,7 @@ def recover(bag: Path, output: Path, force: bool) -> None:
         names = [name for name, topic in damaged.topics.items() if topic.count]
         with (
             deferred_interrupt() as interrupted,
-            BagWriter(output, overwrite=force) as whole,
+            new_bag(output, overwrite=force) as whole,
             progress_bar() as progress,
         ):
             for name in names:
@@ -51,7 +52,7 @@ def recover(bag: Path, output: Path, force: bool) -> None:
                 written += 1
     if damaged.damage:
         click.echo(f"{bag}: {damaged.damage}", err=True)
-    click.echo(f"{output}: {written} messages on {len(names)} topics")
+    click.echo(f"{output}: {counted(written, 'message')} on {counted(len(names), 'topic')}")
 
 
 def _offer(name: str, topic: Topic) -> QoSProfile:

@@ -12,13 +12,13 @@ from rich.table import Table
 
 from ema_cli.command_file import command_from
 from ema_cli.errors import Assignments, merged, one_clear_line
-from ema_cli.processes.supervisor.interrupt import deferred_interrupt
+from ema_cli.new_bag import new_bag
+from ema_cli.processes.interrupt import deferred_interrupt
 from ema_cli.show.progress import progress_bar
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FAULTS, random_faults
 from ema_core.wording import as_identifier, counted
 from ema_recording.actuator_bag import SimulatedActuatorBag
-from ema_recording.writer import BagWriter
 from ema_ros.actuator_file import load_description
 from ema_sim.bench import ActuatorBench, BenchSettings
 
@@ -144,13 +144,9 @@ def simulate(
         bench.set_command(command)
         drawn = _drawn_faults(seed) if draws_faults else None
         bench.set_faults(merged(faults, "--fault") if drawn is None else drawn)
-        try:
-            bag = BagWriter(output, overwrite=force)
-        except FileExistsError as error:
-            hint = "" if force else ": --force replaces a recording"
-            raise ValueError(f"{output} is there already{hint}") from error
         with (
             deferred_interrupt() as interrupted,
+            new_bag(output, overwrite=force) as bag,
             SimulatedActuatorBag(bag, description) as recording,
             progress_bar() as progress,
         ):

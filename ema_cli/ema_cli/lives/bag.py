@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from ema_cli.lives.tests_of_life import LifeTest
+from ema_cli.commands.lives.tests_of_life import LifeTest
+from ema_cli.new_bag import new_bag
 from ema_core.description import ActuatorDescription
 from ema_recording.actuator_bag import SimulatedActuatorBag
-from ema_recording.writer import BagWriter
 
 
 def write_test(path: Path, test: LifeTest, description: ActuatorDescription) -> None:
@@ -20,7 +20,7 @@ def write_test(path: Path, test: LifeTest, description: ActuatorDescription) -> 
     description
         The actuator.
     """
-    with SimulatedActuatorBag(BagWriter(path), description, test.start_ns) as bag:
+    with new_bag(path) as writer, SimulatedActuatorBag(writer, description, test.start_ns) as bag:
         bag.begin_cycle(test.number, test.faults, test.hours)
         for block in test.blocks:
             bag.write_block(block)

@@ -181,13 +181,14 @@ def _failure(node: str, folder: Path) -> str:
 def _conclude(bag: Path, picture: Path, folder: Path) -> None:
     # Here, since it takes a second that nobody should have to wait for at the start.
     from ema_cli.show.history_figure import draw_history
+    from ema_cli.show.picture_path import save_picture
 
     try:
         history = read_history(bag)
     except ValueError as error:
         raise ValueError(f"{error} See {folder / 'monitor.log'}") from error
     diagnoses = history.diagnoses()
-    draw_history(history).savefig(picture, dpi=120)
+    save_picture(draw_history(history), picture)
     latencies = [one.latency_s for one in diagnoses]
     valid = sum(one.valid for one in diagnoses)
     click.echo(

@@ -1,8 +1,11 @@
-"""Where a picture is to be written."""
+"""Pictures as files."""
 
 from pathlib import Path
 
 from matplotlib.backend_bases import FigureCanvasBase
+from matplotlib.figure import Figure
+
+from ema_core.files import complete_file
 
 
 def require_drawable(picture: Path) -> None:
@@ -23,3 +26,24 @@ def require_drawable(picture: Path) -> None:
         raise ValueError(f"{picture}: a picture ends in one of .png, .svg, .pdf")
     if not picture.parent.is_dir():
         raise ValueError(f"{picture}: there is no folder {picture.parent}")
+
+
+def save_picture(figure: Figure, picture: Path, dpi: int = 120) -> None:
+    """Write a picture whole or not at all.
+
+    Parameters
+    ----------
+    figure
+        What it shows.
+    picture
+        File to write, of a format as of ``require_drawable``.
+    dpi
+        Resolution [1/inch].
+
+    Raises
+    ------
+    OSError
+        When it cannot be written.
+    """
+    with complete_file(picture) as partial:
+        figure.savefig(partial, dpi=dpi, format=picture.suffix.lower().removeprefix("."))

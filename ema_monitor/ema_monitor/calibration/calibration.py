@@ -13,6 +13,7 @@ import yaml
 from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
+from ema_core.files import complete_file
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.alignment import difference_at, moved, shift_between
 from ema_monitor.model.monitor_model import MonitorModel, Response
@@ -234,11 +235,11 @@ class Calibration:
         path
             File to write; an existing one is replaced only once the new one is complete.
         """
-        partial = path.with_suffix(path.suffix + ".partial")
-        partial.write_text(
-            yaml.safe_dump(self._as_mapping(), sort_keys=False, default_flow_style=None, width=96)
+        content = yaml.safe_dump(
+            self._as_mapping(), sort_keys=False, default_flow_style=None, width=96
         )
-        partial.replace(path)
+        with complete_file(path) as partial:
+            partial.write_text(content)
 
     @classmethod
     def builtin(cls) -> "Calibration":

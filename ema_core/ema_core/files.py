@@ -1,0 +1,29 @@
+"""Files that are complete or not there."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def complete_file(path: Path) -> Iterator[Path]:
+    """Give the name to write under; the file gets its own name when the block ends.
+
+    Parameters
+    ----------
+    path
+        File to write; an existing one is replaced only once the new one is complete.
+
+    Raises
+    ------
+    OSError
+        When it cannot be written; the error names the file, and no part of it is left.
+    """
+    partial = path.with_name(f"{path.name}.partial")
+    try:
+        yield partial
+        partial.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+    finally:
+        partial.unlink(missing_ok=True)

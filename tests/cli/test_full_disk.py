@@ -1,0 +1,69 @@
+"""Where a file cannot be written to its end, the error names it and no part of it is left."""
+
+import resource
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
+
+
+@contextmanager
+def largest_file(size: int) -> Iterator[None]:
+    """Let every write of this process fail beyond so many bytes of a file, as on a full disk."""
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, usual[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _kernels(ema, tmp_path_factory) -> None:
+    """Have the compiled kernels in their cache, which is written as well."""
+    assert ema("plot", SAMPLE, "--window", "0", "-o", tmp_path_factory.mktemp("k") / "k.png")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        (("simulate",), "case.mcap"),
+        (("simulate",), "case"),
+        (("recover", SAMPLE), "whole.mcap"),
+        (("plot", SAMPLE), "case.png"),
+        (("plot", SAMPLE, "--window", "0"), "fit.png"),
+        (("calibrate", SAMPLE), "c.yaml"),
+        (("compare", SAMPLE, "--algorithms", "least_squares"), "compared.png"),
+    ],
+)
+def test_nothing_is_left_of_what_could_not_be_written(
+    ema: Callable, tmp_path: Path, arguments: tuple, name: str
+):
+    with largest_file(4000):
+        result = ema(*arguments, "-o", tmp_path / name)
+    assert result.exit_code == 1
+    assert result.stderr.splitlines()[-1] == f"Error: {tmp_path / name}: File too large"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_picture_that_was_there_is_kept(ema: Callable, tmp_path: Path):
+    picture = tmp_path / "case.png"
+    picture.write_bytes(b"precious")
+    with largest_file(4000):
+        assert ema("plot", SAMPLE, "-o", picture).exit_code == 1
+    assert picture.read_bytes() == b"precious"
+    assert ema("plot", SAMPLE, "-o", picture).exit_code == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert list(tmp_path.iterdir()) == [picture]
+
+
+def test_life_that_could_not_be_written_leaves_no_part(ema: Callable, tmp_path: Path):
+    with largest_file(4000):
+        result = ema("lives", "--fault", "friction", "-o", tmp_path / "lives")
+    assert result.exit_code == 1
+    assert "File too large" in result.stderr
+    assert "Errno" not in result.stderr
+    assert list((tmp_path / "lives").iterdir()) == []
