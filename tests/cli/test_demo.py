@@ -5,6 +5,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,13 @@ from ament_index_python.packages import get_package_share_directory
 from matplotlib.image import imread
 from rich.console import Console
 
-from ema_cli.bags.history import Diagnosed, read_history
+from ema_cli.bags.history import Diagnosed, cause_of_level, read_history
 from ema_cli.processes.demo_run import SHOWN
 from ema_cli.processes.observer import Observer
 from ema_cli.show.live_table import LiveTable
 from ema_core.faults import fault_vector
-from ema_core.levels import WARN
+from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_interfaces.msg import FaultHealth, Health
 from ema_recording.reader import Bag
 
 MARK = "EMA_TEST_OF_THE_DEMO"
@@ -99,7 +101,8 @@ def test_demo_leaves_bag_and_picture_and_no_process(demos):
 def test_demo_tells_a_line_a_cycle_and_the_latency(demos):
     for demo in demos:
         cycles = re.findall(
-            r"^cycle +(\d+)   friction [\d.]+ → [\d.]+ ± [\d.]+ .*(?:OK|WARN) +([\d.]+) s$",
+            r"^cycle +(\d+)   friction [\d.]+ → [\d.]+ ± [\d.]+ .*"
+            r"(?:OK|WARN) +([\d.]+) s(?:   .+)?$",
             demo.said,
             re.MULTILINE,
         )
@@ -202,14 +205,49 @@ def test_faults_that_are_shown_are_those_that_grow():
     assert tuple(actuator["ros__parameters"]["growth"]) == SHOWN
 
 
-def test_table_on_a_terminal_shows_truth_estimate_level_and_latency():
+def shown(width: int, **changes) -> str:
+    """Return what a terminal of so many columns shows of a warning."""
     one = Diagnosed(
         0, 0, 1, fault_vector({"friction": 0.21}), np.full(8, 0.004), True, "", 0.84,
         cycle=12, truth=fault_vector({"friction": 0.2}), level=WARN,
+        cause="torque margin 0.59 (fails below 0.5)",
     )  # fmt: skip
     screen = io.StringIO()
-    console = Console(file=screen, force_terminal=True, width=110, height=30)
-    with LiveTable(["friction"], console) as table:
-        table.show([one], "test cycle 13")
+    console = Console(file=screen, force_terminal=True, width=width, height=30, color_system=None)
+    with LiveTable(SHOWN, console) as table:
+        table.show([replace(one, **changes)], "test cycle 13")
+    return re.sub(r"\x1b\[[?0-9]*[A-Za-z]", "", screen.getvalue())
+
+
+def test_table_on_a_terminal_shows_truth_estimate_level_and_latency():
     for words in ("0.200 → 0.210 ± 0.004", "12", "WARN", "0.84 s", "test cycle 13"):
-        assert words in screen.getvalue()
+        assert words in shown(110)
+
+
+@pytest.mark.parametrize(("width", "figures"), [(80, "0.200→0.210±0.004"), (60, "0.200→0.210 ")])
+def test_table_fits_a_narrow_terminal(width, figures):
+    screen = shown(width)
+    assert max(len(line) for line in screen.splitlines()) <= width
+    for words in (figures, "12", "WARN", "test cycle 13"):
+        assert words in screen
+    assert ("0.84 s" in screen) == (width == 80)
+    assert "0.200→no" in shown(width, valid=False)
+    assert "…" not in shown(width, valid=False)
+
+
+def test_table_says_why_the_level_is_what_it_is():
+    assert "WARN since cycle 12: torque margin 0.59 (fails below 0.5)" in shown(80)
+
+
+def test_cause_names_what_has_the_level_with_value_and_limit():
+    margin = FaultHealth(
+        name="torque_margin", level=WARN, value=0.59, limit=0.5, limit_is_lower=True, unit="1"
+    )
+    play = FaultHealth(name="free_play", level=ERROR, value=6e-4, limit=5e-4, unit="rad")
+    assert cause_of_level(Health(level=OK, requirements=[])) == ""
+    warning = Health(level=WARN, requirements=[margin])
+    assert cause_of_level(warning) == "torque margin 0.59 (fails below 0.5)"
+    failed = Health(level=ERROR, requirements=[margin, play])
+    assert cause_of_level(failed) == "free play 0.6 mrad (failed: above 0.5 mrad)"
+    stale = Health(level=STALE, reason="no telemetry for 3 s")
+    assert cause_of_level(stale) == "no telemetry for 3 s"

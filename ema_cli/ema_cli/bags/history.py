@@ -9,12 +9,17 @@ from numpy.typing import NDArray
 
 from ema_cli.bags.truths import truth_at
 from ema_core.faults import FAULT_NAMES, N_FAULTS
+from ema_core.levels import ERROR, OK, WARN
 from ema_recording.reader import Bag
 from ema_recording.telemetry import ESTIMATE_TYPE, HEALTH_TYPE, TRUE_FAULTS_TYPE
 from ema_ros.faults import StampedFaults, stamped_faults_from_message
 from ema_ros.stamps import stamp_from_message
 
+SHOWN_IN: Final = {"rad": ("mrad", 1e3)}
+"""Unit of a requirement in tables and pictures, and its scale, where it is another than its own."""
+
 _LONGEST_LATENCY_S: Final = 600.0
+_NAMED_CAUSES: Final = 2
 
 
 @dataclass
@@ -39,6 +44,8 @@ class Diagnosed:
         True faults, ``(8,)``; None when they are not known.
     level
         Level of health; None as long as it is not known.
+    cause
+        Why it is that level, in words; empty when all is well.
     """
 
     window: int
@@ -52,6 +59,7 @@ class Diagnosed:
     cycle: int | None = None
     truth: NDArray[np.float64] | None = None
     level: int | None = None
+    cause: str = ""
 
 
 @dataclass
@@ -73,7 +81,7 @@ class History:
     truths: list[StampedFaults] = field(default_factory=list)
     limits: dict[str, float] = field(default_factory=dict)
     _diagnosed: dict[int, Diagnosed] = field(default_factory=dict)
-    _levels: dict[int, int] = field(default_factory=dict)
+    _levels: dict[int, tuple[int, str]] = field(default_factory=dict)
 
     def take(self, type_name: str, message: Any, received_ns: int) -> None:
         """Take a message in; what is of another actuator than the first estimate is passed over.
@@ -102,7 +110,8 @@ class History:
             self.truths.append(stamped_faults_from_message(message))
         elif type_name == HEALTH_TYPE and message.actuator_id == self.actuator_id:
             # When it grows stale, it is published once more with the stamp of its window.
-            self._levels.setdefault(stamp_from_message(message.header.stamp), message.level)
+            stamp_ns = stamp_from_message(message.header.stamp)
+            self._levels.setdefault(stamp_ns, (message.level, cause_of_level(message)))
             self.limits.update({item.name: item.limit for item in message.faults})
 
     def diagnoses(self) -> list[Diagnosed]:
@@ -113,7 +122,7 @@ class History:
             truth = truth_at(truths, one.start_ns)
             if truth is not None:
                 one.cycle, one.truth = truth.cycle, truth.faults
-            one.level = self._levels.get(one.end_ns)
+            one.level, one.cause = self._levels.get(one.end_ns, (None, ""))
         return found
 
 
@@ -152,6 +161,31 @@ def read_history(path: Path, actuator_id: str | None = None) -> History:
         if item.type_name == ESTIMATE_TYPE and not history.serial_number:
             history.serial_number = item.message.serial_number
     return history
+
+
+def cause_of_level(health: Any) -> str:
+    """Return which faults and requirements give health its level, with value and limit, in words.
+
+    Parameters
+    ----------
+    health
+        ``ema_interfaces/msg/Health``.
+    """
+    if health.level not in (WARN, ERROR):
+        return "" if health.level == OK else health.reason
+    items = [item for item in (*health.faults, *health.requirements) if item.level == health.level]
+    items.sort(key=lambda item: item.name != health.dominant_fault)
+    state = "failed:" if health.level == ERROR else "fails"
+    causes = []
+    for item in items[:_NAMED_CAUSES]:
+        unit, scale = SHOWN_IN.get(item.unit, (item.unit, 1.0))
+        unit = "" if unit == "1" else f" {unit}"
+        side = "below" if item.limit_is_lower else "above"
+        value, limit = scale * item.value, scale * item.limit
+        name = item.name.replace("_", " ")
+        causes.append(f"{name} {value:.3g}{unit} ({state} {side} {limit:.3g}{unit})")
+    more = len(items) - len(causes)
+    return ", ".join(causes) + (f" and {more} more" if more else "")
 
 
 def has_latency(diagnoses: list[Diagnosed]) -> bool:

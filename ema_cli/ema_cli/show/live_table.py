@@ -1,10 +1,12 @@
 """Diagnoses as they come: a table on a terminal, else a line each."""
 
 from collections.abc import Sequence
-from typing import Final
+from itertools import takewhile
+from typing import Final, NamedTuple
 
 import click
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
@@ -16,6 +18,27 @@ from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 
 _COLOURS: Final = {OK: "green", WARN: "yellow", ERROR: "bold red", STALE: "bright_black"}
 _LINES_BESIDE: Final = 8
+
+
+class _Form(NamedTuple):
+    """How much a table shows."""
+
+    arrow: str
+    plus_minus: str
+    has_latency: bool
+
+    @property
+    def heading(self) -> str:
+        return f"true{self.arrow}estimated" + (f"{self.plus_minus}sigma" * bool(self.plus_minus))
+
+
+# From the fullest to the leanest.
+_FORMS: Final = (
+    _Form(" → ", " ± ", True),
+    _Form("→", "±", True),
+    _Form("→", "", True),
+    _Form("→", "", False),
+)
 
 
 class LiveTable:
@@ -76,27 +99,48 @@ class LiveTable:
             self._written += 1
 
     def _table(self, diagnoses: Sequence[Diagnosed], state: str) -> Table:
+        """Return the fullest table that the terminal is wide enough for."""
+        *fuller, leanest = (self._table_in(form, diagnoses, state) for form in _FORMS)
+        width = self._console.width
+        # What is too wide is measured as just as wide as the terminal.
+        return next((one for one in fuller if self._console.measure(one).maximum < width), leanest)
+
+    def _table_in(self, form: _Form, diagnoses: Sequence[Diagnosed], state: str) -> Table:
+        cause = _since(diagnoses) if diagnoses and diagnoses[-1].cause else ""
         table = Table(
-            title="true → estimated ± sigma of the normalised faults",
+            title=f"normalised faults: {form.heading}",
             title_justify="left",
-            caption=state,
+            caption="\n".join(filter(None, (cause, state))),
             caption_justify="left",
+            box=SIMPLE_HEAD,
+            show_edge=False,
+            padding=(0, 1, 0, 0),
         )
         table.add_column("cycle", justify="right")
         for i in self._faults:
-            table.add_column(FAULTS[i].label, justify="center", no_wrap=True)
+            table.add_column(FAULTS[i].label, justify="center")
         table.add_column("level")
-        table.add_column("latency", justify="right")
+        if form.has_latency:
+            table.add_column("latency", justify="right")
         for one in diagnoses[-max(3, self._console.height - _LINES_BESIDE) :]:
             level = Text(_level(one), _COLOURS.get(-1 if one.level is None else one.level, ""))
-            faults = [_figures(one, i) for i in self._faults]
-            table.add_row(_cycle(one), *faults, level, f"{one.latency_s:.2f} s")
+            faults = [Text(_figures(one, i, form), no_wrap=True) for i in self._faults]
+            latency = [f"{one.latency_s:.2f} s"] if form.has_latency else []
+            table.add_row(_cycle(one), *faults, level, *latency)
         return table
 
     def _line(self, one: Diagnosed) -> str:
-        faults = [f"{FAULTS[i].label} {_figures(one, i)}" for i in self._faults]
+        faults = [f"{FAULTS[i].label} {_figures(one, i, _FORMS[0])}" for i in self._faults]
         parts = [f"cycle {_cycle(one):>3}", *faults, f"{_level(one):5}", f"{one.latency_s:.2f} s"]
-        return "   ".join(parts + ([] if one.valid else [one.reason]))
+        return "   ".join(filter(None, (*parts, one.cause if one.valid else one.reason)))
+
+
+def _since(diagnoses: Sequence[Diagnosed]) -> str:
+    """Return why the latest level is what it is, and since when it is."""
+    last = diagnoses[-1]
+    same = takewhile(lambda one: one.level == last.level, reversed(diagnoses))
+    *_, first = same
+    return f"{_level(last)} since cycle {_cycle(first)}: {last.cause}"
 
 
 def _cycle(one: Diagnosed) -> str:
@@ -107,9 +151,10 @@ def _level(one: Diagnosed) -> str:
     return "-" if one.level is None else LEVEL_NAMES[one.level]
 
 
-def _figures(one: Diagnosed, i: int) -> str:
+def _figures(one: Diagnosed, i: int, form: _Form) -> str:
     true = "?" if one.truth is None else f"{one.truth[i]:.3f}"
     if not one.valid:
-        return f"{true} → no estimate"
+        return f"{true}{form.arrow}{'no estimate' if form.plus_minus else 'none'}"
     sigma = "?" if np.isnan(one.sigma[i]) else f"{one.sigma[i]:.3f}"
-    return f"{true} → {one.faults[i]:.3f} ± {sigma}"
+    uncertainty = f"{form.plus_minus}{sigma}" if form.plus_minus else ""
+    return f"{true}{form.arrow}{one.faults[i]:.3f}{uncertainty}"

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ema_cli.bags.history import SHOWN_IN
 from ema_cli.bags.unit_course import Course
 from ema_cli.lives.true_life import true_faults, true_remaining_life
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
@@ -20,7 +21,6 @@ from ema_monitor.prognosis.requirements.requirements import BELOW, RequirementLi
 
 _MOVES: Final = 0.25
 _SIGMAS_OF_90_PERCENT: Final = 1.645
-_SHOWN_IN: Final = {"rad": ("mrad", 1e3)}
 # Of the palette of Okabe and Ito, which colour-blind people tell apart; each also has its line
 # style or marker.
 _PREDICTED: Final = "#0072b2"
@@ -212,7 +212,7 @@ def _draw_fault(
 
 def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], name: str) -> None:
     unit, scale = RequirementLimits.unit(name), 1.0
-    unit, scale = _SHOWN_IN.get(unit, (unit, scale))
+    unit, scale = SHOWN_IN.get(unit, (unit, scale))
     items = [_of(outlook.health.requirements, name) for outlook in course.outlooks]
     value = scale * np.array([item.value for item in items])
     sigma = scale * np.nan_to_num(np.array([item.sigma for item in items]))

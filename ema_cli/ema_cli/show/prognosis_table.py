@@ -7,11 +7,11 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from ema_cli.bags.history import SHOWN_IN
 from ema_cli.bags.unit_course import Course
 from ema_core.levels import LEVEL_NAMES
 from ema_monitor.node.messages import health_to_message
 
-_SHOWN_IN: Final = {"rad": ("mrad", 1e3)}
 _PER_HOURS: Final = 1000.0
 _MISSED: Final = "missed tests"
 
@@ -86,7 +86,7 @@ def table_of_growth(message: Any) -> Table:
     for number, item in enumerate(items):
         if number == len(message.faults):
             table.add_section()
-        unit, scale = _SHOWN_IN.get(item.unit, (item.unit, 1.0))
+        unit, scale = SHOWN_IN.get(item.unit, (item.unit, 1.0))
         side = "≥" if item.limit_is_lower else "≤"
         table.add_row(
             item.name + ("" if unit == "1" else f" [{unit}]").replace("[", r"\["),
