@@ -18,7 +18,7 @@ from ema_cli.lives.bag import write_test
 from ema_cli.lives.tests_of_life import simulated_tests
 from ema_cli.lives.true_life import true_remaining_life
 from ema_cli.show.prognosis_figure import draw_course
-from ema_cli.show.prognosis_table import as_values, prognosis_message
+from ema_cli.show.prognosis_table import as_values, prognosis_message, removal_in_words
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_monitor.calibration.calibration import Calibration
@@ -35,7 +35,7 @@ from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
 from ema_ros.faults import StampedFaults
 from ema_ros.usage import usage_at_cycle
-from ema_sim.lives import SimulatedLife
+from ema_sim.lives import SimulatedLife, WindowKind
 
 SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
 INTERVAL_H = 10.0
@@ -296,6 +296,50 @@ def test_picture_shows_what_ends_life_and_what_happened(tmp_path, counted):
     figure.savefig(tmp_path / "picture.png")
 
 
+def test_prognosis_at_an_earlier_hour_leaves_out_later_tests(ema, life_folder, told):
+    earlier = json.loads(ema("prognose", life_folder, "--at", "75", "--json").stdout)
+    assert earlier["flight_hours"] == 70.0
+    assert earlier["tests"] == told["tests"][:7]
+    refused = ema("prognose", life_folder, "--at", "5")
+    assert (refused.exit_code, "--at 5" in refused.stderr) == (1, True)
+
+
+def test_spoiled_test_does_not_spoil_the_exit_code_of_a_good_prognosis(ema, written, tmp_path):
+    written("one.mcap")
+    Calibration.builtin().save(tmp_path / CALIBRATION_FILE)
+    written("two.mcap", 2.0, window="gap")
+    result = ema("prognose", tmp_path)
+    assert "no valid estimate" in result.stderr
+    assert "1 valid of 2 tests" in result.stdout
+    assert result.exit_code == 0
+
+
+def test_planner_reads_by_when_to_remove_the_unit():
+    course = course_of(growing(1.5e-3, 20, seed=3))
+    last = course.outlooks[-1]
+    words = removal_in_words(course)
+    assert words.startswith(
+        f"Remove before {last.hours + last.rul.hours_05:,.0f} service hours (in "
+    )
+    assert words.endswith(
+        f"median end of life {last.hours + last.rul.hours_50:,.0f} h: {last.rul.criterion}"
+    )
+
+
+def test_planner_reads_since_when_a_unit_has_failed():
+    # Friction of 0.05 + 0.0031 u passes 0.5 at 145 h; its tests are ten hours apart.
+    course = course_of(growing(3.1e-3, 17))
+    assert removal_in_words(course) == (
+        "Remove now: failed since 150 h (now 170 h): friction exceeds 0.5"
+    )
+
+
+def test_planner_reads_what_a_prognosis_waits_for():
+    assert "service hours are unknown" in removal_in_words(
+        course_of(growing(2e-3, 12, seed=4), counted=False)
+    )
+
+
 def test_table_tells_each_fault_and_requirement_and_both_ends_of_life(ema, life_folder):
     result = ema("prognose", life_folder, "--duty", "2")
     assert result.exit_code == 0
@@ -310,8 +354,8 @@ def test_table_tells_each_fault_and_requirement_and_both_ends_of_life(ema, life_
 def written(life_folder, tmp_path) -> Callable[..., Path]:
     """Write one test of another unit to a bag."""
 
-    def write(name: str, hours: float = 1.0, **changes: str) -> Path:
-        life = SimulatedLife("", {}, np.array([hours]), fault_vector({})[None], ("good",), math.inf)
+    def write(name: str, hours: float = 1.0, window: WindowKind = "good", **changes: str) -> Path:
+        life = SimulatedLife("", {}, np.array([hours]), fault_vector({})[None], (window,), math.inf)
         description = replace(ActuatorDescription(), **changes)
         [test] = simulated_tests(life, description, np.random.default_rng(0), lambda: False)
         write_test(tmp_path / name, test, description)

@@ -12,7 +12,7 @@ from rich.console import Console
 from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.bags.unit_calibration import with_calibration_beside
 from ema_cli.bags.unit_course import follow
-from ema_cli.bags.unit_record import read_unit
+from ema_cli.bags.unit_record import UnitRecord, read_unit
 from ema_cli.commands.estimate import estimate_windows
 from ema_cli.errors import REFUSED, Assignments, merged, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
@@ -23,10 +23,11 @@ from ema_cli.show.prognosis_table import (
     as_values,
     course_as_values,
     prognosis_message,
+    removal_in_words,
     summary,
     table_of_growth,
 )
-from ema_core.wording import as_identifier, unknown_name
+from ema_core.wording import as_identifier, counted, unknown_name
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.settings import KnownLaw, PrognosisSettings, TrackerSettings
 from ema_monitor.prognosis.requirements.requirements.requirements import RequirementLimits
@@ -79,6 +80,13 @@ def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> 
     help="Service hour at which a fault truly reached its limit, for the picture, where life goes "
     "on beyond the bags.",
 )
+@click.option(
+    "--at",
+    "at_hours",
+    type=click.FloatRange(min=0.0),
+    callback=_finite,
+    help="Service hour at which the prognosis is made: later tests are left out.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one object, as the health message.")
 @click.option(
     "-o",
@@ -95,6 +103,7 @@ def prognose(
     laws: tuple[tuple[str, KnownLaw], ...],
     limits: tuple[list[tuple[str, float]], ...],
     end_hours: float | None,
+    at_hours: float | None,
     as_json: bool,
     output: Path | None,
 ) -> None:
@@ -103,12 +112,16 @@ def prognose(
     All tests are of one unit; the stamps of their windows tell their order. The figures are those
     that a monitor publishes after the last of these tests. Without --calibration, a file
     calibration.yaml beside the bags is taken for the unit's.
+
+    Exit code 3 means that there is no prognosis, since no test has a valid estimate.
     """
     with one_clear_line():
         settings = _settings(merged(limits, "--limit"), laws, Service(duty, hours_per_cycle))
         if output is not None:
             require_drawable(output)
         record = read_unit(bags, source)
+        if at_hours is not None:
+            record = _as_known_at(at_hours, record)
         # The bags first: those of two units are refused, whatever lies beside them.
         options = with_calibration_beside(options, bags)
         calibration = options.calibration()
@@ -120,7 +133,9 @@ def prognose(
             if not estimate.valid:
                 click.echo(f"window {number}: no valid estimate: {estimate.reason}", err=True)
         if not course.outlooks:
-            click.echo(f"no prognosis: none of {len(estimates)} windows can be used", err=True)
+            click.echo(
+                f"no prognosis: none of {counted(len(estimates), 'window')} can be used", err=True
+            )
             sys.exit(REFUSED)
         message = prognosis_message(course)
         if math.isnan(message.flight_hours) and not record.counts:
@@ -137,8 +152,9 @@ def prognose(
         hours = f"{message.flight_hours:.6g}" if message.flight_hours >= 0.0 else "unknown"
         click.echo(
             f"{message.actuator_id} ({message.serial_number}): {len(course.outlooks)} valid of "
-            f"{len(estimates)} tests, flight hours {hours}, cycles {message.cycles}"
+            f"{counted(len(estimates), 'test')}, flight hours {hours}, cycles {message.cycles}"
         )
+        click.echo(removal_in_words(course))
         Console().print(table_of_growth(message))
         click.echo("\n".join(summary(course, message)))
     if output is not None:
@@ -147,8 +163,22 @@ def prognose(
             save_picture(draw_course(course, end_hours), output)
         if not as_json:
             click.echo(f"{output}")
-    if len(course.outlooks) < len(estimates):
-        sys.exit(REFUSED)
+
+
+def _as_known_at(hours: float, record: UnitRecord) -> UnitRecord:
+    """Return what was known of a unit at a service hour [h].
+
+    Raises
+    ------
+    ValueError
+        When there was no test before.
+    """
+    later = min((one.stamp_ns for one in record.counts if one.hours > hours), default=math.inf)
+    windows = [window for window in record.windows if window.end_ns < later]
+    if not record.counts or not windows:
+        raise ValueError(f"--at {hours:g}: the bags have no test whose count of hours is so small")
+    counts = [count for count in record.counts if count.stamp_ns < later]
+    return replace(record, windows=windows, counts=counts)
 
 
 def _settings(

@@ -1,6 +1,7 @@
 """A prognosis as tables, and as plain values."""
 
 import math
+from itertools import takewhile
 from typing import Any, Final
 
 import numpy as np
@@ -9,11 +10,13 @@ from rich.table import Table
 
 from ema_cli.bags.history import SHOWN_IN
 from ema_cli.bags.unit_course import Course
-from ema_core.levels import LEVEL_NAMES
+from ema_core.levels import ERROR, LEVEL_NAMES
 from ema_monitor.node.messages import health_to_message
 
 _PER_HOURS: Final = 1000.0
 _MISSED: Final = "missed tests"
+_SOON_HOURS: Final = 0.5
+_RISK: Final = 0.05  # of the lower quantile of a life
 
 
 def prognosis_message(course: Course) -> Any:
@@ -100,6 +103,35 @@ def table_of_growth(message: Any) -> Table:
     return table
 
 
+def removal_in_words(course: Course) -> str:
+    """Return by when the unit has to be removed, and why, in one sentence.
+
+    Parameters
+    ----------
+    course
+        Tests of a unit; at least one has a valid estimate.
+    """
+    last, life = course.outlooks[-1], course.outlooks[-1].rul
+    if last.health.level == ERROR:
+        *_, first = takewhile(lambda one: one.health.level == ERROR, reversed(course.outlooks))
+        items = (*last.health.faults, *last.health.requirements)
+        failed = [last.lives[one.name].criterion for one in items if one.level == ERROR]
+        since = f" since {first.hours:,.0f} h (now {last.hours:,.0f} h)"
+        return f"Remove now: failed{since * math.isfinite(first.hours)}: {', '.join(failed)}"
+    if not life.known:
+        return f"No date of removal yet: {life.reason}"
+    end = "beyond what is looked ahead"
+    if math.isfinite(life.hours_50):
+        end = f"{last.hours + life.hours_50:,.0f} h"
+    when = f"before {last.hours + life.hours_05:,.0f} service hours"
+    if life.hours_05 < _SOON_HOURS:
+        when = "now"
+    return (
+        f"Remove {when} (in {life.hours_05:,.0f} h, {100 * _RISK:.0f} % risk of failure until "
+        f"then); median end of life {end}: {life.criterion}"
+    )
+
+
 def summary(course: Course, message: Any) -> list[str]:
     """Return remaining life, health, assumption and events, a line each.
 
@@ -117,7 +149,7 @@ def summary(course: Course, message: Any) -> list[str]:
     }
     lines = []
     for name, life in lives.items():
-        # The note below tells a reason that is that of the whole message.
+        # The sentence for the planner says the reason that is that of the whole message.
         told = "unknown" if not life.known and life.reason in message.reason else _told(life)
         lines.append(f"remaining useful life {name}: {told}")
     first = f"; first to end life: {message.dominant_fault}" if message.dominant_fault else ""
@@ -136,8 +168,8 @@ def summary(course: Course, message: Any) -> list[str]:
                 lines.append(f"event at {place}: {event}")
     if missed:
         lines.append(f"{_MISSED} before {', '.join(missed)}")
-    if message.reason:
-        lines.append(f"note: {message.reason}")
+    if reason := course.outlooks[-1].health.reason:
+        lines.append(f"note: {reason}")
     return lines
 
 
