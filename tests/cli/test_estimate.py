@@ -1,4 +1,5 @@
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -85,8 +86,32 @@ def test_searches_begin_at_the_window_before_unless_told_otherwise(ema, tmp_path
         assert one["evaluations"] < other["evaluations"]
         # To the same optimum, as far as its tolerance goes.
         assert one["faults"] == pytest.approx(other["faults"], abs=1e-3)
-    table = ema("estimate", bag).stdout
+    table = ema("estimate", bag, "--verbose").stdout
     assert (table.count("least_squares, cold:"), table.count("least_squares, warm:")) == (1, 2)
+
+
+def test_several_windows_are_a_line_each_and_a_summary(ema, tmp_path):
+    bag = tmp_path / "worn.mcap"
+    assert ema("simulate", "--cycles", "3", "--fault", "friction=0.3", "-o", bag).exit_code == 0
+    result = ema("estimate", bag)
+    assert result.exit_code == 0
+    calibration, *windows, count, largest = result.stdout.splitlines()
+    assert calibration.startswith("calibration ")
+    for number, line in enumerate(windows):
+        assert re.fullmatch(rf" +{number} +[\d.]+ s  valid    friction 0\.\d+ ± 0\.\d+.*", line)
+    assert len(windows) == 3
+    assert count == "3 windows: 3 valid, 0 refused"
+    assert re.match(r"largest: friction 0\.\d+ \(window \d\)", largest)
+
+
+def test_refused_windows_are_counted_by_reason(ema, tmp_path):
+    bag = tmp_path / "other.mcap"
+    unit = ("--serial-number", "SN-7", "--cycles", "2")
+    assert ema("simulate", *unit, "-o", bag).exit_code == 0
+    result = ema("estimate", bag)
+    assert result.exit_code == 3
+    assert "2 windows: 0 valid, 2 refused\n2 refused: " in result.stdout
+    assert "largest" not in result.stdout
 
 
 def test_estimate_tells_what_it_rests_on(ema, sample_estimate):

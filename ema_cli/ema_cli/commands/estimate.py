@@ -1,10 +1,12 @@
 """``ema estimate``: the faults in a bag."""
 
 import json
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from textwrap import shorten
+from typing import Any, Final
 
 import click
 import numpy as np
@@ -17,6 +19,7 @@ from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import FAULTS
+from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.estimate_record import by_fault, estimate_record
@@ -25,14 +28,25 @@ from ema_monitor.identification.search import Identification
 from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.windows.window import MIN_TRAVEL
 
+_NOTHING: Final = "no significant fault"
+_REASON_WIDTH: Final = 90
+
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
 @source_options(USE_OPTIONS)
 @identification_options
 @click.option("--json", "as_json", is_flag=True, help="Print one list, an object a window.")
-def estimate(bag: Path, source: Source, options: IdentificationOptions, as_json: bool) -> None:
-    """Name the faults in each window of BAG, with their uncertainty."""
+@click.option(
+    "-v", "--verbose", is_flag=True, help="Print a table a window, also when there are several."
+)
+def estimate(
+    bag: Path, source: Source, options: IdentificationOptions, as_json: bool, verbose: bool
+) -> None:
+    """Name the faults in each window of BAG, with their uncertainty.
+
+    A single window is shown as a table; of several there is a line each, and a summary.
+    """
     with one_clear_line():
         calibration = options.calibration()
         found = read_windows(bag, source)
@@ -45,7 +59,12 @@ def estimate(bag: Path, source: Source, options: IdentificationOptions, as_json:
     else:
         click.echo(f"calibration {calibration.calibration_id} ({options.calibration_source})")
         for number, one in enumerate(estimates):
-            _print(number, one, found)
+            if verbose or len(estimates) == 1:
+                _print(number, one, found)
+            else:
+                click.echo(_line(number, one, found))
+        if len(estimates) > 1:
+            click.echo("\n".join(_summary(estimates)))
     if not all(one.valid for one in estimates):
         sys.exit(REFUSED)
 
@@ -121,16 +140,61 @@ def found_in_words(one: Estimate) -> str:
     one
         A valid estimate.
     """
-    significant = [
-        (abs(k - fault.healthy), f"{fault.label} {k:.3f} ({fault.physical(k)})")
-        for fault, k, insignificant, hidden in zip(
-            FAULTS, one.faults, one.insignificant, one.unobservable, strict=True
-        )
-        if fault.limit is not None and not insignificant and not hidden
+    words = [
+        f"{FAULTS[i].label} {one.faults[i]:.3f} ({FAULTS[i].physical(one.faults[i])})"
+        for i in _significant(one)
     ]
-    if not significant:
-        return "no significant fault"
-    return "; ".join(words for _, words in sorted(significant, reverse=True))
+    return "; ".join(words) or _NOTHING
+
+
+def _distance(one: Estimate, i: int) -> float:
+    """Return how far a fault is from its healthy value [-]."""
+    return abs(one.faults[i] - FAULTS[i].healthy)
+
+
+def _significant(one: Estimate) -> list[int]:
+    """Return which faults are significant, the largest first."""
+    found = [
+        i
+        for i, fault in enumerate(FAULTS)
+        if fault.limit is not None and not one.insignificant[i] and not one.unobservable[i]
+    ]
+    return sorted(found, key=lambda i: -_distance(one, i))
+
+
+def _line(number: int, one: Estimate, found: BagWindows) -> str:
+    """Return a window as one line."""
+    place = f"{number:4d} {found.seconds(one.start_ns):10.2f} s"
+    if not one.valid:
+        return f"{place}  refused  {shorten(one.reason, _REASON_WIDTH, placeholder=' ...')}"
+    faults = [
+        f"{FAULTS[i].label} {one.faults[i]:.4f} ± {one.sigma[i]:.4f}" for i in _significant(one)
+    ]
+    return f"{place}  valid    {', '.join(faults) or _NOTHING}"
+
+
+def _summary(estimates: Sequence[Estimate]) -> list[str]:
+    """Return how many windows are valid, why others are not, and the largest faults, in lines."""
+    valid = [(number, one) for number, one in enumerate(estimates) if one.valid]
+    refused = len(estimates) - len(valid)
+    lines = [f"{counted(len(estimates), 'window')}: {len(valid)} valid, {refused} refused"]
+    # Reasons that differ in their figures only are the same.
+    reasons: dict[str, list[str]] = {}
+    for one in estimates:
+        if not one.valid:
+            reasons.setdefault(re.sub(r"[\d.]+", "", one.reason), []).append(one.reason)
+    for alike in reasons.values():
+        example = "" if len(set(alike)) == 1 else "for instance "
+        lines.append(f"{len(alike)} refused: {example}{alike[0]}")
+    words = []
+    for i, fault in enumerate(FAULTS):
+        with_fault = [(number, one) for number, one in valid if i in _significant(one)]
+        if with_fault:
+            number, one = max(with_fault, key=lambda item: _distance(item[1], i))
+            words.append(f"{fault.label} {one.faults[i]:.3f} (window {number})")
+    if valid:
+        lines.append(f"largest: {', '.join(words) or _NOTHING}")
+    return lines
 
 
 def _figure(value: float) -> str:
@@ -160,8 +224,9 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
         f"(limit {1e3 * MIN_TRAVEL:g} mrad)"
     )
     click.echo(
-        f"{one.algorithm}, {'warm' if one.warm_start else 'cold'}: {one.evaluations} evaluations "
-        f"in {one.computing_time_s:.2f} s; calibration of {one.calibration_windows} windows"
+        f"{one.algorithm}, {'warm' if one.warm_start else 'cold'}: "
+        f"{counted(one.evaluations, 'evaluation')} in {one.computing_time_s:.2f} s; calibration of "
+        f"{counted(one.calibration_windows, 'window')}"
     )
     if one.reason:
         click.echo(f"note: {one.reason}")
