@@ -23,6 +23,11 @@ def participants() -> set[str]:
     return found
 
 
+def _threads() -> set[threading.Thread]:
+    """Return Python's threads, other than those that the monitor model keeps for the process."""
+    return {item for item in threading.enumerate() if not item.name.startswith("model_")}
+
+
 @contextmanager
 def nothing_left(deadline_s: float = DEADLINE_S) -> Iterator[None]:
     """Fail if participants or threads that began within are still there after a deadline.
@@ -30,11 +35,11 @@ def nothing_left(deadline_s: float = DEADLINE_S) -> Iterator[None]:
     Nothing is left to the garbage collector: it would destroy a participant in the midst of
     another test, and Fast DDS may then wait for ever while it holds the interpreter's lock.
     """
-    participants_before, threads_before = participants(), set(threading.enumerate())
+    participants_before, threads_before = participants(), _threads()
     yield
     end_s = time.monotonic() + deadline_s
     while True:
-        threads = set(threading.enumerate()) - threads_before
+        threads = _threads() - threads_before
         left = sorted(participants() - participants_before) + [repr(item) for item in threads]
         if not left:
             return

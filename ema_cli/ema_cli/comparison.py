@@ -13,11 +13,11 @@ from ema_cli.processes.interrupt import deferred_interrupt
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import estimation_error
 from ema_core.wording import counted
-from ema_monitor.calibration.calibration.calibration import Calibration
-from ema_monitor.identification.search.estimate import Estimate
-from ema_monitor.identification.search.objective import Objective
-from ema_monitor.identification.search.search import Identification
-from ema_monitor.model.monitor_model.monitor_model import compile_kernels
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.search import Identification
+from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
 

@@ -9,9 +9,9 @@ from typing import Any
 import click
 
 from ema_cli.errors import NameChoice
-from ema_monitor.calibration.calibration.calibration import Calibration
-from ema_monitor.identification.search.fitness import FITNESS
-from ema_monitor.identification.search.settings import SearchSettings
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.fitness import FITNESS
+from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
 
 _OF_A_SERIES = (

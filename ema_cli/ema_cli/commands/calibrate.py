@@ -14,8 +14,8 @@ from ema_cli.bags.windows import RecordedWindow, read_windows, require_windows
 from ema_cli.errors import one_clear_line
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
-from ema_monitor.calibration.calibration.fit import calibrate as calibrate_windows
-from ema_monitor.model.monitor_model.monitor_model import FORMS
+from ema_monitor.calibration.fit import calibrate as calibrate_windows
+from ema_monitor.model.monitor_model import FORMS
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 

@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 
 from ema_cli.bags.unit_calibration import CALIBRATION_FILE
-from ema_cli.commands.lives.bag import write_test
-from ema_cli.commands.lives.estimates import LifeEstimator, as_line
-from ema_cli.commands.lives.tests_of_life import LifeTest, simulated_tests
-from ema_cli.commands.lives.unit import calibration_of_life, unit_of_life
 from ema_cli.errors import NameChoice, one_clear_line
+from ema_cli.lives.bag import write_test
+from ema_cli.lives.estimates import LifeEstimator, as_line
+from ema_cli.lives.tests_of_life import LifeTest, simulated_tests
+from ema_cli.lives.unit import calibration_of_life, unit_of_life
 from ema_cli.processes.interrupt import deferred_interrupt
 from ema_cli.show.progress import progress_bar
 from ema_core.description import ActuatorDescription

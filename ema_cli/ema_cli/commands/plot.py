@@ -18,8 +18,8 @@ from ema_cli.show.history_figure import draw_history
 from ema_cli.show.picture_path import require_drawable, save_picture
 from ema_core.faults import FAULTS, healthy_faults
 from ema_core.wording import counted
-from ema_monitor.calibration.calibration.calibration import Calibration
-from ema_monitor.identification.search.estimate import Estimate
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.windows.band import band_limited, band_samples
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window

@@ -29,9 +29,10 @@ from ema_cli.show.prognosis_table import (
 )
 from ema_core.wording import as_identifier, counted, unknown_name
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.growth.settings import KnownLaw, PrognosisSettings, TrackerSettings
-from ema_monitor.prognosis.requirements.requirements.requirements import RequirementLimits
+from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service_hours import Service
+from ema_monitor.prognosis.settings import PrognosisSettings
 
 
 def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ema_cli.commands.lives.tests_of_life import LifeTest
+from ema_cli.lives.tests_of_life import LifeTest
 from ema_cli.new_bag import new_bag
 from ema_core.description import ActuatorDescription
 from ema_recording.actuator_bag import SimulatedActuatorBag
