@@ -10,7 +10,6 @@ from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
     SIGNIFICANT_SIGMAS,
-    USUAL_MISFIT,
     uncertainty_of_faults,
 )
 
@@ -48,7 +47,7 @@ def estimate(model, offsets):
 
 def shown(model, offsets):
     floor = np.full(len(model[0]), FLOOR)
-    result, point = significant_components(*estimate(model, offsets), 0, floor, 1.0)
+    result, point = significant_components(*estimate(model, offsets), 0, floor)
     assert result.dtype == bool
     return set(np.flatnonzero(result[:8])), result, point
 
@@ -71,15 +70,6 @@ def test_limit_of_one_component_is_that_of_significance(model, component, share,
     assert kept == ({component} if stays else set())
 
 
-def test_poor_fit_makes_a_component_less_significant(model):
-    point, healthy, noise, jacobian = estimate(model, {0: 1.5 * SIGNIFICANT_SIGMAS[0]})
-    for factor, stays in ((1.4, True), (1.6, False)):
-        floor = np.full(len(point), FLOOR)
-        fit = factor * USUAL_MISFIT
-        result, _ = significant_components(point, healthy, noise, jacobian, 0, floor, fit)
-        assert result[0] == stays
-
-
 def test_healthy_actuator_shows_a_significant_fault_in_one_window_of_twenty():
     """Of 200,000 draws with known sigma; five standard errors are 0.25 %."""
     x = np.random.default_rng(8).normal(size=(200_000, 8))
@@ -100,7 +90,7 @@ def test_gain_within_the_bound_by_its_reported_sigma_is_not_significant(model, s
     point[7] += sigmas * np.sqrt(reported.covariance[7, 7])
     floor = np.zeros(d)
     floor[:8] = MISMATCH_SIGMA
-    result, _ = significant_components(point, healthy, noise, sharp, 0, floor, 1.0)
+    result, _ = significant_components(point, healthy, noise, sharp, 0, floor)
     assert not result[7]
 
 
@@ -176,7 +166,7 @@ def test_correlated_residuals_make_a_component_less_sure(model):
     point[0] += 4.0 * WIDENED
     for lags, stays in ((0, True), (20, False)):
         result, _ = significant_components(
-            point, healthy, noise, jacobian, lags, np.zeros(len(point)), 1.0
+            point, healthy, noise, jacobian, lags, np.zeros(len(point))
         )
         assert result[0] == stays
 
@@ -224,6 +214,6 @@ def test_refit_of_nothing_is_healthy():
 def test_arguments_are_not_changed(model):
     arguments = estimate(model, {0: 5.0, 1: 0.5})
     before = [argument.copy() for argument in arguments]
-    significant_components(*arguments, 3, np.zeros(len(model[0])), 1.0)
+    significant_components(*arguments, 3, np.zeros(len(model[0])))
     for argument, copy in zip(arguments, before, strict=True):
         assert np.array_equal(argument, copy)

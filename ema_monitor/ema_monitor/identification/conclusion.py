@@ -25,6 +25,7 @@ from ema_monitor.identification.uncertainty import (
     sandwich_covariance,
     uncertainty_of_faults,
 )
+from ema_monitor.model.monitor_model import Response
 from ema_monitor.windows.band import band_limited, rms
 from ema_monitor.windows.window import Window
 
@@ -59,7 +60,7 @@ class Conclusion:
     @property
     def most_evaluations(self) -> int:
         """Largest number of evaluations that it takes."""
-        return 3 * self._objective.linearisation_evaluations + 2
+        return 3 * self._objective.linearisation_evaluations + 1
 
     def draw(
         self,
@@ -92,10 +93,10 @@ class Conclusion:
             When the covariance cannot be computed.
         """
         objective, window = self._objective, self._window
-        at, shown, spent = self._settle(objective.encode(faults, play))
+        at, shown, rounds = self._settle(objective.encode(faults, play))
         found, plays = objective.decode(at.point[None])
         covariance = sandwich_covariance(at.jacobian / self._span, at.residuals, self._lags)
-        goodness = self._goodness_of_fit(at.point)
+        goodness = self._goodness_of_fit(objective.expect(found, plays))
         covariance, unobservable = uncertainty_of_faults(found[0], covariance, goodness)
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
         caveats = [*caveats, *_traded(covariance)]
@@ -129,7 +130,7 @@ class Conclusion:
             goodness_of_fit=goodness,
             goodness_limit=limit,
             excitation=window.excitation,
-            evaluations=evaluations + spent + 1,
+            evaluations=evaluations + rounds * objective.linearisation_evaluations + 1,
             computing_time_s=time.perf_counter() - started,
             valid=not defects,
             reason="; ".join([*caveats, *defects]),
@@ -138,10 +139,9 @@ class Conclusion:
             calibration_windows=self._calibration.windows,
         )
 
-    def _goodness_of_fit(self, point: NDArray[np.float64]) -> float:
+    def _goodness_of_fit(self, expected: Response) -> float:
         """Return how many times larger than when healthy the residual of current or speed is."""
         window, calibration = self._window, self._calibration
-        expected = self._objective.expect(*self._objective.decode(point[None]))
         missed = np.array(
             [window.current - expected.current[0], window.telemetry.speed[1:] - expected.speed[0]]
         )
@@ -157,12 +157,12 @@ class Conclusion:
     def _settle(self, point: NDArray[np.float64]) -> tuple[Linearisation, NDArray[np.bool_], int]:
         """Put insignificant components back to healthy.
 
-        Return where that leads, which components it kept, and how many evaluations it took.
+        Return where that leads, which components it kept, and how many linearisations it took.
         """
         objective = self._objective
-        at, once = objective.linearise(point), objective.linearisation_evaluations
+        at = objective.linearise(point)
         if not self._settings.parsimonious:
-            return at, np.ones(len(point), dtype=bool), once
+            return at, np.ones(len(point), dtype=bool), 1
         floor = np.zeros(len(point))
         floor[:N_FAULTS] = MISMATCH_SIGMA
         shown, point = significant_components(
@@ -172,16 +172,15 @@ class Conclusion:
             at.jacobian,
             self._lags,
             floor / self._span,
-            self._goodness_of_fit(at.point),
         )
         if np.all(shown):
-            return at, shown, once + 1
+            return at, shown, 1
         optimum, at = at, objective.linearise(point)
         if at.cost > _MOST_LOSS * optimum.cost:
-            return optimum, np.ones(len(point), dtype=bool), 2 * once + 1
+            return optimum, np.ones(len(point), dtype=bool), 2
         point = refitted(at.point, objective.healthy, at.residuals, at.jacobian, shown)
         again = objective.linearise(point)
-        return (again if again.cost < at.cost else at), shown, 3 * once + 1
+        return (again if again.cost < at.cost else at), shown, 3
 
 
 def _traded(covariance: NDArray[np.float64]) -> list[str]:

@@ -28,7 +28,6 @@ def significant_components(
     jacobian: NDArray[np.float64],
     lags: int,
     floor: NDArray[np.float64],
-    goodness_of_fit: float,
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Return which components differ from healthy, ``(d,)``, and the point without the others.
 
@@ -48,8 +47,6 @@ def significant_components(
         Number of residuals over which they are correlated.
     floor
         Standard deviation that the mismatch of the model adds to each coordinate, ``(d,)``.
-    goodness_of_fit
-        That of the estimate [-]; NaN when unknown.
     """
     shown = np.ones(len(point), dtype=bool)
     groups = list(GROUPS)
@@ -58,7 +55,7 @@ def significant_components(
         left = residuals + jacobian @ (current - point)
         known = sandwich_covariance(jacobian[:, shown], left, lags)
         covariance = np.zeros((len(point), len(point)))
-        covariance[np.ix_(shown, shown)] = with_mismatch(known, floor[shown], goodness_of_fit)
+        covariance[np.ix_(shown, shown)] = with_mismatch(known, floor[shown])
         least, group = min(
             ((_distance(current - healthy, covariance, group), group) for group in groups),
             key=lambda one: one[0],

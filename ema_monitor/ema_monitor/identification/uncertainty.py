@@ -95,7 +95,7 @@ def sandwich_covariance(
 
 
 def with_mismatch(
-    covariance: NDArray[np.float64], floor: NDArray[np.float64], goodness_of_fit: float
+    covariance: NDArray[np.float64], floor: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return a covariance widened by what the mismatch of the model hides from the residuals.
 
@@ -105,11 +105,8 @@ def with_mismatch(
         What the residuals tell, ``(d, d)``.
     floor
         Standard deviation that each component has at least, ``(d,)``.
-    goodness_of_fit
-        What the model misses over what it misses of a healthy actuator; NaN when unknown.
     """
-    wider = MISMATCH_FACTOR**2 * covariance + np.diag(floor**2)
-    return wider * np.fmax(1.0, goodness_of_fit / USUAL_MISFIT) ** 2
+    return MISMATCH_FACTOR**2 * covariance + np.diag(floor**2)
 
 
 def uncertainty_of_faults(
@@ -130,7 +127,8 @@ def uncertainty_of_faults(
     zeta = faults[ECCENTRICITY]
     phi = (2.0 * faults[ECCENTRICITY_PHASE] - 1.0) * np.pi
     cosine, sine = np.cos(phi), np.sin(phi)
-    covariance = with_mismatch(covariance[:N_FAULTS, :N_FAULTS], MISMATCH_SIGMA, goodness_of_fit)
+    covariance = with_mismatch(covariance[:N_FAULTS, :N_FAULTS], MISMATCH_SIGMA)
+    covariance *= np.fmax(1.0, goodness_of_fit / USUAL_MISFIT) ** 2
     plane = covariance[np.ix_(_PLANE, _PLANE)]
     offset = zeta * np.array([cosine, sine])
     distance = float(offset @ np.linalg.solve(plane, offset))
