@@ -82,9 +82,10 @@ class RecordedTelemetry:
                 message = item.message
                 yield place, _block(message) if is_block else description_from_message(message)
             elif is_block and not self.passes_over_others:
+                there = ", ".join(map(repr, sorted(set(_actuator_ids(self.bag, self.topic)))))
                 raise ValueError(
-                    f"{self.bag.path}: topic {self.topic} holds telemetry of {self.actuator_id!r} "
-                    f"as well as {item.message.actuator_id!r}: choose one by actuator_id"
+                    f"{self.bag.path}: topic {self.topic} holds telemetry of several actuators: "
+                    f"{there}: choose one by actuator_id (--actuator-id)"
                 )
 
 
@@ -121,8 +122,8 @@ def read_telemetry(
         raise ValueError(f"{bag.path} has no telemetry of actuator {actuator_id!r}; it has {there}")
     if len(candidates) > 1:
         raise ValueError(
-            f"{bag.path} has telemetry on several topics: {there}: choose one by topic or "
-            "actuator_id"
+            f"{bag.path} has telemetry on several topics: {there}: choose one by actuator_id "
+            "or topic (--actuator-id, --topic)"
         )
     chosen_id = first_ids[candidates[0]] if actuator_id is None else actuator_id
     return RecordedTelemetry(

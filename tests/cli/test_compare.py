@@ -178,9 +178,12 @@ def test_picture_shows_convergence_and_each_fault(quick):
     convergence, *faults = figure.axes
     assert (convergence.get_xscale(), convergence.get_yscale()) == ("log", "log")
     assert [axes.get_title() for axes in faults] == [fault.label for fault in FAULTS]
-    [legend] = figure.legends
-    labels = [text.get_text() for text in legend.get_texts()]
-    assert labels[:3] == ["least_squares", "pso", "truth"]
+    [algorithms], marks = figure.legends, convergence.get_legend()
+    assert [text.get_text() for text in algorithms.get_texts()] == ["least_squares", "pso"]
+    assert marks is not None
+    assert {"truth", "healthy", "90 % interval of the estimate"} <= {
+        text.get_text() for text in marks.get_texts()
+    }
     for run in quick.runs:
         assert np.all(np.diff(run.costs) <= 0.0)
         assert np.all(np.diff(run.evaluations) > 0)

@@ -15,14 +15,16 @@ from ament_index_python.packages import get_package_share_directory
 from matplotlib.image import imread
 from rich.console import Console
 
-from ema_cli.bags.history import Diagnosed, cause_of_level, read_history
+from ema_cli.bags.history import Diagnosed, History, cause_of_level, read_history
 from ema_cli.processes.demo_run import SHOWN
 from ema_cli.processes.observer import Observer
+from ema_cli.show.history_figure import draw_history
 from ema_cli.show.live_table import LiveTable
 from ema_core.faults import fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_interfaces.msg import FaultHealth, Health
 from ema_recording.reader import Bag
+from ema_ros.faults import StampedFaults
 
 MARK = "EMA_TEST_OF_THE_DEMO"
 
@@ -236,7 +238,28 @@ def test_table_fits_a_narrow_terminal(width, figures):
 
 
 def test_table_says_why_the_level_is_what_it_is():
-    assert "WARN since cycle 12: torque margin 0.59 (fails below 0.5)" in shown(80)
+    assert "WARN since cycle 12, now: torque margin 0.59 (fails below 0.5)" in shown(80)
+
+
+def test_picture_says_when_each_level_came_first_and_why():
+    one = Diagnosed(0, 0, 1, fault_vector({"friction": 0.2}), np.full(8, 0.004), True, "", 0.84)
+    cause = "torque margin 0.59 (fails below 0.5)"
+    history = History("flap", "0001", limits={"friction": 0.5})
+    levels = (OK, WARN, WARN, ERROR, STALE)
+    history._diagnosed = {
+        i: replace(one, window=i, start_ns=i, end_ns=i, valid=level != STALE)
+        for i, level in enumerate(levels)
+    }
+    history._levels = {i: (level, cause) for i, level in enumerate(levels)}
+    history.truths = [StampedFaults(i, "flap", i, one.faults) for i in range(len(levels))]
+    figure = draw_history(history)
+    assert f"WARN first in cycle 1: {cause}" in figure.axes[0].get_title(loc="left")
+    [legend] = figure.legends
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert labels == [
+        "truth", "estimate, 90 % interval", "limit", "no valid estimate", "median latency, 0.84 s",
+        "WARN", "ERROR", "STALE",
+    ]  # fmt: skip
 
 
 def test_cause_names_what_has_the_level_with_value_and_limit():

@@ -219,7 +219,12 @@ def test_future_begins_at_the_last_test_whose_hours_are_believed(mistaken):
     assert not course.outlooks[-1].rul.known
     figure = draw_course(course)
     axes = figure.axes
-    future = [line for one in axes for line in one.lines if line.get_label() == "future median"]
+    future = [
+        line
+        for one in axes
+        for line in one.lines
+        if line.get_label() == "predicted, median" and one is not axes[0]
+    ]
     assert future
     for line in future:
         assert np.asarray(line.get_xdata())[0] == INTERVAL_H * 19
@@ -287,10 +292,10 @@ def test_picture_shows_what_ends_life_and_what_happened(tmp_path, counted):
     course = course_of(estimates, counted=counted)
     figure = draw_course(course)
     labels = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert {"estimate, 90 %", "tracked", "limit"} <= labels
+    assert {"estimate, 90 % interval", "tracked", "limit"} <= labels
+    assert len(labels) <= 8
     assert ("event" in labels) == counted
-    for words in ("predicted, median", "predicted, 5 to 95 %", "future median"):
-        assert (words in labels) == counted
+    assert ("predicted: median, 5 to 95 %" in labels) == counted
     title = figure.axes[0].get_title(loc="left")
     assert ("service hours are unknown" in title) == (not counted)
     figure.savefig(tmp_path / "picture.png")

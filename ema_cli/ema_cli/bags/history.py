@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_cli.bags.truths import truth_at
-from ema_core.faults import FAULT_NAMES, N_FAULTS
+from ema_core.faults import FAULT_NAMES, FAULTS, N_FAULTS
 from ema_core.levels import ERROR, OK, WARN
 from ema_recording.reader import Bag
 from ema_recording.telemetry import ESTIMATE_TYPE, HEALTH_TYPE, TRUE_FAULTS_TYPE
@@ -19,7 +19,8 @@ SHOWN_IN: Final = {"rad": ("mrad", 1e3)}
 """Unit of a requirement in tables and pictures, and its scale, where it is another than its own."""
 
 _LONGEST_LATENCY_S: Final = 600.0
-_NAMED_CAUSES: Final = 2
+_NAMED_CAUSES: Final = 3
+_LABELS: Final = {fault.name: fault.label for fault in FAULTS}
 
 
 @dataclass
@@ -152,7 +153,9 @@ def read_history(path: Path, actuator_id: str | None = None) -> History:
     if not estimated:
         raise ValueError(f"{path} has no estimates, so no history; was a monitor running?")
     if actuator_id is None and len(estimated) > 1:
-        raise ValueError(f"{path} has estimates of several actuators: {known}")
+        raise ValueError(
+            f"{path} has estimates of several actuators: {known}: choose one with --actuator-id"
+        )
     if actuator_id is not None and actuator_id not in estimated:
         raise ValueError(f"{path} has no estimates of actuator {actuator_id!r}, but of {known}")
     history = History(actuator_id or estimated.pop())
@@ -182,7 +185,7 @@ def cause_of_level(health: Any) -> str:
         unit = "" if unit == "1" else f" {unit}"
         side = "below" if item.limit_is_lower else "above"
         value, limit = scale * item.value, scale * item.limit
-        name = item.name.replace("_", " ")
+        name = _LABELS.get(item.name, item.name.replace("_", " "))
         causes.append(f"{name} {value:.3g}{unit} ({state} {side} {limit:.3g}{unit})")
     more = len(items) - len(causes)
     return ", ".join(causes) + (f" and {more} more" if more else "")

@@ -1,11 +1,13 @@
 """``ema plot``: telemetry, fit and faults of a bag as a picture."""
 
 from pathlib import Path
+from typing import Final
 
 import click
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from ema_cli.bags.history import read_history
 from ema_cli.bags.outline import Outline
@@ -23,6 +25,8 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.windows.band import band_limited, band_samples
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
+
+_SHADE: Final = 0.12
 
 
 @click.command()
@@ -113,13 +117,20 @@ def draw_telemetry(found: BagWindows, outline: Outline) -> Figure:
         for window in found.windows:
             colour = "C3" if isinstance(window.place, Refusal) else "C0"
             start, end = found.seconds(window.start_ns), found.seconds(window.end_ns)
-            axes.axvspan(start, end, color=colour, alpha=0.12, lw=0)
-    _label(angle, "user shaft [mrad]", legend=True)
+            axes.axvspan(start, end, color=colour, alpha=_SHADE, lw=0)
+    _label(angle, "user shaft [mrad]")
     _label(current, "current [A]")
     _label(speed, "motor [rad/s]")
     speed.set_xlabel("time since the first sample [s]")
     unit = found.description
-    figure.suptitle(f"{unit.actuator_id} ({unit.serial_number}); windows shaded, unusable ones red")
+    figure.suptitle(f"{unit.actuator_id} ({unit.serial_number})", ha="left", x=0.01)
+    handles = [line for axes in (angle, current, speed) for line in axes.lines]
+    refused = [isinstance(window.place, Refusal) for window in found.windows]
+    if not all(refused):
+        handles.append(Patch(color="C0", alpha=_SHADE, lw=0, label="window"))
+    if any(refused):
+        handles.append(Patch(color="C3", alpha=_SHADE, lw=0, label="window that cannot be used"))
+    figure.legend(handles=handles, loc="outside upper center", ncols=6, frameon=False)
     return figure
 
 
@@ -148,34 +159,39 @@ def draw_fit(found: BagWindows, window: Window, calibration: Calibration, one: E
     fit.plot(t, window.current, "0.6", lw=0.8, label="measured")
     fit.plot(t, modelled[1], "C0--", lw=0.9, label="model, healthy")
     fit.plot(t, modelled[0], "C3", lw=0.9, label="model, estimated faults")
-    _label(fit, "current [A]", legend=True)
+    _label(fit, "current [A]")
+    fit.legend(loc="lower left", ncols=3, fontsize="small")
     rest.plot(t, residual, "0.75", lw=0.5, label="residual")
     smooth = band_limited(residual, window.sample_period)
     half = band_samples(len(window), window.sample_period)
     rest.plot(t[half::half][: len(smooth)], smooth, "C3", lw=1, label="band-limited")
-    _label(rest, "residual [A]", legend=True)
+    _label(rest, "residual [A]")
+    rest.legend(loc="lower left", ncols=3, fontsize="small")
     rest.set_xlabel("time since the first sample [s]")
 
     sigma = 1.645 * np.nan_to_num(one.sigma)
     place = np.arange(len(FAULTS))
-    colours = ["0.7" if bad else "C3" for bad in one.unobservable]
-    bars.bar(place, one.faults - healthy_faults(), bottom=healthy_faults(), color=colours)
-    bars.errorbar(place, one.faults, sigma, fmt="none", ecolor="k", capsize=4)
+    for bad, colour, name in ((False, "C3", "estimate"), (True, "0.7", "unobservable")):
+        chosen = one.unobservable == bad
+        if chosen.any():
+            healthy = healthy_faults()[chosen]
+            above = one.faults[chosen] - healthy
+            bars.bar(place[chosen], above, bottom=healthy, color=colour, label=name)
+    bars.errorbar(
+        place, one.faults, sigma, fmt="none", ecolor="k", capsize=4, label="90 % interval"
+    )
     bars.plot(place, healthy_faults(), "C0_", ms=28, mew=2, label="healthy")
     bars.set_xticks(place, [fault.label for fault in FAULTS], rotation=15)
     bars.set_ylim(-0.02, 1.05)
     _label(bars, "normalised fault")
-    bars.legend(loc="upper left", fontsize="small")
+    bars.legend(loc="upper left", ncols=4, fontsize="small", markerscale=0.5)
     figure.suptitle(
         f"{found.description.actuator_id}: {one.algorithm}, {one.evaluations} evaluations, "
-        f"goodness of fit {one.goodness_of_fit:.2f} (limit {one.goodness_limit:.2f}); "
-        "bars of 90 %, grey where unobservable"
+        f"goodness of fit {one.goodness_of_fit:.2f} (limit {one.goodness_limit:.2f})"
     )
     return figure
 
 
-def _label(axes: Axes, quantity: str, *, legend: bool = False) -> None:
+def _label(axes: Axes, quantity: str) -> None:
     axes.set_ylabel(quantity)
     axes.grid(alpha=0.3)
-    if legend:
-        axes.legend(loc="lower left", ncols=3, fontsize="small")

@@ -44,19 +44,22 @@ def draw_comparison(comparison: Comparison, title: str) -> Figure:
     figure = Figure(figsize=(10.5, 9.0), layout="constrained")
     rows = -(-len(FAULTS) // _COLUMNS)
     grid = figure.add_gridspec(1 + rows, _COLUMNS, height_ratios=[2.2, *[1.2] * rows])
-    runs = {
+    runs: dict[Run, dict[str, Any]] = {
         run: {"color": colour, "marker": marker, "ms": 6.0}
         | ({} if run.estimate.valid else {"mfc": "white"})
         for run, (colour, marker) in zip(comparison.runs, cycle(_STYLES), strict=False)
         if np.isfinite(run.estimate.fitness)
     }
-    _draw_convergence(figure.add_subplot(grid[0, :]), comparison, runs)
+    convergence = figure.add_subplot(grid[0, :])
+    _draw_convergence(convergence, comparison, runs)
+    convergence.legend(handles=_marks(comparison, runs), loc="upper right", fontsize="small")
     for i in range(len(FAULTS)):
         _draw_fault(figure.add_subplot(grid[1 + i // _COLUMNS, i % _COLUMNS]), comparison, runs, i)
     figure.suptitle(title, ha="left", x=0.01)
-    figure.legend(
-        handles=_legend(comparison, runs), loc="outside lower center", ncols=6, frameon=False
-    )
+    algorithms = [
+        Line2D([], [], lw=1.3, label=run.algorithm, **style) for run, style in runs.items()
+    ]
+    figure.legend(handles=algorithms, loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 
@@ -111,12 +114,15 @@ def _draw_fault(
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _legend(comparison: Comparison, runs: dict[Run, dict[str, Any]]) -> list[Line2D]:
-    handles = [Line2D([], [], lw=1.3, label=run.algorithm, **style) for run, style in runs.items()]
+def _marks(comparison: Comparison, runs: dict[Run, dict[str, Any]]) -> list[Line2D]:
+    """Return the marks that are the same for all algorithms."""
+    handles = [Line2D([], [], label="healthy", **_HEALTHY)]
     if comparison.truth is not None:
         handles.append(Line2D([], [], label="truth", **_TRUTH))
-    handles.append(Line2D([], [], label="healthy", **_HEALTHY))
-    handles.append(Line2D([], [], label="search to estimate", **_CONCLUSION))
+    handles.append(Line2D([], [], label="end of search to estimate", **_CONCLUSION))
+    handles.append(
+        Line2D([], [], color="0.3", marker="|", ms=11, ls="", label="90 % interval of the estimate")
+    )
     if not all(run.estimate.valid for run in runs):
         handles.append(
             Line2D([], [], color="0.3", marker="o", mfc="white", ls="", label="hollow: not valid")

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ema_cli.bags.history import Diagnosed, History, has_latency
 from ema_core.faults import FAULTS
 from ema_core.levels import ERROR, LEVEL_NAMES, STALE, WARN
+from ema_core.wording import counted
 
 _MOVES: Final = 0.03
 _SIGMAS_OF_90_PERCENT: Final = 1.645
@@ -21,6 +22,7 @@ _SHADE: Final = 0.22
 _TRUTH: Final = {"color": "0.15", "lw": 1.6, "drawstyle": "steps-mid"}
 _LIMIT: Final = {"color": "#b3261e", "ls": (0, (4, 3)), "lw": 1.0}
 _ESTIMATE: Final = "#1f6feb"
+_MEDIAN: Final = {"color": "0.15", "ls": ":", "lw": 1.2}
 _OTHERS: Final = ("#1f6feb", "#2a9d8f", "#9b5de5", "#e07a5f", "#6c757d", "#bc6c25", "#d4a017")
 
 
@@ -60,15 +62,28 @@ def draw_history(history: History) -> Figure:
     panels[-1].set_xlim(_place(diagnoses).min() - 0.5, _place(diagnoses).max() + 0.5)
     figure.align_ylabels(panels)
     valid = sum(one.valid for one in diagnoses)
-    panels[0].set_title(
-        f"{history.actuator_id} ({history.serial_number}): "
-        f"{valid} of {len(diagnoses)} windows with a valid estimate",
-        loc="left",
-    )
+    lines = [
+        f"{history.actuator_id} ({history.serial_number}): {valid} of "
+        f"{counted(len(diagnoses), 'window')} with a valid estimate",
+        *_changes_of_level(diagnoses, "cycle" if known else "window"),
+    ]
+    panels[0].set_title("\n".join(lines), loc="left", fontsize="medium")
     figure.legend(
-        handles=_legend(diagnoses, history), loc="outside upper center", ncols=7, frameon=False
+        handles=_legend(diagnoses, history), loc="outside upper center", ncols=4, frameon=False
     )
     return figure
+
+
+def _changes_of_level(diagnoses: list[Diagnosed], place_name: str) -> list[str]:
+    """Return when each level came first, and why, a line each."""
+    levels = [one.level for one in diagnoses]
+    lines = []
+    for level in _LEVEL_COLOURS:
+        if level in levels:
+            first = levels.index(level)
+            place, cause = _place(diagnoses)[first], diagnoses[first].cause
+            lines.append(f"{LEVEL_NAMES[level]} first in {place_name} {place:.0f}: {cause}")
+    return lines
 
 
 def _moves(diagnoses: list[Diagnosed], i: int) -> bool:
@@ -134,7 +149,6 @@ def _draw_errors(axes: Axes, diagnoses: list[Diagnosed], resting: list[int]) -> 
              for one in diagnoses]
         )  # fmt: skip
         axes.plot(place[good], error[good], ".-", color=colour, lw=0.8, label=FAULTS[i].label)
-    axes.axhline(0.0, color="0.15", lw=1.0)
     widest = max(0.03, *(abs(value) for value in axes.get_ylim()))
     axes.set_ylim(-1.05 * widest, 1.05 * widest)
     axes.set_ylabel("error of\nthe others")
@@ -144,24 +158,14 @@ def _draw_errors(axes: Axes, diagnoses: list[Diagnosed], resting: list[int]) -> 
 def _draw_latency(axes: Axes, diagnoses: list[Diagnosed]) -> None:
     latencies = np.array([one.latency_s for one in diagnoses])
     axes.bar(_place(diagnoses), latencies, width=0.6, color="0.55")
-    median = float(np.median(latencies))
-    axes.axhline(median, color="0.15", lw=1.0)
-    axes.text(
-        0.006,
-        0.94,
-        f"median {median:.2f} s",
-        transform=axes.transAxes,
-        va="top",
-        fontsize="small",
-        bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 2.0},
-    )
+    axes.axhline(float(np.median(latencies)), **_MEDIAN)
     axes.set_ylim(0.0, 1.25 * float(latencies.max()))
     axes.set_ylabel("latency [s]")
 
 
 def _legend(diagnoses: list[Diagnosed], history: History) -> list[Line2D | Patch]:
     handles: list[Line2D | Patch] = [
-        Line2D([], [], color=_ESTIMATE, marker="o", ms=4, lw=1.2, label="estimate, 90 %")
+        Line2D([], [], color=_ESTIMATE, marker="o", ms=4, lw=1.2, label="estimate, 90 % interval")
     ]
     if any(one.truth is not None for one in diagnoses):
         handles.insert(0, Line2D([], [], color=_TRUTH["color"], lw=1.6, label="truth"))
@@ -169,6 +173,9 @@ def _legend(diagnoses: list[Diagnosed], history: History) -> list[Line2D | Patch
         handles.append(Line2D([], [], label="limit", **_LIMIT))
     if not all(one.valid for one in diagnoses):
         handles.append(Line2D([], [], color="0.4", marker="x", ls="", label="no valid estimate"))
+    if has_latency(diagnoses):
+        median = float(np.median([one.latency_s for one in diagnoses]))
+        handles.append(Line2D([], [], label=f"median latency, {median:.2f} s", **_MEDIAN))
     for level, colour in _LEVEL_COLOURS.items():
         if any(one.level == level for one in diagnoses):
             handles.append(Patch(color=colour, alpha=_SHADE, lw=0, label=LEVEL_NAMES[level]))

@@ -140,7 +140,7 @@ def _since(diagnoses: Sequence[Diagnosed]) -> str:
     last = diagnoses[-1]
     same = takewhile(lambda one: one.level == last.level, reversed(diagnoses))
     *_, first = same
-    return f"{_level(last)} since cycle {_cycle(first)}: {last.cause}"
+    return f"{_level(last)} since cycle {_cycle(first)}, now: {last.cause}"
 
 
 def _cycle(one: Diagnosed) -> str:

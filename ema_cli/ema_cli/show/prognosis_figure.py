@@ -1,10 +1,9 @@
 """Picture of a prognosis: remaining life, growth of the faults, and what ends life."""
 
 from textwrap import fill
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -12,8 +11,10 @@ from numpy.typing import NDArray
 from ema_cli.bags.history import SHOWN_IN
 from ema_cli.bags.unit_course import Course
 from ema_cli.lives.true_life import true_faults, true_remaining_life
+from ema_cli.show.prognosis_table import removal_in_words
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.levels import ERROR, WARN
+from ema_core.wording import counted
 from ema_monitor.health import FaultHealth
 from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
 from ema_monitor.prognosis.metrics import ALPHA
@@ -24,14 +25,22 @@ _SIGMAS_OF_90_PERCENT: Final = 1.645
 # Of the palette of Okabe and Ito, which colour-blind people tell apart; each also has its line
 # style or marker.
 _PREDICTED: Final = "#0072b2"
-_BY_FAULTS: Final = "#009e73"
-_BY_REQUIREMENTS: Final = "#cc79a7"
 _CONE: Final = "#e69f00"
 _TRUTH: Final = {"color": "0.1", "lw": 1.5, "ls": (0, (6, 2))}
 _LIMIT: Final = {"color": "#d55e00", "ls": (0, (4, 3)), "lw": 1.2}
 _EVENT: Final = {"color": "0.4", "ls": ":", "lw": 1.1}
-_FAN_LEVELS: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
+_FAN_LEVELS: Final = (0.05, 0.5, 0.95)
 _FAN_TIMES: Final = 60
+_ESTIMATE: Final = "estimate, 90 % interval"
+_BAND: Final = "predicted, 5 to 95 %"
+_MEDIAN: Final = "predicted, median"
+_CONE_NAME: Final = f"truth ± {100 * ALPHA:.0f} %"
+_TRUTH_NAME: Final = "truth"
+# A line and the band around it are one entry of the legend.
+_PAIRS: Final = {
+    _MEDIAN: (_BAND, "predicted: median, 5 to 95 %"),
+    _TRUTH_NAME: (_CONE_NAME, f"truth, ± {100 * ALPHA:.0f} %"),
+}
 _TITLE_WIDTH: Final = 105
 
 
@@ -77,19 +86,17 @@ def draw_course(course: Course, end_hours: float | None = None) -> Figure:
     panels[-1].set_xlim(min(place[np.isfinite(place)].min(), end), end)
     panels[0].set_title(_title(course), loc="left", fontsize="medium")
     figure.align_ylabels(panels)
-    figure.legend(handles=_legend(panels), loc="outside upper center", ncols=5, frameon=False)
+    marks = _legend(panels)
+    figure.legend(
+        list(marks.values()), list(marks), loc="outside upper center", ncols=4, frameon=False
+    )
     return figure
 
 
 def _title(course: Course) -> str:
-    unit, life = course.record.description, course.outlooks[-1].rul
-    name = f"{unit.actuator_id} ({unit.serial_number}), {len(course.outlooks)} valid tests: "
-    if not life.known:
-        return f"{name}remaining useful life unknown\n{fill(f'({life.reason})', _TITLE_WIDTH)}"
-    return (
-        f"{name}{life.hours_50:.0f} h left ({life.hours_05:.0f} to {life.hours_95:.0f} h), "
-        f"until {life.criterion}"
-    )
+    unit, tests = course.record.description, counted(len(course.outlooks), "valid test")
+    name = f"{unit.actuator_id} ({unit.serial_number}), {tests}"
+    return f"{name}\n{fill(removal_in_words(course), _TITLE_WIDTH)}"
 
 
 def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
@@ -137,8 +144,8 @@ def _draw_lives(
         cone = axes.fill_between(
             place, (1.0 - ALPHA) * truth, (1.0 + ALPHA) * truth, color=_CONE, alpha=0.3, lw=0
         )
-        cone.set_label(f"truth ± {100 * ALPHA:.0f} %")
-        axes.plot(place, truth, label="truth", **_TRUTH)
+        cone.set_label(_CONE_NAME)
+        axes.plot(place, truth, label=_TRUTH_NAME, **_TRUTH)
     # Early bands may reach to infinity, and would hide all else.
     top = np.nanmax([1.0, *(2.0 * truth if np.isfinite(truth).any() else 1.5 * median[known])])
     drawn_high = np.where(np.isinf(high), 10.0 * top, high)
@@ -146,21 +153,13 @@ def _draw_lives(
         band = axes.fill_between(
             place, low, drawn_high, where=known.tolist(), color=_PREDICTED, alpha=0.2, lw=0
         )
-        band.set_label("predicted, 5 to 95 %")
-        axes.plot(place, median, "o-", color=_PREDICTED, ms=3.5, lw=1.4, label="predicted, median")
-    for kind, style, colour in (
-        ("faults", "--", _BY_FAULTS),
-        ("requirements", "-.", _BY_REQUIREMENTS),
-    ):
-        of_kind: list[RemainingLife] = [
-            getattr(outlook, f"rul_{kind}") for outlook in course.outlooks
-        ]
-        if any(life.known for life in of_kind):
-            medians = [life.hours_50 for life in of_kind]
-            axes.plot(place, medians, style, color=colour, lw=1.2, label=f"median by {kind}")
+        band.set_label(_BAND)
+        axes.plot(place, median, "--", marker=".", color=_PREDICTED, lw=1.4, label=_MEDIAN)
     if not known.all():
         none = np.zeros(int((~known).sum()))
-        axes.plot(place[~known], none, "|", color="0.45", ms=9, label="none told", clip_on=False)
+        axes.plot(
+            place[~known], none, "|", color="0.45", ms=9, label="no prediction", clip_on=False
+        )
     axes.set_ylim(0.0, top)
     axes.set_ylabel("remaining useful\nlife [h]")
 
@@ -185,20 +184,17 @@ def _draw_fault(
         ms=3,
         color="0.55",
         elinewidth=1.0,
-        label="estimate, 90 %",
+        label=_ESTIMATE,
     )
     if np.isfinite(truth[:, i]).any():
-        axes.plot(place, truth[:, i], label="truth", zorder=3, **_TRUTH)
+        axes.plot(place, truth[:, i], label=_TRUTH_NAME, zorder=3, **_TRUTH)
     tracked = [_of(outlook.health.faults, fault.name).value for outlook in course.outlooks]
     axes.plot(place, tracked, "-", color=_PREDICTED, lw=1.6, label="tracked", zorder=4)
     if fan is not None:
-        low, lower, median, upper, high = fan.values[fault.name]
+        low, median, high = fan.values[fault.name]
         ahead = course.growth.tracker.hours + fan.hours
-        axes.fill_between(ahead, low, high, color=_PREDICTED, alpha=0.15, lw=0, label="5 to 95 %")
-        axes.fill_between(
-            ahead, lower, upper, color=_PREDICTED, alpha=0.25, lw=0, label="25 to 75 %"
-        )
-        axes.plot(ahead, median, ":", color=_PREDICTED, lw=1.4, label="future median")
+        axes.fill_between(ahead, low, high, color=_PREDICTED, alpha=0.2, lw=0, label=_BAND)
+        axes.plot(ahead, median, "--", color=_PREDICTED, lw=1.4, label=_MEDIAN)
     limit = course.settings.limits.of(fault.name)
     ends = [fault.healthy + limit] + [fault.healthy - limit] * (fault.healthy > 0.0)
     for end in ends:
@@ -220,11 +216,11 @@ def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], na
         place,
         value,
         _SIGMAS_OF_90_PERCENT * sigma,
-        fmt="s-",
+        fmt="o",
         ms=3,
-        color=_BY_REQUIREMENTS,
-        lw=1.0,
-        label="performance, 90 %",
+        color="0.55",
+        elinewidth=1.0,
+        label=_ESTIMATE,
     )
     limit, last = scale * items[-1].limit, course.outlooks[-1]
     axes.axhline(limit, label="limit", **_LIMIT)
@@ -277,12 +273,16 @@ def _mark_events(axes: Axes, course: Course, place: NDArray[np.float64], *, is_n
             )
 
 
-def _legend(panels: list[Axes]) -> list[Artist]:
-    handles: dict[str, Artist] = {}
+def _legend(panels: list[Axes]) -> dict[str, Any]:
+    """Return what the marks mean, each once, a line and the band around it together."""
+    marks: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            handles.setdefault(label, handle)
-    return list(handles.values())
+            marks.setdefault(label, handle)
+    for line, (band, both) in _PAIRS.items():
+        if line in marks and band in marks:
+            marks[both] = (marks.pop(band), marks.pop(line))
+    return marks
 
 
 def _of(items: tuple[FaultHealth, ...], name: str) -> FaultHealth:
