@@ -23,8 +23,8 @@ def participants() -> set[str]:
     return found
 
 
-def _threads() -> set[threading.Thread]:
-    """Return Python's threads, other than those that the monitor model keeps for the process."""
+def threads() -> set[threading.Thread]:
+    """Return the threads of Python, but for the pool of the monitor model: a process keeps it."""
     return {item for item in threading.enumerate() if not item.name.startswith("model_")}
 
 
@@ -35,16 +35,16 @@ def nothing_left(deadline_s: float = DEADLINE_S) -> Iterator[None]:
     Nothing is left to the garbage collector: it would destroy a participant in the midst of
     another test, and Fast DDS may then wait for ever while it holds the interpreter's lock.
     """
-    participants_before, threads_before = participants(), _threads()
+    participants_before, threads_before = participants(), threads()
     yield
     end_s = time.monotonic() + deadline_s
     while True:
-        threads = _threads() - threads_before
-        left = sorted(participants() - participants_before) + [repr(item) for item in threads]
+        begun = threads() - threads_before
+        left = sorted(participants() - participants_before) + [repr(item) for item in begun]
         if not left:
             return
         if time.monotonic() > end_s:
             raise AssertionError(f"left behind: {', '.join(left)}")
-        for item in threads:
+        for item in begun:
             item.join(0.05)
         threading.Event().wait(0.01)

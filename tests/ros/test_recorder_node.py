@@ -28,7 +28,7 @@ from ema_ros.status import ERROR, OK, WARN, Task
 
 from ..waiting import DEADLINE_S, wait_for
 from .recorded_messages import ros_messages
-from .spinning import Spinning, made
+from .spinning import Spinning, made, ros_context
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STREAM = QoSProfile(depth=500)
@@ -275,10 +275,12 @@ def test_gone_publisher_is_told(graph: Graph, tmp_path: Path):
 
 
 @pytest.fixture
-def other_graph(context: Context) -> Iterator[Graph]:
-    graph = Graph(context)
-    yield graph
-    graph.close()
+def other_graph() -> Iterator[Graph]:
+    """One of another participant."""
+    with ros_context() as context:
+        graph = Graph(context)
+        yield graph
+        graph.close()
 
 
 def test_topic_of_several_types_is_passed_over(graph: Graph, other_graph: Graph, tmp_path: Path):
