@@ -3,7 +3,6 @@ import os
 import re
 import signal
 import subprocess
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -25,6 +24,8 @@ from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_interfaces.msg import FaultHealth, Health
 from ema_recording.reader import Bag
 from ema_ros.faults import StampedFaults
+
+from ..waiting import DEADLINE_S, started, wait_for
 
 MARK = "EMA_TEST_OF_THE_DEMO"
 
@@ -52,12 +53,12 @@ class Demo:
         return self.log.read_text()
 
     def wait_until(self, is_reached: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + 60.0
-        while not is_reached():
-            if self.process.poll() is not None or time.monotonic() > deadline:
-                self.process.kill()
-                pytest.fail(f"not reached: {self.said}")
-            time.sleep(0.02)
+        try:
+            wait_for(lambda: is_reached() or self.process.poll() is not None, "a state of the demo")
+            assert is_reached(), self.said
+        except AssertionError:
+            self.process.kill()
+            raise
 
     def descendants(self) -> dict[int, bytes]:
         """Return the command lines of the demo and its nodes by process."""
@@ -77,7 +78,7 @@ def demos(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demos")
     both = [Demo(folder / name, 7.0) for name in ("one", "other")]
     for demo in both:
-        assert demo.process.wait(timeout=90) == 0, demo.said
+        assert demo.process.wait(timeout=DEADLINE_S) == 0, demo.said
     return both
 
 
@@ -152,9 +153,8 @@ def test_interrupted_demo_leaves_no_process_and_a_readable_bag(tmp_path, moment,
     }[moment]
     demo.wait_until(reached)
     demo.process.send_signal(number)
-    time.sleep(0.05)  # the second one comes while it stops, as from an impatient user
-    demo.process.send_signal(number)
-    assert demo.process.wait(timeout=20) == 128 + number
+    demo.process.send_signal(number)  # as an impatient user does
+    assert demo.process.wait(timeout=DEADLINE_S) == 128 + number
     assert demo.descendants() == {}
     assert "Traceback" not in demo.said
     assert "interrupted" in demo.said
@@ -170,7 +170,7 @@ def test_node_that_dies_ends_the_demo_with_its_log_named(tmp_path):
     demo.wait_until(lambda: any(b"monitor_node" in line for line in demo.descendants().values()))
     [monitor] = [n for n, line in demo.descendants().items() if b"monitor_node" in line]
     os.kill(monitor, signal.SIGKILL)
-    assert demo.process.wait(timeout=20) == 1
+    assert demo.process.wait(timeout=DEADLINE_S) == 1
     assert demo.descendants() == {}
     assert "monitor was ended by SIGKILL" in demo.said
     assert re.search(rf"Error: monitor failed: .*see {demo.folder / 'monitor.log'}\n", demo.said)
@@ -178,15 +178,12 @@ def test_node_that_dies_ends_the_demo_with_its_log_named(tmp_path):
 
 def test_demo_is_refused_where_an_actuator_runs(tmp_path):
     domain = os.environ["ROS_DOMAIN_ID"]
-    with subprocess.Popen(["ema", "up", "actuator"], stderr=subprocess.DEVNULL) as actuator:
+    with started(["ema", "up", "actuator"], stderr=subprocess.DEVNULL) as actuator:
         try:
             with Observer("test") as observer:
-                deadline = time.monotonic() + 20.0
-                while not observer.sees("actuator"):
-                    assert time.monotonic() < deadline, "no actuator within 20 s"
-                    time.sleep(0.05)
+                wait_for(lambda: observer.sees("actuator"), "the actuator")
             demo = Demo(tmp_path / "demo", 5.0, domain)
-            assert demo.process.wait(timeout=20) == 1
+            assert demo.process.wait(timeout=DEADLINE_S) == 1
         finally:
             actuator.send_signal(signal.SIGTERM)
     assert f"a node /ema/actuator runs in domain {domain} already" in demo.said
@@ -196,7 +193,7 @@ def test_demo_is_refused_where_an_actuator_runs(tmp_path):
 def test_folder_that_is_not_empty_is_refused(tmp_path):
     (tmp_path / "note").touch()
     demo = Demo(tmp_path, 5.0)
-    assert demo.process.wait(timeout=20) == 1
+    assert demo.process.wait(timeout=DEADLINE_S) == 1
     assert "is there already and not empty" in demo.said
     assert [item.name for item in tmp_path.iterdir()] == ["note"]
 

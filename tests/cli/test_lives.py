@@ -3,7 +3,6 @@
 import json
 import signal
 import subprocess
-import time
 
 import numpy as np
 import pandas as pd
@@ -15,6 +14,8 @@ from ema_core.faults import FAULT_NAMES
 from ema_monitor.health import HealthLimits
 from ema_recording.reader import Bag
 from ema_sim.lives import LifeSettings, constant_life, run_to_failure
+
+from ..waiting import DEADLINE_S, started, wait_for
 
 FEW = LifeSettings(interval_hours=150.0, least_tests=4, most_tests=14, spoiled_share=0.5)
 
@@ -173,17 +174,12 @@ def test_existing_folder_is_kept(ema, tmp_path):
 
 def test_interrupted_command_leaves_complete_lives_alone(tmp_path):
     folder = tmp_path / "lives"
-    with subprocess.Popen(
+    with started(
         ["ema", "lives", "-o", folder, "--count", "100"], stderr=subprocess.PIPE, text=True
     ) as process:
-        deadline = time.monotonic() + 60.0
-        while len(list(folder.glob("life_0000.part/*"))) < 3:
-            if process.poll() is not None or time.monotonic() > deadline:
-                process.kill()
-                pytest.fail(f"no life came to be: {process.communicate()[1]}")
-            time.sleep(0.05)
+        wait_for(lambda: len(list(folder.glob("life_0000.part/*"))) >= 3, "a life")
         process.send_signal(signal.SIGINT)
-        _, error = process.communicate(timeout=20)
+        _, error = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 1
     assert error.strip() == f"Error: stopped: 0 of 100 lives are in {folder}"
     assert list(folder.iterdir()) == []

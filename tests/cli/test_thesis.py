@@ -4,8 +4,8 @@ import json
 import os
 import signal
 import subprocess
-import time
 from concurrent.futures import BrokenExecutor
+from contextlib import suppress
 from functools import partial
 
 import pandas as pd
@@ -14,6 +14,8 @@ import pytest
 from ema_cli.commands import thesis as command
 from ema_study.plan import Job
 from ema_study.store import RunStore
+
+from ..waiting import DEADLINE_S, wait_for
 
 JOBS = [
     Job("fast", table, algorithm, case, "low", run, "floor_corrected", 10, 3)
@@ -131,7 +133,6 @@ def test_worker_that_was_killed_is_reported_in_a_line(ema, tmp_path, small, monk
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("executor", ["processes", "threads"])
 def test_interrupted_study_keeps_its_runs_and_resumes(tmp_path, executor):
     """As Ctrl-C does: the signal goes to the whole process group."""
@@ -146,14 +147,15 @@ def test_interrupted_study_keeps_its_runs_and_resumes(tmp_path, executor):
         preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     )
     runs = folder / "runs.jsonl"
-    # Three processes import and load kernels first, on whatever cores are left.
-    deadline = time.monotonic() + 180.0
-    while not (runs.exists() and runs.read_text().count("\n") >= 2):
-        assert time.monotonic() < deadline
+    try:
+        # Three processes import and load kernels first, on whatever cores are left.
+        wait_for(lambda: runs.exists() and runs.read_text().count("\n") >= 2, "two runs")
         assert study.poll() is None
-        time.sleep(0.1)
-    os.killpg(study.pid, signal.SIGINT)
-    output, _ = study.communicate(timeout=60.0)
+        os.killpg(study.pid, signal.SIGINT)
+        output, _ = study.communicate(timeout=DEADLINE_S)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(study.pid, signal.SIGKILL)
     assert study.returncode == 1
     assert "Traceback" not in output
     assert "the same command resumes" in output

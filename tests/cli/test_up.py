@@ -5,8 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,8 @@ import pytest
 
 from ema_cli.processes.supervisor import Supervisor, noted_signals
 from ema_recording.reader import Bag
+
+from ..waiting import DEADLINE_S, started, wait_for
 
 # Say "up", then end a while after SIGTERM and say so.
 ORDERLY = """
@@ -41,13 +41,6 @@ with noted_signals() as stop, Supervisor(print) as processes:
         time.sleep(0.05)
         processes.check()
 """
-
-
-def wait_until(is_reached: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + 20.0
-    while not is_reached():
-        assert time.monotonic() < deadline, f"not reached within 20 s: {what}"
-        time.sleep(0.01)
 
 
 def lines(note: Path) -> list[str]:
@@ -92,7 +85,7 @@ def test_last_process_is_stopped_when_the_others_are_gone(note, child):
     with Supervisor(told.append, "recorder") as processes:
         for name, seconds in (("recorder", 0.0), ("actuator", 0.1), ("monitor", 0.4)):
             processes.start(name, child(name, seconds))
-        wait_until(lambda: lines(note) == ["up"] * 3, "three children up")
+        wait_for(lambda: lines(note) == ["up"] * 3, "three children up")
     assert lines(note)[3:] == ["actuator", "monitor", "recorder"]
     assert (told, processes.failed, processes_with(note)) == ([], [], [])
 
@@ -101,7 +94,7 @@ def test_last_process_waits_a_second_for_the_others_at_most(note, child):
     with Supervisor(lambda _: None, "recorder", patience_s=10.0) as processes:
         processes.start("recorder", child("recorder"))
         processes.start("monitor", child("monitor", 2.0))
-        wait_until(lambda: lines(note) == ["up"] * 2, "two children up")
+        wait_for(lambda: lines(note) == ["up"] * 2, "two children up")
     assert lines(note)[2:] == ["recorder", "monitor"]
 
 
@@ -109,7 +102,7 @@ def test_single_process_is_stopped_while_the_others_go_on(note, child):
     with Supervisor(lambda _: None) as processes:
         processes.start("actuator", child("actuator"))
         processes.start("monitor", child("monitor"))
-        wait_until(lambda: lines(note) == ["up"] * 2, "two children up")
+        wait_for(lambda: lines(note) == ["up"] * 2, "two children up")
         processes.stop("actuator")
         assert processes.running == ["monitor"]
         processes.check()
@@ -120,7 +113,7 @@ def test_single_process_is_stopped_while_the_others_go_on(note, child):
 def test_ctrl_c_of_the_terminal_reaches_the_supervisor_alone(note, child):
     with Supervisor(lambda _: None) as processes:
         processes.start("monitor", child("monitor"))
-        wait_until(lambda: lines(note) == ["up"], "the child up")
+        wait_for(lambda: lines(note) == ["up"], "the child up")
         [number] = processes_with(note)
         assert os.getpgid(number) != os.getpgid(0)
 
@@ -129,7 +122,7 @@ def test_process_that_does_not_end_is_killed_with_a_message(note, child):
     told: list[str] = []
     with Supervisor(told.append, patience_s=0.3) as processes:
         processes.start("monitor", child("monitor", program=STUBBORN))
-        wait_until(lambda: lines(note) == ["up"], "the child up")
+        wait_for(lambda: lines(note) == ["up"], "the child up")
     assert told == ["monitor did not end within 0.3 s and is killed"]
     assert processes_with(note) == []
 
@@ -146,9 +139,9 @@ def test_death_is_told_once_and_the_others_live_on(note, child):
             processes.check()
             return processes.running == ["monitor"]
 
-        wait_until(only_the_monitor_runs, "three children gone")
+        wait_for(only_the_monitor_runs, "three children gone")
         processes.check()
-        wait_until(lambda: lines(note) == ["up"], "the monitor up")
+        wait_for(lambda: lines(note) == ["up"], "the monitor up")
     assert sorted(told) == [
         "done has ended",
         "failing failed, exit code 7",
@@ -164,7 +157,7 @@ def test_nobody_survives_when_what_is_told_cannot_be_written(note, child):
     with Supervisor(broken, patience_s=0.3) as processes:
         for name in ("a", "b"):
             processes.start(name, child(name, program=STUBBORN))
-        wait_until(lambda: lines(note) == ["up"] * 2, "two children up")
+        wait_for(lambda: lines(note) == ["up"] * 2, "two children up")
     assert processes_with(note) == []
 
 
@@ -173,7 +166,7 @@ def test_output_goes_to_the_log(tmp_path):
     program = "import sys; print('said'); sys.stdout.flush(); sys.stderr.write('complained')"
     with Supervisor(lambda _: None) as processes:
         processes.start("one", [sys.executable, "-c", program], log)
-        wait_until(lambda: has_ended(processes), "its end")
+        wait_for(lambda: has_ended(processes), "its end")
     assert log.read_text() == "said\ncomplained"
 
 
@@ -192,23 +185,23 @@ def test_first_signal_counts_and_handlers_come_back():
 @pytest.mark.parametrize("children_up", [0, 2, 6])
 def test_signal_at_any_moment_of_the_start_leaves_nobody(note, number, children_up):
     command = [sys.executable, "-c", SUPERVISOR, "6", ORDERLY, str(note), "0", "child"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as supervisor:
+    with started(command, stdout=subprocess.PIPE, text=True) as supervisor:
         # Its handlers are there once the first child has been started.
-        wait_until(lambda: len(processes_with(note)) > 1, "the first child")
-        wait_until(lambda: lines(note).count("up") >= children_up, f"{children_up} children up")
+        wait_for(lambda: len(processes_with(note)) > 1, "the first child")
+        wait_for(lambda: lines(note).count("up") >= children_up, f"{children_up} children up")
         supervisor.send_signal(number)
         supervisor.send_signal(signal.SIGINT)
-        supervisor.communicate(timeout=20)
+        supervisor.communicate(timeout=DEADLINE_S)
     assert supervisor.returncode == 0
     assert processes_with(note) == []
 
 
 def test_killed_supervisor_takes_its_children_along(note):
     command = [sys.executable, "-c", SUPERVISOR, "2", ORDERLY, str(note), "0", "child"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as supervisor:
-        wait_until(lambda: lines(note) == ["up"] * 2, "two children up")
+    with started(command, stdout=subprocess.DEVNULL) as supervisor:
+        wait_for(lambda: lines(note) == ["up"] * 2, "two children up")
         supervisor.kill()
-    wait_until(lambda: processes_with(note) == [], "no survivors")
+    wait_for(lambda: processes_with(note) == [], "no survivors")
     assert lines(note)[2:] == ["child"] * 2
 
 
@@ -221,12 +214,12 @@ def test_nodes_run_under_one_command_until_ctrl_c(tmp_path):
     nodes = ("actuator", "monitor", "recorder")
     command = ["ema", "up", *nodes, "-p", f'output:="{bag}"', "-p", "seed:=3"]
     environment = {**os.environ, "ROS_HOME": str(tmp_path / "ros_home")}
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
-        wait_until(lambda: (bag / "bag_0.mcap").exists(), "a bag")
-        wait_until(lambda: (bag / "bag_0.mcap").stat().st_size > 100_000, "telemetry in the bag")
-        wait_until(lambda: bool(health_in(bag)), "health in the bag")
+    with started(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
+        wait_for(lambda: (bag / "bag_0.mcap").exists(), "a bag")
+        wait_for(lambda: (bag / "bag_0.mcap").stat().st_size > 100_000, "telemetry in the bag")
+        wait_for(lambda: bool(health_in(bag)), "health in the bag")
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=20)
+        _, said = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0, said
     assert "Traceback" not in said
     recorded = Bag(bag)
@@ -240,7 +233,10 @@ def test_nodes_run_under_one_command_until_ctrl_c(tmp_path):
 
 def test_failed_node_is_told_and_makes_exit_code_1(ema, tmp_path):
     process = subprocess.run(
-        ["ema", "up", "player", "-p", "rate:=1.0"], capture_output=True, text=True, timeout=60
+        ["ema", "up", "player", "-p", "rate:=1.0"],
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
     )
     assert process.returncode == 1
     assert "ema up: player failed, exit code 1" in process.stderr

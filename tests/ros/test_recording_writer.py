@@ -26,7 +26,7 @@ from ema_recording.reader import Bag
 from ema_recording.schema import schema_text
 from ema_recording.writer import BagWriter
 
-from ..waiting import wait_for
+from ..waiting import started, wait_for
 from .recorded_messages import ros_messages
 
 QOS = QoSProfile(depth=10)
@@ -353,12 +353,9 @@ def test_killed_writer_leaves_what_it_wrote_out(path: Path):
         except (OSError, ValueError):  # nothing is there yet
             return 0
 
-    with subprocess.Popen([sys.executable, "-c", KILLED, str(path)]) as process:
-        try:
-            # They are written out by time: a few hundred messages do not fill a chunk.
-            before = wait_for(messages, "messages on disk")
-        finally:
-            process.kill()
+    with started([sys.executable, "-c", KILLED, str(path)]) as process:
+        # They are written out by time: a few hundred messages do not fill a chunk.
+        before = wait_for(messages, "messages on disk")
     assert process.returncode == -signal.SIGKILL
     bag = Bag(path)
     read = list(bag.messages())
