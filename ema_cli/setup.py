@@ -4,7 +4,7 @@ package = "ema_cli"
 
 setup(
     name=package,
-    version="0.1.0",
+    version="0.2.0",
     description="The ema command.",
     license="Apache-2.0",
     maintainer="EMA health monitor maintainers",

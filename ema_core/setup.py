@@ -4,7 +4,7 @@ package = "ema_core"
 
 setup(
     name=package,
-    version="0.1.0",
+    version="0.2.0",
     description="Numerics and data that both the simulator and the monitor of an actuator need.",
     license="Apache-2.0",
     maintainer="EMA health monitor maintainers",

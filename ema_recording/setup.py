@@ -4,7 +4,7 @@ package = "ema_recording"
 
 setup(
     name=package,
-    version="0.1.0",
+    version="0.2.0",
     description="Reads and writes recordings as rosbag2 does, in MCAP.",
     license="Apache-2.0",
     maintainer="EMA health monitor maintainers",

@@ -4,7 +4,7 @@ package = "ema_ros"
 
 setup(
     name=package,
-    version="0.1.0",
+    version="0.2.0",
     description="What nodes share: messages, topics, lifecycle, parameters, status, main.",
     license="Apache-2.0",
     maintainer="EMA health monitor maintainers",

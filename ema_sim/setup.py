@@ -4,7 +4,7 @@ package = "ema_sim"
 
 setup(
     name=package,
-    version="0.1.0",
+    version="0.2.0",
     description="Three-phase reference model of an electromechanical actuator, and its node.",
     license="Apache-2.0",
     maintainer="EMA health monitor maintainers",

@@ -5,6 +5,8 @@ from typing import Final
 
 import click
 
+from ema_core import __version__
+
 _COMMANDS: Final = {
     "simulate": "Run the high-fidelity actuator through test cycles and record them to a bag.",
     "lives": "Simulate actuators from new until a fault reaches its limit, test by test.",
@@ -50,6 +52,7 @@ class _CommandsOnDemand(click.Group):
     cls=_CommandsOnDemand,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
+@click.version_option(__version__, prog_name="ema")
 def main() -> None:
     """Simulate electromechanical actuators, and find the faults in their telemetry.
 

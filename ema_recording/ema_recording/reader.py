@@ -1,11 +1,16 @@
 """Reads recordings as rosbag2 makes them in MCAP, damaged ones as far as they are intact."""
 
 import heapq
+import struct
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
 
 from ema_recording.contents import Contents, Stretch, read_contents, read_messages
 from ema_recording.decoder import decoder
@@ -101,6 +106,15 @@ class Bag:
         stretches = [item for contents in self._files.values() for item in contents.stretches]
         self.start_ns = min((stretch.start_ns for stretch in stretches), default=None)
         self.end_ns = max((stretch.end_ns for stretch in stretches), default=None)
+
+    @property
+    def writers(self) -> list[str]:
+        """Programs that wrote the files, with their versions; empty where a file does not say."""
+        names = set()
+        for path in self._files:
+            with path.open("rb") as file, suppress(McapError, StopIteration, struct.error):
+                names.add(make_reader(file).get_header().library)
+        return sorted(names - {""})
 
     @property
     def damage(self) -> str:

@@ -13,6 +13,7 @@ from mcap.writer import CompressionType, Writer
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
+from ema_core import __version__
 from ema_recording.message_type import type_hash, type_name
 from ema_recording.metadata import (
     METADATA_FILE,
@@ -101,7 +102,7 @@ class BagWriter:
         self._end_ns: int | None = None
         self._file = self.file_path.open("xb")
         self._mcap = Writer(self._file, chunk_bytes, _COMPRESSION[compression])
-        self._mcap.start(profile="ros2", library="ema_recording")
+        self._mcap.start(profile="ros2", library=f"ema_recording {__version__}")
         self._mcap.flush()
         self.failure: OSError | None = None
         self._lock = threading.Lock()

@@ -27,6 +27,8 @@ def info(bag: Path, source: Source) -> None:
         for name, topic in contents.topics.items():
             table.add_row(name, topic.type_name, str(topic.count))
         Console().print(table)
+        if contents.writers:
+            click.echo(f"written by {', '.join(contents.writers)}")
         found = read_windows(bag, source)
     unit = found.description
     click.echo(f"actuator {unit.actuator_id}, serial number {unit.serial_number}, {unit.model}")

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from ema_cli.errors import one_clear_line
 from ema_cli.show.progress import progress_bar
+from ema_core import __version__
 from ema_monitor.model.threads import available_cpus
 from ema_study.execution import EXECUTORS, execute, local_executor, time_executors
 from ema_study.models import MODELS
@@ -115,6 +116,7 @@ def thesis(
             frame,
             timing,
             {
+                "version": __version__,
                 "models": ", ".join(sorted(set(frame["model"]))),
                 "executor": f"{kind}, {workers} runs at once, each on one core",
                 "cores": str(available_cpus()),
