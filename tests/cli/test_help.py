@@ -28,4 +28,4 @@ def test_help_imports_no_command():
         text=True,
         check=True,
     )
-    assert listed.stdout.splitlines()[-1] == "['ema_cli', 'ema_cli.main']"
+    assert listed.stdout.splitlines()[-1] == "['ema_cli', 'ema_core', 'ema_cli.main']"

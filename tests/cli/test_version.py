@@ -22,7 +22,9 @@ def test_command_prints_the_version(ema):
 
 @pytest.mark.parametrize("path", [*DECLARED, Path("CITATION.cff")], ids=str)
 def test_every_package_declares_the_version(path):
-    declared = re.findall(r"version[=>:] ?\"?(\d+\.\d+\.\d+)", (ROOT / path).read_text())
+    declared = re.findall(
+        r"^\s*<?version[=>:] ?\"?(\d+\.\d+\.\d+)", (ROOT / path).read_text(), re.MULTILINE
+    )
     assert declared == [__version__]
 
 
