@@ -9,6 +9,9 @@ import pytest
 
 from .domains import Domain
 from .leftovers import nothing_left
+from .orphans import pytest_testnodedown
+
+__all__ = ["pytest_testnodedown"]
 
 # Both are kept until the process ends. Histories and calibrations of the user stay as they are.
 _domain = Domain()
