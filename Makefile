@@ -6,7 +6,7 @@ DEMO_S ?= 60
 # Tests go to two processes; a test that crashes its own, or is killed at its time limit, is named.
 pytest = pytest -n 2 --dist worksteal
 
-.PHONY: help setup test lint demo bench bench-peers calibration sample lock clean distclean
+.PHONY: help setup test soak lint demo bench bench-peers calibration sample lock clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -16,6 +16,9 @@ setup: ## .venv, the ROS 2 workspace and activate.sh (PYTHON=python3.12 chooses 
 
 test: lint ## lint, then the tests (ARGS="-k friction" goes to pytest)
 	$(activate) && $(pytest) $(ARGS)
+
+soak: setup ## the tests of nodes twenty times in a row, ten of them beside 8 busy processes
+	$(activate) && python tools/soak.py $(ARGS)
 
 lint: setup ## style, types and import contracts
 	$(activate) && ruff check
@@ -27,20 +30,21 @@ demo: setup ## watch an actuator wear out: live table, bag and picture (DEMO_S=6
 	@$(activate) && exec ema demo --duration $(DEMO_S)
 
 bench: setup ## all targets of speed and accuracy in one table; 40 minutes, writes JSON and plots
-	$(activate) && cd tests/benchmarks && python kernels.py --json kernels.json
-	$(activate) && cd tests/benchmarks && python accuracy.py --json accuracy.json
-	$(activate) && cd tests/benchmarks && python goodness.py --json goodness.json
-	$(activate) && cd tests/benchmarks && python live.py --json live.json
-	$(activate) && cd tests/benchmarks && python fleet.py --json fleet.json
-	tools/peers.sh python tests/benchmarks/prognosis.py --json tests/benchmarks/prognosis.json
-	$(activate) && cd tests/benchmarks && python plots.py
-	$(activate) && cd tests/benchmarks && python prognosis_plots.py
-	$(activate) && cd tests/benchmarks && python summary.py
+	$(activate) && cd benchmarks && python kernels.py --json kernels.json
+	$(activate) && cd benchmarks && python accuracy.py --json accuracy.json
+	$(activate) && cd benchmarks && python goodness.py --json goodness.json
+	$(activate) && cd benchmarks && python live.py --json live.json
+	$(activate) && cd benchmarks && python fleet.py --json fleet.json
+	$(activate) && cd benchmarks && python promptness.py --json promptness.json
+	tools/peers.sh python benchmarks/prognosis.py --json benchmarks/prognosis.json
+	$(activate) && cd benchmarks && python plots.py
+	$(activate) && cd benchmarks && python prognosis_plots.py
+	$(activate) && cd benchmarks && python summary.py
 
 bench-peers: setup ## identification and optimizers beside those of others; 10 minutes
-	tools/peers.sh python tests/benchmarks/peers.py --json tests/benchmarks/peers.json
-	tools/peers.sh python tests/benchmarks/optimizer_peers.py \
-	    --json tests/benchmarks/optimizer_peers.json
+	tools/peers.sh python benchmarks/peers.py --json benchmarks/peers.json
+	tools/peers.sh python benchmarks/optimizer_peers.py \
+	    --json benchmarks/optimizer_peers.json
 
 calibration: setup ## the shipped calibration anew, after a change of either model
 	$(activate) && ema simulate --cycles 20 --force -o ros2_ws/build/healthy.mcap
@@ -58,7 +62,7 @@ lock: setup ## compile both locks anew (ARGS=--upgrade takes newer versions)
 clean: ## remove what was built
 	rm -rf activate.sh ros2_ws/build ros2_ws/install ros2_ws/log
 	rm -rf .pytest_cache .ruff_cache .import_linter_cache
-	find ema_* tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find ema_* tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean ## remove .venv as well
 	rm -rf .venv .venv-peers

@@ -1,6 +1,6 @@
 """Accuracy of the fault estimator beside the thesis's, and how far its covariance is honest.
 
-    python tests/benchmarks/accuracy.py [--json FILE] [--quick] [--no-ablation]
+    python benchmarks/accuracy.py [--json FILE] [--quick] [--no-ablation]
 
 Every window comes from the high-fidelity simulation, which the estimator never runs, with seeds
 that nothing was tuned on. Prints tables and writes JSON. Needs g++ for the unit of time.

@@ -1,6 +1,6 @@
 """How the real estimator errs along lives, measured once for the benchmark of prognosis.
 
-    python tests/benchmarks/estimator_errors.py [--windows N] [--spoiled N]
+    python benchmarks/estimator_errors.py [--windows N] [--spoiled N]
 
 Simulates tests drawn from lives other than those that are scored, identifies the faults in their
 noisy windows with the shipped settings, and writes truth, estimate and uncertainty of each to

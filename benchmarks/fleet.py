@@ -1,6 +1,6 @@
 """How many actuators one monitor process follows, each streaming 0.7 s of test in every 5 s.
 
-    python tests/benchmarks/fleet.py [--actuators 1,4,16,32,64] [--duration S] [--json FILE]
+    python benchmarks/fleet.py [--actuators 1,4,16,32,64] [--duration S] [--json FILE]
 
 One process publishes the telemetry of all actuators in real time, in blocks of 10 ms at 10,000
 samples a second; they take turns, or with `--together` they all test at once. The telemetry was

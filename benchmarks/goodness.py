@@ -1,6 +1,6 @@
 """What the goodness of fit refuses: windows in which something else than the eight faults is wrong.
 
-    python tests/benchmarks/goodness.py [--json FILE]
+    python benchmarks/goodness.py [--json FILE]
 
 Prints, for each defect and size, how large the goodness of fit is beside its limit, and the largest
 fault that would have been named; then how many windows with faults alone are refused in error.

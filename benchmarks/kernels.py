@@ -1,6 +1,6 @@
 """Speed of the two model kernels against C++, on this computer.
 
-    python tests/benchmarks/kernels.py [--json FILE]
+    python benchmarks/kernels.py [--json FILE]
 
 The monitor model in windows of 0.5 s per second, and as a ratio to the yardstick; the reference
 actuator in time per step, and as a ratio to the same steps in scalar C++. What is compared

@@ -1,6 +1,6 @@
 """Samples lost and latency in a live graph of three processes, read from the bags of demos.
 
-    python tests/benchmarks/live.py [--demos N] [--duration S] [--json FILE]
+    python benchmarks/live.py [--demos N] [--duration S] [--json FILE]
 
 Actuator, monitor and recorder run as processes at 10,000 samples a second, in one demo after the
 other, since an actuator of the demo wears out within a minute. Prints how many samples got lost on

@@ -1,6 +1,6 @@
 """Our population methods beside independent implementations, on standard functions.
 
-    tools/peers.sh python tests/benchmarks/optimizer_peers.py [--seeds N] [--functions A,B]
+    tools/peers.sh python benchmarks/optimizer_peers.py [--seeds N] [--functions A,B]
         [--json FILE]
 
 Eight dimensions, populations of 50, 20,000 evaluations. Counted are the evaluations up to the

@@ -1,6 +1,6 @@
 """The identification beside optimizers that a user would pick instead, on the same objective.
 
-    tools/peers.sh python tests/benchmarks/peers.py [--cases N] [--json FILE] [--plot FILE]
+    tools/peers.sh python benchmarks/peers.py [--cases N] [--json FILE] [--plot FILE]
 
 Half of the cases are the thesis's single faults, half are drawn by its law; the sensors are noisy.
 Every window of the model that a method evaluates is counted, those of its difference quotients

@@ -1,6 +1,6 @@
 """Pictures of the estimator's accuracy, from the figures that accuracy.py wrote.
 
-    python tests/benchmarks/plots.py [--json FILE] [--output FOLDER]
+    python benchmarks/plots.py [--json FILE] [--output FOLDER]
 
 Error of each fault beside the thesis's, error against evaluations, estimates and covariances of
 repeated windows, and residuals before and after.

@@ -1,6 +1,6 @@
 """Accuracy and honesty of the remaining useful life over seeded lives to failure.
 
-    tools/peers.sh python tests/benchmarks/prognosis.py [--lives N] [--constant N] [--repaired N]
+    tools/peers.sh python benchmarks/prognosis.py [--lives N] [--constant N] [--repaired N]
         [--otherwise N] [--whole N] [--real N] [--json FILE]
 
 Lives have estimates drawn with the measured errors of the estimator (estimator_errors.jsonl); those
@@ -62,7 +62,7 @@ try:
 except ImportError as error:
     raise SystemExit(
         f"prognosis.py compares with progpy ({error}); it is in the peers' environment: "
-        "tools/peers.sh python tests/benchmarks/prognosis.py"
+        "tools/peers.sh python benchmarks/prognosis.py"
     ) from None
 
 METHODS: Final[Mapping[str, Predictor]] = {

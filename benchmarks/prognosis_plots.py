@@ -1,6 +1,6 @@
 """Pictures of the prognosis, from the figures that prognosis.py wrote.
 
-    python tests/benchmarks/prognosis_plots.py [--json FILE] [--output FOLDER]
+    python benchmarks/prognosis_plots.py [--json FILE] [--output FOLDER]
 
 Relative accuracy against the share of life, by method; and of one life of each kind of fault, that
 of median accuracy with the law unknown, the remaining life against the truth and the growth with

@@ -1,6 +1,6 @@
 """All targets in one table, from what the other benchmarks wrote.
 
-    python tests/benchmarks/summary.py
+    python benchmarks/summary.py
 
 Reads accuracy.json, kernels.json, live.json, fleet.json and prognosis.json beside this file, as
 `make bench` writes them; prints the table, writes it to summary.json, and fails when a target is

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs a command in .venv-peers: our packages beside the optimizers that users would pick instead.
 #
-#   tools/peers.sh python tests/benchmarks/peers.py
+#   tools/peers.sh python benchmarks/peers.py
 #
 # Makes .venv-peers from requirements/peers.lock.txt unless it is there already. There is no ROS in
 # it: the packages are imported from the sources. Needs what `make setup` makes.

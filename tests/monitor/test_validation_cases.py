@@ -9,7 +9,7 @@ import pytest
 
 from ema_core.faults import ECCENTRICITY, N_FAULTS, healthy_faults
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 @pytest.fixture(scope="module")

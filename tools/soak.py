@@ -1,0 +1,91 @@
+#!/usr/bin/env python3
+"""Run the tests of nodes again and again, the second half of the runs beside busy processes.
+
+    tools/soak.py [--runs 20] [--busy 10] [--processes 8] [--limit 3600] [PYTEST ARGUMENTS...]
+
+Prints a line a run: whether it passed, its time and pytest's last line. A run beyond the limit is
+killed with all that it started. Fails when a run did not pass.
+"""
+
+import argparse
+import contextlib
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+DEFAULT: Final = ("-n", "2", "--dist", "worksteal", "tests/ros")
+
+
+def _spin() -> None:
+    while True:
+        pass
+
+
+@contextlib.contextmanager
+def busy(count: int) -> Iterator[None]:
+    """Keep processors busy by so many processes."""
+    processes = [multiprocessing.Process(target=_spin, daemon=True) for _ in range(count)]
+    for process in processes:
+        process.start()
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.join()
+
+
+def run(arguments: list[str], limit_s: float, log: Path) -> tuple[bool, str]:
+    """Run pytest once; return whether it passed and how it ended."""
+    with log.open("w") as output:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "pytest", "-q", *arguments],
+            cwd=ROOT,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            code = process.wait(limit_s)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            return False, f"HANGS: killed after {limit_s:g} s"
+    lines = [line for line in log.read_text(errors="replace").splitlines() if line]
+    return code == 0, lines[-1] if lines else "no output"
+
+
+def main() -> int:
+    """Print the table; return the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--runs", type=int, default=20, help="runs in a row (%(default)s)")
+    parser.add_argument("--busy", type=int, default=10, help="of them beside others (%(default)s)")
+    parser.add_argument("--processes", type=int, default=8, help="that are busy (%(default)s)")
+    parser.add_argument("--limit", type=float, default=3600.0, help="of a run [s] (%(default)g)")
+    own, arguments = parser.parse_known_args()
+    logs = Path(tempfile.mkdtemp(prefix="soak_"))
+    print(f"output of each run in {logs}", flush=True)
+    failed = 0
+    for number in range(1, own.runs + 1):
+        others = own.processes if number > own.runs - own.busy else 0
+        began_s = time.monotonic()
+        with busy(others):
+            passed, line = run(arguments or [*DEFAULT], own.limit, logs / f"{number}.log")
+        failed += not passed
+        took_s = time.monotonic() - began_s
+        verdict = "passed" if passed else "FAILED"
+        print(f"{number:3d}  {others} busy  {verdict}  {took_s:6.0f} s  {line}", flush=True)
+    print(f"{own.runs - failed} of {own.runs} runs passed")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
