@@ -13,6 +13,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from ema_core.quantity import check_quantities, flag, quantity, text
+from ema_core.wording import counted
 from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, TelemetryBlock, Usage
 from ema_recording.message_type import message_class, type_name
 from ema_recording.playback import Playback
@@ -190,7 +191,7 @@ class PlayerNode(ManagedNode):
             if self._playback.run(stop):
                 self._finish(stop)
             else:
-                self._say(f"paused after {self._playback.played} messages")
+                self._say(f"paused after {counted(self._playback.played, 'message')}")
         except Exception as error:
             self.get_logger().error(traceback.format_exc())
             self._failure = f"cannot play on: {error!r}"
@@ -226,7 +227,7 @@ class PlayerNode(ManagedNode):
         return "" if heard else f"any of {', '.join(self._outlets)}"
 
     def _finish(self, stop: threading.Event) -> None:
-        played = f"played {self._playback.played} messages of {self._bag.path}"
+        played = f"played {counted(self._playback.played, 'message')} of {self._bag.path}"
         waits = round(_ACKNOWLEDGE_S / _POLL_S)
         pending = list(self._outlets.items())
         while pending and waits and not stop.is_set():

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
+from ema_core.wording import counted
 from ema_recording.contents import Contents, Stretch, read_contents, read_messages
 from ema_recording.decoder import decoder
 from ema_recording.message_type import is_installed
@@ -194,7 +195,7 @@ class Bag:
                 self._note(self.path, [str(error)])
         found = sum(contents.counts.total() for contents in self._files.values())
         if folder.message_count is not None and folder.message_count > found:
-            promised = f"{METADATA_FILE} promises {folder.message_count} messages"
+            promised = f"{METADATA_FILE} promises {counted(folder.message_count, 'message')}"
             self._note(self.path, [f"{promised}, {found} are there"])
 
     def _open_file(self, path: Path) -> None:

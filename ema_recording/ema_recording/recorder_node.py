@@ -12,6 +12,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from ema_core.quantity import check_quantities, flag, quantity, text
+from ema_core.wording import counted
 from ema_recording.recorded_topic import RecordedTopic
 from ema_recording.writer import BagWriter
 from ema_ros.managed_node import ManagedNode
@@ -122,7 +123,7 @@ class RecorderNode(ManagedNode):
             self.exit_code = 1
             if not self._failure:
                 raise OSError(f"{bag.path}: {error}") from error
-        self.get_logger().info(f"closed {bag.path} with {self._messages} messages")
+        self.get_logger().info(f"closed {bag.path} with {counted(self._messages, 'message')}")
 
     def tasks(self) -> list[Task]:
         """Return what is recorded and what is not."""
@@ -134,7 +135,7 @@ class RecorderNode(ManagedNode):
         gone = [name for name, topic in topics.items() if not topic.has_publisher]
         unheard = {name: topic.unheard for name, topic in topics.items() if topic.unheard}
         missing = sorted((self._wanted or set()) - topics.keys() - self._passed_over.keys())
-        remarks = [f"{lost} messages lost"] if lost else []
+        remarks = [f"{counted(lost, 'message')} lost"] if lost else []
         remarks += [f"{', '.join(gone)}: the publisher is gone"] if gone else []
         remarks += [f"{', '.join(missing)}: no publisher yet"] if missing else []
         remarks += [f"{name}: passed over, {why}" for name, why in self._passed_over.items()]
@@ -142,7 +143,7 @@ class RecorderNode(ManagedNode):
             f"{name}: {', '.join(nodes)} not heard, for less is offered than by the others"
             for name, nodes in unheard.items()
         ]
-        doing = f"recording {len(topics)} topics" if self._recording else "paused"
+        doing = f"recording {counted(len(topics), 'topic')}" if self._recording else "paused"
         if not topics and not missing:
             remarks.append("nothing is published yet")
         level = ERROR if self._failure else WARN if remarks else OK

@@ -122,8 +122,8 @@ def read_telemetry(
         raise ValueError(f"{bag.path} has no telemetry of actuator {actuator_id!r}; it has {there}")
     if len(candidates) > 1:
         raise ValueError(
-            f"{bag.path} has telemetry on several topics: {there}: choose one by actuator_id "
-            "or topic (--actuator-id, --topic)"
+            f"{bag.path} has telemetry on several topics: {there}: choose one by topic or "
+            "actuator_id (--topic, --actuator-id)"
         )
     chosen_id = first_ids[candidates[0]] if actuator_id is None else actuator_id
     return RecordedTelemetry(

@@ -235,7 +235,7 @@ def test_actuators_are_told_apart():
         assert not refused.valid
         assert "SIM-0002" in refused.reason
         assert session.until_told("rudder telemetry", "SIM-0002").hardware_id == "SIM-0002"
-        assert session.until_told("input", "2 actuators watched")
+        assert session.until_told("input", "2 actuators monitored")
 
 
 def test_latched_descriptions_of_all_actuators_are_heard():
@@ -244,7 +244,7 @@ def test_latched_descriptions_of_all_actuators_are_heard():
         for described in (FLAP, *others):
             session.describe_from_a_node_of_its_own(described)
         session.bring_up()
-        session.until_told("input", "4 actuators watched")
+        session.until_told("input", "4 actuators monitored")
 
 
 def test_late_joiner_learns_the_health_of_all_actuators(tmp_path: Path):

@@ -77,7 +77,7 @@ def test_oldest_window_is_dropped_when_too_many_wait(held: threading.Event):
         assert [e.window for e in session.estimates()] == [0, 1, 2, 3]
         assert [e.valid for e in session.estimates()] == [True, False, False, True]
         for estimate in session.estimates()[1:3]:
-            assert "dropped: more than 1 windows waited" in estimate.reason
+            assert "dropped: more than 1 window waited" in estimate.reason
         session.until(lambda: count(session, "input", "windows dropped") == 2)
 
 

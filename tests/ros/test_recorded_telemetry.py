@@ -132,7 +132,7 @@ def test_several_actuators_on_topics_of_their_own(tmp_path: Path):
     with pytest.raises(
         ValueError,
         match=r"several topics: /left/telemetry \(actuator 'left'\), "
-        r"/right/telemetry \(actuator 'right'\): choose one by actuator_id or topic",
+        r"/right/telemetry \(actuator 'right'\): choose one by topic or actuator_id",
     ):
         read_telemetry(bag)
     assert_same(blocks_of(read_telemetry(bag, actuator_id="right")), right)

@@ -15,6 +15,7 @@ from ema_cli.show.progress import progress_bar
 from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
 from ema_core.telemetry import Telemetry, join
+from ema_core.wording import counted
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Defect, Refusal
 from ema_monitor.windows.window import Window
@@ -246,7 +247,7 @@ def read_windows(
     for defect in named_defects:
         remarks.append(f"at {(defect.stamp_ns - first_ns) * 1e-9:.4f} s: {defect.reason}")
     if defects > _MOST_DEFECTS:
-        remarks.append(f"and {defects - _MOST_DEFECTS} more defects of the telemetry")
+        remarks.append(f"and {counted(defects - _MOST_DEFECTS, 'more defect')} of the telemetry")
     if bag.damage:
         remarks.append(bag.damage)
     if first is None:

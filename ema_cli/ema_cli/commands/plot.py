@@ -186,8 +186,9 @@ def draw_fit(found: BagWindows, window: Window, calibration: Calibration, one: E
     _label(bars, "normalised fault")
     bars.legend(loc="upper left", ncols=4, fontsize="small", markerscale=0.5)
     figure.suptitle(
-        f"{found.description.actuator_id}: {one.algorithm}, {one.evaluations} evaluations, "
-        f"goodness of fit {one.goodness_of_fit:.2f} (limit {one.goodness_limit:.2f})"
+        f"{found.description.actuator_id}: {one.algorithm}, "
+        f"{counted(one.evaluations, 'evaluation')}, goodness of fit {one.goodness_of_fit:.2f} "
+        f"(limit {one.goodness_limit:.2f})"
     )
     return figure
 

@@ -14,6 +14,7 @@ from rich.table import Table
 from ema_cli.errors import one_clear_line
 from ema_cli.show.progress import progress_bar
 from ema_core import __version__
+from ema_core.wording import counted
 from ema_monitor.model.threads import available_cpus
 from ema_study.execution import EXECUTORS, execute, local_executor, time_executors
 from ema_study.models import MODELS
@@ -118,13 +119,14 @@ def thesis(
             {
                 "version": __version__,
                 "models": ", ".join(sorted(set(frame["model"]))),
-                "executor": f"{kind}, {workers} runs at once, each on one core",
+                "executor": f"{kind}, {counted(workers, 'run')} at once, each on one core",
                 "cores": str(available_cpus()),
-                "last session": f"{len(missing)} runs and the timing in {minutes:.1f} min",
+                "last session": f"{counted(len(missing), 'run')} and the timing in "
+                f"{minutes:.1f} min",
             },
         )
     _print_summary(frame)
-    click.echo(f"{len(missing)} runs in {minutes:.1f} min; report: {report}")
+    click.echo(f"{counted(len(missing), 'run')} in {minutes:.1f} min; report: {report}")
 
 
 def _run(jobs: Sequence[Job], store: RunStore, kind: str, workers: int) -> None:

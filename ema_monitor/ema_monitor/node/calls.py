@@ -12,6 +12,7 @@ from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 
 from ema_core.description import ActuatorDescription
+from ema_core.wording import counted
 from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate
 from ema_monitor.calibration.fit import calibrate
@@ -134,8 +135,8 @@ class MonitorCalls:
                 calibration = calibrate(windows, _description(unit))
                 self._store.keep(_description(unit), calibration, path)
                 response.message = (
-                    f"made of {len(windows)} windows and stored in {path}; calibration_file has to "
-                    "name it for it to be used after a restart"
+                    f"made of {counted(len(windows), 'window')} and stored in {path}; "
+                    "calibration_file has to name it for it to be used after a restart"
                 )
             self._calibrated(_description(unit))
             response.success, response.calibration_id = True, calibration.calibration_id

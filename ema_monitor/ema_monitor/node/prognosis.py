@@ -14,6 +14,7 @@ from rclpy.node import Node
 from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, WARN
 from ema_core.parameters import ActuatorParameters
+from ema_core.wording import counted
 from ema_interfaces.srv import PredictRemainingLife
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.health import HealthLimits
@@ -211,7 +212,7 @@ class MonitorPrognosis:
             Task(
                 f"{actuator_id} history",
                 WARN if prognostics.history.problem else OK,
-                prognostics.history.problem or f"{len(prognostics.history.entries)} tests",
+                prognostics.history.problem or counted(len(prognostics.history.entries), "test"),
                 serial_number,
                 {"file": prognostics.history.path or "none, in memory only"},
             )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
+from ema_core.wording import counted
 from ema_interfaces.msg import Health as HealthMessage
 from ema_interfaces.msg import TelemetryBlock
 from ema_monitor.identification.estimate import Estimate
@@ -462,7 +463,11 @@ class Units(dict[str, Unit]):
         with self.lock:
             remarks = [] if self else ["no message of an actuator so far"]
             remarks += self.unmatched.remarks()
-        return (WARN, "; ".join(remarks)) if remarks else (OK, f"{len(self)} actuators watched")
+        return (
+            (WARN, "; ".join(remarks))
+            if remarks
+            else (OK, f"{counted(len(self), 'actuator')} monitored")
+        )
 
     def _get_or_add(self, actuator_id: str) -> Unit:
         if actuator_id not in self:
@@ -515,7 +520,7 @@ class UnmatchedMessages:
         """Return in words which messages were ignored."""
         remarks = []
         if self._unnamed:
-            remarks.append(f"{self._unnamed} messages without actuator_id were ignored")
+            remarks.append(f"ignored {counted(self._unnamed, 'message')} without actuator_id")
         if self._unknown:
             remarks.append(
                 f"{self._unknown} wrong messages of actuators that are not watched were ignored, "

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
+from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.last_faults import LastFaults
@@ -159,7 +160,7 @@ class WindowQueue:
     def _drop(self, place: int, most_waiting: int) -> Segment:
         self.dropped += 1
         dropped = self._queue[place]
-        reason = f"dropped: more than {most_waiting} windows waited for identification"
+        reason = f"dropped: more than {counted(most_waiting, 'window')} waited for identification"
         refusal = Refusal(dropped.window.start_ns, dropped.window.end_ns, reason)
         self._queue[place] = replace(dropped, window=refusal)
         return dropped
@@ -227,7 +228,11 @@ class IdentificationWorker:
         """Return level and words for ``/diagnostics``."""
         if self.failure:
             return ERROR, self.failure
-        return (OK, f"{self.waiting} windows wait") if self.is_running else (WARN, "not active")
+        return (
+            (OK, f"waiting: {counted(self.waiting, 'window')}")
+            if self.is_running
+            else (WARN, "not active")
+        )
 
     def start(self) -> None:
         """Begin to identify, with a new thread and queue."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from ema_core.quantity import check_quantities, quantity
+from ema_core.wording import counted
 from ema_monitor.prognosis.history_entry import Entry
 
 UNKNOWN_HOURS: Final = (
@@ -212,7 +213,8 @@ def _cycles(before: TimedTest, after: TimedTest) -> int:
 
 
 def _stopped(tests: int) -> str:
-    return f"service hours are unknown: the latest count of service hours is {tests} tests old"
+    age = counted(tests, "test")
+    return f"service hours are unknown: the latest count of service hours is {age} old"
 
 
 def _tests(number: int) -> str:

@@ -14,6 +14,7 @@ from ema_core.commands import approach_travel
 from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import check_quantities, quantity
 from ema_core.telemetry import COLUMNS, Telemetry, join
+from ema_core.wording import counted
 from ema_monitor.windows.window import Window
 
 LOOKBACK_S: Final = 10.0
@@ -274,8 +275,8 @@ def _break_between(last: Telemetry, block: Telemetry) -> str:
     expected = last.first_index + len(last)
     if block.first_index > expected:
         return (
-            f"gap of {block.first_index - expected} samples: index {block.first_index} follows "
-            f"{expected - 1}"
+            f"gap of {counted(block.first_index - expected, 'sample')}: index "
+            f"{block.first_index} follows {expected - 1}"
         )
     if block.first_index < expected:
         return f"the sample index went back from {expected - 1} to {block.first_index}"
