@@ -57,5 +57,5 @@ def main() -> None:
     """Simulate electromechanical actuators, and find the faults in their telemetry.
 
     Exit codes: 0 done, 1 the input cannot be used, 2 wrong usage, 3 some windows have no valid
-    estimate.
+    estimate (prognose: none has).
     """
