@@ -15,7 +15,7 @@ import pytest
 from ema_core.parameters import ActuatorParameters
 from ema_sim.actuator import SimulatedActuator
 
-COMPARATOR = ActuatorParameters(f_sm=1e4, L_s=10.0, R_s=1e-4, h_b=1e-4, V_max=0.5, I_max=1e4)
+COMPARATOR = ActuatorParameters(f_sm=1e4, L_s=0.1, R_s=1e-4, h_b=1e-4, V_max=5e-3, I_max=1e4)
 SLOPE = COMPARATOR.V_max / COMPARATOR.L_s
 PERIOD = 1e-4
 SAMPLES = 2000
