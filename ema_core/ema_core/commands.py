@@ -1,4 +1,4 @@
-"""Position commands as sampled arrays, and the test cycle that makes a live window comparable.
+"""Position commands as sampled arrays, and the test cycle around them.
 
 A command of ``n`` samples at period ``h`` holds the user-shaft angle [rad] at h, 2 h, ... n h; at
 time 0 it is zero. Models interpolate it linearly between samples.
@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import BACKLASH, FAULTS, FRICTION, GAIN
 from ema_core.parameters import ActuatorParameters, constants
-from ema_core.quantity import check_quantities, quantity, text, usually
+from ema_core.quantity import check_quantities, finite_samples, hint_of_unit, quantity, text
 
 COMMAND_SHAPES: Final = ("step", "ramp", "sine", "chirp", "custom")
 
 APPROACH_DEPTH: Final = 2e-3
-"""From how far below a cycle approaches its start by default [rad]."""
+"""Default distance over which a cycle approaches its start from below [rad]."""
 
 _APPROACH_SPEED = 5e-3
 _RETREAT_S = 0.1
@@ -28,7 +28,7 @@ _RETURN_S = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """A command by its shape and figures.
+    """A command, defined by its shape and parameters.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Command:
     Raises
     ------
     ValueError
-        When a figure is impossible; the message names it with its value, unit and range.
+        When a value is impossible; the message names it, its value, unit and range.
     """
 
     shape: str = text("chirp", "shape of the command", COMMAND_SHAPES)
@@ -61,7 +61,9 @@ class Command:
     )
     duration: float = quantity(0.5, "s", 1e-3, 3600.0, "length of the command")
     start_time: float = quantity(0.01, "s", 0.0, 3600.0, "when a step or ramp starts")
-    rate: float = quantity(0.1, "rad/s", 0.0, 100.0, "speed at which the ramp goes to its end")
+    rate: float = quantity(
+        0.1, "rad/s", 0.0, 100.0, "speed at which the ramp goes to its end value"
+    )
     start_frequency: float = quantity(
         0.0, "Hz", 0.0, 1e3, "frequency of the sine, or of the chirp at its start"
     )
@@ -73,22 +75,14 @@ class Command:
 
     def __post_init__(self) -> None:
         check_quantities(self)
-        samples = np.array(self.samples, dtype=np.float64)
         if self.shape == "custom":
-            if samples.ndim != 1 or samples.size == 0:
-                raise ValueError(
-                    f"shape = 'custom' needs a row of samples, not an array of {samples.shape}"
-                )
-            bad = np.flatnonzero(~np.isfinite(samples))
-            if bad.size:
-                raise ValueError(f"custom command sample {bad[0]} is {samples[bad[0]]}, not finite")
-        object.__setattr__(self, "samples", samples)
+            object.__setattr__(self, "samples", finite_samples("custom command", self.samples))
 
     def travel_warning(self, parameters: ActuatorParameters) -> str:
-        """Return that the command leads beyond the end stops; empty when it does not.
+        """Return a warning when the command leads beyond the end stops, else an empty text.
 
-        An actuator can be run against its stops on purpose, so this is no error; more often an
-        angle is in another unit.
+        An actuator can be run against its stops on purpose, so this is no error; more often the
+        angle is given in another unit.
 
         Parameters
         ----------
@@ -103,7 +97,7 @@ class Command:
         name = "farthest sample" if is_custom else "amplitude"
         return (
             f"{name} = {farthest:g} rad is beyond the end stop, theta_stop = {stop:g} rad"
-            + usually(farthest, "rad", (1e-3, min(stop, 0.1)))
+            + hint_of_unit(farthest, "rad", (1e-3, min(stop, 0.1)))
         )
 
     def sample(self, sample_period: float) -> NDArray[np.float64]:
@@ -144,9 +138,9 @@ THESIS_CHIRP: Final = Command()
 
 
 class Cycle(NamedTuple):
-    """Samples of a whole cycle [rad] and where in it the command proper lies.
+    """Samples of a whole test cycle [rad] and the position of the test command in it.
 
-    ``start`` is the index of the last sample at rest before the command, ``stop`` that behind its
+    ``start`` is the index of the last sample at rest before the command, ``stop`` that after its
     last sample.
     """
 
@@ -155,18 +149,18 @@ class Cycle(NamedTuple):
     stop: int
 
 
-def _glide(start: float, stop: float, duration: float, h: float) -> NDArray[np.float64]:
-    """Go from one angle to another with zero speed at both ends."""
+def _smooth_move(start: float, stop: float, duration: float, h: float) -> NDArray[np.float64]:
+    """Return the samples of a move between two angles with zero speed at both ends."""
     n = max(1, round(duration / h))
     u = np.arange(1, n + 1) / n
     return start + (stop - start) * (1.0 - np.cos(math.pi * u)) / 2.0
 
 
 def approach_travel(parameters: ActuatorParameters) -> float:
-    """Return how far the command must go one way to leave the motor on that flank [rad].
+    """Return the one-way travel of the command after which the motor has crossed its play [rad].
 
-    It is the widest backlash, and the error that the worst friction holds at the lowest gain,
-    both at the user shaft.
+    It is the widest backlash plus the position error that the highest friction holds at the lowest
+    gain, both at the user shaft.
 
     Parameters
     ----------
@@ -183,9 +177,9 @@ def approach_travel(parameters: ActuatorParameters) -> float:
 
 
 def approach_depth(parameters: ActuatorParameters) -> float:
-    """Return from how far below a cycle approaches its start [rad].
+    """Return the distance over which a cycle approaches its start from below [rad].
 
-    It is 2 mrad, or more where the actuator's play needs more.
+    It is 2 mrad, or more where the actuator's play requires it.
 
     Parameters
     ----------
@@ -198,17 +192,17 @@ def approach_depth(parameters: ActuatorParameters) -> float:
 def build_cycle(command: Command, sample_period: float, depth: float = APPROACH_DEPTH) -> Cycle:
     """Return a test cycle: hold, approach from below, command, return, rest.
 
-    The flap's position does not show where in its play the motor stands. The slow approach from
-    below always leaves it pushing in the same direction.
+    The position of the user shaft does not show where in its play the motor is. After the slow
+    approach from below it is always in contact on the same side.
 
     Parameters
     ----------
     command
-        What is tested with.
+        The test command.
     sample_period
         Period h [s].
     depth
-        From how far below it approaches its start [rad].
+        Distance over which it approaches its start from below [rad].
 
     Raises
     ------
@@ -222,13 +216,13 @@ def build_cycle(command: Command, sample_period: float, depth: float = APPROACH_
     before = np.concatenate(
         [
             np.zeros(hold),
-            _glide(0.0, -depth, _RETREAT_S, h),
+            _smooth_move(0.0, -depth, _RETREAT_S, h),
             np.full(hold, -depth),
             approach,
             np.zeros(hold),
         ]
     )
-    after = np.concatenate([_glide(proper[-1], 0.0, _RETURN_S, h), np.zeros(hold)])
+    after = np.concatenate([_smooth_move(proper[-1], 0.0, _RETURN_S, h), np.zeros(hold)])
     return Cycle(
         np.concatenate([before, proper, after]), before.size - 1, before.size + proper.size
     )

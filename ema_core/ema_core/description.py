@@ -1,10 +1,9 @@
-"""Who an actuator is, and what its maker says of it."""
+"""Identity and nominal data of an actuator."""
 
 from dataclasses import dataclass, field
 
 from ema_core.parameters import ActuatorParameters
-from ema_core.quantity import is_finite_number
-from ema_core.telemetry import PERIODS
+from ema_core.telemetry import check_period
 
 SAMPLE_PERIOD = 1e-4
 """Default period of the telemetry [s]."""
@@ -21,7 +20,7 @@ class ActuatorDescription:
     serial_number
         Serial number of the unit fitted.
     model
-        The maker's type designation.
+        The manufacturer's type designation.
     sample_period
         Period of its telemetry [s].
     parameters
@@ -30,7 +29,8 @@ class ActuatorDescription:
     Raises
     ------
     ValueError
-        When the id or serial number is empty or the period is outside ``PERIODS``.
+        When the id or serial number is empty or the period is outside
+        ``ema_core.telemetry.PERIODS``.
     """
 
     actuator_id: str = "flap"
@@ -44,10 +44,5 @@ class ActuatorDescription:
             value = getattr(self, name)
             if not isinstance(value, str) or (not value and name != "model"):
                 raise ValueError(f"{name} = {value!r}: expected a name (text)")
-        shortest, longest = PERIODS
-        is_number = is_finite_number(self.sample_period)
-        if not is_number or not shortest <= self.sample_period <= longest:
-            raise ValueError(
-                f"sample_period = {self.sample_period!r} s is outside [{shortest:g}, {longest:g}] s"
-            )
+        check_period(self.sample_period)
         object.__setattr__(self, "sample_period", float(self.sample_period))

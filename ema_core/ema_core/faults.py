@@ -1,8 +1,8 @@
-"""The registry of faults: what each is, how far it may go, how it grows and what it does.
+"""The registry of faults: definition, range, limit, typical growth and effect of each.
 
-Bounds, health limits, parameters, approach, prior laws, uncertainty and documents derive from
-``FAULTS``. Another fault is another entry, its physics in ``degrade``, a field of the message and a
-row of docs/faults.md.
+Bounds, health limits, parameters, approach travel, prior laws, uncertainty and documents derive
+from ``FAULTS``. To add a fault, add an entry here, its physics in ``degrade``, a field of the
+message and a row of docs/faults.md.
 """
 
 from collections.abc import Callable, Mapping
@@ -27,19 +27,19 @@ class Fault:
     name, label
         Name in code, messages and parameters, and in words.
     kind
-        Name of what shares limit and law with it: of a short circuit the phase does not matter.
+        Kind of fault, which determines limit and law; the short circuits of all phases are one.
     healthy, highest
         Healthy value of the normalised k, and the largest that can be simulated [-].
     quantity, base, slope, unit
         What k means: ``quantity`` is ``base`` + ``slope`` k, in ``unit``.
     mismatch
-        Standard deviation that the mismatch of the monitor model adds to an estimate at least,
-        of the eccentricity and its phase in the plane [-].
+        Least standard deviation that the mismatch of the monitor model adds to an estimate [-]; of
+        eccentricity and its phase, in the plane of the two.
     limit
-        Distance from healthy at which life ends by default [-]; None where k is a direction,
-        which is no fault by itself and neither judged nor tracked.
+        Default distance from healthy at which life ends [-]; None for a direction, which is no
+        fault by itself and is neither assessed nor tracked.
     growth
-        How it typically grows; None where there is no limit.
+        Typical growth; None where there is no limit.
     """
 
     name: str
@@ -57,12 +57,12 @@ class Fault:
 
     @property
     def is_two_sided(self) -> bool:
-        """Whether it can leave its healthy value to either side."""
+        """Whether it can differ from its healthy value in either direction."""
         return 0.0 < self.healthy < self.highest
 
     @property
     def meaning(self) -> str:
-        """What the normalised value k means, as a formula."""
+        """Formula of the physical value of k."""
         sign = "-" if self.slope < 0.0 else "+"
         factor = "" if abs(self.slope) == 1.0 else f"{abs(self.slope):.4g} "
         formula = f"{self.base:.4g} {sign} {factor}k"
@@ -73,7 +73,7 @@ class Fault:
         return self.base + self.slope * k
 
     def physical(self, k: float) -> str:
-        """Return what a normalised value amounts to, in words."""
+        """Return the physical value of a normalised one as a text."""
         return f"{self.quantity} {self.at(k):.3f} {self.unit}".strip()
 
 
@@ -169,8 +169,8 @@ FAULTS: Final = (
 )
 """The components in the order of the fault vector.
 
-The laws' figures are such that with these limits the median life is from 100 to 119 tests, ten
-hours apart. Eccentricity with c = 2000 h and gain with a = 1.5e-4 /h would last longer than 200
+With the parameters of these laws and these limits the median life is 100 to 119 tests, ten hours
+apart. Eccentricity with c = 2000 h and gain with a = 1.5e-4 /h would last longer than 200
 tests in 14 % and 27 % of the lives.
 """
 
@@ -185,7 +185,7 @@ ECCENTRICITY_PHASE: Final = FAULT_NAMES.index("eccentricity_phase")
 GAIN: Final = FAULT_NAMES.index("gain")
 
 COMPONENTS: Final = tuple(fault.name for fault in FAULTS if fault.limit is not None)
-"""Components that are judged and tracked: a direction is no fault."""
+"""Components that are assessed and tracked: all but the direction of eccentricity."""
 
 KINDS: Final[Mapping[str, tuple[Fault, ...]]] = MappingProxyType(
     {
@@ -193,26 +193,26 @@ KINDS: Final[Mapping[str, tuple[Fault, ...]]] = MappingProxyType(
         for kind in dict.fromkeys(fault.kind for fault in FAULTS if fault.limit is not None)
     }
 )
-"""Components by kind of fault, a short circuit being of one phase."""
+"""Components by kind of fault."""
 
 LIMITS: Final[Mapping[str, float]] = MappingProxyType(
     {fault.kind: fault.limit for fault in FAULTS if fault.limit is not None}
 )
-"""Distance from healthy at which life ends by default, by kind of fault [-]."""
+"""Default distance from healthy at which life ends, by kind of fault [-]."""
 
 TYPICAL: Final[Mapping[str, TypicalGrowth]] = MappingProxyType(
     {fault.kind: fault.growth for fault in FAULTS if fault.growth is not None}
 )
-"""Growth by kind of fault, that of the gain to either side."""
+"""Typical growth by kind of fault; the gain drifts in either direction."""
 
 
 def kind_of(component: str) -> str:
-    """Return the kind of fault that a component of the fault vector is."""
+    """Return the kind of fault of a component of the fault vector."""
     return FAULTS[FAULT_NAMES.index(component)].kind
 
 
 def settings_by_kind(name: str, annotation: type, make: Callable[[str], Any]) -> Any:
-    """Return a frozen dataclass with a field for each kind of fault, for settings to build on.
+    """Return a frozen dataclass with a field for each kind of fault, as a base class of settings.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]
     Parameters
     ----------
     values
-        Either names and values, where what is not named is healthy, or all eight values of one
+        Names and values, the components not named being healthy; or all eight values of one
         vector, ``(8,)``, or of many, ``(..., 8)``.
 
     Returns
@@ -249,8 +249,8 @@ def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]
     Raises
     ------
     ValueError
-        When a name is unknown, a value is not finite or outside its range, or eight values were
-        expected and not given.
+        When a name is unknown, a value is not finite or outside its range, or the last dimension
+        is not 8.
     """
     if isinstance(values, Mapping):
         k = healthy_faults()
@@ -276,7 +276,7 @@ def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]
 
 
 def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
-    """Return the constants of a plant with faults; a healthy vector leaves them as they are.
+    """Return the constants of a plant with faults; a healthy vector leaves them unchanged.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
     Raises
     ------
     ValueError
-        When a vector is not a fault vector.
+        When a value is not that of a fault vector.
 
     Notes
     -----
@@ -307,7 +307,7 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
             N_b=plant.motor.N_b * turns_b,
             N_c=plant.motor.N_c * turns_c,
             zeta=plant.motor.zeta + zeta,
-            # So rounded that the healthy direction leaves phi exactly as it is.
+            # In this form the healthy direction leaves phi exactly unchanged.
             phi=plant.motor.phi + (2.0 * phase - 1.0) * np.pi,
         ),
         plant.mechanics._replace(

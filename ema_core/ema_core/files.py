@@ -1,4 +1,4 @@
-"""Files that are complete or not there."""
+"""Files that are written completely or not at all."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,12 +7,12 @@ from pathlib import Path
 
 @contextmanager
 def complete_file(path: Path) -> Iterator[Path]:
-    """Give the name to write under; the file gets its own name when the block ends.
+    """Yield a temporary name to write to; the file is renamed when the block ends.
 
     Parameters
     ----------
     path
-        File to write; an existing one is replaced only once the new one is complete.
+        File to write; an existing one is replaced once the new one is complete.
 
     Raises
     ------

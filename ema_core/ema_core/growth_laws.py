@@ -1,14 +1,14 @@
 """The laws by which faults grow with service life, solved exactly, for arrays of any shape.
 
 u is service hours, x >= 0 the distance of a component from its healthy value. ``rate`` is a [1/h],
-of the power law its time scale c [h]; ``shape`` is the second figure b, x_0 or p [-].
+of the power law its time scale c [h]; ``shape`` is the second parameter b, x_0 or p [-].
 
 ============  ==================  ============================================================
-law           equation            stands for
+law           equation            describes
 ============  ==================  ============================================================
 constant      dx/du = 0           no growth
 linear        dx/du = a           wear at a steady load
-exponential   dx/du = a (x + x0)  damage that feeds on itself, as dry friction in a worn screw
+exponential   dx/du = a (x + x0)  self-reinforcing damage, as dry friction in a worn screw
 archard       dx/du = a (1 + bx)  Archard's wear law with impacts that grow with the play
 self_heating  dx/du = a e^(bx)    insulation ageing (Arrhenius) sped up by the heat of the short
 power         x = (u / c)^p       bearing wear
@@ -33,7 +33,7 @@ LAWS: Final = (
 )
 
 _LARGEST: Final = 700.0
-"""Exponent up to which an exponential is within the range of numbers [-]."""
+"""Largest exponent whose exponential is a finite float [-]."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class TypicalGrowth:
     rate
         Median of the rate a [1/h], of ``power`` of the time scale c [h].
     shape
-        Second figure of the law [-].
+        Second parameter of the law [-].
     rate_sigma
         Standard deviation of the rate's logarithm [-].
     diffusion
@@ -67,7 +67,7 @@ class TypicalGrowth:
 def increment(
     law: str, x: ArrayLike, rate: ArrayLike, shape: ArrayLike, hours: ArrayLike
 ) -> NDArray[np.float64]:
-    """Return by how much a fault grows without process noise.
+    """Return the growth of a fault without process noise.
 
     Parameters
     ----------
@@ -78,14 +78,14 @@ def increment(
     rate
         Rate a [1/h], of ``power`` its time scale c [h].
     shape
-        Second figure of the law [-]; ignored where there is none.
+        Second parameter of the law [-]; ignored where there is none.
     hours
         Hours in service, at least 0 [h].
 
     Returns
     -------
     numpy.ndarray
-        Increment of x [-], in the common shape; infinite where it grows beyond all bounds.
+        Increment of x [-], in the common shape; infinite where the solution is unbounded.
 
     Raises
     ------
@@ -129,7 +129,8 @@ def hours_until(
     Returns
     -------
     numpy.ndarray
-        Hours [h], in the common shape; 0 where the limit is passed, infinite where it never is.
+        Hours [h], in the common shape; 0 where the limit is already passed, infinite where it is
+        never reached.
 
     Raises
     ------

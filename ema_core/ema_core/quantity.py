@@ -5,8 +5,9 @@ from dataclasses import field, fields
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-SLIPS: Final = {
+_MISTAKEN_UNITS: Final = {
     "rad": (("degrees", math.radians(1.0)), ("mrad", 1e-3)),
     "rad/s": (("rpm", 2.0 * math.pi / 60.0),),
     "H": (("mH", 1e-3), ("uH", 1e-6)),
@@ -16,7 +17,7 @@ SLIPS: Final = {
     "V.s/rad": (("mV.s/rad", 1e-3),),
     "kg.m^2": (("kg.cm^2", 1e-4), ("g.cm^2", 1e-7)),
 }
-"""Units in which values are given by mistake, by the expected unit, with their size in that."""
+"""By unit, those in which its values are given by mistake, each with its size in that unit."""
 
 
 def quantity(
@@ -40,8 +41,8 @@ def quantity(
     description
         What it is.
     usual
-        Where it usually lies: a value outside the range is compared with it, and what was
-        probably meant is named.
+        Its usual range, by which the message for a value outside the range suggests the unit that
+        was probably meant.
     """
     metadata = {
         "unit": unit,
@@ -62,7 +63,7 @@ def text(default: str, description: str, choices: tuple[str, ...] = ()) -> Any:
     description
         What it is.
     choices
-        What it may be; anything when empty.
+        Its permitted values; any text when empty.
     """
     return field(default=default, metadata={"choices": choices, "description": description})
 
@@ -75,7 +76,7 @@ def flag(default: bool, description: str) -> Any:
     default
         Its default.
     description
-        What it being true means.
+        What true means.
     """
     return field(default=default, metadata={"flag": True, "description": description})
 
@@ -86,8 +87,8 @@ def check_quantities(instance: Any) -> None:
     Parameters
     ----------
     instance
-        Dataclass whose fields were made by ``quantity``, ``text`` and ``flag``; other fields are
-        left alone.
+        Dataclass with fields made by ``quantity``, ``text`` and ``flag``; other fields are not
+        checked.
 
     Raises
     ------
@@ -108,17 +109,22 @@ def check_quantities(instance: Any) -> None:
             raise ValueError(f"{item.name} = {value!r}: expected true or false")
 
 
-def usually(value: float, unit: str, usual: tuple[float, float] | None) -> str:
-    """Return where a value usually lies and what was probably meant, to end a message with.
+def hint_of_unit(value: float, unit: str, usual: tuple[float, float] | None) -> str:
+    """Return the usual range of a refused value, and the unit that was probably meant.
 
     Parameters
     ----------
     value
-        The value that is refused.
+        The refused value.
     unit
-        Its unit; of a ratio, "-", the inverse is tried.
+        Its expected unit; of a ratio, "-", the inverse is tried.
     usual
-        Where it usually lies; the text is empty when None.
+        Its usual range; without one the text is empty.
+
+    Returns
+    -------
+    str
+        The end of an error message, from its semicolon on.
     """
     if usual is None:
         return ""
@@ -128,7 +134,9 @@ def usually(value: float, unit: str, usual: tuple[float, float] | None) -> str:
     if unit == "-":
         meant = [(f"1/{value:g}", 1.0 / value)] if value else []
     else:
-        meant = [(f"{value:g} {name}", value * factor) for name, factor in SLIPS.get(unit, ())]
+        meant = [
+            (f"{value:g} {name}", value * factor) for name, factor in _MISTAKEN_UNITS.get(unit, ())
+        ]
     for words, number in meant:
         if lowest <= abs(number) <= highest:
             return f"{text}: {number:.4g}{scale} = {words} was probably meant"
@@ -143,6 +151,23 @@ def is_finite_number(value: Any) -> bool:
         return False
 
 
+def finite_samples(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Return a copy of a row of samples, ``(n,)``.
+
+    Raises
+    ------
+    ValueError
+        When it is empty, not a row or not finite; the message begins with ``name``.
+    """
+    samples = np.array(values, dtype=np.float64)
+    if samples.ndim != 1 or not samples.size:
+        raise ValueError(f"{name} must be a row of samples, not an array of {samples.shape}")
+    bad = np.flatnonzero(~np.isfinite(samples))
+    if bad.size:
+        raise ValueError(f"{name} sample {bad[0]} is {samples[bad[0]]}, not a finite number")
+    return samples
+
+
 def _check_number(name: str, value: Any, whole: bool, metadata: Any) -> None:
     unit, description = metadata["unit"], metadata["description"]
     lowest, highest = metadata["range"]
@@ -154,7 +179,7 @@ def _check_number(name: str, value: Any, whole: bool, metadata: Any) -> None:
     if not lowest <= value <= highest:
         raise ValueError(
             f"{name} = {value:g} {unit} is outside [{lowest:g}, {highest:g}] {unit} ({description})"
-            + usually(value, unit, metadata["usual"])
+            + hint_of_unit(value, unit, metadata["usual"])
         )
     if whole and value != int(value):
         raise ValueError(f"{name} = {value:g} is not a whole number ({description})")

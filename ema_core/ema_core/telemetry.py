@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.quantity import is_finite_number
+
 COLUMNS = ("command", "current", "position", "speed")
 """Columns of telemetry, in the order of the messages."""
 
 PERIODS = (1e-9, 1.0)
-"""Shortest and longest sample period that counts as telemetry [s]."""
+"""Shortest and longest permitted sample period [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,7 @@ class Telemetry:
     first_index
         Running index of the first sample.
     command, position
-        Angle of the user shaft, ``(n,)`` [rad]; position is taken after the backlash.
+        Angle of the user shaft, ``(n,)`` [rad]; position is measured after the backlash.
     current
         Equivalent current, ``(n,)`` [A].
     speed
@@ -52,11 +54,7 @@ class Telemetry:
     speed: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        shortest, longest = PERIODS
-        if not shortest <= self.sample_period <= longest:
-            raise ValueError(
-                f"sample_period = {self.sample_period!r} s is outside [{shortest:g}, {longest:g}] s"
-            )
+        check_period(self.sample_period)
         lengths = {name: len(getattr(self, name)) for name in COLUMNS}
         if len(set(lengths.values())) != 1 or not len(self.command):
             listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
@@ -81,7 +79,7 @@ class Telemetry:
         Raises
         ------
         ValueError
-            When there is no such part, or nothing in it.
+            When the range is empty or not within the telemetry.
         """
         if not 0 <= start < stop <= len(self):
             raise ValueError(f"samples {start} to {stop} are no part of {len(self)} samples")
@@ -93,12 +91,21 @@ class Telemetry:
         )
 
 
+def check_period(sample_period: float) -> None:
+    """Raise ``ValueError`` for a sample period that is no number or outside ``PERIODS`` [s]."""
+    shortest, longest = PERIODS
+    if not is_finite_number(sample_period) or not shortest <= sample_period <= longest:
+        raise ValueError(
+            f"sample_period = {sample_period!r} s is outside [{shortest:g}, {longest:g}] s"
+        )
+
+
 def elapsed_ns(sample_period: float, first_index: int, samples: Any) -> Any:
     """Return the time from the end of one sample to that of others [ns].
 
     The end of the sample of running index i is i periods after a common origin, rounded to the
-    nearest nanosecond, in whole numbers throughout: any part of a row of samples gives one of them
-    the same stamp.
+    nearest nanosecond, in integers throughout: a sample has the same stamp in every part of the
+    telemetry.
 
     Parameters
     ----------
@@ -107,7 +114,7 @@ def elapsed_ns(sample_period: float, first_index: int, samples: Any) -> Any:
     first_index
         Running index of the sample from which the time counts.
     samples
-        How many samples later the others end, a whole number or an array of them.
+        Number of samples from there to each of the others, an integer or an array of integers.
     """
     whole, over, per = _period_ns(sample_period)
     before = (first_index * over + per // 2) % per
@@ -118,8 +125,8 @@ def elapsed_ns(sample_period: float, first_index: int, samples: Any) -> Any:
 def _period_ns(sample_period: float) -> tuple[int, int, int]:
     """Return a period as whole nanoseconds and a fraction: ``whole + over / per`` [ns].
 
-    Of a rate in whole hertz up to 1 MHz it is the exact one, which the period in seconds as a
-    float is not: at 48 kHz that would be a nanosecond off within days.
+    It is exact for a rate of whole hertz up to 1 MHz, where the float period is not: at 48 kHz
+    that would be off by a nanosecond within days.
     """
     period = (Fraction(sample_period) * 1_000_000_000).limit_denominator(1_000_000)
     whole, over = divmod(period.numerator, period.denominator)

@@ -1,4 +1,4 @@
-"""What messages to users have in common."""
+"""Wording shared by messages to users."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -18,16 +18,16 @@ def counted(number: int, noun: str) -> str:
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
-    """Return that a name is unknown, what was probably meant, and what there is.
+    """Return the message for an unknown name, with the closest and all known names.
 
     Parameters
     ----------
     kind
-        What it names, such as "fault".
+        Kind of the named thing, such as "fault".
     name
-        As it was given.
+        The name as given.
     known
-        What it may be.
+        The known names.
     """
     by_lower_case = {item.lower(): item for item in known}
     close = get_close_matches(as_identifier(name), by_lower_case, n=1)
@@ -36,11 +36,11 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def as_identifier(label: str) -> str:
-    """Return a label as it stands in files and commands: "short circuit A" is short_circuit_a.
+    """Return the form of a label in files and commands: "short circuit A" is short_circuit_a.
 
     Parameters
     ----------
     label
-        Words, with blanks or hyphens between.
+        Words separated by blanks or hyphens.
     """
     return "_".join(label.lower().replace("-", " ").split())

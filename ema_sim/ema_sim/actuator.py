@@ -10,14 +10,15 @@ from ema_core.description import SAMPLE_PERIOD
 from ema_core.dynamics import lag_factor
 from ema_core.faults import degrade, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
+from ema_core.quantity import finite_samples
 from ema_core.telemetry import Telemetry, elapsed_ns
 from ema_sim.reference import DT, State, advance
 
 
 class SimulatedActuator:
-    """A high-fidelity actuator: commands in, telemetry out.
+    """High-fidelity actuator model that converts commands to telemetry.
 
-    The samples do not depend on how a command is cut into blocks.
+    The samples do not depend on the block length.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ class SimulatedActuator:
 
     @property
     def faults(self) -> NDArray[np.float64]:
-        """Fault vector, ``(8,)``; an assignment is effective from the next sample on.
+        """Fault vector, ``(8,)``; an assignment takes effect with the next sample.
 
         Raises
         ------
@@ -123,8 +124,8 @@ class SimulatedActuator:
         ValueError
             When a command or load is empty, not finite or of another shape.
         """
-        commands = _finite_row("command", command)
-        loads = _finite_row("load", np.broadcast_to(np.asarray(load, float), commands.shape))
+        commands = finite_samples("command", command)
+        loads = finite_samples("load", np.broadcast_to(np.asarray(load, float), commands.shape))
         n = len(commands)
         disturbances, hold = np.zeros(1), n * self._steps
         if self._noise_sigma > 0.0 and self._rng is not None:
@@ -180,13 +181,3 @@ def _whole_steps(name: str, period: float) -> int:
     if steps < 1 or abs(steps * DT - period) > 1e-6 * DT:
         raise ValueError(f"{name} = {period!r} s is not a whole multiple of {DT:g} s below 1 s")
     return steps
-
-
-def _finite_row(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    row = np.array(values, dtype=np.float64)
-    if row.ndim != 1 or not row.size:
-        raise ValueError(f"{name} must be a row of samples, not an array of shape {row.shape}")
-    bad = np.flatnonzero(~np.isfinite(row))
-    if bad.size:
-        raise ValueError(f"{name} sample {bad[0]} is {row[bad[0]]}, not a finite number")
-    return row

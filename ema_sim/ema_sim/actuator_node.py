@@ -32,8 +32,7 @@ from ema_ros.telemetry import telemetry_to_message
 from ema_ros.usage import usage_at_cycle
 from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
 from ema_sim.growth import Growth
-from ema_sim.pacing import Pace
-from ema_sim.runner import BenchRunner
+from ema_sim.runner import BenchRunner, Pace
 from ema_sim.settings import FaultSettings, ResolutionSettings, RunSettings
 
 _CLOCK: Final = "/clock"
@@ -143,9 +142,9 @@ class ActuatorNode(ManagedNode):
             "lag [s]": pace.lag_s,
             "busy share": pace.busy_share,
         }
-        if pace.behind and runner.doing == "running":
+        if pace.behind and runner.activity == "running":
             return [Task("simulation", WARN, self._lag_message(pace), self.hardware_id, values)]
-        return [Task("simulation", OK, runner.doing, self.hardware_id, values)]
+        return [Task("simulation", OK, runner.activity, self.hardware_id, values)]
 
     def _publish(self, topic: str, message: Any) -> None:
         self._publishers_by_topic[topic].publish(message)

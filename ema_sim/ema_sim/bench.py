@@ -29,7 +29,7 @@ class BenchSettings:
     """
 
     block_s: float = quantity(0.01, "s", 1e-6, 1.0, "length of a block of telemetry")
-    pause_s: float = quantity(0.0, "s", 0.0, 3600.0, "rest between two test cycles")
+    pause_s: float = quantity(0.0, "s", 0.0, 3600.0, "pause between two test cycles")
     hours_per_cycle: float = quantity(
         10.0, "h", 0.0, 1e6, "service hours that one test cycle stands for"
     )
@@ -55,7 +55,7 @@ class RunningCycle:
     number
         Running number, from 0.
     start_ns
-        When it starts [ns].
+        Time of its start [ns].
     hours
         Service hours of the actuator at its start [h].
     faults
@@ -63,8 +63,7 @@ class RunningCycle:
     samples
         How many samples it has, the pause included.
     blocks
-        Its measured blocks, each with the torque of the motor at its end [N.m]; they are
-        computed one by one.
+        Its measured blocks, each with the motor torque at its end [N.m], computed on demand.
     """
 
     number: int
@@ -78,8 +77,8 @@ class RunningCycle:
 class ActuatorBench:
     """Runs a simulated actuator through test cycles.
 
-    Command and faults are effective from the next cycle on; they may be set from another thread
-    than the one that runs the cycles. The samples do not depend on the length of the blocks.
+    Command and faults take effect with the next cycle and may be set from any thread. The samples
+    do not depend on the length of the blocks.
 
     Parameters
     ----------
@@ -90,7 +89,7 @@ class ActuatorBench:
     parameters
         True parameters of the plant; those of the description when None.
     resolutions
-        Resolution of the sensors by column: rad, A, rad/s. Others are perfect.
+        Resolution of the sensors by telemetry column [rad, A, rad/s]; other columns are exact.
 
     Raises
     ------
@@ -109,13 +108,15 @@ class ActuatorBench:
     ) -> None:
         self.settings = settings or BenchSettings()
         self.description = description
-        of_sensors, of_current, self._of_growth = np.random.default_rng(self.settings.seed).spawn(3)
-        self._sensors = Sensors(self.settings.current_noise, resolutions or {}, of_sensors)
+        sensor_rng, current_rng, self._growth_rng = np.random.default_rng(self.settings.seed).spawn(
+            3
+        )
+        self._sensors = Sensors(self.settings.current_noise, resolutions or {}, sensor_rng)
         self._actuator = SimulatedActuator(
             parameters or description.parameters,
             sample_period=description.sample_period,
             noise_gain=self.settings.noise_gain,
-            rng=of_current,
+            rng=current_rng,
         )
         self._block_samples = max(1, round(self.settings.block_s / description.sample_period))
         self._next_cycle = 0
@@ -165,38 +166,38 @@ class ActuatorBench:
         Raises
         ------
         ValueError
-            When they are impossible, or lead to a motor that cannot be simulated. Then nothing
-            changes.
+            When they are impossible or lead to a motor that cannot be simulated; the faults and
+            growth set before stay in force.
         """
         k = fault_vector(faults)
         growths = check_growths(growths or {})
         hours = self.settings.hours_per_cycle if hours_per_cycle is None else hours_per_cycle
         if not is_finite_number(hours) or hours < 0.0:
             raise ValueError(f"hours_per_cycle = {hours:g} h: expected a number of at least 0")
-        self._refuse_unless_simulable(k, growths)
+        self._check_simulable(k, growths)
         with self._lock:
             self._faults, self._growths, self._hours_per_cycle = k, growths, float(hours)
             self._hours = 0.0
 
     def compile_kernels(self) -> None:
-        """Compile the kernels of the simulation, or load them, ahead of the first cycle."""
+        """Compile the kernels of the simulation, or load them from the cache."""
         h = self.description.sample_period
         SimulatedActuator(self._actuator.parameters, sample_period=h).advance([0.0])
 
     def begin_cycle(self, start_ns: int | None = None) -> RunningCycle:
         """Begin the next test cycle.
 
-        Blocks of the previous cycle that were not requested are never computed.
+        Remaining blocks of the previous cycle are not computed.
 
         Parameters
         ----------
         start_ns
-            When it starts [ns]; at the end of the last sample when None.
+            Time of its start [ns]; the end of the last sample when None.
         """
         with self._lock:
             faults, samples = self._faults, self._samples
             self._faults = grow(
-                faults, self._growths, self._hours, self._hours_per_cycle, self._of_growth
+                faults, self._growths, self._hours, self._hours_per_cycle, self._growth_rng
             )
             self._hours += self._hours_per_cycle
             hours = self._service_hours
@@ -220,9 +221,8 @@ class ActuatorBench:
             self._end_ns = block.stamp_at(len(block) - 1)
             yield self._sensors.measure(block), self._actuator.state.torque
 
-    def _refuse_unless_simulable(
-        self, faults: NDArray[np.float64], growths: Mapping[str, Growth]
-    ) -> None:
+    def _check_simulable(self, faults: NDArray[np.float64], growths: Mapping[str, Growth]) -> None:
+        """Raise ``ValueError`` if the faults, now or when grown, are beyond the simulation."""
         trial = SimulatedActuator(
             self._actuator.parameters, sample_period=self.description.sample_period
         )

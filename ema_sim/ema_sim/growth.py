@@ -51,11 +51,11 @@ class Growth:
 
     law: str = text("constant", "law by which the fault grows", LAWS)
     rate: float = quantity(0.0, "1/h", -1e6, 1e6, "rate a; of law power its time scale c, in h")
-    shape: float = quantity(0.0, "-", 0.0, 100.0, "second figure of the law: x_0, b or p")
+    shape: float = quantity(0.0, "-", 0.0, 100.0, "second parameter of the law: x_0, b or p")
     noise: float = quantity(
         0.0, "-", 0.0, 3.0, "sigma of the lognormal factor; of law drift its s, in 1/sqrt(h)"
     )
-    onset: float = quantity(0.0, "h", 0.0, 1e9, "service hour at which it begins to grow")
+    onset: float = quantity(0.0, "h", 0.0, 1e9, "service hour at which growth begins")
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -79,15 +79,15 @@ def check_growths(growths: Mapping[str, Growth]) -> dict[str, Growth]:
     Raises
     ------
     ValueError
-        When a component is unknown, or would fall below a healthy value of 0.
+        When a component is unknown, or a negative rate would lead below a healthy value of 0.
     """
     for name, growth in growths.items():
         if name not in FAULT_NAMES:
             raise ValueError(f"growth of unknown fault {name!r}; known: {', '.join(FAULT_NAMES)}")
         if growth.rate < 0.0 and FAULTS[FAULT_NAMES.index(name)].healthy == 0.0:
             raise ValueError(
-                f"growth of {name}: rate = {growth.rate:g}: expected at least 0, for its healthy "
-                "value is the lowest"
+                f"growth of {name}: rate = {growth.rate:g}: expected at least 0, as its healthy "
+                "value is its lowest"
             )
     return dict(growths)
 

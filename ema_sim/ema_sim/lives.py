@@ -1,8 +1,8 @@
-"""Simulated lives: faults grow from a new actuator until one of them reaches its limit.
+"""Simulated lives: faults grow in a new actuator until one of them reaches its limit.
 
-One fault dominates; it follows its law at a rate of this actuator, drawn around that of the type.
-The others follow their laws five times as slowly. Tests have a fixed interval; some are missing,
-and some windows are spoiled by noise of the current sensor or by a gap.
+One fault dominates: it follows its law at a rate drawn for this actuator around that of the type.
+The others grow at a fifth of their rates. Tests have a fixed interval; some are missing, and some
+windows are spoiled by noise of the current sensor or by a gap.
 """
 
 import math
@@ -51,7 +51,9 @@ class LifeSettings:
 
     interval_hours: float = quantity(10.0, "h", 0.01, 1e4, "service hours from test to test")
     process_noise: float = quantity(0.3, "-", 0.0, 3.0, "sigma of an increment's lognormal factor")
-    others_share: float = quantity(0.2, "-", 0.0, 1.0, "rate of the others, of their own")
+    others_share: float = quantity(
+        0.2, "-", 0.0, 1.0, "share of their rates at which other faults grow"
+    )
     missing_share: float = quantity(0.1, "-", 0.0, 0.9, "share of tests that are missing")
     spoiled_share: float = quantity(0.03, "-", 0.0, 1.0, "share of windows that are spoiled")
     least_tests: int = quantity(60, "-", 1, 10_000, "shortest life, in tests")
@@ -72,7 +74,7 @@ class SimulatedLife:
     Attributes
     ----------
     dominant
-        Component that ends it; empty in a life without growth.
+        Component that reaches its limit first; empty in a life without growth.
     growths
         Growth by component.
     hours
@@ -110,7 +112,7 @@ def run_to_failure(
     Parameters
     ----------
     limits
-        Largest distance from healthy of each component but the direction of eccentricity [-].
+        Distance from healthy at which life ends, by component [-].
     rng
         Random numbers of all draws.
     kind
@@ -118,8 +120,8 @@ def run_to_failure(
     settings
         Settings of the draw.
     with_repair
-        Whether the dominant fault is reset to healthy once, after a fifth to a half of the tests
-        of the longest life.
+        Whether the dominant fault is reset to healthy once, after 20 to 50 % of the largest number
+        of tests.
     typical
         Growth in actuators of the type, by kind of fault.
 
@@ -158,8 +160,8 @@ def constant_life(
 
     Notes
     -----
-    Each component is as likely healthy as at a constant value of up to 60 % of its limit, at most
-    one phase having a short circuit.
+    Each component is healthy with probability one half, else constant at up to 60 % of its limit;
+    at most one phase has a short circuit.
     """
     settings = settings or LifeSettings()
     _check(limits)
@@ -263,7 +265,7 @@ def _draw_life(
         if with_repair and number + 1 == repair:
             faults[-1][column] = FAULTS[column].healthy
         after = grow(faults[-1], growths, number * step, step, rng)
-        first, share = _first_passing(faults[-1], after, reach)
+        first, share = _first_passage(faults[-1], after, reach)
         if not math.isfinite(share):
             faults.append(after)
             continue
@@ -282,10 +284,10 @@ def _draw_life(
     return None
 
 
-def _first_passing(
+def _first_passage(
     before: NDArray[np.float64], after: NDArray[np.float64], reach: NDArray[np.float64]
 ) -> tuple[int, float]:
-    """Return which component passes its limit first and after which share of the step, or inf."""
+    """Return the component that passes its limit first and the share of the step until then."""
     was, distance = np.abs(before - healthy_faults()), np.abs(after - healthy_faults())
     share = np.full(reach.shape, np.inf)
     passing = distance >= reach

@@ -13,8 +13,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_sim import runner
 from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
-from ema_sim.pacing import TOLERANCE_S, Pacer
-from ema_sim.runner import BenchRunner
+from ema_sim.runner import TOLERANCE_S, BenchRunner, Pacer
 
 
 class Clock(threading.Event):
@@ -215,7 +214,7 @@ def test_stopped_runner_starts_again_with_a_new_cycle_and_running_indices(make_r
     run = make_run()
     run.until(5)
     kept = len(run.blocks)
-    assert run.runner.doing == "idle"
+    assert run.runner.activity == "idle"
     run.until(kept + 5)
     assert [cycle.number for cycle in run.cycles] == [0, 1]
     # The block that was being waited for when it stopped is not told: a gap, as it was one.
