@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, N_FAULTS, fault_vector
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.coordinates import Coordinates
+from ema_monitor.identification.objective import Coordinates
 from ema_monitor.windows.window import Window
 
 _STEP: Final = 5e-3

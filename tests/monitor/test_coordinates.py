@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, HIGHEST, fault_vector
-from ema_monitor.identification.coordinates import Coordinates
+from ema_monitor.identification.objective import Coordinates
 
 
 def modes(play=(0.25, None)):

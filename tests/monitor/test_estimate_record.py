@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from ema_core.faults import FAULT_NAMES
-from ema_monitor.identification.estimate import Estimate, refusal
-from ema_monitor.identification.estimate_record import estimate_of, estimate_record
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record
+
+from .windows import refused
 
 RNG = np.random.default_rng(3)
 ROOT = RNG.standard_normal((8, 8))
@@ -39,7 +39,7 @@ ESTIMATE = Estimate(
 
 @pytest.mark.parametrize(
     "estimate",
-    [ESTIMATE, replace(ESTIMATE, play=np.float64(0.3)), refusal(0, 1, SearchSettings(), "", "x")],
+    [ESTIMATE, replace(ESTIMATE, play=np.float64(0.3)), refused("x")],
 )
 def test_every_field_comes_back_to_the_last_bit(estimate: Estimate):
     text = json.dumps(estimate_record(estimate), allow_nan=False)

@@ -15,8 +15,10 @@ from ema_monitor.health import (
     assess,
     with_requirements,
 )
-from ema_monitor.identification.estimate import Estimate, refusal
-from ema_monitor.identification.settings import GOODNESS_LIMIT, SearchSettings
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.settings import GOODNESS_LIMIT
+
+from .windows import refused
 
 LIMITS = HealthLimits()
 SIGMA = 0.01
@@ -35,7 +37,7 @@ def estimate(
     covariance = sigma**2 * np.eye(8)
     covariance[unobservable] = covariance[:, unobservable] = np.nan
     made: dict[str, Any] = {
-        **vars(refusal(0, 1, SearchSettings(), "c", reason)),
+        **vars(refused(reason)),
         "faults": fault_vector(faults or {}),
         "covariance": covariance,
         "unobservable": unobservable,
@@ -162,7 +164,7 @@ def test_confidence_falls_as_the_fit_comes_near_its_limit(
 
 def test_no_health_without_a_valid_estimate():
     with pytest.raises(ValueError, match="gap of 3 samples"):
-        assess(refusal(0, 1, SearchSettings(), "", "gap of 3 samples"), LIMITS)
+        assess(refused("gap of 3 samples"), LIMITS)
 
 
 @pytest.mark.parametrize("name", ["friction", "gain", "warn_share"])

@@ -8,8 +8,7 @@ import pytest
 from ema_core.faults import healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.last_faults import LastFaults
-from ema_monitor.identification.search import Identification, identify
+from ema_monitor.identification.search import Identification, LastFaults, identify
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import Termination

@@ -10,7 +10,7 @@ import pytest
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.last_faults import LastFaults
+from ema_monitor.identification.search import LastFaults
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node import worker as identification_worker
 from ema_monitor.node.worker import IdentificationWorker

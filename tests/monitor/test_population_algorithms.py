@@ -86,7 +86,7 @@ def test_smallest_population_works_and_a_smaller_one_is_refused(name, fewest):
 def test_identification_tells_what_is_known(
     windows_of, calibration, description, monkeypatch, name
 ):
-    """A good cost, and the budget less what the conclusion takes of it."""
+    """A good cost, and the budget less what the estimate needs of it."""
     told = []
     cls: Any = ALGORITHMS[name]
 

@@ -5,11 +5,13 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE
-from ema_monitor.identification.significance import GROUPS, refitted, significant_components
 from ema_monitor.identification.uncertainty import (
+    GROUPS,
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
     SIGNIFICANT_SIGMAS,
+    refitted,
+    significant_components,
     uncertainty_of_faults,
 )
 

@@ -6,6 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ema_core.telemetry import Telemetry
+from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 
@@ -40,3 +43,8 @@ def answered(window: Window, current: ArrayLike, speed: ArrayLike) -> Window:
         current=np.append(start.current[0], current),
         speed=np.append(start.speed[0], speed),
     )
+
+
+def refused(reason: str) -> Estimate:
+    """Estimate of a window in which no faults can be identified."""
+    return refusal(Refusal(0, 1, reason), "", SearchSettings(), reason)

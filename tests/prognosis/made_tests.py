@@ -5,6 +5,7 @@ import numpy as np
 from ema_core.faults import FAULT_NAMES, N_FAULTS, fault_vector
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.windows.trigger import Refusal
 
 FIRST_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 10_000_000_000
@@ -18,7 +19,9 @@ def made_test(
     """The estimate of test ``number``; with a seed it errs by a standard deviation of 0.004."""
     end_ns = FIRST_NS + number * PERIOD_NS
     if not valid:
-        return refusal(end_ns - 500_000_000, end_ns, SearchSettings(), "", "a gap of 3 samples")
+        reason = "a gap of 3 samples"
+        window = Refusal(end_ns - 500_000_000, end_ns, reason)
+        return refusal(window, "", SearchSettings(), reason)
     k = fault_vector(faults)
     if seed is not None:
         errors = SIGMA * np.random.default_rng([seed, number]).standard_normal(N_FAULTS)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from ema_core.faults import FAULT_NAMES, healthy_faults
-from ema_monitor.identification.estimate import Estimate, refusal
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.measurement import Measurement
+
+from ..monitor.windows import refused
 
 PHASE = FAULT_NAMES.index("eccentricity_phase")
 NONE = np.zeros(8, dtype=bool)
@@ -45,7 +46,7 @@ def test_measurement_of_an_estimate_has_its_figures():
 
 def test_invalid_estimate_measures_nothing():
     with pytest.raises(ValueError, match="measures nothing: no motion"):
-        Measurement.of(refusal(0, 1, SearchSettings(), "c", "no motion"), 10.0)
+        Measurement.of(refused("no motion"), 10.0)
 
 
 def test_component_at_its_healthy_value_is_known_only_to_be_near_it():

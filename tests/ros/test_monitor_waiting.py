@@ -31,9 +31,9 @@ class HeldIdentification(Identification):
             return
         while not self.may.wait(0.01):
             yield None
-        found = refusal(self._window.start_ns, self._window.end_ns, self._settings, "", "")
+        refused = refusal(self._window, self._calibration, self._settings, "")
         self.estimate = replace(
-            found,
+            refused,
             valid=True,
             faults=healthy_faults(),
             covariance=1e-6 * np.eye(8),

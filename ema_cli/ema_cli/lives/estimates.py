@@ -6,10 +6,8 @@ from typing import Final
 from ema_cli.lives.tests_of_life import LifeTest
 from ema_cli.lives.unit import calibration_of_life
 from ema_core.description import ActuatorDescription
-from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.estimate_record import by_fault, estimate_record
-from ema_monitor.identification.last_faults import LastFaults
-from ema_monitor.identification.search import identify
+from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
+from ema_monitor.identification.search import LastFaults, identify
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 

@@ -1,39 +1,46 @@
-"""The estimate of the faults in a window, or the refusal of one."""
+"""The estimate of the faults in a window, or the refusal of one; as plain values for JSON, too."""
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import MISSING, dataclass, field, fields
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import N_FAULTS
+from ema_core.faults import FAULT_NAMES, N_FAULTS
+from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.window import Window
+
+_FLAGS: Final = ("unobservable", "insignificant")
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What was found in a window.
+    """The faults identified in a window.
 
     Attributes
     ----------
     start_ns, end_ns
         Stamps of the window's first and last sample [ns].
     algorithm, seed
-        What it was found with.
+        Optimizer, and seed of its random numbers.
     calibration_id
         Identity of the calibration used.
     faults
-        Fault vector, ``(8,)``; NaN when none was found.
+        Fault vector, ``(8,)``; NaN when there is no estimate.
     covariance
         Its covariance, ``(8, 8)``; NaN in rows and columns of unobservable components.
     unobservable
-        Components that the window says nothing useful about, ``(8,)``.
+        Components that the window does not determine, ``(8,)``.
     play
-        Where in its play the motor stood at the start [half-widths].
+        Position of the motor in its play at the start [half-widths].
     fitness
         Cost at the estimate [A^2.s].
     goodness_of_fit
         Rms of the band-limited residual over that of a healthy actuator, the larger of current and
-        speed [-]; NaN when the calibration does not tell the latter.
+        speed [-]; NaN when the calibration does not know the latter.
     goodness_limit
         Goodness of fit up to which the faults explain the window [-].
     excitation
@@ -45,9 +52,9 @@ class Estimate:
     valid
         Whether the estimate may be used.
     reason
-        Why not, or what to keep in mind.
+        Why not, or reservations about it.
     insignificant
-        Components put back to healthy because the window does not show that they differ, ``(8,)``.
+        Components set to healthy because the window does not show that they differ, ``(8,)``.
     warm_start
         Whether the search began at the faults of an earlier window.
     calibration_windows
@@ -82,38 +89,28 @@ class Estimate:
 
 
 def refusal(
-    start_ns: int,
-    end_ns: int,
+    window: Window | Refusal,
+    calibration: Calibration | str,
     settings: SearchSettings,
-    calibration_id: str,
     reason: str,
-    excitation: float = float("nan"),
-    calibration_windows: int = 0,
 ) -> Estimate:
-    """Return the estimate of a window that none can be made of.
+    """Return the estimate of a window in which no faults can be identified.
 
     Parameters
     ----------
-    start_ns, end_ns
-        Stamps of the window [ns].
-    settings
-        What would have been used.
-    calibration_id
-        Identity of the calibration.
+    window, calibration, settings
+        As of ``Identification``.
     reason
         Why there is no estimate.
-    excitation
-        Travel of the command [rad]; NaN where there is no window.
-    calibration_windows
-        Number of healthy windows that the calibration rests on.
     """
-    nan = float("nan")
+    nan = math.nan
+    is_calibrated = not isinstance(calibration, str)
     return Estimate(
-        start_ns,
-        end_ns,
+        window.start_ns,
+        window.end_ns,
         settings.algorithm,
         settings.seed,
-        calibration_id,
+        calibration.calibration_id if is_calibrated else "",
         faults=np.full(N_FAULTS, nan),
         covariance=np.full((N_FAULTS, N_FAULTS), nan),
         unobservable=np.ones(N_FAULTS, dtype=bool),
@@ -121,10 +118,91 @@ def refusal(
         fitness=nan,
         goodness_of_fit=nan,
         goodness_limit=settings.goodness_limit,
-        excitation=excitation,
+        excitation=window.excitation if isinstance(window, Window) else nan,
         evaluations=0,
         computing_time_s=0.0,
         valid=False,
         reason=reason,
-        calibration_windows=calibration_windows,
+        calibration_windows=calibration.windows if is_calibrated else 0,
     )
+
+
+def estimate_record(estimate: Estimate) -> dict[str, Any]:
+    """Return every field of an estimate as plain values, exactly.
+
+    Faults are values by name, flags the names of those that have them. What is not a number is
+    None; infinite values are text: JSON has neither.
+
+    Parameters
+    ----------
+    estimate
+        The estimate.
+    """
+    record = {item.name: getattr(estimate, item.name) for item in fields(Estimate)}
+    record["faults"] = by_fault(estimate.faults)
+    record["covariance"] = [[plain_number(value) for value in row] for row in estimate.covariance]
+    for name in _FLAGS:
+        record[name] = [FAULT_NAMES[number] for number in np.flatnonzero(record[name])]
+    return {
+        name: plain_number(value) if isinstance(value, float | np.generic) else value
+        for name, value in record.items()
+    }
+
+
+def estimate_of(record: dict[str, Any]) -> Estimate:
+    """Return the estimate whose record it is.
+
+    Parameters
+    ----------
+    record
+        As of ``estimate_record``, or read from JSON.
+
+    Raises
+    ------
+    ValueError, KeyError, TypeError
+        When it is not the record of an estimate.
+    """
+    values = {item.name: record[item.name] for item in fields(Estimate) if item.name in record}
+    for item in fields(Estimate):
+        if item.name not in values and item.default is item.default_factory is MISSING:
+            raise ValueError(f"{item.name} is missing")
+        if item.type is float:
+            values[item.name] = _number(values[item.name])
+    values["faults"] = np.array([_number(record["faults"][name]) for name in FAULT_NAMES])
+    values["covariance"] = np.array(
+        [[_number(value) for value in row] for row in record["covariance"]]
+    )
+    if values["covariance"].shape != (N_FAULTS, N_FAULTS):
+        raise ValueError(f"covariance has shape {values['covariance'].shape}")
+    for name in _FLAGS:
+        values[name] = np.isin(FAULT_NAMES, record.get(name, []))
+    return Estimate(**values)
+
+
+def by_fault(values: NDArray[np.float64]) -> dict[str, Any]:
+    """Return values of the faults, ``(8,)``, by name.
+
+    Parameters
+    ----------
+    values
+        The values; those that are not a number become None.
+    """
+    return dict(zip(FAULT_NAMES, map(plain_number, values), strict=True))
+
+
+def plain_number(value: Any) -> Any:
+    """Return a number as JSON can hold it: None for NaN, text for an infinite one.
+
+    Parameters
+    ----------
+    value
+        Number of Python or numpy.
+    """
+    value = value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else str(value)
+    return value
+
+
+def _number(value: float | str | None) -> float:
+    return math.nan if value is None else float(value)

@@ -28,7 +28,7 @@ class Fitness(Protocol):
     spacing
         Time between two residuals [s].
     good_cost
-        Highest cost at which an optimum is believed to be the lowest [A^2.s]; 0 where none is
+        Highest cost at which an optimum is accepted as the lowest [A^2.s]; 0 where none is
         known.
     """
 
@@ -51,7 +51,7 @@ class Fitness(Protocol):
 class BandLimited:
     """Current and speed in the band that carries information, robust against outliers.
 
-    The residuals of current and speed are taken below some 1 kHz. That of the speed counts as
+    The residuals of current and speed are low-passed at some 1 kHz. That of the speed counts as
     half the current that the speed loop makes of it, or less where the speed of a healthy actuator
     scatters more than its current. Where the motor is slow, the model of the mean current is at
     its worst, so each value is weighted with ``|omega| / hypot(|omega|, omega_slow)``, with half

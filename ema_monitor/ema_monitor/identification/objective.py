@@ -1,17 +1,63 @@
 """What an optimizer minimises: the distance of the model from a window, over the unit box."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import healthy_faults
+from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, HIGHEST, N_FAULTS, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.coordinates import Coordinates
 from ema_monitor.identification.fitness import DEFAULT_FITNESS, FITNESS
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.optimizers.least_squares import DIFFERENCE
 from ema_monitor.windows.window import Window
+
+_PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """Map between points of the unit box and fault vectors.
+
+    Attributes
+    ----------
+    play
+        Where in its play the motor stands at the window's start [half-widths]; None when it is
+        unknown, then it is searched for as a ninth component.
+    cartesian
+        Whether eccentricity and phase are searched for as ``zeta cos(phi)`` and ``zeta sin(phi)``,
+        which are smooth at zero eccentricity, where the phase is undefined.
+    """
+
+    play: float | None
+    cartesian: bool
+
+    def decode(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return fault vectors, ``(m, 8)``, and places in the play, ``(m,)``.
+
+        Parameters
+        ----------
+        points
+            Points of the box, ``(m, d)``; an eccentricity beyond 1 is reduced to 1.
+        """
+        faults = points[:, :N_FAULTS].copy()
+        if self.cartesian:
+            x, y = (2.0 * points[:, _PLANE] - 1.0).T
+            faults[:, ECCENTRICITY] = np.minimum(np.hypot(x, y), 1.0)
+            faults[:, ECCENTRICITY_PHASE] = (np.arctan2(y, x) / np.pi + 1.0) / 2.0
+        play = np.full(len(points), self.play) if self.play is not None else 2 * points[:, -1] - 1.0
+        return np.minimum(faults, HIGHEST), play
+
+    def encode(self, faults: NDArray[np.float64], play: float = 0.0) -> NDArray[np.float64]:
+        """Return the point, ``(d,)``, of a fault vector, ``(8,)``, and a place in the play."""
+        point = faults.copy()
+        if self.cartesian:
+            zeta, phi = faults[ECCENTRICITY], (2.0 * faults[ECCENTRICITY_PHASE] - 1.0) * np.pi
+            point[_PLANE] = (1.0 + zeta * np.array([np.cos(phi), np.sin(phi)])) / 2.0
+        return point if self.play is not None else np.append(point, (play + 1.0) / 2.0)
 
 
 class Linearisation(NamedTuple):
@@ -46,7 +92,7 @@ class Objective:
     healthy
         The healthy point, ``(d,)``.
     good_cost
-        Highest cost at which an optimum is believed [A^2.s].
+        Highest cost at which an optimum is accepted as the lowest [A^2.s].
     """
 
     def __init__(
@@ -91,7 +137,7 @@ class Objective:
         return self._coordinates.decode(points)
 
     def expect(self, faults: NDArray[np.float64], play: NDArray[np.float64]) -> Response:
-        """Return what to expect with faults, ``(m, 8)``, and places in the play, ``(m,)``."""
+        """Return the calibrated response to faults, ``(m, 8)``, and play positions, ``(m,)``."""
         return self._model.respond(self._window, faults, play, self._corrections)
 
     def residuals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:

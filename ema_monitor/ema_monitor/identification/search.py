@@ -1,6 +1,5 @@
 """Identification: from a window, or its refusal, to the estimate of the faults."""
 
-import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.conclusion import Conclusion
 from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.inference import Inference
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
@@ -24,7 +23,7 @@ from ema_monitor.windows.window import Window
 
 @dataclass(frozen=True, eq=False)
 class Generation:
-    """Where an identification stands after a generation."""
+    """State of an identification after a generation."""
 
     generation: int
     evaluations: int
@@ -40,7 +39,7 @@ class Identification:
     window
         The window, or why there is none: then the estimate is a refusal.
     description
-        The actuator it was taken from.
+        The actuator of the window.
     calibration
         Calibration of the model, or why there is none. If there is none, or it does not belong to
         that actuator or to the window's command, the estimate is a refusal.
@@ -49,8 +48,8 @@ class Identification:
     force
         Make an estimate all the same; it says so in its reason.
     previous
-        Faults found in an earlier window, ``(8,)``: the search begins there if the settings want
-        a warm start.
+        Faults identified in an earlier window, ``(8,)``: the search begins there if the settings
+        want a warm start.
     """
 
     def __init__(
@@ -73,7 +72,7 @@ class Identification:
         self.estimate: Estimate | None = None
 
     def __iter__(self) -> Iterator[Generation]:
-        """Yield the progress after each generation; there is none where a window is refused."""
+        """Yield the state after each generation; there is none where a window is refused."""
         if isinstance(self._window, Refusal):
             self.estimate = self._refuse(self._window.reason)
         elif isinstance(self._calibration, str):
@@ -83,7 +82,7 @@ class Identification:
 
     def _search(self, window: Window, calibration: Calibration) -> Iterator[Generation]:
         started = time.perf_counter()
-        refused, caveats = self._objections(window, calibration)
+        refused, caveats = self._mismatches(window, calibration)
         if refused:
             self.estimate = self._refuse(refused)
             return
@@ -97,9 +96,9 @@ class Identification:
         )
         warm = self._previous is not None
         start = objective.healthy if self._previous is None else objective.encode(self._previous)
-        conclusion = Conclusion(window, calibration, settings)
+        inference = Inference(window, calibration, settings)
         termination = settings.termination
-        budget = termination.budget - conclusion.most_evaluations
+        budget = termination.budget - inference.most_evaluations
         optimizer = optimizer_class(
             start, np.random.default_rng(settings.seed), Hints(objective.good_cost, budget)
         )
@@ -108,7 +107,7 @@ class Identification:
             objective.residuals,
             optimizer,
             termination,
-            reserve=conclusion.most_evaluations,
+            reserve=inference.most_evaluations,
         ):
             faults, _ = objective.decode(progress.point[None])
             yield Generation(progress.generation, progress.evaluations, progress.cost, faults[0])
@@ -119,37 +118,27 @@ class Identification:
         if optimizer_class.uses_residuals and not optimizer.converged:
             caveats.append("the search was stopped before it converged")
         try:
-            self.estimate = conclusion.draw(
+            self.estimate = inference.estimate(
                 faults[0], float(play[0]), progress.evaluations, caveats, started, warm_start=warm
             )
         except np.linalg.LinAlgError as error:
             self.estimate = self._refuse(f"the uncertainty cannot be computed: {error}")
 
-    def _objections(self, window: Window, calibration: Calibration) -> tuple[str, list[str]]:
-        """Return why no estimate can be made, and what an estimate must be read with."""
+    def _mismatches(self, window: Window, calibration: Calibration) -> tuple[str, list[str]]:
+        """Return why no estimate can be made, and reservations about one that can."""
         if reason := calibration.shape_mismatch(window) or window.excitation_defect():
             return reason, []
-        doubts = [
+        mismatches = [
             calibration.unit_mismatch(self._description),
             calibration.command_mismatch(window),
         ]
-        doubts = [doubt for doubt in doubts if doubt]
-        if doubts and not self._force:
-            return "the calibration does not fit: " + "; ".join(doubts), []
-        return "", [f"forced although {doubt}" for doubt in doubts]
+        mismatches = [mismatch for mismatch in mismatches if mismatch]
+        if mismatches and not self._force:
+            return "the calibration does not fit: " + "; ".join(mismatches), []
+        return "", [f"forced although {mismatch}" for mismatch in mismatches]
 
     def _refuse(self, reason: str) -> Estimate:
-        window, calibration = self._window, self._calibration
-        is_calibrated = not isinstance(calibration, str)
-        return refusal(
-            window.start_ns,
-            window.end_ns,
-            self._settings,
-            calibration.calibration_id if is_calibrated else "",
-            reason,
-            window.excitation if isinstance(window, Window) else math.nan,
-            calibration.windows if is_calibrated else 0,
-        )
+        return refusal(self._window, self._calibration, self._settings, reason)
 
 
 def identify(
@@ -181,3 +170,55 @@ def identify(
     if identification.estimate is None:
         raise RuntimeError("the identification ended without an estimate")
     return identification.estimate
+
+
+class LastFaults:
+    """Remembers the faults of each actuator's last valid estimate.
+
+    It depends on the windows and their order alone: live, in a replay and offline, the same
+    windows begin at the same faults. Under another description or calibration than those of the
+    last valid estimate there is none to begin at.
+    """
+
+    def __init__(self) -> None:
+        self._last: dict[str, tuple[ActuatorDescription, str, NDArray[np.float64]]] = {}
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._last.clear()
+
+    def of(
+        self, description: ActuatorDescription, calibration: Calibration | str
+    ) -> NDArray[np.float64] | None:
+        """Return the faults to begin at, ``(8,)``; None when there are none.
+
+        Parameters
+        ----------
+        description
+            The actuator.
+        calibration
+            What its next window is identified with, or why there is nothing.
+        """
+        described, calibration_id, faults = self._last.get(
+            description.actuator_id, (None, "", None)
+        )
+        if isinstance(calibration, str) or described != description:
+            return None
+        return faults if calibration_id == calibration.calibration_id else None
+
+    def record(self, description: ActuatorDescription, estimate: Estimate) -> None:
+        """Remember an estimate if it is valid.
+
+        Parameters
+        ----------
+        description
+            The actuator.
+        estimate
+            Estimate of its latest window.
+        """
+        if estimate.valid:
+            self._last[description.actuator_id] = (
+                description,
+                estimate.calibration_id,
+                estimate.faults,
+            )

@@ -19,7 +19,7 @@ class SearchSettings:
     Attributes
     ----------
     parsimonious
-        Whether components that do not differ significantly from healthy are put back to healthy
+        Whether components that do not differ significantly from healthy are set to healthy
         and the rest is fitted anew.
     stop_rule
         When to stop, in place of the budget and of the driver's own rule; None for those.

@@ -1,4 +1,4 @@
-"""Covariance of an estimate, and which of its components a window says nothing useful about."""
+"""Covariance and significance of the components of an estimate."""
 
 import math
 from statistics import NormalDist
@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS, ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS, N_FAULTS
+from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 
 _PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
 
 CORRELATION_S: Final = 5e-3
-"""Span over which residuals are taken to be correlated [s]."""
+"""Span over which residuals are assumed to be correlated [s]."""
 
 UNOBSERVABLE_SIGMA: Final = 0.25
-"""From this standard deviation on, a component is no better known than by its range [-]."""
+"""From this standard deviation on, a component is no better known than from its range [-]."""
 
 _LEVEL: Final = 1.0 - 0.95 ** (1.0 / len(COMPONENTS))
 
@@ -40,7 +41,7 @@ SMALLEST_ECCENTRICITY: Final = 0.005
 """Below this the mismatch of the model outweighs the eccentricity, and its phase is noise [-]."""
 
 MISMATCH_FACTOR: Final = 1.45
-"""By how much the mismatch of the model widens the standard deviations that the residuals tell:
+"""By how much the mismatch of the model widens the standard deviations from the residuals:
 it follows the faults, and so hides in the estimate [-]."""
 
 MISMATCH_SIGMA: Final = np.array([fault.mismatch for fault in FAULTS])
@@ -49,6 +50,13 @@ the eccentricity in Cartesian form [-]."""
 
 USUAL_MISFIT: Final = 2.5
 """Goodness of fit up to which both figures hold; beyond, standard deviations grow with it [-]."""
+
+GROUPS: Final = tuple(
+    [i, ECCENTRICITY_PHASE] if i == ECCENTRICITY else [i]
+    for i in range(N_FAULTS)
+    if i != ECCENTRICITY_PHASE
+)
+"""Components that are healthy or not together, in Cartesian coordinates."""
 
 
 class Uncertainty(NamedTuple):
@@ -102,7 +110,7 @@ def with_mismatch(
     Parameters
     ----------
     covariance
-        What the residuals tell, ``(d, d)``.
+        Covariance from the residuals, ``(d, d)``.
     floor
         Standard deviation that each component has at least, ``(d,)``.
     """
@@ -143,3 +151,85 @@ def uncertainty_of_faults(
     result[unobservable, :] = np.nan
     result[:, unobservable] = np.nan
     return Uncertainty(result, unobservable)
+
+
+def significant_components(
+    point: NDArray[np.float64],
+    healthy: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    jacobian: NDArray[np.float64],
+    lags: int,
+    floor: NDArray[np.float64],
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Return which components differ from healthy, ``(d,)``, and the point without the others.
+
+    Backward elimination on the linear model at the point: as long as some group of components
+    is not significant (``SIGNIFICANT_SIGMAS``), the least significant one is set to healthy
+    and the rest is fitted anew (M17). Faults are few: what a window does not show is not there.
+
+    Parameters
+    ----------
+    point, healthy
+        Estimate and healthy point in Cartesian coordinates of the unit box, ``(d,)``.
+    residuals
+        Residuals at the estimate, ``(n,)``.
+    jacobian
+        Their derivatives, ``(n, d)``.
+    lags
+        Number of residuals over which they are correlated.
+    floor
+        Standard deviation that the mismatch of the model adds to each coordinate, ``(d,)``.
+    """
+    shown = np.ones(len(point), dtype=bool)
+    groups = list(GROUPS)
+    current = point.copy()
+    while groups:
+        left = residuals + jacobian @ (current - point)
+        known = sandwich_covariance(jacobian[:, shown], left, lags)
+        covariance = np.zeros((len(point), len(point)))
+        covariance[np.ix_(shown, shown)] = with_mismatch(known, floor[shown])
+        least, group = min(
+            ((_distance(current - healthy, covariance, group), group) for group in groups),
+            key=lambda one: one[0],
+        )
+        if least >= 1.0:
+            break
+        groups.remove(group)
+        shown[group] = False
+        current = refitted(point, healthy, residuals, jacobian, shown)
+    return shown, current
+
+
+def refitted(
+    point: NDArray[np.float64],
+    healthy: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    jacobian: NDArray[np.float64],
+    shown: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Return the lowest point, ``(d,)``, of the linear model with the other components healthy.
+
+    Parameters
+    ----------
+    point, healthy, residuals, jacobian
+        As of `significant_components`.
+    shown
+        Components to fit, ``(d,)``.
+    """
+    start = np.where(shown, point, healthy)
+    left = residuals + jacobian @ (start - point)
+    columns = jacobian[:, shown]
+    normal = columns.T @ columns
+    # A ridge keeps a component solvable that leaves no trace.
+    normal += 1e-9 * max(np.max(np.diag(normal), initial=0.0), 1e-200) * np.eye(len(normal))
+    start[shown] = lowest_in_box(normal, columns.T @ left, start[shown])
+    return start
+
+
+def _distance(
+    offset: NDArray[np.float64], covariance: NDArray[np.float64], group: list[int]
+) -> float:
+    """Return the squared distance from healthy over that from which it is significant."""
+    part = offset[group]
+    squared = part @ np.linalg.solve(covariance[np.ix_(group, group)], part)
+    return float(squared / SIGNIFICANT_SIGMAS[group[0]] ** 2)

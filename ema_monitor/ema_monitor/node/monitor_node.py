@@ -11,7 +11,7 @@ from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.store import CalibrationStore
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.last_faults import LastFaults
+from ema_monitor.identification.search import LastFaults
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node.calls import MonitorCalls
 from ema_monitor.node.messages import estimate_to_message

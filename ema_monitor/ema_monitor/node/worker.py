@@ -12,8 +12,7 @@ from ema_core.levels import ERROR, OK, WARN
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.last_faults import LastFaults
-from ema_monitor.identification.search import Identification, identify
+from ema_monitor.identification.search import Identification, LastFaults, identify
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.windows.finder import Segment

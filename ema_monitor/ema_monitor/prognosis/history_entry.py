@@ -5,8 +5,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.estimate_record import estimate_of, estimate_record, plain_number
+from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain_number
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.service_count import Count
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from ema_core.faults import FAULT_NAMES
-from ema_monitor.identification.estimate_record import estimate_of
+from ema_monitor.identification.estimate import estimate_of
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
 from ema_monitor.prognosis.service_count import Count
 

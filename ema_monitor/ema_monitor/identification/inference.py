@@ -1,4 +1,4 @@
-"""Conclusion of an identification: significance, uncertainty and goodness of fit."""
+"""From the optimum of a search to the estimate: significance, uncertainty, goodness of fit."""
 
 import time
 from itertools import combinations
@@ -18,23 +18,24 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.objective import Linearisation, Objective
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.identification.significance import refitted, significant_components
 from ema_monitor.identification.uncertainty import (
     CORRELATION_S,
     MISMATCH_SIGMA,
+    refitted,
     sandwich_covariance,
+    significant_components,
     uncertainty_of_faults,
 )
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.windows.band import band_limited, rms
 from ema_monitor.windows.window import Window
 
-_TRADED = 0.95
+_STRONG_CORRELATION = 0.95
 _MOST_LOSS = 1.1
 
 
-class Conclusion:
-    """From where a search ended to the estimate: what is significant, how sure, how good a fit.
+class Inference:
+    """Makes the estimate from the optimum that a search of a window found.
 
     Parameters
     ----------
@@ -59,10 +60,10 @@ class Conclusion:
 
     @property
     def most_evaluations(self) -> int:
-        """Largest number of evaluations that it takes."""
+        """Largest number of model evaluations that an estimate needs."""
         return 3 * self._objective.linearisation_evaluations + 1
 
-    def draw(
+    def estimate(
         self,
         faults: NDArray[np.float64],
         play: float,
@@ -77,11 +78,11 @@ class Conclusion:
         Parameters
         ----------
         faults, play
-            Where the search ended, ``(8,)``, and the motor's place in its play [half-widths].
+            The optimum, ``(8,)``, and the motor's place in its play there [half-widths].
         evaluations
-            Model evaluations that the search took.
+            Number of model evaluations of the search.
         caveats
-            What the estimate must be read with so far.
+            Reservations about the estimate so far.
         started
             When the identification began, by ``time.perf_counter`` [s].
         warm_start
@@ -93,19 +94,20 @@ class Conclusion:
             When the covariance cannot be computed.
         """
         objective, window = self._objective, self._window
-        at, shown, rounds = self._settle(objective.encode(faults, play))
-        found, plays = objective.decode(at.point[None])
+        at, kept, rounds = self._without_insignificant(objective.encode(faults, play))
+        optimum, plays = objective.decode(at.point[None])
+        faults = optimum[0]
         covariance = sandwich_covariance(at.jacobian / self._span, at.residuals, self._lags)
-        goodness = self._goodness_of_fit(objective.expect(found, plays))
-        covariance, unobservable = uncertainty_of_faults(found[0], covariance, goodness)
+        goodness = self._goodness_of_fit(objective.expect(optimum, plays))
+        covariance, unobservable = uncertainty_of_faults(faults, covariance, goodness)
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
-        caveats = [*caveats, *_traded(covariance)]
+        caveats = [*caveats, *_correlated(covariance)]
         if np.isnan(goodness):
             caveats.append(
                 "the fit cannot be judged: the healthy windows of the calibration "
-                f"({self._calibration.windows}) do not tell their scatter"
+                f"({self._calibration.windows}) do not give their scatter"
             )
-        limit = goodness_limit(found[0], self._settings.goodness_limit)
+        limit = goodness_limit(faults, self._settings.goodness_limit)
         defects = []
         if goodness > limit:
             defects.append(
@@ -113,16 +115,14 @@ class Conclusion:
                 f"times that of a healthy actuator, at most {limit:.1f} is expected"
             )
         if np.all(unobservable | (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)):
-            defects.append(
-                "no excitation: the window tells no fault more closely than its range does"
-            )
+            defects.append("no excitation: the window determines no fault better than its range")
         return Estimate(
             window.start_ns,
             window.end_ns,
             self._settings.algorithm,
             self._settings.seed,
             self._calibration.calibration_id,
-            faults=np.where(phase_unknown, healthy_faults(), found[0]),
+            faults=np.where(phase_unknown, healthy_faults(), faults),
             covariance=covariance,
             unobservable=unobservable,
             play=float(plays[0]),
@@ -134,7 +134,7 @@ class Conclusion:
             computing_time_s=time.perf_counter() - started,
             valid=not defects,
             reason="; ".join([*caveats, *defects]),
-            insignificant=~shown[:N_FAULTS],
+            insignificant=~kept[:N_FAULTS],
             warm_start=warm_start,
             calibration_windows=self._calibration.windows,
         )
@@ -154,10 +154,12 @@ class Conclusion:
             )
         )
 
-    def _settle(self, point: NDArray[np.float64]) -> tuple[Linearisation, NDArray[np.bool_], int]:
-        """Put insignificant components back to healthy.
+    def _without_insignificant(
+        self, point: NDArray[np.float64]
+    ) -> tuple[Linearisation, NDArray[np.bool_], int]:
+        """Set insignificant components to healthy and fit the others anew.
 
-        Return where that leads, which components it kept, and how many linearisations it took.
+        Return the linearisation there, the components kept, and the number of linearisations.
         """
         objective = self._objective
         at = objective.linearise(point)
@@ -165,7 +167,7 @@ class Conclusion:
             return at, np.ones(len(point), dtype=bool), 1
         floor = np.zeros(len(point))
         floor[:N_FAULTS] = MISMATCH_SIGMA
-        shown, point = significant_components(
+        kept, point = significant_components(
             at.point,
             objective.healthy,
             at.residuals,
@@ -173,25 +175,25 @@ class Conclusion:
             self._lags,
             floor / self._span,
         )
-        if np.all(shown):
-            return at, shown, 1
+        if np.all(kept):
+            return at, kept, 1
         optimum, at = at, objective.linearise(point)
         if at.cost > _MOST_LOSS * optimum.cost:
             return optimum, np.ones(len(point), dtype=bool), 2
-        point = refitted(at.point, objective.healthy, at.residuals, at.jacobian, shown)
+        point = refitted(at.point, objective.healthy, at.residuals, at.jacobian, kept)
         again = objective.linearise(point)
-        return (again if again.cost < at.cost else at), shown, 3
+        return (again if again.cost < at.cost else at), kept, 3
 
 
-def _traded(covariance: NDArray[np.float64]) -> list[str]:
-    """Return which components of an estimate trade with each other."""
+def _correlated(covariance: NDArray[np.float64]) -> list[str]:
+    """Return in words which components of an estimate are strongly correlated."""
     sigma = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(sigma, sigma)
     return [
-        f"{FAULTS[i].label} and {FAULTS[j].label} trade with each other "
+        f"{FAULTS[i].label} and {FAULTS[j].label} cannot be told apart "
         f"(correlation {correlation[i, j]:.2f})"
         for i, j in combinations(range(N_FAULTS), 2)
-        if abs(correlation[i, j]) > _TRADED
+        if abs(correlation[i, j]) > _STRONG_CORRELATION
     ]
 
 
