@@ -151,7 +151,7 @@ def compare_algorithms(
     """
     with deferred_interrupt() as interrupted, progress_bar() as progress:
         # So that the computing time of the first algorithm is that of an estimate.
-        compile_kernels()
+        compile_kernels([calibration.form])
         runs = []
         for algorithm in algorithms:
             search = replace(options.search, algorithm=algorithm, warm_start=False)

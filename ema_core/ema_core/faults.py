@@ -318,7 +318,7 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
     )
 
 
-def random_faults(rng: np.random.Generator) -> NDArray[np.float64]:
+def random_faults(rng: "np.random.Generator") -> NDArray[np.float64]:
     """Draw a random multiple fault by the thesis's law (its section 7.2).
 
     Returns

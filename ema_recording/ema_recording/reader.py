@@ -16,7 +16,6 @@ from ema_core.wording import counted
 from ema_recording.contents import Contents, Stretch, read_contents, read_messages
 from ema_recording.decoder import decoder
 from ema_recording.message_type import is_installed
-from ema_recording.metadata import METADATA_FILE, folder_contents
 from ema_recording.records import DamageError
 from ema_recording.schema import check_schema, schema_text
 
@@ -184,6 +183,8 @@ class Bag:
         return (item for _, item in self._in_log_order(self._chosen(topics)))
 
     def _open_folder(self) -> None:
+        from ema_recording.metadata import METADATA_FILE, folder_contents  # YAML only for these
+
         folder = folder_contents(self.path)
         self._note(self.path, folder.damage)
         for path in folder.files:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
-# Segment neither by import nor by the ament index.
+# Found neither by import nor by the ament index.
 WITHOUT_ROS = """
 import sys
 
@@ -51,20 +51,3 @@ def test_command_that_reads_a_bag_needs_no_ros(tmp_path, monkeypatch, arguments)
     monkeypatch.chdir(tmp_path)
     done = run(*arguments)
     assert (done.returncode, "ROS" in done.stderr) == (0, False), done.stderr
-
-
-def test_info_needs_no_compiler():
-    listed = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            "import sys\nfrom ema_cli.main import main\n"
-            "main(['info', sys.argv[1]], standalone_mode=False)\n"
-            "print([name for name in ('numba', 'matplotlib', 'rclpy') if name in sys.modules])",
-            str(SAMPLE),
-        ],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert listed.stdout.splitlines()[-1] == "[]"

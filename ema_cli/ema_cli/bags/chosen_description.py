@@ -7,7 +7,6 @@ from typing import Any
 
 from ema_cli.bags.source_options import Source
 from ema_core.description import ActuatorDescription
-from ema_ros.actuator_file import load_description
 
 
 def choose_description(
@@ -39,6 +38,8 @@ def choose_description(
                 "--actuator FILE"
             )
         return recorded[0], ""
+    from ema_ros.actuator_file import load_description  # YAML only where there is a file
+
     given = load_description(file)
     if not recorded:
         return given, ""

@@ -88,7 +88,7 @@ def estimate_windows(
         Whether to estimate even if the calibration does not fit.
     """
     # So that the computing time of the first estimate is that of an estimate.
-    compile_kernels()
+    compile_kernels([calibration.form])
     estimates, last_faults = [], LastFaults()
     with progress_bar() as progress:
         task = progress.add_task("identifying", total=len(windows))

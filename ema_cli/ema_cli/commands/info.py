@@ -3,8 +3,6 @@
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.table import Table
 
 from ema_cli.bags.source_options import Source, source_options
 from ema_cli.bags.windows import read_windows
@@ -21,12 +19,12 @@ def info(bag: Path, source: Source) -> None:
     """Say what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it."""
     with one_clear_line():
         contents = Bag(bag)
-        table = Table()
-        for heading in ("topic", "type", "messages"):
-            table.add_column(heading, justify="right" if heading == "messages" else "left")
-        for name, topic in contents.topics.items():
-            table.add_row(name, topic.type_name, str(topic.count))
-        Console().print(table)
+        topics = contents.topics
+        rows = [("topic", "type", "messages")]
+        rows += [(name, topic.type_name, str(topic.count)) for name, topic in topics.items()]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        for name, kind, count in rows:
+            click.echo(f"{name:{widths[0]}}  {kind:{widths[1]}}  {count:>{widths[2]}}")
         if contents.writers:
             click.echo(f"written by {', '.join(contents.writers)}")
         found = read_windows(bag, source)

@@ -1,5 +1,6 @@
 """The monitor model: the response of an actuator with given faults in a window."""
 
+from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -160,8 +161,14 @@ class MonitorModel:
         return steps
 
 
-def compile_kernels() -> None:
-    """Compile the kernels, or load them from the cache, ahead of their first use."""
+def compile_kernels(forms: Iterable[str] = FORMS) -> None:
+    """Compile the kernels, or load them from the cache, ahead of their first use.
+
+    Parameters
+    ----------
+    forms
+        Forms of the model that will be used.
+    """
     at_rest = Telemetry(0, 1e-4, 1, *(np.zeros(2) for _ in COLUMNS))
-    for form in FORMS:
+    for form in forms:
         MonitorModel(ActuatorParameters(), form).respond(Window(at_rest), healthy_faults())

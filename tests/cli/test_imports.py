@@ -1,0 +1,48 @@
+"""Commands import what they need and no more: they start quickly."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
+LIST_IMPORTS = """
+import sys
+from ema_cli.main import main
+main(sys.argv[1:], standalone_mode=False)
+print(*sys.modules)
+"""
+PICTURES_TABLES_ROS = {"matplotlib", "pandas", "jinja2", "scipy", "rclpy", "sqlite3"}
+
+
+def imported(*arguments: str | Path) -> set[str]:
+    """Names of the modules that a command has imported when it is done."""
+    done = subprocess.run(
+        [sys.executable, "-c", LIST_IMPORTS, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def test_help_imports_no_command():
+    modules = imported("--help")
+    ours = {name for name in modules if name.startswith("ema_")}
+    assert ours == {"ema_cli", "ema_cli.main", "ema_core"}
+    assert not modules & {"numpy", "rich", "yaml"}
+
+
+def test_info_imports_neither_compiler_nor_what_draws_tables_and_bars():
+    modules = imported("info", SAMPLE)
+    assert not modules & (PICTURES_TABLES_ROS | {"numba", "rich", "yaml", "numpy.random"})
+    assert not any(name.startswith("ema_monitor.identification") for name in modules)
+
+
+@pytest.mark.parametrize("options", [(), ("--json",)], ids=["table", "json"])
+def test_estimate_imports_no_pictures_no_node_and_no_prognosis(options):
+    # numba brings sqlite3 where coverage is installed.
+    modules = imported("estimate", SAMPLE, *options)
+    assert not modules & (PICTURES_TABLES_ROS - {"sqlite3"})
+    assert not any(name.startswith(("ema_monitor.prognosis", "ema_sim")) for name in modules)
