@@ -1,4 +1,4 @@
-"""Simulated actuator and monitor, and a recorder if a bag is named.
+"""Simulated actuator, monitor and, if a bag is named, recorder.
 
 ros2 launch ema_bringup ema.launch.py bag:=worn_flap
 """
@@ -25,7 +25,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "actuator_params",
                 default_value=PathJoinSubstitution([config, "actuator.yaml"]),
-                description="parameter file of the actuator; demo.yaml makes it wear out",
+                description="parameter file of the actuator; with demo.yaml it wears out",
             ),
             DeclareLaunchArgument(
                 "monitor_params",
@@ -36,7 +36,7 @@ def generate_launch_description() -> LaunchDescription:
                 "history_folder",
                 default_value="",
                 description="where the monitor keeps the tests of each unit; empty: in memory, "
-                "since a simulated actuator is a new unit at each start",
+                "as a simulated actuator is a new unit at each start",
             ),
             DeclareLaunchArgument(
                 "recorder_params",

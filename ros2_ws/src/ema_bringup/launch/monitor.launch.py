@@ -1,4 +1,4 @@
-"""The monitor alone, for an actuator that publishes its telemetry by itself.
+"""The monitor alone, for an actuator that publishes its own telemetry.
 
 ros2 launch ema_bringup monitor.launch.py calibration_file:=/path/calibration.yaml
 """
@@ -18,18 +18,18 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "namespace",
                 default_value="/ema",
-                description="namespace of the monitor and of the telemetry that it hears",
+                description="namespace of the monitor and of the telemetry",
             ),
             DeclareLaunchArgument(
                 "calibration_file",
                 default_value="",
-                description="calibration of the actuator; empty: as the parameter file says",
+                description="calibration of the actuator; empty: as in the parameter file",
             ),
             DeclareLaunchArgument(
                 "actuator_file",
                 default_value="",
-                description="description of an actuator that sends none; empty: as the parameter "
-                "file says",
+                description="description of an actuator that publishes none; empty: as in the "
+                "parameter file",
             ),
             DeclareLaunchArgument(
                 "params_file",
@@ -42,7 +42,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _monitor(context: LaunchContext) -> list[Node]:
-    """Return the monitor; an argument that is empty leaves what the parameter file says."""
+    """Return the monitor; an empty argument does not override the parameter file."""
     files = {
         name: value
         for name in ("calibration_file", "actuator_file")

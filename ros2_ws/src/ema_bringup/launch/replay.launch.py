@@ -1,4 +1,4 @@
-"""A recording diagnosed anew: the actuator's part of it is played to a monitor.
+"""Diagnosis of a recording: the topics of the actuator are played to a monitor.
 
 ros2 launch ema_bringup replay.launch.py bag:=worn_flap rate:=4.0
 """
@@ -20,12 +20,12 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument("bag", description="bag to play: a file or a folder"),
             DeclareLaunchArgument(
-                "rate", default_value="1.0", description="seconds played in a second"
+                "rate", default_value="1.0", description="playback rate"
             ),
             DeclareLaunchArgument(
                 "namespace",
                 default_value="/ema",
-                description="namespace of the nodes: that of the telemetry in the bag",
+                description="namespace of the nodes, which is that of the telemetry in the bag",
             ),
             DeclareLaunchArgument(
                 "player_params",
