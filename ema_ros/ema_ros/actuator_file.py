@@ -18,13 +18,14 @@ def load_description(path: Path) -> ActuatorDescription:
     ----------
     path
         YAML file with ``actuator_id``, ``serial_number``, ``model``, ``sample_period`` [s] and
-        ``parameters``, a mapping of names to values in SI units. What is missing keeps the value
-        of the built-in actuator.
+        ``parameters``, a mapping of names to values in SI units. Missing entries have the
+        values of the built-in actuator.
 
     Raises
     ------
     ValueError
-        When the file cannot be read or is no such mapping, or names or values are impossible.
+        When the file cannot be read or is no such mapping, or a name is unknown or a value
+        impossible.
     """
     try:
         content = yaml.safe_load(path.expanduser().read_text())
@@ -52,7 +53,7 @@ def load_description(path: Path) -> ActuatorDescription:
 
 
 def _number(value: Any) -> Any:
-    """Return what YAML 1.1 takes for text, such as 1e5, as the number that is meant."""
+    """Return a number that YAML 1.1 reads as text, such as 1e5, as a float."""
     try:
         return float(value) if isinstance(value, str) else value
     except ValueError:

@@ -1,4 +1,4 @@
-"""Actuator descriptions: the numerics' and ema_interfaces/ActuatorDescription."""
+"""Conversion of actuator descriptions to and from ema_interfaces/ActuatorDescription."""
 
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 
 IDENTITY: Final = ("actuator_id", "serial_number", "model", "sample_period")
-"""Fields that the description and its message name alike."""
+"""Fields with the same name in the description and its message."""
 
 PARAMETER_FIELDS: Final = MappingProxyType(
     {
@@ -55,7 +55,7 @@ def description_to_message(
     description
         Identity and nominal parameters.
     stamp_ns
-        When the description was made [ns]; 0 where that is not known.
+        When the description was made [ns]; 0 when unknown.
 
     Raises
     ------

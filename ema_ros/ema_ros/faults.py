@@ -1,4 +1,4 @@
-"""Fault vectors: arrays and ema_interfaces/FaultVector, alone or stamped."""
+"""Conversion of fault vectors to and from ema_interfaces/FaultVector and FaultVectorStamped."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ def faults_to_message(faults: ArrayLike) -> "FaultVector":
     Parameters
     ----------
     faults
-        Normalised faults, ``(8,)``. Their values are not judged: an estimate may be NaN.
+        Normalised faults, ``(8,)``. Their range is not checked, as an estimate may be NaN.
 
     Raises
     ------

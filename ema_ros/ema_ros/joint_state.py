@@ -1,4 +1,4 @@
-"""The user shaft as sensor_msgs/JointState, for the tools that draw joints."""
+"""State of the user shaft as sensor_msgs/JointState, for tools that display joints."""
 
 import array
 
@@ -7,37 +7,6 @@ from sensor_msgs.msg import JointState
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_ros.stamps import stamp_to_message
-
-
-def joint_state(
-    stamp_ns: int, name: str, position: float, speed: float, torque: float
-) -> JointState:
-    """Return the state of the user shaft as a message.
-
-    Parameters
-    ----------
-    stamp_ns
-        When the state was measured [ns].
-    name
-        Name of the joint.
-    position
-        Angle of the user shaft [rad].
-    speed
-        Speed of the user shaft [rad/s].
-    torque
-        Torque on the user shaft [N.m].
-
-    Raises
-    ------
-    ValueError
-        When the stamp is out of range.
-    """
-    message = JointState(name=[name])
-    message.header.stamp = stamp_to_message(stamp_ns)
-    message.position = array.array("d", [position])
-    message.velocity = array.array("d", [speed])
-    message.effort = array.array("d", [torque])
-    return message
 
 
 def joint_state_after(
@@ -50,9 +19,9 @@ def joint_state_after(
     block
         Telemetry of the actuator.
     motor_torque
-        Torque of the motor at the block's end [N.m].
+        Motor torque at the end of the block [N.m].
     description
-        The actuator; its name is that of the joint.
+        The actuator, whose id is the name of the joint.
 
     Raises
     ------
@@ -60,10 +29,9 @@ def joint_state_after(
         When the stamp is out of range.
     """
     tau = description.parameters.tau
-    return joint_state(
-        block.stamp_at(len(block) - 1),
-        description.actuator_id,
-        float(block.position[-1]),
-        float(block.speed[-1]) * tau,
-        motor_torque / tau,
-    )
+    message = JointState(name=[description.actuator_id])
+    message.header.stamp = stamp_to_message(block.stamp_at(len(block) - 1))
+    message.position = array.array("d", [block.position[-1]])
+    message.velocity = array.array("d", [block.speed[-1] * tau])
+    message.effort = array.array("d", [motor_torque / tau])
+    return message

@@ -26,16 +26,16 @@ def declare(node: Node, definition: Any, prefix: str = "", *, read_only: bool = 
         The node.
     definition
         A dataclass whose fields were made by ``quantity``, ``text`` and ``flag``, or an
-        instance of one whose values are the defaults. Other fields are passed over.
+        instance of one whose values are the defaults. Other fields are ignored.
     prefix
-        Put in front of every name.
+        Prefix of every parameter name.
     read_only
-        Whether they are fixed once the node runs.
+        Whether they cannot be changed while the node runs.
 
     Raises
     ------
     ValueError
-        When a value that was given for one is impossible.
+        When a given value is impossible.
     """
     is_type = isinstance(definition, type)
     for item in _declared(definition):
@@ -51,12 +51,12 @@ def declare(node: Node, definition: Any, prefix: str = "", *, read_only: bool = 
 
 
 def read(node: Node, definition: type[Definition], prefix: str = "") -> Definition:
-    """Return the dataclass that the parameters of a node make.
+    """Return an instance of a dataclass with the values of a node's parameters.
 
     Parameters
     ----------
     node, definition, prefix
-        As of ``declare``, after it.
+        As given to ``declare``, which must have been called.
 
     Raises
     ------
@@ -73,24 +73,24 @@ def read(node: Node, definition: type[Definition], prefix: str = "") -> Definiti
 
 
 class LiveSettings(Generic[Definition]):
-    """Settings that can be changed while the node runs; an impossible change is refused.
+    """Settings that can be changed while the node runs; impossible values are refused.
 
     Parameters
     ----------
     node, definition, prefix
-        As of ``declare``.
+        As in ``declare``.
     on_change
-        Called with the settings after a change.
+        Called with the new settings after a change.
 
     Attributes
     ----------
     value
-        The settings as they are now.
+        The current settings.
 
     Raises
     ------
     ValueError
-        When a value that was given at the start is impossible.
+        When an initial value is impossible.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class LiveSettings(Generic[Definition]):
         self._on_change = on_change
         declare(node, definition, prefix, read_only=False)
         self.value: Definition = read(node, definition, prefix)
-        node.add_on_set_parameters_callback(self._judge)
+        node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
     def _changed(self, parameters: list[Parameter]) -> Definition | None:
@@ -114,7 +114,7 @@ class LiveSettings(Generic[Definition]):
         }
         return replace(self.value, **changes) if changes else None  # pyright: ignore
 
-    def _judge(self, parameters: list[Parameter]) -> SetParametersResult:
+    def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
             self._changed(parameters)
         except ValueError as error:
@@ -135,7 +135,7 @@ def _declared(definition: Any) -> list[Field[Any]]:
 
 def _descriptor(item: Field[Any], read_only: bool) -> ParameterDescriptor:
     metadata = item.metadata
-    # Typed by the definition, not by ROS: a whole number for a float is meant as one.
+    # The dataclass checks the type, so that an integer is accepted for a float.
     descriptor = ParameterDescriptor(
         description=metadata["description"], read_only=read_only, dynamic_typing=True
     )

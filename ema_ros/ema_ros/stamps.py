@@ -1,4 +1,4 @@
-"""Time stamps: nanoseconds and builtin_interfaces/Time."""
+"""Conversion of time stamps in nanoseconds to and from builtin_interfaces/Time."""
 
 from typing import TYPE_CHECKING
 
@@ -9,7 +9,7 @@ _NS_PER_S = 1_000_000_000
 
 
 def check_stamp(stamp_ns: int) -> None:
-    """Raise ``ValueError`` for a time [ns] beyond a message, about 68 years either way."""
+    """Raise ``ValueError`` for a time [ns] outside the range of a message, about ±68 years."""
     if not -(2**31) <= int(stamp_ns) // _NS_PER_S < 2**31:
         raise ValueError(f"stamp_ns = {stamp_ns} ns is outside [-2^31, 2^31) s")
 
@@ -25,7 +25,7 @@ def stamp_to_message(stamp_ns: int) -> "Time":
     Raises
     ------
     ValueError
-        When the time is outside what the message holds, about 68 years either way.
+        When the time is outside the range of the message, about ±68 years.
     """
     from builtin_interfaces.msg import Time  # reading needs no ROS
 

@@ -1,4 +1,4 @@
-"""What a node says of itself on ``/diagnostics``."""
+"""Status of a node on ``/diagnostics``."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ __all__ = ["ERROR", "OK", "STALE", "WARN", "Task", "status_message"]
 
 @dataclass(frozen=True)
 class Task:
-    """One thing that a node does, and how it fares.
+    """Status of one task of a node.
 
     Attributes
     ----------
@@ -22,9 +22,9 @@ class Task:
     level
         ``OK``, ``WARN``, ``ERROR`` or ``STALE`` of ``ema_core.levels``.
     message
-        How it fares, in words.
+        Its state, in words.
     hardware_id
-        The unit that it is about.
+        Serial number of the unit concerned.
     values
         Figures by name; the unit is part of the name, as in ``lag [s]``.
     """
@@ -42,7 +42,7 @@ def status_message(node_name: str, task: Task) -> DiagnosticStatus:
     Parameters
     ----------
     node_name
-        Name of the node; with the task's name it makes the name of the status.
+        Name of the node, with which the name of the status begins.
     task
         The task.
     """
@@ -57,5 +57,5 @@ def status_message(node_name: str, task: Task) -> DiagnosticStatus:
 
 
 def _plain(value: Any) -> str:
-    """Return a value as tools that plot it can read it: numbers as plain decimals."""
+    """Return a value as a text that plotting tools read: numbers as plain decimals."""
     return f"{value:.9g}" if isinstance(value, float) else str(value)

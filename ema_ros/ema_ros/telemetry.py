@@ -44,13 +44,13 @@ def telemetry_to_message(block: Telemetry, actuator_id: str) -> "TelemetryBlock"
 def telemetry_from_message(message: "TelemetryBlock") -> Telemetry:
     """Return the block of telemetry in a message, in columns of its own.
 
-    Samples that are not finite pass: to judge them is the monitor's business.
+    Samples that are not finite are accepted here; the monitor checks them.
 
     Raises
     ------
     ValueError
-        When the columns differ in length or are empty, the period is no telemetry's, or the block
-        ends later than a stamp can tell.
+        When the columns differ in length or are empty, the period is out of range, or the block
+        ends after the latest possible stamp.
     """
     block = Telemetry(
         stamp_from_message(message.header.stamp),

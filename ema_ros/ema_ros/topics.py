@@ -1,9 +1,9 @@
-"""Topics of actuator and monitor, and what their publishers offer.
+"""Topics of actuator and monitor, and the quality of service of their publishers.
 
-Telemetry is reliable with ten seconds of history: a lost block costs a whole window, and a reader
-may be busy, or a replay fast. Descriptions, true faults, service life and health are latched, so
-that whoever comes late knows how things stand. Nodes use the names without the namespace;
-recordings made without a node are under ``/ema``.
+Telemetry is reliable with a history of ten seconds: a lost block costs a whole window, and a
+subscriber may be busy, or a replay fast. Descriptions, true faults, service life and health are
+latched (transient local), so that late subscribers receive the latest one. Nodes use the names
+without the namespace; recordings made without a node are under ``/ema``.
 """
 
 from typing import Final
@@ -36,7 +36,7 @@ LATCHED: Final = QoSProfile(
 LATCHED_BY_MANY: Final = QoSProfile(
     depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-"""For who subscribes to what is latched: a publisher for each actuator may be there."""
+"""For subscriptions to latched topics, which may have a publisher for each actuator."""
 
 STREAM: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 STATE: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
@@ -48,10 +48,10 @@ ACTUATOR_TOPICS: Final = {
     JOINT_STATES: (JointState, STATE),
     USAGE: (Usage, LATCHED),
 }
-"""What a simulated actuator publishes: message class and quality of service by topic."""
+"""Message class and quality of service of what a simulated actuator publishes, by topic."""
 
 MONITOR_TOPICS: Final = {
     FAULT_ESTIMATE: (FaultEstimate, STATE),
     HEALTH: (Health, LATCHED),
 }
-"""What a monitor publishes: message class and quality of service by topic."""
+"""Message class and quality of service of what a monitor publishes, by topic."""

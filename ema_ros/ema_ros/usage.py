@@ -1,4 +1,4 @@
-"""Service life as ema_interfaces/Usage."""
+"""Service hours and cycles as ema_interfaces/Usage."""
 
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import Usage
@@ -19,7 +19,7 @@ def usage_at_cycle(
     hours
         Service hours since new [h].
     cycle
-        Running number of the cycle, from 0; it is counted already.
+        Running number of the cycle, from 0; the count includes it.
 
     Raises
     ------

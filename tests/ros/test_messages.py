@@ -28,7 +28,7 @@ from ema_ros.faults import (
     stamped_faults_from_message,
     stamped_faults_to_message,
 )
-from ema_ros.joint_state import joint_state
+from ema_ros.joint_state import joint_state_after
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_ros.telemetry import telemetry_from_message, telemetry_to_message
 
@@ -202,11 +202,14 @@ def test_stamped_faults_survive_the_wire():
 
 
 def test_joint_state_has_one_joint():
-    message = over_the_wire(joint_state(1_500_000_000, "flap", 0.1, -0.2, 300))
+    columns = np.zeros((4, 2))
+    columns[2:, 1] = 0.1, -100.0
+    block = Telemetry(1_499_900_000, 1e-4, 1, *columns)
+    message = over_the_wire(joint_state_after(block, 0.5, ActuatorDescription("flap")))
     assert message.name == ["flap"]
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1, 500_000_000)
     assert [list(message.position), list(message.velocity), list(message.effort)] == [
         [0.1],
         [-0.2],
-        [300.0],
+        [250.0],
     ]
