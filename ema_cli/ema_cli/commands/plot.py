@@ -18,6 +18,7 @@ from ema_cli.errors import one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.show.history_figure import draw_history
 from ema_cli.show.picture_path import require_drawable, save_picture
+from ema_cli.show.style import draw_estimates
 from ema_core.faults import FAULTS, healthy_faults
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
@@ -169,7 +170,6 @@ def draw_fit(found: BagWindows, window: Window, calibration: Calibration, one: E
     rest.legend(loc="lower left", ncols=3, fontsize="small")
     rest.set_xlabel("time since the first sample [s]")
 
-    sigma = 1.645 * np.nan_to_num(one.sigma)
     place = np.arange(len(FAULTS))
     for bad, colour, name in ((False, "C3", "estimate"), (True, "0.7", "unobservable")):
         chosen = one.unobservable == bad
@@ -177,9 +177,8 @@ def draw_fit(found: BagWindows, window: Window, calibration: Calibration, one: E
             healthy = healthy_faults()[chosen]
             above = one.faults[chosen] - healthy
             bars.bar(place[chosen], above, bottom=healthy, color=colour, label=name)
-    bars.errorbar(
-        place, one.faults, sigma, fmt="none", ecolor="k", capsize=4, label="90 % interval"
-    )
+    interval = {"fmt": "none", "ecolor": "k", "capsize": 4, "label": "90 % interval"}
+    draw_estimates(bars, place, one.faults, one.sigma, **interval)
     bars.plot(place, healthy_faults(), "C0_", ms=28, mew=2, label="healthy")
     bars.set_xticks(place, [fault.label for fault in FAULTS], rotation=15)
     bars.set_ylim(-0.02, 1.05)

@@ -9,22 +9,22 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ema_cli.comparison import Comparison, Run
+from ema_cli.show.style import BLUE, ORANGE, VERMILION, draw_estimates, tidy
 from ema_core.faults import FAULTS
 
-_SIGMAS_OF_90_PERCENT: Final = 1.645
 _LEAST_SPAN: Final = 0.02
 _LEAST_RATIO: Final = 10.0
 _COLUMNS: Final = 4
 _TRUTH: Final[dict[str, Any]] = {"color": "0.1", "lw": 1.4}
 _HEALTHY: Final[dict[str, Any]] = {"color": "0.45", "lw": 1.0, "ls": ":"}
 _CONCLUSION: Final[dict[str, Any]] = {"color": "0.3", "lw": 1.0, "ls": (0, (4, 2))}
-# Told apart without colour by their markers; the colours are those of Okabe and Ito.
+# Markers distinguish them without colour; the colours are those of Okabe and Ito.
 _STYLES: Final = (
-    ("#0072b2", "o"),
-    ("#d55e00", "s"),
+    (BLUE, "o"),
+    (VERMILION, "s"),
     ("#009e73", "^"),
     ("#cc79a7", "D"),
-    ("#e69f00", "v"),
+    (ORANGE, "v"),
     ("#56b4e9", "P"),
     ("#8c510a", "X"),
     ("#7f7f7f", "*"),
@@ -92,10 +92,11 @@ def _draw_fault(
     if comparison.truth is not None:
         axes.axhline(comparison.truth[i], **_TRUTH)
     for place, (run, style) in enumerate(runs.items()):
-        axes.errorbar(
+        draw_estimates(
+            axes,
             place,
             run.estimate.faults[i],
-            _SIGMAS_OF_90_PERCENT * np.nan_to_num(run.estimate.sigma[i]),
+            run.estimate.sigma[i],
             elinewidth=1.0,
             capsize=2.5,
             zorder=3,
@@ -110,8 +111,7 @@ def _draw_fault(
     axes.set_xticks([])
     axes.set_title(FAULTS[i].label, fontsize="medium")
     axes.tick_params(axis="y", labelsize="small")
-    axes.grid(axis="y", color="0.5", alpha=0.2)
-    axes.spines[["top", "right"]].set_visible(False)
+    tidy(axes, "y")
 
 
 def _marks(comparison: Comparison, runs: dict[Run, dict[str, Any]]) -> list[Line2D]:

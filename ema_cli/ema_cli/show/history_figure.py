@@ -11,12 +11,12 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from ema_cli.bags.history import Diagnosed, History, has_latency
+from ema_cli.show.style import draw_estimates, stacked_panels
 from ema_core.faults import FAULTS
 from ema_core.levels import ERROR, LEVEL_NAMES, STALE, WARN
 from ema_core.wording import counted
 
 _MOVES: Final = 0.03
-_SIGMAS_OF_90_PERCENT: Final = 1.645
 _LEVEL_COLOURS: Final = {WARN: "#f6d55c", ERROR: "#e4572e", STALE: "#8a8a8a"}
 _SHADE: Final = 0.22
 _TRUTH: Final = {"color": "0.15", "lw": 1.6, "drawstyle": "steps-mid"}
@@ -41,15 +41,9 @@ def draw_history(history: History) -> Figure:
     timed = has_latency(diagnoses)
 
     heights = [2.0] * len(moving) + [1.5] * bool(resting) + [1.0] * timed
-    size = (10.5, 1.1 + 1.05 * sum(heights))
-    figure = Figure(figsize=size, layout="constrained")
-    panels = list(
-        figure.subplots(len(heights), 1, sharex=True, height_ratios=heights, squeeze=False)[:, 0]
-    )
+    figure, panels = stacked_panels(heights, 1.05)
     for axes in panels:
         _shade(axes, diagnoses)
-        axes.grid(color="0.5", alpha=0.2)
-        axes.spines[["top", "right"]].set_visible(False)
     for axes, i in zip(panels, moving, strict=False):
         _draw_fault(axes, diagnoses, i, history.limits.get(FAULTS[i].name))
     if resting:
@@ -120,11 +114,12 @@ def _draw_fault(axes: Axes, diagnoses: list[Diagnosed], i: int, limit: float | N
         axes.plot(place, truth, **_TRUTH)
     good = np.array([one.valid for one in diagnoses])
     value = np.array([one.faults[i] for one in diagnoses])
-    sigma = np.nan_to_num(np.array([one.sigma[i] for one in diagnoses]))
-    axes.errorbar(
+    sigma = np.array([one.sigma[i] for one in diagnoses])
+    draw_estimates(
+        axes,
         place[good],
         value[good],
-        _SIGMAS_OF_90_PERCENT * sigma[good],
+        sigma[good],
         fmt="o",
         ms=4,
         color=_ESTIMATE,

@@ -12,6 +12,7 @@ from ema_cli.bags.history import SHOWN_IN
 from ema_cli.bags.unit_course import Course
 from ema_cli.lives.true_life import true_faults, true_remaining_life
 from ema_cli.show.prognosis_table import removal_in_words
+from ema_cli.show.style import BLUE, ORANGE, VERMILION, draw_estimates, stacked_panels
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.levels import ERROR, WARN
 from ema_core.wording import counted
@@ -21,17 +22,21 @@ from ema_monitor.prognosis.metrics import ALPHA
 from ema_monitor.prognosis.requirements.requirements import BELOW, RequirementLimits
 
 _MOVES: Final = 0.25
-_SIGMAS_OF_90_PERCENT: Final = 1.645
-# Of the palette of Okabe and Ito, which colour-blind people tell apart; each also has its line
-# style or marker.
-_PREDICTED: Final = "#0072b2"
-_CONE: Final = "#e69f00"
+# Each colour also has its line style or marker.
+_PREDICTED: Final = BLUE
+_CONE: Final = ORANGE
 _TRUTH: Final = {"color": "0.1", "lw": 1.5, "ls": (0, (6, 2))}
-_LIMIT: Final = {"color": "#d55e00", "ls": (0, (4, 3)), "lw": 1.2}
+_LIMIT: Final = {"color": VERMILION, "ls": (0, (4, 3)), "lw": 1.2}
 _EVENT: Final = {"color": "0.4", "ls": ":", "lw": 1.1}
 _FAN_LEVELS: Final = (0.05, 0.5, 0.95)
 _FAN_TIMES: Final = 60
-_ESTIMATE: Final = "estimate, 90 % interval"
+_ESTIMATES: Final[dict[str, Any]] = {
+    "fmt": "o",
+    "ms": 3,
+    "color": "0.55",
+    "elinewidth": 1.0,
+    "label": "estimate, 90 % interval",
+}
 _BAND: Final = "predicted, 5 to 95 %"
 _MEDIAN: Final = "predicted, median"
 _CONE_NAME: Final = f"truth ± {100 * ALPHA:.0f} %"
@@ -65,10 +70,7 @@ def draw_course(course: Course, end_hours: float | None = None) -> Figure:
         (i.name for i in last.health.requirements if last.lives[i.name].criterion == required), ""
     )
     heights = [2.4] + [1.7] * (len(shown) + bool(performance))
-    figure = Figure(figsize=(10.5, 1.2 + 1.15 * sum(heights)), layout="constrained")
-    panels = list(
-        figure.subplots(len(heights), 1, sharex=True, height_ratios=heights, squeeze=False)[:, 0]
-    )
+    figure, panels = stacked_panels(heights, 1.15)
     end = _last_hour(course, place)
     _draw_lives(panels[0], course, place, true_remaining_life(course, end_hours))
     fan = _fan(course, end) if in_hours else None
@@ -77,8 +79,6 @@ def draw_course(course: Course, end_hours: float | None = None) -> Figure:
     if performance:
         _draw_requirement(panels[-1], course, place, performance)
     for axes in panels:
-        axes.grid(color="0.5", alpha=0.2)
-        axes.spines[["top", "right"]].set_visible(False)
         _mark_events(axes, course, place, is_named=axes is panels[0])
     panels[-1].set_xlabel(
         "service hours [h]" if in_hours else "test cycle (no service hours known)"
@@ -175,17 +175,7 @@ def _draw_fault(
     fault, last = FAULTS[i], course.outlooks[-1]
     estimates = [step.estimate for step in course.steps if step.outlook is not None]
     value = np.array([one.faults[i] for one in estimates])
-    sigma = np.nan_to_num(np.array([one.sigma[i] for one in estimates]))
-    axes.errorbar(
-        place,
-        value,
-        _SIGMAS_OF_90_PERCENT * sigma,
-        fmt="o",
-        ms=3,
-        color="0.55",
-        elinewidth=1.0,
-        label=_ESTIMATE,
-    )
+    draw_estimates(axes, place, value, [one.sigma[i] for one in estimates], **_ESTIMATES)
     if np.isfinite(truth[:, i]).any():
         axes.plot(place, truth[:, i], label=_TRUTH_NAME, zorder=3, **_TRUTH)
     tracked = [_of(outlook.health.faults, fault.name).value for outlook in course.outlooks]
@@ -211,17 +201,8 @@ def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], na
     unit, scale = SHOWN_IN.get(unit, (unit, scale))
     items = [_of(outlook.health.requirements, name) for outlook in course.outlooks]
     value = scale * np.array([item.value for item in items])
-    sigma = scale * np.nan_to_num(np.array([item.sigma for item in items]))
-    axes.errorbar(
-        place,
-        value,
-        _SIGMAS_OF_90_PERCENT * sigma,
-        fmt="o",
-        ms=3,
-        color="0.55",
-        elinewidth=1.0,
-        label=_ESTIMATE,
-    )
+    sigma = scale * np.array([item.sigma for item in items])
+    draw_estimates(axes, place, value, sigma, **_ESTIMATES)
     limit, last = scale * items[-1].limit, course.outlooks[-1]
     axes.axhline(limit, label="limit", **_LIMIT)
     axes.text(
