@@ -20,6 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from prognosis_estimates import drawn
 from prognosis_lives import LIMITS, ScoredLife, growing
+from prognosis_metrics import ALPHA
 from prognosis_predictors import PREDICTORS, SETTINGS, Predictions
 from prognosis_scores import SHARES
 
@@ -28,7 +29,6 @@ from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.prediction import Fan
 from ema_monitor.prognosis.growth.tracker import Tracker
-from ema_monitor.prognosis.metrics import ALPHA
 from ema_sim.lives import SimulatedLife
 
 HERE: Final = Path(__file__).parent

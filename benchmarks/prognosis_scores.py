@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+import prognosis_metrics as metrics
 from numpy.typing import NDArray
 from prognosis_predictors import Predictions
 
 from ema_core.faults import TYPICAL
-from ema_monitor.prognosis import metrics
 
 LAMBDAS: Final = (0.25, 0.5, 0.75, 0.9)
 """Shares of the time from first prediction to end at which the cone is tested [-]."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import prognosis_metrics as metrics
 from numpy.typing import NDArray
 from prognosis_estimates import drawn
 from prognosis_lives import ScoredLife
@@ -13,14 +14,13 @@ from prognosis_predictors import SETTINGS
 
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.prognosis import metrics
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.requirements.required_life import FITTED
 from ema_monitor.prognosis.requirements.requirements import (
+    FITTED,
     REQUIREMENTS,
     RequirementLimits,
     Requirements,

@@ -18,8 +18,10 @@ from ema_core.levels import ERROR, WARN
 from ema_core.wording import counted
 from ema_monitor.health import FaultHealth
 from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
-from ema_monitor.prognosis.metrics import ALPHA
 from ema_monitor.prognosis.requirements.requirements import BELOW, RequirementLimits
+
+ALPHA: Final = 0.2
+"""Half width of the cone about the true remaining life, relative to it [-]."""
 
 _MOVES: Final = 0.25
 # Each colour also has its line style or marker.
