@@ -5,7 +5,7 @@ import pytest
 
 from ema_core.faults import FAULT_NAMES, HIGHEST, healthy_faults
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.prognosis.requirements.life import life_by_requirements
+from ema_monitor.prognosis.requirements.required_life import life_by_requirements
 from ema_monitor.prognosis.requirements.requirements import (
     REQUIREMENTS,
     RequirementLimits,

@@ -23,8 +23,7 @@ from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultEstimate, Health
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.node.monitor_node import MonitorNode
-from ema_monitor.prognosis.requirements.required_life import FITTED
-from ema_monitor.prognosis.requirements.requirements import RequirementLimits
+from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits
 from ema_ros import topics
 from ema_ros.description import description_to_message
 from ema_ros.executor import NodeExecutor

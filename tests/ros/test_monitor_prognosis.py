@@ -13,9 +13,8 @@ from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Health
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.requirements import required_life
-from ema_monitor.prognosis.requirements.required_life import FITTED
-from ema_monitor.prognosis.requirements.requirements import REQUIREMENTS, Requirements
+from ema_monitor.prognosis.requirements import requirements as requirements_module
+from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS, Requirements
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
 from ema_ros import topics
@@ -261,7 +260,7 @@ def test_no_window_waits_for_the_requirements_of_its_unit(
 
     with monitor({"hours_per_cycle": HOURS}) as session:
         monkeypatch.setattr(FITTED, "_fitted", {})
-        monkeypatch.setattr(required_life, "Requirements", slow)
+        monkeypatch.setattr(requirements_module, "Requirements", slow)
         session.describe()
         try:
             [early] = live(session, cycles[:1])

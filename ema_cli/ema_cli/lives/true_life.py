@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from ema_cli.bags.truths import truth_at
 from ema_cli.bags.unit_course import Course
 from ema_core.faults import FAULTS, N_FAULTS
-from ema_monitor.prognosis.requirements.required_life import FITTED
-from ema_monitor.prognosis.requirements.requirements import REQUIREMENTS
+from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS
 
 
 def true_faults(course: Course) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.prognostics import Prognostics, RequirementsOf
-from ema_monitor.prognosis.requirements.required_life import FITTED
+from ema_monitor.prognosis.requirements.requirements import FITTED
 from ema_monitor.prognosis.service_count import CountLog, Unit
 from ema_monitor.prognosis.settings import PrognosisSettings
 

@@ -26,8 +26,12 @@ from ema_monitor.prognosis.growth.known_laws import KnownLawTexts
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.outlook import Outlook, outlook_of_one
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.requirements.required_life import BEING_COMPUTED, FITTED
-from ema_monitor.prognosis.requirements.requirements import RequirementLimits, Requirements
+from ema_monitor.prognosis.requirements.requirements import (
+    BEING_COMPUTED,
+    FITTED,
+    RequirementLimits,
+    Requirements,
+)
 from ema_monitor.prognosis.service_count import Count
 from ema_monitor.prognosis.service_hours import Service
 from ema_monitor.prognosis.settings import PrognosisSettings, duty_of

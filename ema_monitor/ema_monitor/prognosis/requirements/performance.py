@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ema_core._jit import kernel
 from ema_core.commands import THESIS_CHIRP, Command
 from ema_core.faults import (
     BACKLASH,
@@ -18,11 +19,11 @@ from ema_core.faults import (
     degrade,
     healthy_faults,
 )
-from ema_core.parameters import ActuatorParameters, constants
-from ema_core.simd import LANES
-from ema_monitor.model.drives import fast_constants
+from ema_core.parameters import ActuatorParameters, ControlConstants, MechanicalConstants, constants
+from ema_core.simd import LANES, broadcast, load, select, store
+from ema_monitor.model.drives import FastDrive, fast_constants, of_pair, pair_position
+from ema_monitor.model.kernel import ModelState, advance
 from ema_monitor.model.threads import run_in_threads
-from ema_monitor.prognosis.requirements.kernel import run_test
 
 LONGEST_STEP: Final = 5e-5
 """Longest integration step; against 1 us it changes no performance by more than 0.5 % [s]."""
@@ -33,6 +34,67 @@ HALF_POWER: Final = math.sqrt(0.5)
 _STEP_OF_SPEED_LOOP = 0.1
 _SWEEP_PERIODS = 20
 _SWEEP_RANGE = (1.0 / 3.0, 4.0)
+
+
+@kernel()
+def available_current(drive: FastDrive, x: ModelState, I, I_max):
+    """Return the largest current of the driven pair in the direction of ``I`` [A].
+
+    It is limited by the current limit, by the torque limit and by the voltage that the back-EMF
+    leaves.
+    """
+    position = pair_position(drive.half_turns * x.theta_m)
+    K = of_pair(position, drive.K)
+    K += of_pair(position, drive.K_cos) * x.cos + of_pair(position, drive.K_sin) * x.sin
+    voltage = drive.V_max - math.copysign(K, I) * x.omega
+    of_voltage = max(voltage / of_pair(position, drive.R), 0.0)
+    return min(min(of_voltage, drive.T_max / abs(K)), broadcast(I_max))
+
+
+@kernel()
+def run_test(
+    control: ControlConstants,
+    drive_of_lanes: FastDrive,
+    mechanics: MechanicalConstants,
+    first,
+    delayed_command,
+    command,
+    cos_phase,
+    sin_phase,
+    edges,
+    dt,
+    error_peak,
+    used_peak,
+    real,
+    imaginary,
+):
+    """Run `LANES` actuators from row ``first`` on, from rest in the middle of their backlash.
+
+    ``command`` is the command at the end of each step, ``delayed_command`` that half a step before
+    its start, both ``(n,)`` [rad]. The results cover the steps between two ``edges``, ``(b + 1,)``,
+    and have shape ``(n_lanes, b)``: ``error_peak`` is the largest error of the user shaft [rad],
+    ``used_peak`` the largest ratio of the current to the available current [-], ``real`` and
+    ``imaginary`` are the sums of the user shaft's angle times ``cos_phase`` and ``sin_phase``,
+    both ``(n,)`` [rad].
+    """
+    c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
+    zero = broadcast(0.0)
+    x = ModelState(zero, broadcast(1.0), zero, zero, zero, zero, zero, zero)
+    for b in range(len(edges) - 1):
+        worst, used, in_phase, in_quadrature = zero, zero, zero, zero
+        for k in range(edges[b], edges[b + 1]):
+            before = x
+            x = advance(c, drive, mech, before, False, delayed_command[k], dt)
+            available = available_current(drive, before, x.I, c.I_max)
+            used = max(used, select(abs(x.I) < available, abs(x.I) / available, 1.0))
+            user = x.theta_b * mech.tau
+            worst = max(worst, abs(command[k] - user))
+            in_phase += user * cos_phase[k]
+            in_quadrature += user * sin_phase[k]
+        store(real, first, b, in_phase)
+        store(imaginary, first, b, in_quadrature)
+        store(error_peak, first, b, worst)
+        store(used_peak, first, b, used)
 
 
 class Performance(NamedTuple):

@@ -1,5 +1,6 @@
 """Required performance: its limits, and how far an actuator with given faults is from them."""
 
+import threading
 from dataclasses import dataclass, fields
 from typing import Final
 
@@ -32,6 +33,9 @@ TRAINING_SIZE: Final = 4000
 
 SEEN: Final = (-0.5, 1.5)
 """Reserves beyond which the stand-in need not tell more [-]."""
+
+BEING_COMPUTED: Final = "requirements are being computed"
+"""Why nothing is said of the requirements of a unit as long as they are fitted elsewhere."""
 
 _SMALLEST_STEP = 0.01
 _NEGLIGIBLE = 0.05
@@ -264,6 +268,64 @@ class Requirements:
 
     def _modelled_reserves(self, faults: NDArray[np.float64]) -> NDArray[np.float64]:
         return self.exact_reserves(MODELLED, faults)
+
+
+class FittedRequirements:
+    """The requirements of units, fitted once for each; any thread may call.
+
+    Parameters
+    ----------
+    most
+        How many to keep.
+    """
+
+    def __init__(self, most: int = 256) -> None:
+        self._most = most
+        self._fitted: dict[tuple[ActuatorParameters, RequirementLimits], Requirements | str] = {}
+        self._fitting = threading.Lock()
+
+    def of(self, parameters: ActuatorParameters, limits: RequirementLimits) -> Requirements | str:
+        """Return the requirements of a unit, or why they cannot be watched.
+
+        The first call for a unit takes about a second on two cores, others none.
+
+        Parameters
+        ----------
+        parameters
+            Those of the unit.
+        limits
+            What is required.
+        """
+        with self._fitting:
+            key = parameters, limits
+            if key not in self._fitted:
+                while len(self._fitted) >= self._most:
+                    del self._fitted[next(iter(self._fitted))]
+                try:
+                    self._fitted[key] = Requirements(parameters, limits)
+                except ValueError as error:
+                    self._fitted[key] = f"requirements cannot be watched: {error}"
+            return self._fitted[key]
+
+    def if_ready(
+        self, parameters: ActuatorParameters, limits: RequirementLimits
+    ) -> Requirements | str:
+        """Return the same without waiting: ``BEING_COMPUTED`` where ``of`` has not been called.
+
+        Parameters
+        ----------
+        parameters, limits
+            As of ``of``.
+        """
+        return self._fitted.get((parameters, limits), BEING_COMPUTED)
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._fitted.clear()
+
+
+FITTED: Final = FittedRequirements()
+"""Those of all units in this process."""
 
 
 def _criterion(name: str, limit: float) -> str:

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core._jit import kernel
 from ema_core.faults import (
     BACKLASH,
     ECCENTRICITY,
@@ -20,8 +21,7 @@ from ema_core.faults import (
     N_FAULTS,
     SHORT_CIRCUITS,
 )
-from ema_core.simd import LANES
-from ema_monitor.prognosis.requirements.kernel import evaluate_surrogate
+from ema_core.simd import LANES, broadcast, load, store
 
 CORRELATION_LENGTH: Final = 0.5
 """Distance in ``coordinates`` over which the error of the trend is alike [-]."""
@@ -71,6 +71,40 @@ def training_faults(n: int, seed: int) -> NDArray[np.float64]:
     off = 2.0 * r[:, GAIN] - 1.0
     k[:, GAIN] = 0.5 + 0.5 * np.sign(off) * np.abs(off) ** 1.5
     return k
+
+
+@kernel()
+def evaluate_surrogate(points, weights, known, known_weights, per_length, values):
+    """Evaluate a cubic trend and a kriging correction at points, `LANES` at a time.
+
+    ``points`` are ``(9, m)`` with ones in the first row; ``weights`` belong to the products of
+    three rows. ``known`` points are ``(k, 9)``, in the same coordinates, with ``known_weights``.
+    The results are stored in ``values``, ``(m, 1)``; m is a multiple of `ema_core.simd.LANES`. The
+    correlation is the rational quadratic (1 + d^2 / 8)^-4, which needs no exponential, at the
+    distance d in correlation lengths; ``per_length`` is the inverse of that length.
+    """
+    width = points.shape[0]
+    for first in range(0, points.shape[1], LANES):
+        total = broadcast(0.0)
+        c = 0
+        for i in range(width):
+            of_i = broadcast(0.0)
+            for j in range(i, width):
+                of_j = broadcast(0.0)
+                for k in range(j, width):
+                    of_j += weights[c] * load(points[k], first)
+                    c += 1
+                of_i += of_j * load(points[j], first)
+            total += of_i * load(points[i], first)
+        for p in range(known.shape[0]):
+            squares = broadcast(0.0)
+            for i in range(1, width):
+                difference = load(points[i], first) - known[p, i]
+                squares += difference * difference
+            nearness = 1.0 / (1.0 + 0.125 * per_length * per_length * squares)
+            nearness *= nearness
+            total += known_weights[p] * nearness * nearness
+        store(values, first, 0, total)
 
 
 class Trend:
