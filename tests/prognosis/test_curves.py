@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ema_core.growth_laws import hours_until, increment
-from ema_monitor.prognosis.growth.curves import BENDS, curves_of
+from ema_monitor.prognosis.growth.cells import BENDS, curves_of
 from ema_monitor.prognosis.growth.settings import KnownLaw
 
 LIMIT = 0.25

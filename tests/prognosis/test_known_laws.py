@@ -20,8 +20,8 @@ def test_figures_are_rate_and_second_figure_of_the_law():
     ("fault", "written", "message"),
     [
         ("frction", "linear:1e-3", "unknown fault 'frction'"),
-        ("friction", "cubic", "unknown law 'cubic' of friction"),
-        ("friction", "constant", "unknown law 'constant' of friction"),
+        ("friction", "cubic", "unknown law of friction 'cubic'"),
+        ("friction", "constant", "unknown law of friction 'constant'"),
         ("friction", "archard", "median rate of friction is known for law exponential only"),
         ("friction", "linear:fast", "'linear:fast' of friction: could not convert"),
         ("friction", "linear:-1", "rate"),

@@ -19,8 +19,7 @@ from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook, earlier
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.requirements.required_life import FITTED
-from ema_monitor.prognosis.requirements.requirements import REQUIREMENTS, RequirementLimits
+from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS, RequirementLimits
 from ema_monitor.prognosis.settings import duty_of
 
 from .lived_units import PARAMETERS, TEN_HOURS, UNIT, backlash, friction, lived, plain

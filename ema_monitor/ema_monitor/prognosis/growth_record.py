@@ -5,8 +5,8 @@ from collections.abc import Iterable
 
 from ema_core.faults import ECCENTRICITY_PHASE
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.growth.events import OUTLIER
 from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.growth.outliers import OUTLIER
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history_entry import Entry

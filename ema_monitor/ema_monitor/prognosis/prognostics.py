@@ -13,14 +13,13 @@ from ema_core.parameters import ActuatorParameters
 from ema_monitor.health import HealthLimits, Tracked, assess, with_requirements
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife, assumption_of
-from ema_monitor.prognosis.growth.tracked_fault import TrackedFault
-from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth.tracker import TrackedFault, Tracker
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
 from ema_monitor.prognosis.outlook import Outlook, earlier, worst_with_warning
-from ema_monitor.prognosis.requirements.required_life import FITTED, RequiredLife, required_life
-from ema_monitor.prognosis.requirements.requirements import RequirementLimits, Requirements
+from ema_monitor.prognosis.requirements.required_life import RequiredLife, required_life
+from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits, Requirements
 from ema_monitor.prognosis.service_count import Count
 from ema_monitor.prognosis.settings import PrognosisSettings
 

@@ -1,14 +1,43 @@
 """Values that growth does not explain: held back, then confirmed or dropped by the next test."""
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS
-from ema_monitor.prognosis.growth.events import OUTLIER, REPAIR, STEP, Event
 from ema_monitor.prognosis.growth.measurement import HEALTHY, Measurement
 from ema_monitor.prognosis.growth.settings import TrackerSettings
+
+REPAIR: Final = "repair"
+STEP: Final = "step"
+OUTLIER: Final = "outlier"
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that growth does not explain.
+
+    Attributes
+    ----------
+    kind
+        ``"outlier"``: a value that no growth explains, held back until the next test. When that
+        test agrees with it, a ``"repair"`` (the fault became smaller) or a ``"step"`` (it became
+        larger) follows; else it stays an outlier and is never used.
+    component
+        Component of the fault vector.
+    hours
+        Service hour at which it was first seen [h].
+    text
+        What was seen, in words.
+    """
+
+    kind: str
+    component: str
+    hours: float
+    text: str
+
 
 _AGREEMENT: Final = 4.0
 _JUMP_SHARE: Final = 0.1
