@@ -17,6 +17,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.requirements.requirements import (
@@ -25,7 +26,6 @@ from ema_monitor.prognosis.requirements.requirements import (
     RequirementLimits,
     Requirements,
 )
-from ema_monitor.prognosis.service_count import Count
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_sim.lives import SimulatedLife
 

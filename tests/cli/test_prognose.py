@@ -27,9 +27,9 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
-from ema_monitor.prognosis.service_count import Count
-from ema_monitor.prognosis.service_hours import Service
+from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter

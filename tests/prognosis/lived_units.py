@@ -9,10 +9,10 @@ from typing import NamedTuple
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.service_count import Count
-from ema_monitor.prognosis.service_hours import Service
+from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 
 from .made_tests import made_test

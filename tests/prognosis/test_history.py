@@ -16,8 +16,7 @@ import pytest
 
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.history import History, history_path
-from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
-from ema_monitor.prognosis.service_count import Count
+from ema_monitor.prognosis.history_entry import Count, Entry, UnusedCycle
 
 from .kept_histories import UNIT, entry, hours, kept
 from .made_tests import made_test

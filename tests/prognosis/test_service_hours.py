@@ -7,9 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ema_monitor.prognosis.history_entry import Entry
-from ema_monitor.prognosis.service_count import Count
-from ema_monitor.prognosis.service_hours import ServiceHours
+from ema_monitor.prognosis.history_entry import Count, Entry
+from ema_monitor.prognosis.service import ServiceHours
 
 from .made_tests import made_test
 

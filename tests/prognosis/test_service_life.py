@@ -9,9 +9,9 @@ import pytest
 from ema_core.levels import OK, WARN
 from ema_monitor.health import HealthLimits, assess
 from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.service_count import Count
-from ema_monitor.prognosis.service_hours import Service
+from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 
 from .lived_units import (

@@ -9,7 +9,7 @@ from typing import Any, Final
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import RecordedWindow, read_windows, require_windows
 from ema_core.description import ActuatorDescription
-from ema_monitor.prognosis.service_count import Count
+from ema_monitor.prognosis.history_entry import Count
 from ema_recording.metadata import METADATA_FILE
 from ema_recording.reader import Bag
 from ema_recording.telemetry import DESCRIPTION_TYPE, USAGE_TYPE

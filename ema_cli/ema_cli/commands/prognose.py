@@ -31,7 +31,7 @@ from ema_core.wording import as_identifier, counted, unknown_name
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
-from ema_monitor.prognosis.service_hours import Service
+from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 
 

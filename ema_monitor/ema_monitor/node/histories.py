@@ -6,7 +6,7 @@ from pathlib import Path
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.prognostics import Prognostics, RequirementsOf
 from ema_monitor.prognosis.requirements.requirements import FITTED
-from ema_monitor.prognosis.service_count import CountLog, Unit
+from ema_monitor.prognosis.service import CountLog, UnitKey
 from ema_monitor.prognosis.settings import PrognosisSettings
 
 
@@ -28,8 +28,8 @@ class MonitorHistories:
         self._requirements_of = requirements_of
         self._lock = threading.Lock()
         # A lock a unit: that the history of one is long must not hold up the others.
-        self._opening: dict[Unit, threading.Lock] = {}
-        self._units: dict[Unit, Prognostics] = {}
+        self._opening: dict[UnitKey, threading.Lock] = {}
+        self._units: dict[UnitKey, Prognostics] = {}
         self.counts = CountLog()
         self._folder: Path | None = None
         self._is_serving = False
@@ -61,11 +61,11 @@ class MonitorHistories:
             self._units.clear()
             self.counts = CountLog()
 
-    def items(self) -> list[tuple[Unit, Prognostics]]:
+    def items(self) -> list[tuple[UnitKey, Prognostics]]:
         """Return the units with open histories."""
         return list(self._units.items())
 
-    def of(self, unit: Unit, settings: PrognosisSettings) -> Prognostics:
+    def of(self, unit: UnitKey, settings: PrognosisSettings) -> Prognostics:
         """Return what is known of a unit.
 
         Parameters
@@ -88,7 +88,7 @@ class MonitorHistories:
                 self._open(unit, settings)
             return self._units[unit]
 
-    def _open(self, unit: Unit, settings: PrognosisSettings) -> None:
+    def _open(self, unit: UnitKey, settings: PrognosisSettings) -> None:
         path = history_path(self._folder, *unit) if self._folder else None
         prognostics = Prognostics(History(*unit, path), settings, self._requirements_of)
         with self._lock:

@@ -24,6 +24,7 @@ from ema_monitor.node.messages import health_to_message
 from ema_monitor.node.units import Unit
 from ema_monitor.prognosis.growth.known_laws import KnownLawTexts
 from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook, outlook_of_one
 from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.requirements.requirements import (
@@ -32,8 +33,7 @@ from ema_monitor.prognosis.requirements.requirements import (
     RequirementLimits,
     Requirements,
 )
-from ema_monitor.prognosis.service_count import Count
-from ema_monitor.prognosis.service_hours import Service
+from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings, duty_of
 from ema_monitor.windows.finder import Segment
 from ema_ros.executor import WaitingCallbackGroup

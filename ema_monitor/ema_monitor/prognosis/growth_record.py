@@ -10,7 +10,7 @@ from ema_monitor.prognosis.growth.outliers import OUTLIER
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history_entry import Entry
-from ema_monitor.prognosis.service_hours import ServiceHours, TimedTest
+from ema_monitor.prognosis.service import ServiceHours, TimedTest
 
 
 class GrowthRecord:

@@ -11,8 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 from urllib.parse import quote
 
-from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_text, entry_of
-from ema_monitor.prognosis.history_import import import_lines
+from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_text, entry_of, import_lines
 
 SCHEMA_VERSION: Final = 3
 """``user_version`` of the database; 1 and 2 were files of JSON lines."""

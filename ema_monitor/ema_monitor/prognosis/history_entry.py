@@ -1,13 +1,57 @@
-"""A test in the history of a unit, and its record in the file."""
+"""A test in the history of a unit, and its record in files of this and of earlier versions."""
 
 import json
 import math
+import zlib
 from dataclasses import asdict, dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
+import numpy as np
+
+from ema_core.faults import FAULT_NAMES
+from ema_core.quantity import is_finite_number
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain_number
 from ema_monitor.prognosis.growth.measurement import Measurement
-from ema_monitor.prognosis.service_count import Count
+
+_MOST_HOURS: Final = 1e7
+_MOST_CYCLES: Final = 10**12
+_FORMATS: Final = ("ema_history 1", "ema_history 2")
+_CHECKSUM: Final = b', "crc32": "'
+
+
+@dataclass(frozen=True)
+class Count:
+    """Service life of a unit as it was counted.
+
+    Attributes
+    ----------
+    stamp_ns
+        When the counts were read [ns].
+    hours
+        Hours in service since new [h], at most 1e7.
+    cycles
+        Test cycles since new, at most 1e12; 0 when they are not counted.
+
+    Raises
+    ------
+    ValueError
+        When a figure is impossible; the message names it.
+    """
+
+    stamp_ns: int
+    hours: float
+    cycles: int
+
+    def __post_init__(self) -> None:
+        if not is_finite_number(self.hours) or not 0.0 <= self.hours <= _MOST_HOURS:
+            raise ValueError(
+                f"flight_hours = {self.hours:g} h: expected a number in [0, {_MOST_HOURS:g}]"
+            )
+        if not 0 <= self.cycles <= _MOST_CYCLES:
+            raise ValueError(
+                f"cycles = {self.cycles}: expected a whole number in [0, {_MOST_CYCLES:g}]"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,5 +144,71 @@ def entry_of(text: str) -> Entry | UnusedCycle:
         estimate_of(record["estimate"]),
         math.nan if hours is None else hours,
         record["cycles"],
+        Count(**count) if count else None,
+    )
+
+
+def import_lines(
+    path: Path, actuator_id: str, serial_number: str
+) -> tuple[list[Entry | UnusedCycle], str]:
+    """Return the tests in a file of an earlier version, and what there is to say of the import.
+
+    The file is left as it is. Of a damaged one, the tests before the damage are returned.
+
+    Parameters
+    ----------
+    path
+        The file.
+    actuator_id, serial_number
+        The unit that it must be of.
+
+    Raises
+    ------
+    OSError
+        When it cannot be read.
+    """
+    # What follows the last line break is a line that a kill cut off.
+    header, *lines = path.read_bytes().split(b"\n")[:-1] or [b""]
+    tests: list[Entry | UnusedCycle] = []
+    is_of_unit = False
+    try:
+        _check_header(_values(header), actuator_id, serial_number)
+        is_of_unit = True
+        for line in lines:
+            tests.append(_test(_values(line)))
+    except (ValueError, KeyError, TypeError) as error:
+        number = len(tests) + 1 + is_of_unit
+        reason = f"line {number} is damaged or of another kind: {error}"
+        return tests, f"{len(tests)} test cycles are imported from {path.name}, not all: {reason}"
+    return tests, f"{len(tests)} test cycles are imported from {path.name}, which stays as it is"
+
+
+def _values(line: bytes) -> dict[str, Any]:
+    body, mark, checksum = line.rpartition(_CHECKSUM)
+    if not mark or checksum != f'{zlib.crc32(body):08x}"}}'.encode():
+        raise ValueError("its checksum is wrong")
+    return json.loads(body + b"}")
+
+
+def _check_header(values: dict[str, Any], actuator_id: str, serial_number: str) -> None:
+    if values.get("format") not in _FORMATS:
+        raise ValueError(f"format {values.get('format')!r} is none of {', '.join(_FORMATS)}")
+    unit = (values.get("actuator_id"), values.get("serial_number"))
+    if unit != (actuator_id, serial_number):
+        raise ValueError(f"it is of unit {unit}, not {(actuator_id, serial_number)}")
+
+
+def _test(values: dict[str, Any]) -> Entry | UnusedCycle:
+    if "without_estimate_ns" in values:
+        return UnusedCycle(int(values["without_estimate_ns"]))
+    estimate = values["estimate"]
+    estimate["faults"] = dict(zip(FAULT_NAMES, estimate["faults"], strict=True))
+    for name in ("unobservable", "insignificant"):
+        estimate[name] = [FAULT_NAMES[number] for number in np.flatnonzero(estimate[name])]
+    count, hours = values.get("count"), values["hours"]
+    return Entry(
+        estimate_of(estimate),
+        math.nan if count or hours is None else hours,
+        values["cycles"],
         Count(**count) if count else None,
     )

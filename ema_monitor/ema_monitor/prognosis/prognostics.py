@@ -16,11 +16,10 @@ from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife, as
 from ema_monitor.prognosis.growth.tracker import TrackedFault, Tracker
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
+from ema_monitor.prognosis.history_entry import Count, Entry, UnusedCycle
 from ema_monitor.prognosis.outlook import Outlook, earlier, worst_with_warning
 from ema_monitor.prognosis.requirements.required_life import RequiredLife, required_life
 from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits, Requirements
-from ema_monitor.prognosis.service_count import Count
 from ema_monitor.prognosis.settings import PrognosisSettings
 
 RequirementsOf = Callable[[ActuatorParameters, RequirementLimits], Requirements | str]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
-from ema_monitor.prognosis.service_hours import Service
+from ema_monitor.prognosis.service import Service
 
 
 @dataclass(frozen=True)
