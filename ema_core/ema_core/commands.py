@@ -76,7 +76,9 @@ class Command:
     def __post_init__(self) -> None:
         check_quantities(self)
         if self.shape == "custom":
-            object.__setattr__(self, "samples", finite_samples("custom command", self.samples))
+            object.__setattr__(
+                self, "samples", finite_samples("shape = 'custom': samples", self.samples)
+            )
 
     def travel_warning(self, parameters: ActuatorParameters) -> str:
         """Return a warning when the command leads beyond the end stops, else an empty text.
