@@ -162,7 +162,7 @@ def _followed(
         estimate = _estimate(measurement, calibration)
         start = time.process_time()
         count = Count(estimate.end_ns, measurement.hours, cycle)
-        outlook = prognostics.take(estimate, parameters, settings, count)
+        outlook = prognostics.update(estimate, parameters, settings, count)
         spent.append(time.process_time() - start)
         if outlook is None:
             raise RuntimeError(f"nothing is said of a valid estimate at {measurement.hours:g} h")

@@ -46,7 +46,7 @@ def lived(
         estimate = made_test(
             number, seed=3, valid=valid, friction=friction(number), backlash=backlash(number)
         )
-        outlook = prognostics.take(estimate, PARAMETERS, settings)
+        outlook = prognostics.update(estimate, PARAMETERS, settings)
         assert (outlook is not None) == valid
         told += [outlook] if outlook else []
     return prognostics, told
@@ -78,7 +78,7 @@ def follow(
     outlooks = []
     for estimate, hours in cycles:
         count = None if math.isnan(hours) else Count(estimate.start_ns, hours, 0)
-        outlooks.append(prognostics.take(estimate, None, settings, count))
+        outlooks.append(prognostics.update(estimate, None, settings, count))
     return outlooks
 
 

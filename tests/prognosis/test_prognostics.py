@@ -88,7 +88,7 @@ def test_healthy_actuator_is_told_no_life_and_no_alarm():
     prognostics = Prognostics(History(*UNIT), TEN_HOURS)
     for number in range(30):
         estimate = made_test(number, seed=11, friction=0.0, backlash=0.0, gain=0.5)
-        last = prognostics.take(estimate, PARAMETERS, TEN_HOURS)
+        last = prognostics.update(estimate, PARAMETERS, TEN_HOURS)
         assert last is not None
         assert (last.health.level, last.rul.known, last.dominant) == (OK, False, "")
         assert last.rul.reason
@@ -102,7 +102,7 @@ def test_restart_changes_nothing(tmp_path: Path):
     first.history.close()
     second = Prognostics(History(*UNIT, path), TEN_HOURS)
     told = [
-        second.take(
+        second.update(
             made_test(number, seed=3, friction=friction(number), backlash=backlash(number)),
             PARAMETERS,
             TEN_HOURS,
@@ -117,7 +117,7 @@ def test_same_test_again_changes_nothing(worn):
     prognostics, told = worn
     entries = len(prognostics.history.entries)
     for number in (59, 7):
-        again = prognostics.take(made_test(number, friction=0.9), PARAMETERS, TEN_HOURS)
+        again = prognostics.update(made_test(number, friction=0.9), PARAMETERS, TEN_HOURS)
         assert again is not None
         assert plain(again) == plain(told[-1])
         assert "in the history already" in again.events[0]
@@ -150,7 +150,7 @@ def test_without_history_there_is_no_answer():
 
 def test_stamps_that_go_back_are_told():
     prognostics, _ = lived(3)
-    back = prognostics.take(made_test(-5), PARAMETERS, TEN_HOURS)
+    back = prognostics.update(made_test(-5), PARAMETERS, TEN_HOURS)
     assert back is not None
     assert any("70 s before" in event for event in back.events)
     assert back.hours == 40.0
@@ -159,7 +159,7 @@ def test_stamps_that_go_back_are_told():
 def test_step_is_a_warning_at_once_and_an_error_when_it_is_confirmed():
     prognostics, _ = lived(20)
     told = [
-        prognostics.take(made_test(n, friction=0.7, backlash=backlash(n)), PARAMETERS, TEN_HOURS)
+        prognostics.update(made_test(n, friction=0.7, backlash=backlash(n)), PARAMETERS, TEN_HOURS)
         for n in (20, 21)
     ]
     healths = [
@@ -205,7 +205,7 @@ def test_worst_requirement_with_a_warning_is_named_while_no_life_is_known():
     """The torque margin suffers from backlash that is well within its own limit."""
     prognostics = Prognostics(History(*UNIT), TEN_HOURS)
     estimates = [made_test(number, backlash=0.09) for number in range(3)]
-    *_, last = [prognostics.take(one, PARAMETERS, TEN_HOURS) for one in estimates]
+    *_, last = [prognostics.update(one, PARAMETERS, TEN_HOURS) for one in estimates]
     assert last is not None
     assert not last.rul.known
     assert (last.health.level, last.dominant) == (WARN, "torque_margin")
@@ -257,7 +257,7 @@ def test_component_that_no_test_has_told_of_ends_no_life(hidden: str):
         unobservable = found.unobservable.copy()
         unobservable[number] = True
         estimate = replace(found, covariance=covariance, unobservable=unobservable)
-        told = prognostics.take(estimate, PARAMETERS, TEN_HOURS)
+        told = prognostics.update(estimate, PARAMETERS, TEN_HOURS)
     assert told is not None
     assert told.rul_faults.known
     assert told.rul_requirements.reason == f"no test has told of {hidden} yet"
@@ -267,7 +267,7 @@ def test_component_that_no_test_has_told_of_ends_no_life(hidden: str):
 def test_first_test_alone_ends_no_life():
     """However bad: it may be an outlier, and the tracker waits for a second one that agrees."""
     prognostics = Prognostics(History(*UNIT), TEN_HOURS)
-    told = prognostics.take(made_test(0, backlash=0.4), PARAMETERS, TEN_HOURS)
+    told = prognostics.update(made_test(0, backlash=0.4), PARAMETERS, TEN_HOURS)
     assert told is not None
     assert not told.rul_requirements.known
     assert "no test to rely on" in told.rul_requirements.reason

@@ -92,7 +92,7 @@ def test_one_count_too_high_raises_no_alarm(wrong: float, is_worn: bool):
     for number, hours in enumerate(ten_hours_a_test(24, at_20=wrong)):
         estimate = worn(number).estimate if is_worn else made_test(number, seed=3, friction=0.1)
         count = Count(estimate.start_ns, hours, number + 1)
-        outlooks.append(prognostics.take(estimate, PARAMETERS, COUNTED, count))
+        outlooks.append(prognostics.update(estimate, PARAMETERS, COUNTED, count))
     levels = [item.health.level for item in outlooks[17:]]
     # The torque margin of a worn unit is near its limit at a single test as well.
     assert max(levels) <= (WARN if is_worn else OK)
@@ -186,7 +186,7 @@ def test_counted_cycles_hold_over_those_seen_and_one_wrong_count_costs_one_test(
         estimate = made_test(number)
         counted_cycles = {3: 5_000_000, 6: 0}.get(number, number + 20)
         count = Count(estimate.start_ns, 10.0 * number, counted_cycles)
-        outlook = prognostics.take(estimate, None, COUNTED, count)
+        outlook = prognostics.update(estimate, None, COUNTED, count)
         assert outlook is not None
         cycles.append(outlook.cycles)
     # Where none are counted, those seen are added.
@@ -236,7 +236,7 @@ def test_unknown_hours_leave_life_unknown_and_health_to_the_estimate():
 def test_count_that_was_read_after_the_test_does_not_count_for_it():
     prognostics = Prognostics(History(*UNIT))
     late = Count(FIRST_NS + 1000 * PERIOD_NS, 50.0, 0)
-    outlook = prognostics.take(made_test(0), None, COUNTED, late)
+    outlook = prognostics.update(made_test(0), None, COUNTED, late)
     assert outlook is not None
     assert "no count on topic usage was read before the test" in outlook.rul.reason
 
@@ -245,7 +245,7 @@ def test_alarm_does_not_wait_for_a_count_to_be_confirmed():
     prognostics = Prognostics(History(*UNIT))
     follow(prognostics, [worn(n, h) for n, h in enumerate(ten_hours_a_test(30))])
     count = Count(FIRST_NS + 29 * PERIOD_NS + 1, 3.0, 0)
-    odd = prognostics.take(made_test(30, friction=0.3), PARAMETERS, COUNTED, count)
+    odd = prognostics.update(made_test(30, friction=0.3), PARAMETERS, COUNTED, count)
     assert odd is not None
     assert "went from 300 h to 3 h" in odd.rul.reason
     assert [i.value for i in odd.health.faults if i.name == "friction"] == [0.3]

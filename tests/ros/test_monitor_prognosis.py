@@ -225,15 +225,15 @@ def test_telemetry_is_received_while_a_prognosis_is_made(
 ):
     begun, go_on = threading.Event(), threading.Event()
     threads = []
-    take = Prognostics.take
+    update = Prognostics.update
 
     def slow(self: Prognostics, *args: Any) -> Any:
         threads.append(threading.current_thread().name)
         begun.set()
         assert go_on.wait(DEADLINE_S)
-        return take(self, *args)
+        return update(self, *args)
 
-    monkeypatch.setattr(Prognostics, "take", slow)
+    monkeypatch.setattr(Prognostics, "update", slow)
     with monitor() as session:
         session.describe()
         session.feed(cycles[:1])
@@ -286,7 +286,7 @@ def test_prognosis_that_fails_costs_neither_estimate_nor_alarm(
     def fail(*_: Any) -> Any:
         raise FloatingPointError("made up")
 
-    monkeypatch.setattr(Prognostics, "take", fail)
+    monkeypatch.setattr(Prognostics, "update", fail)
     with monitor({"hours_per_cycle": HOURS}) as session:
         session.describe()
         [health] = live(session, cycles[TESTS + 1 :])

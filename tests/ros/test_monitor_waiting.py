@@ -165,7 +165,7 @@ def test_node_that_ends_waits_for_the_health_that_is_being_published(
 ):
     """Else its publishers would be gone when the thread comes to publish."""
     begun, ended = threading.Event(), threading.Event()
-    record = Prognostics.take
+    record = Prognostics.update
 
     def slow(self: Prognostics, *args: Any) -> Any:
         begun.set()
@@ -173,7 +173,7 @@ def test_node_that_ends_waits_for_the_health_that_is_being_published(
         ended.wait(0.5)
         return record(self, *args)
 
-    monkeypatch.setattr(Prognostics, "take", slow)
+    monkeypatch.setattr(Prognostics, "update", slow)
     monkeypatch.setattr(worker, "_JOIN_S", 0.0)
     with monitor() as session:
         session.describe()

@@ -197,7 +197,7 @@ class MonitorPrognosis:
             prognostics = self._of(description)
             unit = (description.actuator_id, description.serial_number)
             count = self._histories.counts.latest(unit, estimate.end_ns)
-            outlook = prognostics.take(estimate, self._parameters(description), settings, count)
+            outlook = prognostics.update(estimate, self._parameters(description), settings, count)
         except Exception as error:
             # What fails here must cost neither the estimate nor the alarm.
             reason = self.report_failure(description.actuator_id, error)

@@ -1,13 +1,22 @@
-"""What is said of an actuator after a test: its health, and how long it will last."""
+"""Health and remaining life of an actuator after a test."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES
 from ema_core.levels import ERROR, STALE, WARN
-from ema_monitor.health import Health, HealthLimits, assess
+from ema_monitor.health import Health, HealthLimits, Tracked, assess, with_requirements
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.prognosis.growth.prediction import RemainingLife, assumption_of
+from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife, assumption_of
+from ema_monitor.prognosis.growth.tracker import TrackedFault, Tracker
+from ema_monitor.prognosis.growth_record import GrowthRecord
+from ema_monitor.prognosis.requirements.required_life import RequiredLife, required_life
+from ema_monitor.prognosis.requirements.requirements import Requirements
+from ema_monitor.prognosis.settings import PrognosisSettings
 
 
 @dataclass(frozen=True)
@@ -148,3 +157,141 @@ def earlier(one: RemainingLife, other: RemainingLife, together: RemainingLife) -
         min(life.hours_95 for life in every),
         first.criterion,
     )
+
+
+def outlook_of(
+    growth: GrowthRecord, settings: PrognosisSettings, requirements: Requirements | str
+) -> Outlook:
+    """Return health and remaining life after the latest test, without events.
+
+    Parameters
+    ----------
+    growth
+        Of the unit; with at least one test.
+    settings
+        Limits, horizon and duty.
+    requirements
+        Those of the unit, or why they cannot be watched.
+
+    Raises
+    ------
+    ValueError
+        When there is no test.
+    """
+    service, limits, duty = growth.service, settings.limits, settings.service.duty
+    entry = service.latest
+    if entry is None:
+        raise ValueError("an outlook needs a test")
+    if service.unknown:
+        tracked: tuple[TrackedFault, ...] = ()
+        prognosis = _nothing(service.unknown, limits, duty)
+    else:
+        tracked = tuple(item for item in growth.tracker.components() if item.tests)
+        prognosis = growth.tracker.predict(duty)
+    # Alarms do not wait for a count.
+    judged = tracked if growth.latest_is_used else ()
+    health = assess(
+        entry.estimate,
+        limits,
+        {
+            item.name: Tracked(item.value, item.sigma, item.name in growth.doubtful)
+            for item in judged
+        },
+    )
+    required = _required(growth, entry.estimate, tracked, prognosis, settings, requirements)
+    health = with_requirements(health, required.healths)
+    rul = earlier(prognosis.overall, required.overall, required.with_limits)
+    dominant = worst_with_warning(health)
+    if rul.known:
+        by_fault = rul.criterion == prognosis.overall.criterion
+        dominant = prognosis.dominant_fault if by_fault else required.dominant
+    return Outlook(
+        stamp_ns=entry.stamp_ns,
+        hours=service.hours,
+        cycles=entry.cycles,
+        hours_per_cycle=_hours_per_cycle(growth, settings),
+        health=health,
+        trends={item.name: item.trend for item in tracked} | dict(required.trends),
+        lives={**prognosis.components, **required.lives},
+        rul_faults=prognosis.overall,
+        rul_requirements=required.overall,
+        rul=rul,
+        dominant=dominant,
+        duty=duty,
+        assumption=prognosis.assumption,
+        events=(),
+    )
+
+
+def _required(
+    growth: GrowthRecord,
+    estimate: Estimate,
+    tracked: tuple[TrackedFault, ...],
+    prognosis: Prognosis,
+    settings: PrognosisSettings,
+    requirements: Requirements | str,
+) -> RequiredLife:
+    if isinstance(requirements, str):
+        return RequiredLife.unknown(requirements, settings.requirements)
+    limits = settings.limits
+    faults, covariance = _latest_faults(growth, estimate, tracked)
+    judgement = requirements.judge(faults, covariance, warn_share=limits.warn_share)
+    if growth.service.unknown or np.isnan(faults).any():
+        reason = growth.service.unknown or "not all faults are observable"
+        return RequiredLife.unknown(reason, requirements, judgement.healths)
+    required = required_life(
+        requirements,
+        judgement,
+        faults,
+        growth.tracker,
+        tracked,
+        prognosis,
+        limits,
+        settings.tracker,
+        growth.service.hours - growth.service.used[0].hours,
+    )
+    if growth.latest_is_used:
+        return required
+    faults, covariance = _latest_faults(growth, estimate, ())
+    alone = requirements.judge(faults, covariance, warn_share=limits.warn_share)
+    return replace(required, healths=alone.healths)
+
+
+def _latest_faults(
+    growth: GrowthRecord, estimate: Estimate, tracked: tuple[TrackedFault, ...]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return faults, ``(8,)``, and covariance by all tests; without tracked ones, by the last.
+
+    What is unknown is NaN.
+    """
+    faults = estimate.faults.copy()
+    if not tracked:
+        return faults, estimate.covariance
+    variance = np.where(estimate.unobservable, np.nan, np.diag(estimate.covariance))
+    for item in tracked:
+        number = FAULT_NAMES.index(item.name)
+        faults[number], variance[number] = item.value, item.sigma**2
+    if not math.isnan(growth.phase[0]):
+        faults[ECCENTRICITY_PHASE], variance[ECCENTRICITY_PHASE] = growth.phase
+    return faults, np.diag(variance)
+
+
+def _hours_per_cycle(growth: GrowthRecord, settings: PrognosisSettings) -> float:
+    """Return the flight hours from a test cycle to the next [h]; NaN when not known."""
+    used = growth.service.used
+    if used and used[-1].entry.cycles > used[0].entry.cycles:
+        cycles = used[-1].entry.cycles - used[0].entry.cycles
+        if (mean := (used[-1].hours - used[0].hours) / cycles) > 0.0:
+            return mean
+    return settings.service.hours_per_cycle or math.nan
+
+
+def _nothing(reason: str, limits: HealthLimits, duty: float) -> Prognosis:
+    """Return the prognosis of which no figure can be given."""
+    blank = Tracker(limits).predict(duty)
+    components = {
+        name: RemainingLife.unknown(life.criterion, reason)
+        for name, life in blank.components.items()
+    }
+    overall = RemainingLife.unknown(blank.overall.criterion, reason)
+    return replace(blank, components=components, overall=overall, assumption=assumption_of(duty))
