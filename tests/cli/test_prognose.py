@@ -9,14 +9,12 @@ import pytest
 from matplotlib.text import Text
 
 from ema_cli.bags.source_options import Source
-from ema_cli.bags.unit_calibration import CALIBRATION_FILE
-from ema_cli.bags.unit_course import Course, follow
-from ema_cli.bags.unit_record import UnitRecord, find_bags, read_unit
+from ema_cli.bags.unit_course import Course, follow, true_remaining_life
+from ema_cli.bags.unit_record import CALIBRATION_FILE, UnitRecord, find_bags, read_unit
 from ema_cli.commands import prognose as command
-from ema_cli.known_laws import KnownLawType
-from ema_cli.lives.bag import write_test
+from ema_cli.commands.prognose import KnownLawType
+from ema_cli.lives.files import write_test
 from ema_cli.lives.tests_of_life import simulated_tests
-from ema_cli.lives.true_life import true_remaining_life
 from ema_cli.show.prognosis_figure import draw_course
 from ema_cli.show.prognosis_table import as_values, prognosis_message, removal_in_words
 from ema_core.description import ActuatorDescription

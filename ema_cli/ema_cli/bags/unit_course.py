@@ -1,5 +1,6 @@
-"""What is said of a unit after each of its tests, as a live monitor says it."""
+"""Health and life of a unit after each of its tests, as a monitor gives them, and the truth."""
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,14 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_cli.bags.truths import truth_at
 from ema_cli.bags.unit_record import UnitRecord
 from ema_cli.show.progress import progress_bar
+from ema_core.faults import FAULTS, N_FAULTS
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS
 from ema_monitor.prognosis.service import CountLog
 from ema_monitor.prognosis.settings import PrognosisSettings
 
@@ -26,9 +30,9 @@ class Step:
     Attributes
     ----------
     estimate
-        What was found in its window.
+        Estimate of its window.
     outlook
-        What there is to say after it; None when the estimate is not valid.
+        Health and life after it; None when the estimate is not valid.
     """
 
     estimate: Estimate
@@ -59,7 +63,7 @@ class Course:
 
     @property
     def outlooks(self) -> list[Outlook]:
-        """What was said after each valid test."""
+        """Health and life after each valid test."""
         return [step.outlook for step in self.steps if step.outlook is not None]
 
     @property
@@ -75,7 +79,7 @@ def follow(
     parameters: ActuatorParameters,
     settings: PrognosisSettings,
 ) -> Course:
-    """Return what a monitor says of a unit test by test, with a progress bar.
+    """Return health and life of a unit test by test, with a progress bar.
 
     Parameters
     ----------
@@ -99,6 +103,68 @@ def follow(
             while counts and counts[0].stamp_ns <= estimate.end_ns:
                 log.add(key, counts.popleft())
             count = log.latest(key, estimate.end_ns)
-            outlook = prognostics.take(estimate, parameters, settings, count)
+            outlook = prognostics.update(estimate, parameters, settings, count)
             steps.append(Step(estimate, outlook))
     return Course(record, settings, parameters, steps, prognostics.growth)
+
+
+def true_faults(course: Course) -> NDArray[np.float64]:
+    """Return the true faults of each valid test, ``(n, 8)``; NaN where they are not recorded.
+
+    Parameters
+    ----------
+    course
+        Tests of a unit.
+    """
+    rows = []
+    for step in course.steps:
+        if step.outlook is not None:
+            truth = truth_at(course.record.truths, step.estimate.start_ns)
+            rows.append(np.full(N_FAULTS, np.nan) if truth is None else truth.faults)
+    return np.reshape(rows, (-1, N_FAULTS))
+
+
+def true_remaining_life(course: Course, end_hours: float | None = None) -> NDArray[np.float64]:
+    """Return the hours left at each valid test until life truly ended [h], ``(n,)``.
+
+    Life ends when a true fault reaches its limit, or a required performance, computed by the
+    monitor's model from the true faults, fails: between two tests, where the share of the way to
+    the limit passes 1 on a straight line. NaN where the hour or the end is not known.
+
+    Parameters
+    ----------
+    course
+        Tests of a unit.
+    end_hours
+        Service hour at which a fault reaches its limit, if that is after the last test [h].
+    """
+    hours = course.hours
+    share = _share_of_the_way(course, true_faults(course))
+    known = np.isfinite(hours) & np.isfinite(share)
+    left = np.full(len(hours), np.nan)
+    end = math.nan if end_hours is None else end_hours
+    later = None
+    # Backwards: what is left at a test is what is left until the next end after it.
+    for i in np.flatnonzero(known)[::-1]:
+        if share[i] >= 1.0:
+            end = hours[i]
+        elif later is not None and share[later] >= 1.0:
+            part = (1.0 - share[i]) / (share[later] - share[i])
+            end = hours[i] + part * (hours[later] - hours[i])
+        left[i] = max(end - hours[i], 0.0)
+        later = i
+    return left
+
+
+def _share_of_the_way(course: Course, faults: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the largest share of the way to a limit at each valid test, ``(n,)`` [-]."""
+    limits = course.settings.limits
+    shares = [
+        abs(faults[:, number] - fault.healthy) / limits.of(fault.name)
+        for number, fault in enumerate(FAULTS)
+        if fault.limit is not None
+    ]
+    requirements = FITTED.of(course.parameters, course.settings.requirements)
+    if not isinstance(requirements, str):
+        shares += list(1.0 - requirements.exact_reserves(REQUIREMENTS, faults).T)
+    return np.max(shares, axis=0)

@@ -1,13 +1,14 @@
 """From bags and folders of bags to the tests of one unit, in order of time."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import RecordedWindow, read_windows, require_windows
+from ema_cli.identification_options import IdentificationOptions
 from ema_core.description import ActuatorDescription
 from ema_monitor.prognosis.history_entry import Count
 from ema_recording.metadata import METADATA_FILE
@@ -15,6 +16,9 @@ from ema_recording.reader import Bag
 from ema_recording.telemetry import DESCRIPTION_TYPE, USAGE_TYPE
 from ema_ros.faults import StampedFaults
 from ema_ros.stamps import stamp_from_message
+
+CALIBRATION_FILE: Final = "calibration.yaml"
+"""Name of the calibration of the unit whose bags lie in the same folder."""
 
 _NAMED: Final = 3
 
@@ -128,6 +132,34 @@ def read_unit(paths: Iterable[Path], source: Source) -> UnitRecord:
         sorted(truths, key=lambda truth: truth.stamp_ns),
         remarks,
     )
+
+
+def with_calibration_beside(
+    options: IdentificationOptions, paths: Iterable[Path]
+) -> IdentificationOptions:
+    """Return options that name the calibration beside the bags, where they name none themselves.
+
+    Parameters
+    ----------
+    options
+        What the options say.
+    paths
+        Bags and folders of bags of one unit.
+
+    Raises
+    ------
+    ValueError
+        When there is more than one calibration, or a folder holds no bag.
+    """
+    if options.calibration_file is not None:
+        return options
+    folders = {bag.parent.resolve(): bag.parent for bag in find_bags(paths)}
+    files = [path for folder in folders.values() if (path := folder / CALIBRATION_FILE).is_file()]
+    if len(files) > 1:
+        raise ValueError(
+            f"{files[0]} and {files[1]} both lie beside the bags: choose one with --calibration"
+        )
+    return replace(options, calibration_file=files[0]) if files else options
 
 
 def _bags_in(path: Path) -> list[Path]:

@@ -10,12 +10,10 @@ import click
 import numpy as np
 import pandas as pd
 
-from ema_cli.bags.unit_calibration import CALIBRATION_FILE
+from ema_cli.bags.unit_record import CALIBRATION_FILE
 from ema_cli.errors import NameChoice, one_clear_line
-from ema_cli.lives.bag import write_test
-from ema_cli.lives.estimates import LifeEstimator, as_line
-from ema_cli.lives.tests_of_life import LifeTest, simulated_tests
-from ema_cli.lives.unit import calibration_of_life, unit_of_life
+from ema_cli.lives.files import LifeEstimator, as_line, write_test
+from ema_cli.lives.tests_of_life import LifeTest, calibration_of_life, simulated_tests, unit_of_life
 from ema_cli.processes.interrupt import deferred_interrupt
 from ema_cli.show.progress import progress_bar
 from ema_core.description import ActuatorDescription
@@ -79,7 +77,7 @@ def lives(
 
     A test is due every ten flight hours; a tenth is missing, and three in a hundred are spoiled by
     noise or a gap. Each life is that of a unit with a serial number of its own. FOLDER/lives.csv
-    tells the truth about each life: its end, its dominant fault, its repair.
+    holds the truth about each life: its end, its dominant fault, its repair.
     """
     if is_constant and (kind or with_repair):
         raise click.UsageError("--constant excludes --fault and --repair")
@@ -87,7 +85,7 @@ def lives(
         if folder.exists():
             raise ValueError(f"{folder} is there already: give a folder that is not")
         folder.mkdir(parents=True)
-        told: list[dict[str, object]] = []
+        index: list[dict[str, object]] = []
         with deferred_interrupt() as interrupted, progress_bar() as progress:
             task = progress.add_task("simulating", total=None)
             for number in range(count):
@@ -113,8 +111,8 @@ def lives(
                     _remove(part)
                     raise ValueError(f"stopped: {number} of {count} lives are in {folder}")
                 part.rename(folder / (name if form == "bags" else f"{name}.jsonl"))
-                told.append(_told(name, description, life))
-                pd.DataFrame(told).to_csv(folder / INDEX, index=False)
+                index.append(_index_line(name, description, life))
+                pd.DataFrame(index).to_csv(folder / INDEX, index=False)
     click.echo(f"{folder}: {count} {'life' if count == 1 else 'lives'}, the truth in {INDEX}")
 
 
@@ -132,26 +130,26 @@ def _write_bags(
     folder: Path,
     tests: Iterable[LifeTest],
     description: ActuatorDescription,
-    tell: Callable[[int], None],
+    report: Callable[[int], None],
 ) -> None:
     folder.mkdir()
     calibration_of_life(description).save(folder / CALIBRATION_FILE)
     for test in tests:
         write_test(folder / f"test_{test.number:04d}.mcap", test, description)
-        tell(test.number)
+        report(test.number)
 
 
 def _write_estimates(
     path: Path,
     tests: Iterable[LifeTest],
     description: ActuatorDescription,
-    tell: Callable[[int], None],
+    report: Callable[[int], None],
 ) -> None:
     estimator = LifeEstimator(description)
     with path.open("w", encoding="utf-8") as file:
         for test in tests:
             file.write(as_line(test, estimator.estimate(test)))
-            tell(test.number)
+            report(test.number)
 
 
 def _remove(part: Path) -> None:
@@ -161,7 +159,7 @@ def _remove(part: Path) -> None:
         part.unlink(missing_ok=True)
 
 
-def _told(name: str, unit: ActuatorDescription, life: SimulatedLife) -> dict[str, object]:
+def _index_line(name: str, unit: ActuatorDescription, life: SimulatedLife) -> dict[str, object]:
     """Return the line about a life; no end and no repair are empty cells."""
     return {
         "life": name,

@@ -5,18 +5,17 @@ import math
 import sys
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any, Final
 
 import click
 from rich.console import Console
 
 from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
-from ema_cli.bags.unit_calibration import with_calibration_beside
 from ema_cli.bags.unit_course import follow
-from ema_cli.bags.unit_record import UnitRecord, read_unit
+from ema_cli.bags.unit_record import UnitRecord, read_unit, with_calibration_beside
 from ema_cli.commands.estimate import estimate_windows
 from ema_cli.errors import REFUSED, Assignments, merged, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
-from ema_cli.known_laws import FORM, KnownLawType
 from ema_cli.show.picture_path import require_drawable, save_picture
 from ema_cli.show.prognosis_figure import draw_course
 from ema_cli.show.prognosis_table import (
@@ -29,10 +28,31 @@ from ema_cli.show.prognosis_table import (
 )
 from ema_core.wording import as_identifier, counted, unknown_name
 from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.growth.known_laws import FORM as FORM_OF_LAW
+from ema_monitor.prognosis.growth.known_laws import known_law
 from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
+
+FORM: Final = f"FAULT={FORM_OF_LAW}"
+
+
+class KnownLawType(click.ParamType):
+    """``fault=law``, with the median rate and the second figure of the law where they are known."""
+
+    name = FORM
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[str, KnownLaw]:
+        """Return fault and law."""
+        if not isinstance(value, str):
+            return value
+        fault, _, law = value.partition("=")
+        fault = as_identifier(fault)
+        try:
+            return fault, known_law(fault, law)
+        except ValueError as error:
+            self.fail(f"{value!r}: {error}", param, ctx)
 
 
 def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:

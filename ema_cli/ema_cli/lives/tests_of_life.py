@@ -1,7 +1,7 @@
-"""The tests of a simulated life as telemetry."""
+"""A simulated life: its unit, the calibration of that, and its tests as telemetry."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -9,12 +9,38 @@ from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
+from ema_monitor.calibration.calibration import Calibration
 from ema_sim.bench import ActuatorBench, BenchSettings
 from ema_sim.lives import NOISE_OF_SPOILED, SimulatedLife
 from ema_sim.sensors import Sensors
 
 _NS_PER_HOUR: Final = 3_600_000_000_000
 _GAP_BLOCKS: Final = 3
+
+
+def unit_of_life(seed: int, number: int) -> ActuatorDescription:
+    """Return the built-in actuator with a serial number of its own.
+
+    Parameters
+    ----------
+    seed, number
+        Of the life.
+    """
+    built_in = ActuatorDescription()
+    return replace(built_in, serial_number=f"{built_in.serial_number}-{seed}-{number:04d}")
+
+
+def calibration_of_life(unit: ActuatorDescription) -> Calibration:
+    """Return the calibration of a unit that is like the built-in actuator.
+
+    Simulated units do not scatter: calibrated when new, each has the figures of the built-in one.
+
+    Parameters
+    ----------
+    unit
+        As of ``unit_of_life``.
+    """
+    return replace(Calibration.builtin(), serial_number=unit.serial_number)
 
 
 @dataclass(frozen=True, eq=False)

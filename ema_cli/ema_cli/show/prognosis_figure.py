@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ema_cli.bags.history import SHOWN_IN
-from ema_cli.bags.unit_course import Course
-from ema_cli.lives.true_life import true_faults, true_remaining_life
+from ema_cli.bags.unit_course import Course, true_faults, true_remaining_life
 from ema_cli.show.prognosis_table import removal_in_words
 from ema_cli.show.style import BLUE, ORANGE, VERMILION, draw_estimates, stacked_panels
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
