@@ -5,7 +5,7 @@ package = "ema_cli"
 setup(
     name=package,
     version="0.2.0",
-    description="The ema command.",
+    description="The ema command: simulate, record, identify, predict and compare.",
     license="Apache-2.0",
     maintainer="EMA health monitor maintainers",
     maintainer_email="maintainers@example.org",

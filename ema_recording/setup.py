@@ -5,7 +5,7 @@ package = "ema_recording"
 setup(
     name=package,
     version="0.2.0",
-    description="Reads and writes recordings as rosbag2 does, in MCAP.",
+    description="MCAP recordings in the conventions of rosbag2, with recorder and player nodes.",
     license="Apache-2.0",
     maintainer="EMA health monitor maintainers",
     maintainer_email="maintainers@example.org",

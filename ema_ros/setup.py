@@ -5,7 +5,7 @@ package = "ema_ros"
 setup(
     name=package,
     version="0.2.0",
-    description="What nodes share: messages, topics, lifecycle, parameters, status, main.",
+    description="Shared by the nodes: messages, topics, lifecycle, parameters and status.",
     license="Apache-2.0",
     maintainer="EMA health monitor maintainers",
     maintainer_email="maintainers@example.org",

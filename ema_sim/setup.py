@@ -5,7 +5,7 @@ package = "ema_sim"
 setup(
     name=package,
     version="0.2.0",
-    description="Three-phase reference model of an electromechanical actuator, and its node.",
+    description="Reference model of an electromechanical actuator with faults, and its node.",
     license="Apache-2.0",
     maintainer="EMA health monitor maintainers",
     maintainer_email="maintainers@example.org",

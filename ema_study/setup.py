@@ -5,7 +5,7 @@ package = "ema_study"
 setup(
     name=package,
     version="0.2.0",
-    description="The thesis's study of optimizers, reproduced.",
+    description="The thesis's study of optimizers, repeated.",
     license="Apache-2.0",
     maintainer="EMA health monitor maintainers",
     maintainer_email="maintainers@example.org",
