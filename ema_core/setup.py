@@ -5,7 +5,7 @@ package = "ema_core"
 setup(
     name=package,
     version="0.2.0",
-    description="Numerics and data shared by simulator and monitor of an electromechanical actuator.",
+    description="Numerics and data shared by the simulator and the monitor of an actuator.",
     license="Apache-2.0",
     maintainer="EMA health monitor maintainers",
     maintainer_email="maintainers@example.org",

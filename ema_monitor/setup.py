@@ -5,7 +5,7 @@ package = "ema_monitor"
 setup(
     name=package,
     version="0.2.0",
-    description="Fault identification and prognosis of an electromechanical actuator, and its node.",
+    description="Fault identification and prognosis of an actuator, and its node.",
     license="Apache-2.0",
     maintainer="EMA health monitor maintainers",
     maintainer_email="maintainers@example.org",

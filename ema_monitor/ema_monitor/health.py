@@ -40,7 +40,7 @@ class HealthLimits(settings_by_kind("_LimitByKind", float, _limit_of)):
     """
 
     warn_share: float = quantity(
-        0.2, "-", 1e-3, 1.0, "share of a limit that a fault's lower 95 % bound passes at a warning"
+        0.2, "-", 1e-3, 1.0, "share of a limit that a fault's lower 95 % bound exceeds at a warning"
     )
 
     def __post_init__(self) -> None:

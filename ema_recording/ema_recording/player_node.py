@@ -41,12 +41,12 @@ class PlayerSettings:
     """What to play, and how fast."""
 
     bag: str = text("", "bag to play: a file or a folder")
-    rate: float = quantity(1.0, "-", 0.01, 100.0, "seconds played in a second")
+    rate: float = quantity(1.0, "-", 0.01, 100.0, "playback rate")
     actuator_only: bool = flag(
-        False, "whether only what an actuator sends is played, for a monitor to diagnose it anew"
+        False, "play the topics of the actuator only, for a monitor to diagnose"
     )
     wait_s: float = quantity(
-        5.0, "s", 0.0, 3600.0, "longest wait for a subscriber of each telemetry topic"
+        5.0, "s", 0.0, 3600.0, "timeout for a subscriber of each telemetry topic"
     )
     clock_rate_hz: float = quantity(100.0, "Hz", 1.0, 1000.0, "rate of /clock")
 

@@ -33,9 +33,9 @@ class RecorderSettings:
         "bag to write: a name ending in .mcap is one file, any other a folder; "
         "empty: ema_<UTC date and time> in the working folder",
     )
-    overwrite: bool = flag(False, "whether a bag that is there already is replaced")
+    overwrite: bool = flag(False, "replace an existing bag")
     flush_s: float = quantity(
-        0.5, "s", 0.01, 60.0, "longest time for which a killed recorder loses messages"
+        0.5, "s", 0.01, 60.0, "longest time between writes; a killed recorder loses that much"
     )
 
     def __post_init__(self) -> None:

@@ -31,9 +31,9 @@ class SearchSettings:
     """
 
     algorithm: str = text(DEFAULT_ALGORITHM, "optimizer", tuple(ALGORITHMS))
-    fitness: str = text(DEFAULT_FITNESS, "distance that is minimised", tuple(FITNESS))
+    fitness: str = text(DEFAULT_FITNESS, "cost function to minimise", tuple(FITNESS))
     budget: int = quantity(
-        Termination.budget, "-", 1, 2**53, "largest number of model evaluations a window"
+        Termination.budget, "-", 1, 2**53, "largest number of model evaluations per window"
     )
     goodness_limit: float = quantity(
         GOODNESS_LIMIT,
@@ -43,9 +43,7 @@ class SearchSettings:
         "goodness of fit beyond which no fault explains a window; larger for a shorted motor",
     )
     seed: int = quantity(0, "-", 0, 2**53, "seed of the optimizer's random numbers")
-    warm_start: bool = flag(
-        True, "begin the search at the faults of the actuator's last valid estimate"
-    )
+    warm_start: bool = flag(True, "start the search from the actuator's last valid estimate")
     parsimonious: bool = True
     stop_rule: StopRule | None = None
 

@@ -7,7 +7,7 @@ from ema_core.quantity import check_quantities, quantity, text
 
 @dataclass(frozen=True)
 class Files:
-    """Where the monitor finds what it is not told on topics.
+    """Files that the monitor reads and writes.
 
     Raises
     ------
@@ -17,15 +17,13 @@ class Files:
 
     calibration_file: str = text(
         "",
-        "calibrations; {actuator_id} and {serial_number} in the path stand for those of the "
-        "actuator; empty: the shipped calibration of the built-in actuator",
+        "calibration file; {actuator_id} and {serial_number} in the path are replaced by those of "
+        "the actuator; empty: the shipped calibration of the built-in actuator",
     )
-    actuator_file: str = text(
-        "", "description of an actuator that does not describe itself on the topic; empty: none"
-    )
+    actuator_file: str = text("", "description of an actuator that publishes none; empty: none")
     history_folder: str = text(
         "$ROS_HOME/ema/history",
-        "where the tests of each unit are kept; empty, and in simulated time: in memory only",
+        "folder for the tests of each unit; empty, and in simulated time: in memory only",
     )
 
     def __post_init__(self) -> None:
@@ -34,7 +32,7 @@ class Files:
 
 @dataclass(frozen=True)
 class Operation:
-    """How the monitor goes about its work.
+    """Window queue, staleness and calibration of the monitor.
 
     Raises
     ------
@@ -47,13 +45,13 @@ class Operation:
         "-",
         1,
         10_000,
-        "windows of an actuator that may wait; one more drops its oldest, not in simulated time",
+        "queue length for each actuator; the oldest window is dropped, not in simulated time",
     )
     expected_period_s: float = quantity(
-        10.0, "s", 0.1, 1e7, "time between estimates; health is stale after three without one"
+        10.0, "s", 0.1, 1e7, "expected time between estimates; health is stale after three"
     )
     calibration_timeout_s: float = quantity(
-        60.0, "s", 1.0, 1e5, "how long a calibration waits for its next window"
+        60.0, "s", 1.0, 1e5, "timeout of a calibration for its next window"
     )
 
     def __post_init__(self) -> None:

@@ -47,7 +47,7 @@ class Service:
         1.0, "-", 1e-3, 1e3, "growth of the faults in a future flight hour, relative to a past one"
     )
     hours_per_cycle: float = quantity(
-        0.0, "h", 0.0, 1e6, "flight hours that a test cycle stands for; 0: topic usage counts them"
+        0.0, "h", 0.0, 1e6, "flight hours for each test cycle; 0: from topic usage"
     )
 
     def __post_init__(self) -> None:

@@ -63,8 +63,8 @@ class TriggerSettings:
     """
 
     window_s: float = quantity(0.5, "s", 0.01, 100.0, "length of a window")
-    rest_s: float = quantity(0.02, "s", 1e-4, 10.0, "rest of the command before a window")
-    threshold: float = quantity(1e-6, "rad", 1e-12, 1.0, "change of the command that is motion")
+    rest_s: float = quantity(0.02, "s", 1e-4, 10.0, "time at rest of the command before a window")
+    threshold: float = quantity(1e-6, "rad", 1e-12, 1.0, "smallest change that counts as motion")
 
     def __post_init__(self) -> None:
         check_quantities(self)

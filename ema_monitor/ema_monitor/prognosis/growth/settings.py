@@ -39,7 +39,7 @@ class KnownLaw:
     law: str = text("linear", "law by which the fault grows", LAWS[1:])
     rate: float = quantity(1e-3, "1/h", 1e-9, 1e6, "median of the rate, of law power of c in h")
     rate_sigma: float = quantity(0.5, "-", 0.05, 3.0, "sigma of the rate's logarithm")
-    shape: float = quantity(0.0, "-", 0.0, 100.0, "second figure of the law: x_0, b or p")
+    shape: float = quantity(0.0, "-", 0.0, 100.0, "second parameter of the law: x_0, b or p")
     diffusion: float = quantity(1e-3, "1/sqrt(h)", 1e-9, 1.0, "s of law drift")
 
     def __post_init__(self) -> None:
@@ -100,15 +100,15 @@ class TrackerSettings:
 
     laws: Mapping[str, KnownLaw] = field(default_factory=dict)
     process_noise: float = quantity(0.3, "-", 0.0, 3.0, "sigma of an increment's lognormal factor")
-    process_noise_hours: float = quantity(10.0, "h", 1e-3, 1e5, "hours over which a factor holds")
+    process_noise_hours: float = quantity(10.0, "h", 1e-3, 1e5, "hours for which a factor holds")
     onset_probability: float = quantity(5e-3, "-", 0.0, 0.5, "probability of onset, each test")
     change_probability: float = quantity(1e-3, "-", 0.0, 0.5, "probability of change, each test")
-    sigma_floor: float = quantity(1e-3, "-", 0.0, 0.1, "error of an estimate beside its covariance")
-    occasional_error: float = quantity(0.01, "-", 0.0, 1.0, "larger error that some estimates have")
-    occasional_probability: float = quantity(0.05, "-", 0.0, 0.5, "how often they have it")
-    event_sigmas: float = quantity(5.0, "-", 3.0, 20.0, "deviations that growth does not explain")
-    horizon_hours: float = quantity(20_000.0, "h", 1.0, 1e7, "longest life that is reported")
-    horizon_factor: float = quantity(10.0, "-", 1.0, 1e3, "the same, in hours observed")
+    sigma_floor: float = quantity(1e-3, "-", 0.0, 0.1, "sigma added to that of an estimate")
+    occasional_error: float = quantity(0.01, "-", 0.0, 1.0, "sigma of an occasional error")
+    occasional_probability: float = quantity(0.05, "-", 0.0, 0.5, "its probability")
+    event_sigmas: float = quantity(5.0, "-", 3.0, 20.0, "deviation at which an event is suspected")
+    horizon_hours: float = quantity(20_000.0, "h", 1.0, 1e7, "longest life that is published")
+    horizon_factor: float = quantity(10.0, "-", 1.0, 1e3, "the same, over hours observed")
     samples: int = quantity(2000, "-", 100, 100_000, "samples of a prediction")
 
     def __post_init__(self) -> None:

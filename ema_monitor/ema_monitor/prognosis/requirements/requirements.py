@@ -56,11 +56,11 @@ class RequirementLimits:
     """
 
     tracking_error: float = quantity(
-        1.5e-3, "rad", 1e-6, 1.0, "limit of the tracking error above the healthy actuator's"
+        1.5e-3, "rad", 1e-6, 1.0, "largest increase of the tracking error over healthy"
     )
-    bandwidth: float = quantity(12.0, "Hz", 0.1, 1e3, "least bandwidth at -3 dB")
-    free_play: float = quantity(5e-4, "rad", 1e-7, 1.0, "limit of free play at the user shaft")
-    torque_margin: float = quantity(0.5, "-", 0.0, 0.99, "least share of torque left unused")
+    bandwidth: float = quantity(12.0, "Hz", 0.1, 1e3, "smallest bandwidth at -3 dB")
+    free_play: float = quantity(5e-4, "rad", 1e-7, 1.0, "largest free play at the user shaft")
+    torque_margin: float = quantity(0.5, "-", 0.0, 0.99, "least unused share of the torque")
 
     def __post_init__(self) -> None:
         check_quantities(self)
