@@ -28,7 +28,7 @@ def _limit_of(kind: str) -> Any:
 
 @dataclass(frozen=True)
 class HealthLimits(settings_by_kind("_LimitByKind", float, _limit_of)):
-    """Where life ends, and how far from there a warning is due.
+    """Limits at which life ends, and the share of a limit at which a warning is given.
 
     There is a limit for each kind of fault, by its name: the largest distance of a component from
     its healthy value [-].
@@ -59,14 +59,14 @@ class HealthLimits(settings_by_kind("_LimitByKind", float, _limit_of)):
 
 @dataclass(frozen=True)
 class FaultHealth:
-    """Health as to one fault.
+    """Health with regard to one fault.
 
     Attributes
     ----------
     name
         Component of the fault vector.
     level
-        ``OK``, ``WARN`` or ``ERROR``; ``STALE`` when the window says nothing useful of it.
+        ``OK``, ``WARN`` or ``ERROR``; ``STALE`` when the fault is unknown.
     value, sigma
         Estimate and its standard deviation [-]; sigma is NaN when unobservable.
     limit
@@ -93,21 +93,21 @@ class Health:
     Attributes
     ----------
     level
-        Worst of faults and requirements; ``STALE`` when there is nothing to go by.
+        Worst of the known faults and requirements; ``STALE`` when none is known.
     health_index
         Least of 1 - share over the faults, clipped to [0, 1] [-].
     severity
         Grade from 0 (as new) to 4 (at or above the limit).
     confidence
-        How far this can be trusted, 0 to 1 [-].
+        Share of observable faults, reduced for a poor goodness of fit [-].
     dominant_fault
         Fault nearest to its limit; empty when none gives a warning.
     faults
-        Health as to each fault.
+        Health with regard to each fault.
     reason
         What is unknown, and why; empty when nothing is.
     requirements
-        Health as to each required performance; empty when none is watched.
+        Health with regard to each requirement; empty when there is none.
     """
 
     level: int
@@ -122,14 +122,14 @@ class Health:
 
 @dataclass(frozen=True)
 class Tracked:
-    """What all tests together tell of a fault.
+    """A fault as estimated from all tests.
 
     Attributes
     ----------
     value, sigma
         Value and its standard deviation [-].
     doubtful
-        Whether the latest test tells of another value, which is held back until the next.
+        Whether the latest test disagrees, and is held until the next one.
     """
 
     value: float
@@ -140,17 +140,17 @@ class Tracked:
 def assess(
     estimate: Estimate, limits: HealthLimits, tracked: Mapping[str, Tracked] | None = None
 ) -> Health:
-    """Return the health that a valid estimate tells of.
+    """Return the health after a valid estimate.
 
     Parameters
     ----------
     estimate
-        What was found in a window.
+        Estimate of a window.
     limits
-        Where life ends.
+        Limits at which life ends.
     tracked
-        What it and the tests before it tell together, by component; of others, and when None,
-        the estimate holds.
+        Values tracked over all tests so far, by component; for others, and when None, the
+        estimate is used.
 
     Raises
     ------
@@ -159,11 +159,10 @@ def assess(
 
     Notes
     -----
-    WARN when the lower 95 % bound of a fault passes a share of its limit, ERROR when its value
-    passes the limit. The direction of eccentricity is no fault. The confidence is the share of
-    the faults that are observable, less as the goodness of fit goes from half its limit to
-    the limit. A value that is held back until the next test, and would by itself give WARN or
-    ERROR, gives WARN.
+    WARN when the lower 95 % bound of a fault exceeds a share of its limit, ERROR when its value
+    exceeds the limit. The direction of eccentricity is no fault. The confidence is the share of
+    observable faults, reduced linearly from half the limit of the goodness of fit to zero at the
+    limit. A value that is held until the next test, and by itself would be WARN or ERROR, is WARN.
     """
     if not estimate.valid:
         raise ValueError(f"no health without a valid estimate: {estimate.reason}")
@@ -180,7 +179,7 @@ def assess(
     worst = _worst(faults)
     alarmed = worst is not None and worst.level != OK
     limit = estimate.goodness_limit
-    # Nothing is known of the fit where the calibration does not tell its scatter.
+    # The fit is unknown when the calibration has no scatter.
     goodness = np.nan_to_num(estimate.goodness_of_fit, nan=limit)
     fit = np.interp(goodness, [limit / 2.0, limit], [1.0, 0.0])
     return Health(
@@ -203,14 +202,14 @@ def assess(
 
 
 def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> Health:
-    """Return health with that as to required performances: the worse level and grade hold.
+    """Return health including the requirements, with the worse level and severity.
 
     Parameters
     ----------
     health
-        By the faults.
+        Health by the faults.
     requirements
-        As to each requirement.
+        Health with regard to each requirement.
     """
     worst = _worst(requirements)
     if worst is None:

@@ -1,4 +1,4 @@
-"""Calibration: what healthy windows of one unit tell about it, kept in a file."""
+"""Calibration of the monitor model with healthy windows of a unit, and its file."""
 
 import hashlib
 import json
@@ -21,7 +21,7 @@ from ema_monitor.windows.band import rms
 from ema_monitor.windows.window import Window
 
 LEAST_SCATTER: Final = 1e-6
-"""Scatter below which healthy windows count as equal, so that it tells nothing [A, rad/s]."""
+"""Scatter below which healthy windows count as equal, so that it is unknown [A, rad/s]."""
 
 MOST_SCALE: Final = 2.0
 """How much larger or smaller than nominal friction and inertia may be [-]."""

@@ -132,7 +132,7 @@ def _fit_structure(
 
     Gauss-Newton on current and speed in their band. Of torque constant, friction and inertia only
     the ratios show in a window; the torque constant is kept, and the others are held near nominal
-    by a prior, which only matters where the windows do not tell.
+    by a prior, which only matters for parameters that the windows do not determine.
     """
     h = windows[0].sample_period
     stiffness = speed_weight(parameters)

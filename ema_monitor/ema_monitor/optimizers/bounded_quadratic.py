@@ -35,8 +35,8 @@ def lowest_in_box(
         move = np.zeros(d)
         free = ~held
         move[free] = np.linalg.solve(hessian[np.ix_(free, free)], -slope[free])
-        room = np.where(move > 0.0, 1.0 - x, x)
-        share = np.divide(room, np.abs(move), out=np.full(d, np.inf), where=move != 0.0)
+        distance = np.where(move > 0.0, 1.0 - x, x)
+        share = np.divide(distance, np.abs(move), out=np.full(d, np.inf), where=move != 0.0)
         reach = min(1.0, np.min(share))
         x = np.clip(x + reach * move, 0.0, 1.0)
         if reach < 1.0:

@@ -1,4 +1,4 @@
-"""What every optimizer offers: ask for points of the unit box, be told what they cost."""
+"""Interface of the optimizers: ask for points of the unit box, then tell their costs."""
 
 from typing import Final, NamedTuple, Protocol
 
@@ -7,15 +7,14 @@ from numpy.typing import NDArray
 
 
 class Hints(NamedTuple):
-    """What is known of a problem beforehand; an optimizer may use it or not.
+    """Prior knowledge of a problem, which an optimizer may use.
 
     Attributes
     ----------
     good_cost
-        Highest cost at which an optimum may be believed to be the best.
+        Highest cost at which an optimum can be accepted as the global one.
     budget
-        Evaluations that the search may take: what a schedule is spread over. It is the driver that
-        ends the search.
+        Largest number of evaluations, over which a schedule extends. The driver ends the search.
     """
 
     good_cost: float = 0.0
@@ -23,32 +22,31 @@ class Hints(NamedTuple):
 
 
 NO_HINTS: Final = Hints()
-"""Nothing known: no cost is good enough, and the budget is that of the thesis, 200 x 50."""
+"""No prior knowledge; the budget is that of the thesis, 200 x 50."""
 
 
 class Optimizer(Protocol):
     """An optimizer on the unit box, with ask and tell.
 
-    Further settings are keywords, so that a name in the registry is enough to make one.
+    Further settings are keywords with defaults.
 
     Parameters
     ----------
     start
-        A point to start from or to know about, ``(d,)``, d at least 1. In a population one
-        individual starts here, the others anywhere; for a wholly random population, make the
-        start a random point of the box.
+        Starting point, ``(d,)``, d at least 1. In a population one individual starts here, the
+        others at random points; for an entirely random population, pass a random point.
     rng
         Source of all its random numbers.
     hints
-        What is known of the problem.
+        Prior knowledge of the problem.
 
     Attributes
     ----------
     uses_residuals
-        Whether it looks at the residuals rather than at the cost alone. Such an optimizer wants
-        coordinates in which the residuals are smooth.
+        Whether it uses the residuals and not only the cost. It then requires coordinates in which
+        the residuals are smooth.
     converged
-        True once nothing is left to ask.
+        Whether the search has converged, so that there are no more points to evaluate.
     """
 
     uses_residuals: bool
@@ -68,7 +66,7 @@ class Optimizer(Protocol):
         costs: NDArray[np.float64],
         residuals: NDArray[np.float64],
     ) -> None:
-        """Take the answers to the points asked for.
+        """Process the costs of the points returned by ``ask``.
 
         Parameters
         ----------

@@ -91,7 +91,7 @@ def draw_multiple_fault(runs: pd.DataFrame) -> Figure:
 def _draw(
     axes: Axes, runs: pd.DataFrame, group: str, labels: dict[str, str], quantity: Quantity
 ) -> None:
-    """Draw the means of the groups in ``labels``; a panel has room for its own sources only."""
+    """Draw the means of the groups in ``labels``; a panel shows its own sources only."""
     tidy(axes)
     axes.grid(visible=False, axis="x")
     axes.set_xlim(-0.5, len(labels) - 0.5)
