@@ -15,6 +15,7 @@ from matplotlib.image import imread
 from rich.console import Console
 
 from ema_cli.bags.history import Diagnosed, History, cause_of_level, read_history
+from ema_cli.bags.truths import truth_at
 from ema_cli.processes.demo_run import SHOWN
 from ema_cli.processes.observer import Observer
 from ema_cli.show.history_figure import draw_history
@@ -23,7 +24,9 @@ from ema_core.faults import fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_interfaces.msg import FaultHealth, Health
 from ema_recording.reader import Bag
+from ema_recording.telemetry import HEALTH_TYPE
 from ema_ros.faults import StampedFaults
+from ema_ros.stamps import stamp_from_message
 
 from ..waiting import DEADLINE_S, started, wait_for
 
@@ -90,9 +93,11 @@ def test_demo_leaves_bag_and_picture_and_no_process(demos):
         for name in ("telemetry", "simulated_faults", "usage", "fault_estimate", "health"):
             assert bag.topics[f"/ema/{name}"].count > 0, name
         # The actuator counts its service hours, from new on: ten a cycle.
-        healths = [item.message for item in bag.messages(["/ema/health"])]
-        hours = [health.flight_hours for health in healths]
-        assert hours == [10.0 * number for number in range(len(hours))]
+        truths = read_history(demo.folder / "bag").truths
+        for item in bag.messages(["/ema/health"]):
+            cycle = truth_at(truths, stamp_from_message(item.message.header.stamp))
+            assert cycle is not None
+            assert item.message.flight_hours == 10.0 * cycle.cycle
         picture = imread(demo.folder / "history.png")
         assert picture.shape[0] > 400
         assert picture.shape[1] > 800
@@ -257,6 +262,18 @@ def test_picture_says_when_each_level_came_first_and_why():
         "truth", "estimate, 90 % interval", "limit", "no valid estimate", "median latency, 0.84 s",
         "WARN", "ERROR", "STALE",
     ]  # fmt: skip
+
+
+def test_health_that_is_published_again_judges_more_unless_it_is_stale():
+    history = History("flap", "0001")
+    message = Health(actuator_id="flap", level=OK)
+    message.header.stamp.sec = 5
+    levels = []
+    for level in (OK, WARN, STALE):
+        message.level = level
+        history.take(HEALTH_TYPE, message, 0)
+        levels.append(history._levels[5_000_000_000][0])
+    assert levels == [OK, WARN, WARN]
 
 
 def test_cause_names_what_has_the_level_with_value_and_limit():

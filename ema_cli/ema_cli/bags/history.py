@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ema_cli.bags.truths import truth_at
 from ema_core.faults import FAULT_NAMES, FAULTS, N_FAULTS
-from ema_core.levels import ERROR, OK, WARN
+from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_recording.reader import Bag
 from ema_recording.telemetry import ESTIMATE_TYPE, HEALTH_TYPE, TRUE_FAULTS_TYPE
 from ema_ros.faults import StampedFaults, stamped_faults_from_message
@@ -110,9 +110,10 @@ class History:
         elif type_name == TRUE_FAULTS_TYPE:
             self.truths.append(stamped_faults_from_message(message))
         elif type_name == HEALTH_TYPE and message.actuator_id == self.actuator_id:
-            # When it grows stale, it is published once more with the stamp of its window.
             stamp_ns = stamp_from_message(message.header.stamp)
-            self._levels.setdefault(stamp_ns, (message.level, cause_of_level(message)))
+            # One of a window that is published again may judge more, unless it has grown stale.
+            if message.level != STALE or stamp_ns not in self._levels:
+                self._levels[stamp_ns] = message.level, cause_of_level(message)
             self.limits.update({item.name: item.limit for item in message.faults})
 
     def diagnoses(self) -> list[Diagnosed]:
