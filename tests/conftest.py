@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from .domains import Domain
+from ema_cli.processes.domains import Domain
+
 from .leftovers import nothing_left
 from .orphans import pytest_testnodedown
 

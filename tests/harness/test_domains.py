@@ -5,11 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-from ..domains import Domain, domain
+from ema_cli.processes.domains import Domain, domain
 
 OTHER = """
 import sys
-from tests.domains import Domain
+from ema_cli.processes.domains import Domain
 print(*(Domain().number for _ in range(30)), flush=True)
 sys.stdin.read()
 """

@@ -15,10 +15,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from ema_cli.processes.domains import domain
 from ema_interfaces.msg import FaultEstimate, Health
 from ema_ros.topics import LATCHED, NAMESPACE
 
-from ..domains import domain
 from ..waiting import DEADLINE_S, wait_for
 from .spinning import end, ros_context, spinning
 

@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
+from ema_cli.processes.domains import domain
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
@@ -30,7 +31,6 @@ from ema_ros.executor import NodeExecutor
 from ema_ros.telemetry import telemetry_to_message
 from ema_sim.actuator import SimulatedActuator
 
-from ..domains import domain
 from ..waiting import DEADLINE_S, wait_for
 from .spinning import end, made, ros_context, spinning
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ema_cli.bags.history import read_history
 from ema_cli.processes.bringup import assignments_of, parameter_file, program, ros_arguments
+from ema_cli.processes.domains import Domain
 from ema_cli.processes.observer import Observer
 from ema_cli.processes.supervisor import POLL_S, StopRequest, Supervisor
 from ema_cli.show.live_table import LiveTable
@@ -80,8 +81,8 @@ def run_demo(duration_s: float, output: Path | None, stop: StopRequest) -> None:
 
 def _choose_domain() -> None:
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    # Domains above 101 use ports that Linux hands out to other programs.
-    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 101))
+    if "ROS_DOMAIN_ID" not in os.environ:
+        os.environ["ROS_DOMAIN_ID"] = str(Domain().number)
 
 
 def _refuse_if_occupied(stop: StopRequest) -> None:
