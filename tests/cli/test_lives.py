@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ema_cli import lives as command
+from ema_cli.commands import lives as command
 from ema_cli.bags.unit_record import CALIBRATION_FILE
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.health import HealthLimits
