@@ -67,8 +67,8 @@ class Trial:
         return [
             {
                 "truth": list(case.faults),
-                "faults": estimate.faults.tolist(),
-                "sigma": estimate.sigma.tolist(),
+                "faults": list(estimate.faults),
+                "sigma": list(estimate.sigma),
                 "error_percent": float(error),
                 "goodness_of_fit": estimate.goodness_of_fit,
                 "evaluations": estimate.evaluations,

@@ -119,7 +119,7 @@ def ours(algorithm: str, *, parsimonious: bool = True) -> Method:
         estimate = identification.estimate
         if estimate is None or not np.all(np.isfinite(estimate.faults)):
             raise RuntimeError(f"no estimate by {algorithm}: {estimate and estimate.reason}")
-        return [*trace, Moment(estimate.evaluations, elapsed, estimate.faults)]
+        return [*trace, Moment(estimate.evaluations, elapsed, np.array(estimate.faults))]
 
     return run
 

@@ -100,7 +100,7 @@ def score_real(job: InTheLoop) -> Scores:
     for test, (hours, window) in enumerate(zip(life.hours, life.windows, strict=True)):
         estimate = estimate_of(job.scored.case(life, test), window, job.calibration, last)
         if estimate is not None and estimate.valid:
-            last = estimate.faults
+            last = np.array(estimate.faults)
             measurements.append(Measurement.of(estimate, float(hours)))
     return _scores(job.scored, life, measurements)
 

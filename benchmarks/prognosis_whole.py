@@ -12,6 +12,7 @@ from prognosis_estimates import drawn
 from prognosis_lives import ScoredLife
 from prognosis_predictors import SETTINGS
 
+from ema_core.faults import FaultVector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.measurement import Measurement
@@ -200,7 +201,7 @@ def _estimate(measurement: Measurement, calibration: Calibration) -> Estimate:
         algorithm="drawn",
         seed=0,
         calibration_id=calibration.calibration_id,
-        faults=measurement.faults,
+        faults=FaultVector.of(measurement.faults),
         covariance=measurement.covariance,
         unobservable=measurement.unobservable,
         play=-1.0,

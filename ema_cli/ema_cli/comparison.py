@@ -7,7 +7,6 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_cli.bags.windows import BagWindows
 from ema_cli.identification_options import IdentificationOptions
 from ema_cli.processes.interrupt import deferred_interrupt
 from ema_cli.show.progress import progress_bar
@@ -20,6 +19,7 @@ from ema_monitor.identification.search import Identification
 from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
+from ema_recording.windows import BagWindows
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,14 +1,14 @@
 """The registry of faults: definition, range, limit, typical growth and effect of each.
 
 Bounds, health limits, parameters, approach travel, prior laws, uncertainty and documents derive
-from ``FAULTS``. To add a fault, add an entry here, its physics in ``degrade``, a field of the
-message and a row of docs/faults.md.
+from ``FAULTS``. To add a fault, add an entry here, its physics in ``degrade``, a field of
+``FaultVector`` and of the message, and a row of docs/faults.md.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, make_dataclass
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -174,7 +174,29 @@ apart. Eccentricity with c = 2000 h and gain with a = 1.5e-4 /h would last longe
 tests in 14 % and 27 % of the lives.
 """
 
-FAULT_NAMES: Final = tuple(fault.name for fault in FAULTS)
+
+class FaultVector(NamedTuple):
+    """Figures of the components by name, in the order of ``FAULTS`` [-].
+
+    Where an array is wanted it is one of shape ``(8,)``.
+    """
+
+    friction: float
+    backlash: float
+    short_circuit_a: float
+    short_circuit_b: float
+    short_circuit_c: float
+    eccentricity: float
+    eccentricity_phase: float
+    gain: float
+
+    @classmethod
+    def of(cls, values: ArrayLike) -> Self:
+        """Return the eight values of an array by name, unchecked."""
+        return cls(*np.asarray(values, dtype=np.float64).tolist())
+
+
+FAULT_NAMES: Final = FaultVector._fields
 N_FAULTS: Final = len(FAULTS)
 HIGHEST: Final = np.array([fault.highest for fault in FAULTS])
 SHORT_CIRCUITS: Final = [i for i, fault in enumerate(FAULTS) if fault.kind == "short_circuit"]

@@ -1,6 +1,6 @@
 """Wording shared by messages to users."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
 
@@ -44,3 +44,22 @@ def as_identifier(label: str) -> str:
         Words separated by blanks or hyphens.
     """
     return "_".join(label.lower().replace("-", " ").split())
+
+
+def text_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table as plain text: figures to the right, words to the left.
+
+    Parameters
+    ----------
+    headings
+        One a column.
+    rows
+        Cells, one a column in each row.
+    """
+    columns = list(zip(headings, *rows, strict=True))
+    padded = []
+    for column in columns:
+        width = max(map(len, column))
+        is_figures = any(cell[:1].isdigit() for cell in column[1:])
+        padded.append([cell.rjust(width) if is_figures else cell.ljust(width) for cell in column])
+    return "\n".join("  ".join(line).rstrip() for line in zip(*padded, strict=True))

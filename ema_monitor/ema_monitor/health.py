@@ -234,8 +234,7 @@ def _grade(worst: FaultHealth | None) -> int:
 def _assess_fault(
     number: int, estimate: Estimate, limits: HealthLimits, tracked: Tracked | None
 ) -> FaultHealth:
-    fault, value = FAULTS[number], float(estimate.faults[number])
-    sigma = float(estimate.sigma[number])
+    fault, value, sigma = FAULTS[number], estimate.faults[number], estimate.sigma[number]
     is_unknown = bool(estimate.unobservable[number])
     alone = STALE if is_unknown else _level(fault.name, value - fault.healthy, sigma, limits)
     level = alone

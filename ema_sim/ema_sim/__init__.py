@@ -1,0 +1,13 @@
+"""Reference model of an electromechanical actuator, its sensors, test bench and service life.
+
+``import ema_sim`` offers the names of ``ema_sim.api``; docs/python.md shows how to use them.
+"""
+
+from typing import TYPE_CHECKING
+
+from ema_core.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ema_sim.api import *  # noqa: F403
+else:
+    __getattr__, __dir__ = lazy_names(__name__)

@@ -11,8 +11,7 @@ import pytest
 
 from ema_cli.bags.outline import BINS, Outline
 from ema_cli.bags.source_options import Source
-from ema_cli.bags.windows import RecordedWindow, read_windows
-from ema_cli.commands import calibrate as calibrate_command
+from ema_cli.bags.windows import read_windows
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_monitor.calibration.calibration import Calibration
@@ -20,6 +19,7 @@ from ema_monitor.calibration.fit import calibrate
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
+from ema_recording.windows import RecordedWindow, WindowsOnDemand
 
 SOURCE = Source(None, None, 1e-6, 0.02)
 SHORT, LONG = 4, 16
@@ -80,14 +80,13 @@ def test_reading_a_longer_bag_takes_no_more_memory(bags, faulty_blocks, monkeypa
 
 
 def test_calibrating_on_more_windows_takes_no_more_memory(bags, monkeypatch):
-    monkeypatch.setattr(calibrate_command, "_KEPT_WINDOWS", 2)
+    monkeypatch.setattr("ema_recording.windows._KEPT_WINDOWS", 2)
     found = read_windows(bags[1], SOURCE)
     assert len(found.windows) == LONG
-    kept = calibrate_command._ReadAgain
     unit = ActuatorDescription()
 
     def fit(windows: list[RecordedWindow]) -> Calibration:
-        return calibrate(kept(windows), unit)
+        return calibrate(WindowsOnDemand(windows), unit)
 
     fit(found.windows[:SHORT])
     short, long = (peak_bytes(lambda n=n: fit(found.windows[:n])) for n in (SHORT, LONG))

@@ -18,7 +18,7 @@ from ema_cli.lives.tests_of_life import simulated_tests
 from ema_cli.show.prognosis_figure import draw_course
 from ema_cli.show.prognosis_table import as_values, prognosis_message, removal_in_words
 from ema_core.description import ActuatorDescription
-from ema_core.faults import FAULT_NAMES, fault_vector
+from ema_core.faults import FAULT_NAMES, FaultVector, fault_vector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
@@ -85,7 +85,7 @@ def estimate_of(hours: float, seed: int | None = None, **faults: float) -> Estim
         "least_squares",
         0,
         "some-calibration",
-        k,
+        FaultVector.of(k),
         np.where(np.outer(unobservable, unobservable), np.nan, 0.003**2 * np.eye(8)),
         unobservable,
         play=-1.0,
@@ -261,7 +261,9 @@ def test_truth_is_the_hour_at_which_the_first_limit_is_crossed():
     # Friction of 0.05 + 0.0031 u reaches 0.5 at 145.16 h, between two tests; it fails none of the
     # default requirements.
     estimates = growing(3.1e-3, 17)
-    truths = [StampedFaults(e.start_ns, "flap", i, e.faults) for i, e in enumerate(estimates)]
+    truths = [
+        StampedFaults(e.start_ns, "flap", i, np.array(e.faults)) for i, e in enumerate(estimates)
+    ]
     course = course_of(estimates, truths=truths)
     left = true_remaining_life(course)
     hours = np.array([outlook.hours for outlook in course.outlooks])
@@ -274,7 +276,9 @@ def test_truth_is_the_hour_at_which_the_first_limit_is_crossed():
 
 def test_end_that_is_known_from_elsewhere_is_counted_from_each_test():
     estimates = growing(5e-4, 4)
-    truths = [StampedFaults(e.start_ns, "flap", i, e.faults) for i, e in enumerate(estimates)]
+    truths = [
+        StampedFaults(e.start_ns, "flap", i, np.array(e.faults)) for i, e in enumerate(estimates)
+    ]
     course = course_of(estimates, truths=truths)
     assert np.isnan(true_remaining_life(course)).all()
     assert true_remaining_life(course, 100.0) == pytest.approx([90.0, 80.0, 70.0, 60.0])

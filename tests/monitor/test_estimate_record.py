@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from ema_core.faults import FAULT_NAMES
+from ema_core.faults import FAULT_NAMES, FaultVector
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record
 
 from .windows import refused
@@ -19,7 +19,7 @@ ESTIMATE = Estimate(
     "least_squares",
     7,
     "some-calibration",
-    RNG.random(8),
+    FaultVector.of(RNG.random(8)),
     ROOT @ ROOT.T,
     np.arange(8) == 5,
     play=-0.0,

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ema_core.faults import FAULT_NAMES, FAULTS, fault_vector
+from ema_core.faults import FAULT_NAMES, FAULTS, FaultVector, fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_monitor.health import (
     ONE_SIDED_95,
@@ -38,7 +38,7 @@ def estimate(
     covariance[unobservable] = covariance[:, unobservable] = np.nan
     made: dict[str, Any] = {
         **vars(refused(reason)),
-        "faults": fault_vector(faults or {}),
+        "faults": FaultVector.of(fault_vector(faults or {})),
         "covariance": covariance,
         "unobservable": unobservable,
         "goodness_of_fit": goodness,

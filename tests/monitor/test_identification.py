@@ -96,10 +96,10 @@ def test_faults_are_as_far_off_as_their_sigma_says(estimates, case):
     """Measured up to 2.2 sigma, all faults at once being the worst."""
     estimate, truth = estimates(case), fault_vector(CASES[case])
     known = ~estimate.unobservable
-    assert np.all(np.abs(estimate.faults - truth)[known] < 3.5 * estimate.sigma[known])
+    assert np.all(np.abs(estimate.faults - truth)[known] < 3.5 * np.array(estimate.sigma)[known])
     # The phase of an eccentricity of 0.0111 is known to 0.034 of a turn.
     known[ECCENTRICITY_PHASE] &= case != "multiple"
-    assert np.all(estimate.sigma[known] < 0.01)
+    assert np.all(np.array(estimate.sigma)[known] < 0.01)
 
 
 # Not the multiple case: its eccentricity of 0.0111 is at the limit of what is told from nothing.

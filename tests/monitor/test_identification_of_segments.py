@@ -184,7 +184,8 @@ def test_estimate_tells_what_was_put_back_to_healthy(found, calibration, descrip
     assert not estimate.insignificant[0]
     assert np.count_nonzero(estimate.insignificant) >= 4
     np.testing.assert_array_equal(
-        estimate.faults[estimate.insignificant], healthy_faults()[estimate.insignificant]
+        np.array(estimate.faults)[estimate.insignificant],
+        healthy_faults()[estimate.insignificant],
     )
     assert not kept.insignificant.any()
     assert np.count_nonzero(kept.faults != healthy_faults()) > np.count_nonzero(

@@ -101,7 +101,7 @@ def test_goodness_limit_is_a_setting_and_follows_the_worst_short_circuit(
 def test_insignificant_components_are_exactly_healthy(windows_of, calibration, description, case):
     [window] = windows_of(CASES[case])
     estimate = identify(window, description, calibration)
-    at_healthy = estimate.faults == healthy_faults()
+    at_healthy = np.equal(estimate.faults, healthy_faults())
     assert np.all(at_healthy[estimate.insignificant])
     # The plane of eccentricity and phase comes and goes as one.
     assert estimate.insignificant[ECCENTRICITY] == estimate.insignificant[ECCENTRICITY_PHASE]

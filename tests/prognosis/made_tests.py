@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ema_core.faults import FAULT_NAMES, N_FAULTS, fault_vector
+from ema_core.faults import FAULT_NAMES, N_FAULTS, FaultVector, fault_vector
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.windows.trigger import Refusal
@@ -36,7 +36,7 @@ def made_test(
         "least_squares",
         0,
         "some-calibration",
-        k,
+        FaultVector.of(k),
         covariance,
         unobservable,
         play=-1.0,

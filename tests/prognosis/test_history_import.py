@@ -32,7 +32,7 @@ def test_file_of_the_second_format_is_imported_exactly_and_once(tmp_path: Path):
     for history in (first, again):
         one, two, three = history.entries
         expected = made_test(0, seed=1, friction=0.1, backlash=0.2)
-        assert one.estimate.faults.tobytes() == expected.faults.tobytes()
+        assert one.estimate.faults == expected.faults
         assert one.estimate.unobservable[PHASE]
         assert (one.hours, one.cycles, one.count) == (12.345678901234567, 7, None)
         assert two.count is not None

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ema_core.faults import FAULT_NAMES, healthy_faults
+from ema_core.faults import FAULT_NAMES, FaultVector, healthy_faults
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.measurement import Measurement
 
@@ -20,7 +20,7 @@ def estimate(**changes) -> Estimate:
         "algorithm": "least-squares",
         "seed": 0,
         "calibration_id": "c",
-        "faults": healthy_faults(),
+        "faults": FaultVector.of(healthy_faults()),
         "covariance": 1e-5 * np.eye(8),
         "unobservable": NONE,
         "play": 0.0,
@@ -83,7 +83,7 @@ def test_unobservable_components_need_no_figures():
 def test_impossible_measurement_is_refused(changes, message):
     figures = {
         "hours": 10.0,
-        "faults": healthy_faults(),
+        "faults": FaultVector.of(healthy_faults()),
         "covariance": np.eye(8),
         "unobservable": NONE,
     }

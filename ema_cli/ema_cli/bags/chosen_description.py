@@ -11,8 +11,10 @@ from ema_core.description import ActuatorDescription
 
 def choose_description(
     path: Path, actuator_id: str, recorded: tuple[ActuatorDescription, ...], source: Source
-) -> tuple[ActuatorDescription, str]:
-    """Return the description that a bag is read with at first, and what there is to warn of.
+) -> tuple[ActuatorDescription | None, str]:
+    """Return the description to read a bag with, and what there is to warn of.
+
+    None stands for the descriptions in the bag.
 
     Parameters
     ----------
@@ -37,7 +39,7 @@ def choose_description(
                 f"{path} has no description of actuator {actuator_id!r}: give one with "
                 "--actuator FILE"
             )
-        return recorded[0], ""
+        return None, ""
     from ema_ros.actuator_file import load_description  # YAML only where there is a file
 
     given = load_description(file)
@@ -46,11 +48,11 @@ def choose_description(
     # Those of the actuator as it was described last: that is how it is reported.
     differences = "; ".join(_differences(recorded[-1], given))
     if not differences:
-        return recorded[0], ""
+        return None, ""
     if source.force:
         return given, f"--actuator {file} is used against the description in the bag: {differences}"
     return (
-        recorded[0],
+        None,
         f"--actuator {file} is not used, the bag has a description: {differences}; --force uses "
         "the file",
     )

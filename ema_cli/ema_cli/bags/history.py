@@ -7,11 +7,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_cli.bags.truths import truth_at
 from ema_core.faults import FAULT_NAMES, FAULTS, N_FAULTS
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_recording.reader import Bag
 from ema_recording.telemetry import ESTIMATE_TYPE, HEALTH_TYPE, TRUE_FAULTS_TYPE
+from ema_recording.windows import truth_at
 from ema_ros.faults import StampedFaults, stamped_faults_from_message
 from ema_ros.stamps import stamp_from_message
 

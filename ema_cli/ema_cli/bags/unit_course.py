@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_cli.bags.truths import truth_at
 from ema_cli.bags.unit_record import UnitRecord
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import FAULTS, N_FAULTS
@@ -21,6 +20,7 @@ from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS
 from ema_monitor.prognosis.service import CountLog
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_recording.windows import truth_at
 
 
 @dataclass(frozen=True)

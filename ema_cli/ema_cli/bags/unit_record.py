@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from ema_cli.bags.source_options import Source
-from ema_cli.bags.windows import RecordedWindow, read_windows, require_windows
+from ema_cli.bags.windows import read_windows, require_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_core.description import ActuatorDescription
 from ema_monitor.prognosis.history_entry import Count
 from ema_recording.metadata import METADATA_FILE
 from ema_recording.reader import Bag
 from ema_recording.telemetry import DESCRIPTION_TYPE, USAGE_TYPE
+from ema_recording.windows import RecordedWindow
 from ema_ros.faults import StampedFaults
 from ema_ros.stamps import stamp_from_message
 

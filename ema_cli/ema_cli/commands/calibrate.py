@@ -1,40 +1,21 @@
 """``ema calibrate``: a calibration from healthy bags."""
 
-import math
-from collections.abc import Sequence
-from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import click
 
 from ema_cli.bags.output_path import require_free
 from ema_cli.bags.source_options import Source, source_options
-from ema_cli.bags.windows import RecordedWindow, read_windows, require_windows
+from ema_cli.bags.windows import read_windows, require_windows
 from ema_cli.errors import one_clear_line
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
 from ema_monitor.calibration.fit import calibrate as calibrate_windows
 from ema_monitor.model.monitor_model import FORMS
 from ema_monitor.windows.trigger import Refusal
-from ema_monitor.windows.window import Window
+from ema_recording.windows import WindowsOnDemand
 
 _ENOUGH_WINDOWS = 5
-_KEPT_WINDOWS = 64
-
-
-class _ReadAgain(Sequence[Window]):
-    """Windows that are read from their bags when they are looked at; a few dozen are kept."""
-
-    def __init__(self, windows: Sequence[RecordedWindow]) -> None:
-        self._windows = windows
-        self._read = lru_cache(_KEPT_WINDOWS)(lambda number: windows[number].window)
-
-    def __len__(self) -> int:
-        return len(self._windows)
-
-    def __getitem__(self, number: Any) -> Any:
-        return self._read(number)
 
 
 @click.command()
@@ -70,8 +51,7 @@ def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -
             for item in found.windows:
                 if isinstance(item.place, Refusal):
                     click.echo(f"{bag}: a window is left out: {item.place.reason}", err=True)
-                else:
-                    windows.append(item)
+            windows += found.windows
             descriptions.append(found.description)
             if found.description != descriptions[0]:
                 raise ValueError(
@@ -82,7 +62,7 @@ def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -
                 click.echo(f"warning: {bag} records simulated faults: not healthy", err=True)
         with progress_bar() as progress:
             progress.add_task("calibrating", total=None)
-            calibration = calibrate_windows(_ReadAgain(windows), descriptions[0], form)
+            calibration = calibrate_windows(WindowsOnDemand(windows), descriptions[0], form)
         calibration.save(output)
     windows = counted(calibration.windows, "window")
     if calibration.windows < _ENOUGH_WINDOWS:
@@ -91,11 +71,4 @@ def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -
             f"{_ENOUGH_WINDOWS} or more are better",
             err=True,
         )
-    known = math.isfinite(calibration.healthy_rms)
-    residual = f"{calibration.healthy_rms:.4f} A" if known else "unknown"
-    click.echo(
-        f"{output}: calibration {calibration.calibration_id} of {calibration.actuator_id} from "
-        f"{windows}, lift {calibration.lift:.4f} A, friction "
-        f"{calibration.friction_scale:.3f} and inertia {calibration.inertia_scale:.3f} of nominal, "
-        f"residual of a healthy window {residual}"
-    )
+    click.echo(f"{output}: {calibration}")

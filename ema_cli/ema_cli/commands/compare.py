@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
-from ema_cli.bags.windows import BagWindows, read_windows, require_windows
+from ema_cli.bags.windows import read_windows, require_windows
 from ema_cli.commands.estimate import as_object
 from ema_cli.comparison import Comparison, choose_window, compare_algorithms
 from ema_cli.errors import REFUSED, NameChoice, one_clear_line
@@ -20,6 +20,7 @@ from ema_cli.show.compare_table import table_of_faults, table_of_runs
 from ema_cli.show.picture_path import require_drawable, save_picture
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.optimizers import ALGORITHMS
+from ema_recording.windows import BagWindows
 
 
 class _Algorithms(click.ParamType):

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
-from ema_cli.bags.windows import BagWindows, RecordedWindow, read_windows, require_windows
+from ema_cli.bags.windows import read_windows, require_windows
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.show.progress import progress_bar
@@ -25,6 +25,7 @@ from ema_monitor.identification.estimate import Estimate, by_fault, estimate_rec
 from ema_monitor.identification.search import Identification, LastFaults
 from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.windows.window import MIN_TRAVEL
+from ema_recording.windows import BagWindows, RecordedWindow
 
 _NOTHING: Final = "no significant fault"
 _REASON_WIDTH: Final = 90
@@ -208,11 +209,10 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
     table = Table(title=title, title_justify="left")
     for heading in ("fault", "estimate", "sigma", "which means"):
         table.add_column(heading, justify="right" if heading in ("estimate", "sigma") else "left")
-    for fault, value, sigma, is_healthy in zip(
-        FAULTS, one.faults, one.sigma, one.insignificant, strict=True
+    for fault, value, sigma, meaning in zip(
+        FAULTS, one.faults, one.sigma, one.meanings, strict=True
     ):
         known = "unobservable" if np.isnan(sigma) else f"{sigma:.4f}"
-        meaning = "healthy (not significant)" if is_healthy else fault.physical(value)
         table.add_row(fault.label, f"{value:.4f}", known, meaning)
     Console().print(table)
     click.echo(f"found: {found_in_words(one)}")

@@ -90,7 +90,7 @@ def _figure(value: float, form: str) -> str:
 
 
 def _largest_difference(run: Run, best: Run) -> str:
-    faults, others = run.estimate.faults, best.estimate.faults
+    faults, others = (np.array(one.estimate.faults) for one in (run, best))
     if run is best:
         return "fittest"
     if not np.all(np.isfinite(faults)):

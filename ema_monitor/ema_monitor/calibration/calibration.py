@@ -2,8 +2,9 @@
 
 import hashlib
 import json
+import math
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from ema_core.description import ActuatorDescription
 from ema_core.files import complete_file
 from ema_core.parameters import ActuatorParameters
+from ema_core.wording import counted
 from ema_monitor.calibration.alignment import difference_at, moved, shift_between
 from ema_monitor.model.monitor_model import MonitorModel, Response
 from ema_monitor.windows.band import rms
@@ -126,6 +128,15 @@ class Calibration:
         """Identity of the content: the same figures give the same name."""
         text = json.dumps(self._as_mapping(), sort_keys=True)
         return f"{self.serial_number}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
+
+    def __str__(self) -> str:
+        known = f"{self.healthy_rms:.4f} A" if math.isfinite(self.healthy_rms) else "unknown"
+        return (
+            f"calibration {self.calibration_id} of {self.actuator_id} from "
+            f"{counted(self.windows, 'window')}, lift {self.lift:.4f} A, friction "
+            f"{self.friction_scale:.3f} and inertia {self.inertia_scale:.3f} of nominal, "
+            f"residual of a healthy window {known}"
+        )
 
     def model(self) -> MonitorModel:
         """Return the monitor model of this unit."""
@@ -242,8 +253,12 @@ class Calibration:
             partial.write_text(content)
 
     @classmethod
+    @cache
     def builtin(cls) -> "Calibration":
-        """Return the shipped calibration of the built-in actuator under the thesis's chirp."""
+        """Return the shipped calibration of the built-in actuator under the thesis's chirp.
+
+        It is read once: that takes a good part of 1 s.
+        """
         with resources.as_file(
             resources.files("ema_monitor.calibration") / "builtin_calibration.yaml"
         ) as path:

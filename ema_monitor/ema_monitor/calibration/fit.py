@@ -41,7 +41,7 @@ class Structure(NamedTuple):
 
 def calibrate(
     windows: Sequence[Window],
-    description: ActuatorDescription,
+    description: ActuatorDescription | None = None,
     form: str = "fast",
     *,
     structural: bool = True,
@@ -54,7 +54,7 @@ def calibrate(
         Windows of the same command, at least one; ten or more average out the PWM's ripple. They
         are looked at one at a time, several times over, so that they may be read when needed.
     description
-        The unit that the windows were taken from.
+        The unit that the windows were taken from; the built-in actuator when None.
     form
         Form of the monitor model. The structural figures are fitted for the "fast" form only: the
         thesis's calibration, which goes with the "source" form, is the correction alone.
@@ -66,6 +66,7 @@ def calibrate(
     ValueError
         When there is no window, or one is not like the first.
     """
+    description = description or ActuatorDescription()
     if not windows:
         raise ValueError("calibration needs at least one healthy window, got none")
     first = windows[0]

@@ -1,6 +1,5 @@
 """Calibrations of the actuators that a monitor watches, and where they are kept."""
 
-from functools import cached_property
 from pathlib import Path
 from urllib.parse import quote
 
@@ -31,11 +30,6 @@ class CalibrationStore:
         self._in_use: dict[tuple[str, str], Calibration] = {}
         self._path(file, ActuatorDescription())
 
-    @cached_property
-    def _builtin(self) -> Calibration:
-        """The shipped calibration, read once for all actuators: that takes a good part of 1 s."""
-        return Calibration.builtin()
-
     def of(self, description: ActuatorDescription) -> Calibration | str:
         """Return the calibration of an actuator, or why there is none.
 
@@ -47,7 +41,7 @@ class CalibrationStore:
         key = (description.actuator_id, description.serial_number)
         if key not in self._in_use:
             if not self._file:
-                self._in_use[key] = self._builtin
+                self._in_use[key] = Calibration.builtin()
                 return self._in_use[key]
             path = self._path(self._file, description)
             try:

@@ -1,13 +1,15 @@
 """The estimate of the faults in a window, or the refusal of one; as plain values for JSON, too."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import FAULT_NAMES, N_FAULTS
+from ema_core.faults import FAULT_NAMES, FAULTS, N_FAULTS, FaultVector
+from ema_core.wording import text_table
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.windows.trigger import Refusal
@@ -66,7 +68,7 @@ class Estimate:
     algorithm: str
     seed: int
     calibration_id: str
-    faults: NDArray[np.float64]
+    faults: FaultVector
     covariance: NDArray[np.float64]
     unobservable: NDArray[np.bool_]
     play: float
@@ -83,9 +85,46 @@ class Estimate:
     calibration_windows: int = 0
 
     @property
-    def sigma(self) -> NDArray[np.float64]:
-        """Standard deviations, ``(8,)``; NaN where unobservable."""
-        return np.sqrt(np.diag(self.covariance))
+    def sigma(self) -> FaultVector:
+        """Standard deviations; NaN where unobservable."""
+        return FaultVector.of(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def meanings(self) -> tuple[str, ...]:
+        """What each fault amounts to, in words."""
+        return tuple(
+            "healthy (not significant)" if is_healthy else fault.physical(value)
+            for fault, value, is_healthy in zip(
+                FAULTS, self.faults, self.insignificant, strict=True
+            )
+        )
+
+    def as_row(self) -> dict[str, Any]:
+        """Return the estimate as a row of a table, a plain value a column."""
+        row = {"start_ns": self.start_ns, "end_ns": self.end_ns, "valid": self.valid}
+        row |= self.faults._asdict()
+        row |= {f"{name}_sigma": value for name, value in self.sigma._asdict().items()}
+        names = ("goodness_of_fit", "goodness_limit", "fitness", "algorithm", "evaluations")
+        names += ("computing_time_s", "calibration_id", "reason")
+        return row | {name: getattr(self, name) for name in names}
+
+    def __str__(self) -> str:
+        if not self.valid:
+            return f"no valid estimate: {self.reason}"
+        rows = [
+            (
+                fault.label,
+                f"{value:.4f}",
+                "unobservable" if np.isnan(sigma) else f"{sigma:.4f}",
+                meaning,
+            )
+            for fault, value, sigma, meaning in zip(
+                FAULTS, self.faults, self.sigma, self.meanings, strict=True
+            )
+        ]
+        table = text_table(("fault", "estimate", "sigma", "which means"), rows)
+        fit = f"goodness of fit {self.goodness_of_fit:.2f} (limit {self.goodness_limit:.2f})"
+        return "\n".join(filter(None, (table, f"valid, {fit}", self.reason)))
 
 
 def refusal(
@@ -111,7 +150,7 @@ def refusal(
         settings.algorithm,
         settings.seed,
         calibration.calibration_id if is_calibrated else "",
-        faults=np.full(N_FAULTS, nan),
+        faults=FaultVector.of(np.full(N_FAULTS, nan)),
         covariance=np.full((N_FAULTS, N_FAULTS), nan),
         unobservable=np.ones(N_FAULTS, dtype=bool),
         play=nan,
@@ -168,7 +207,7 @@ def estimate_of(record: dict[str, Any]) -> Estimate:
             raise ValueError(f"{item.name} is missing")
         if item.type is float:
             values[item.name] = _number(values[item.name])
-    values["faults"] = np.array([_number(record["faults"][name]) for name in FAULT_NAMES])
+    values["faults"] = FaultVector(*(_number(record["faults"][name]) for name in FAULT_NAMES))
     values["covariance"] = np.array(
         [[_number(value) for value in row] for row in record["covariance"]]
     )
@@ -179,8 +218,8 @@ def estimate_of(record: dict[str, Any]) -> Estimate:
     return Estimate(**values)
 
 
-def by_fault(values: NDArray[np.float64]) -> dict[str, Any]:
-    """Return values of the faults, ``(8,)``, by name.
+def by_fault(values: Iterable[float]) -> dict[str, Any]:
+    """Return the eight values of the faults by name.
 
     Parameters
     ----------

@@ -1,5 +1,6 @@
 """From the optimum of a search to the estimate: significance, uncertainty, goodness of fit."""
 
+import math
 import time
 from itertools import combinations
 
@@ -12,6 +13,7 @@ from ema_core.faults import (
     FAULTS,
     N_FAULTS,
     SHORT_CIRCUITS,
+    FaultVector,
     healthy_faults,
 )
 from ema_monitor.calibration.calibration import Calibration
@@ -122,7 +124,7 @@ class Inference:
             self._settings.algorithm,
             self._settings.seed,
             self._calibration.calibration_id,
-            faults=np.where(phase_unknown, healthy_faults(), faults),
+            faults=FaultVector.of(np.where(phase_unknown, healthy_faults(), faults)),
             covariance=covariance,
             unobservable=unobservable,
             play=float(plays[0]),
@@ -211,4 +213,4 @@ def goodness_limit(faults: NDArray[np.float64], limit: float) -> float:
         That of a motor without short circuit.
     """
     most_shorted = float(np.max(faults[SHORT_CIRCUITS]))
-    return limit / np.sqrt(1.0 - most_shorted)
+    return limit / math.sqrt(1.0 - most_shorted)

@@ -143,8 +143,8 @@ class Identification:
 
 def identify(
     window: Window | Refusal,
-    description: ActuatorDescription,
-    calibration: Calibration | str,
+    description: ActuatorDescription | None = None,
+    calibration: Calibration | str | None = None,
     settings: SearchSettings | None = None,
     *,
     force: bool = False,
@@ -155,12 +155,13 @@ def identify(
     Parameters
     ----------
     window, description, calibration, settings, force, previous
-        As of ``Identification``.
+        As of ``Identification``. Description and calibration are those of the built-in actuator
+        when None.
     """
     identification = Identification(
         window,
-        description,
-        calibration,
+        description or ActuatorDescription(),
+        Calibration.builtin() if calibration is None else calibration,
         settings or SearchSettings(),
         force=force,
         previous=previous,
@@ -220,5 +221,5 @@ class LastFaults:
             self._last[description.actuator_id] = (
                 description,
                 estimate.calibration_id,
-                estimate.faults,
+                np.array(estimate.faults),
             )

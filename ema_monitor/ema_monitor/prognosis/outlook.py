@@ -264,7 +264,7 @@ def _latest_faults(
 
     What is unknown is NaN.
     """
-    faults = estimate.faults.copy()
+    faults = np.array(estimate.faults)
     if not tracked:
         return faults, estimate.covariance
     variance = np.where(estimate.unobservable, np.nan, np.diag(estimate.covariance))

@@ -30,6 +30,12 @@ class Window:
     def __len__(self) -> int:
         return len(self.telemetry) - 1
 
+    def __str__(self) -> str:
+        return (
+            f"window of {len(self)} samples every {self.sample_period:g} s from stamp "
+            f"{self.start_ns} ns, the command travels {1e3 * self.excitation:.1f} mrad"
+        )
+
     @property
     def command(self) -> NDArray[np.float64]:
         """Command including that at the start, ``(n + 1,)`` [rad]."""

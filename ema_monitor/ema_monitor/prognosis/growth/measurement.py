@@ -86,7 +86,9 @@ class Measurement:
         """
         if not estimate.valid:
             raise ValueError(f"an invalid estimate measures nothing: {estimate.reason}")
-        return cls(float(hours), estimate.faults, estimate.covariance, estimate.unobservable)
+        return cls(
+            float(hours), np.array(estimate.faults), estimate.covariance, estimate.unobservable
+        )
 
     @property
     def at_healthy(self) -> NDArray[np.bool_]:

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import asdict, dataclass
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
+from ema_core.wording import text_table
 from ema_monitor.health import ONE_SIDED_95, HealthLimits
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
@@ -79,6 +80,19 @@ class Prognosis:
     samples: NDArray[np.float64]
     duty: float
     assumption: str
+
+    def as_rows(self) -> list[dict[str, Any]]:
+        """Return a table of plain values: a row a component, and one for the first of them."""
+        return [asdict(life) for life in (*self.components.values(), self.overall)]
+
+    def __str__(self) -> str:
+        rows = [
+            (life.criterion, *(f"{hours:.0f}" for hours in quantiles), life.reason)
+            for life in (*self.components.values(), self.overall)
+            for quantiles in [(life.hours_05, life.hours_50, life.hours_95)]
+        ]
+        table = text_table(("until", "5 %", "50 %", "95 %", ""), rows)
+        return f"remaining useful life from {self.hours:g} h on [h], {self.assumption}\n{table}"
 
 
 @dataclass(frozen=True, eq=False)

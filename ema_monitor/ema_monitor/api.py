@@ -1,0 +1,111 @@
+"""The monitor as a library: from telemetry to faults, health and remaining life."""
+
+import warnings
+from collections.abc import Iterable
+
+from ema_core.description import ActuatorDescription
+from ema_core.faults import FAULTS, FaultVector
+from ema_core.telemetry import Telemetry
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.health import Health, HealthLimits, assess
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.search import Identification, identify
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
+from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.trigger import Refusal, TriggerSettings
+from ema_monitor.windows.window import Window
+
+__all__ = [
+    "FAULTS",
+    "Calibration",
+    "Estimate",
+    "FaultVector",
+    "Health",
+    "HealthLimits",
+    "Identification",
+    "Prognosis",
+    "RemainingLife",
+    "SearchSettings",
+    "Segment",
+    "Tracker",
+    "TrackerSettings",
+    "TriggerSettings",
+    "Window",
+    "WindowFinder",
+    "assess",
+    "calibrate",
+    "find_windows",
+    "identify",
+    "track",
+]
+
+
+def find_windows(
+    telemetry: Telemetry | Iterable[Telemetry],
+    description: ActuatorDescription | None = None,
+    settings: TriggerSettings | None = None,
+) -> list[Window]:
+    """Return the windows in telemetry that can be used.
+
+    Of a stretch that begins like a window and cannot be used, and of a defect of the telemetry,
+    there is a warning with the reason.
+
+    Parameters
+    ----------
+    telemetry
+        Telemetry of one actuator, as one block or as blocks in order.
+    description
+        The actuator; the built-in one when None.
+    settings
+        When a window begins and how long it is.
+    """
+    finder = WindowFinder(settings or TriggerSettings(), description or ActuatorDescription())
+    blocks = [telemetry] if isinstance(telemetry, Telemetry) else telemetry
+    windows: list[Window] = []
+    for events in (*map(finder.feed, blocks), finder.finish()):
+        for event in events:
+            found = event.window if isinstance(event, Segment) else event
+            if isinstance(found, Window):
+                windows.append(found)
+            else:
+                place = found.start_ns if isinstance(found, Refusal) else found.stamp_ns
+                warnings.warn(f"telemetry at {place} ns: {found.reason}", stacklevel=2)
+    return windows
+
+
+def track(
+    estimates: Iterable[Estimate],
+    hours: Iterable[float],
+    limits: HealthLimits | None = None,
+    settings: TrackerSettings | None = None,
+) -> Tracker:
+    """Return a tracker of the growth of faults that knows the estimates of one unit.
+
+    Its ``predict`` gives the remaining useful life. Estimates that are not valid are left out.
+
+    Parameters
+    ----------
+    estimates
+        Estimates of successive tests.
+    hours
+        Service hours of each of them [h], ascending.
+    limits
+        Where life ends.
+    settings
+        What is assumed of growth; by default that no law is known.
+
+    Raises
+    ------
+    ValueError
+        When there are not as many hours as estimates, or the hours descend.
+    """
+    tracker = Tracker(limits, settings)
+    for estimate, hour in zip(estimates, hours, strict=True):
+        if estimate.valid:
+            tracker.update(Measurement.of(estimate, hour))
+    return tracker

@@ -1,0 +1,393 @@
+"""From a recording to the windows in it, without keeping its telemetry."""
+
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.description import ActuatorDescription
+from ema_core.faults import healthy_faults
+from ema_core.telemetry import Telemetry, join
+from ema_core.wording import counted
+from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
+from ema_monitor.windows.window import Window
+from ema_recording.reader import Bag, Place
+from ema_recording.telemetry import (
+    TRUE_FAULTS_TYPE,
+    Malformed,
+    RecordedTelemetry,
+    read_telemetry,
+)
+from ema_ros.faults import StampedFaults, stamped_faults_from_message
+
+_MOST_DEFECTS: Final = 5
+_KEPT_WINDOWS: Final = 64
+
+
+@dataclass(frozen=True)
+class WindowPlace:
+    """Where the samples of a window are in a bag.
+
+    Attributes
+    ----------
+    recorded
+        The telemetry that they are part of.
+    first, last
+        Places of the blocks that hold the first and the last of them.
+    offset, samples
+        Where they begin in the first block, and how many there are.
+    """
+
+    recorded: RecordedTelemetry
+    first: Place
+    last: Place
+    offset: int
+    samples: int
+
+    def read(self) -> Telemetry:
+        """Read the samples."""
+        items = self.recorded.items(self.first, self.last)
+        blocks = [item for _, item in items if isinstance(item, Telemetry)]
+        return join(blocks).part(self.offset, self.offset + self.samples)
+
+
+@dataclass(frozen=True)
+class RecordedWindow:
+    """A window in a bag, or one that was begun and cannot be used; its telemetry stays there.
+
+    Attributes
+    ----------
+    number
+        Its running number, from 0.
+    description
+        The actuator, as it was described at the time.
+    start_ns, end_ns
+        Stamps of its first and last sample [ns].
+    play
+        Where in its play the motor stands at the start [half-widths]; None when unknown.
+    place
+        Where its samples are, or why it cannot be used.
+    """
+
+    number: int
+    description: ActuatorDescription
+    start_ns: int
+    end_ns: int
+    play: float | None
+    place: WindowPlace | Refusal
+
+    @property
+    def window(self) -> Window | Refusal:
+        """The window, read from the bag anew each time, or why there is none."""
+        if isinstance(self.place, Refusal):
+            return self.place
+        return Window(self.place.read(), self.play)
+
+    def load(self) -> Segment:
+        """Return what was found, with its telemetry."""
+        return Segment(self.number, self.description, self.window)
+
+
+@dataclass(frozen=True)
+class BagWindows:
+    """What a bag says of one actuator.
+
+    Attributes
+    ----------
+    description
+        The actuator as it was described last.
+    first_ns
+        Stamp of the first sample [ns].
+    sample_period
+        Period of the samples in the first block [s].
+    blocks, samples
+        How many blocks and samples of telemetry there are.
+    windows
+        Windows, and those that were begun and cannot be used, in order of time.
+    remarks
+        What is wrong with the bag or its telemetry outside of any window.
+    longest_motion_s
+        Longest motion of the command that made no window [s].
+    has_rested
+        Whether the command was ever at rest.
+    truths
+        True faults of the actuator by test cycle, in order, where the bag records them.
+    """
+
+    description: ActuatorDescription
+    first_ns: int
+    sample_period: float
+    blocks: int
+    samples: int
+    windows: list[RecordedWindow]
+    remarks: list[str]
+    longest_motion_s: float
+    has_rested: bool
+    truths: list[StampedFaults]
+
+    @property
+    def usable(self) -> Sequence[Window]:
+        """Windows that can be used; each is read from the recording when it is looked at."""
+        return WindowsOnDemand(self.windows)
+
+    @property
+    def simulated_faults(self) -> bool:
+        """Whether the bag says that the actuator was simulated with faults."""
+        healthy = healthy_faults()
+        return any(not np.array_equal(truth.faults, healthy) for truth in self.truths)
+
+    def __str__(self) -> str:
+        unit = self.description
+        lines = [
+            f"{unit.actuator_id} ({unit.serial_number}), "
+            f"{self.samples * self.sample_period:.3f} s of telemetry, "
+            f"{counted(len(self.windows), 'window')}"
+        ]
+        for item in self.windows:
+            state = item.place.reason if isinstance(item.place, Refusal) else "usable"
+            start, end = self.seconds(item.start_ns), self.seconds(item.end_ns)
+            lines.append(f"{item.number:4d}  {start:.4f} s to {end:.4f} s: {state}")
+        return "\n".join([*lines, *self.remarks])
+
+    def seconds(self, stamp_ns: int) -> float:
+        """Return a stamp in seconds since the first sample."""
+        return (stamp_ns - self.first_ns) * 1e-9
+
+    def true_faults(self, start_ns: int) -> NDArray[np.float64] | None:
+        """Return the true faults, ``(8,)``, of a window by its start; None where not recorded."""
+        truth = truth_at(self.truths, start_ns)
+        return None if truth is None else truth.faults
+
+
+class _LatestBlocks:
+    """Places of the latest blocks without a gap, as many as a window may reach back over.
+
+    Parameters
+    ----------
+    recorded
+        The telemetry.
+    window_s
+        Length of a window [s].
+    """
+
+    def __init__(self, recorded: RecordedTelemetry, window_s: float) -> None:
+        self._recorded = recorded
+        self._window_s = window_s
+        self._blocks: deque[tuple[Place, int, int]] = deque()
+
+    def append(self, place: Place, block: Telemetry) -> None:
+        """Add the next block."""
+        if self._blocks and self._blocks[-1][2] != block.first_index:
+            self._blocks.clear()
+        self._blocks.append((place, block.first_index, block.first_index + len(block)))
+        oldest = block.first_index - round(self._window_s / block.sample_period) - 1
+        while self._blocks[0][2] <= oldest:
+            self._blocks.popleft()
+
+    def place_of(self, window: Window) -> WindowPlace:
+        """Return where the samples of a window are that the last block completed."""
+        start = window.telemetry.first_index
+        place, first_index, _ = next(item for item in self._blocks if item[2] > start)
+        last = self._blocks[-1][0]
+        return WindowPlace(self._recorded, place, last, start - first_index, len(window.telemetry))
+
+
+class WindowsOnDemand(Sequence[Window]):
+    """Usable windows that are read from their recording when they are looked at; some are kept.
+
+    Parameters
+    ----------
+    windows
+        Windows of one or several recordings; those that cannot be used are left out.
+    """
+
+    def __init__(self, windows: Sequence[RecordedWindow]) -> None:
+        self._places = [item for item in windows if isinstance(item.place, WindowPlace)]
+        self._read = lru_cache(_KEPT_WINDOWS)(lambda number: self._places[number].window)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __getitem__(self, number: Any) -> Any:
+        if isinstance(number, slice):
+            return WindowsOnDemand(self._places[number])
+        return self._read(range(len(self))[number])
+
+
+def open_telemetry(
+    path: str | Path, topic: str | None = None, actuator_id: str | None = None
+) -> RecordedTelemetry:
+    """Open a recording and find the telemetry of one actuator in it.
+
+    Parameters
+    ----------
+    path
+        The recording.
+    topic, actuator_id
+        Which telemetry; needed where there is a choice.
+
+    Raises
+    ------
+    ValueError
+        When the recording cannot be read, or has no such telemetry; what is damaged is named, too.
+    OSError
+        When it cannot be opened.
+    """
+    bag = Bag(path)
+    try:
+        return read_telemetry(bag, topic, actuator_id)
+    except ValueError as error:
+        raise ValueError("; ".join(filter(None, (str(error), bag.damage)))) from error
+
+
+def read_windows(
+    path: str | Path,
+    settings: TriggerSettings | None = None,
+    *,
+    topic: str | None = None,
+    actuator_id: str | None = None,
+    description: ActuatorDescription | None = None,
+) -> BagWindows:
+    """Read a recording and find the windows in the telemetry of one actuator.
+
+    Parameters
+    ----------
+    path
+        The recording: an ``.mcap`` file, or a folder as ``ros2 bag record`` makes it.
+    settings, description
+        As of ``find_recorded_windows``.
+    topic, actuator_id
+        Which telemetry; needed where there is a choice.
+
+    Raises
+    ------
+    ValueError
+        When the recording cannot be read, or has no such telemetry or no description.
+    OSError
+        When it cannot be opened.
+    """
+    recorded = open_telemetry(path, topic, actuator_id)
+    return find_recorded_windows(recorded, settings, description=description)
+
+
+def find_recorded_windows(
+    recorded: RecordedTelemetry,
+    settings: TriggerSettings | None = None,
+    *,
+    description: ActuatorDescription | None = None,
+    on_block: Callable[[Telemetry], None] | None = None,
+) -> BagWindows:
+    """Find the windows in recorded telemetry, which is kept no longer than needed.
+
+    Parameters
+    ----------
+    recorded
+        The telemetry.
+    settings
+        When a window begins and how long it is.
+    description
+        The actuator; as the recording describes it when None.
+    on_block
+        Called with each block of telemetry.
+
+    Raises
+    ------
+    ValueError
+        When there is no usable telemetry, or no description.
+    """
+    path = recorded.bag.path
+    if description is None and not recorded.descriptions:
+        raise ValueError(
+            f"{path} has no description of actuator {recorded.actuator_id!r}: give one"
+        )
+    settings = settings or TriggerSettings()
+    finder = WindowFinder(settings, description or recorded.descriptions[0])
+    latest = _LatestBlocks(recorded, settings.window_s)
+    first: Telemetry | None = None
+    blocks = samples = defects = 0
+    windows: list[RecordedWindow] = []
+    named_defects: list[Defect] = []
+    for place, item in recorded.items():
+        if isinstance(item, ActuatorDescription):
+            events = finder.describe(item) if description is None else []
+        elif isinstance(item, Malformed):
+            events = finder.reject(item.stamp_ns, item.reason)
+        else:
+            first = first or item.part(0, 1)
+            blocks, samples = blocks + 1, samples + len(item)
+            latest.append(place, item)
+            events = finder.feed(item)
+            if on_block is not None:
+                on_block(item)
+        for event in events:
+            if isinstance(event, Segment):
+                windows.append(_recorded_window(event, latest))
+            else:
+                defects += 1
+                named_defects += [event] if defects <= _MOST_DEFECTS else []
+    windows += [
+        _recorded_window(event, latest) for event in finder.finish() if isinstance(event, Segment)
+    ]
+    first_ns = first.stamp_ns if first else 0
+    remarks = [
+        f"at {(defect.stamp_ns - first_ns) * 1e-9:.4f} s: {defect.reason}"
+        for defect in named_defects
+    ]
+    if defects > _MOST_DEFECTS:
+        remarks.append(f"and {counted(defects - _MOST_DEFECTS, 'more defect')} of the telemetry")
+    if recorded.bag.damage:
+        remarks.append(recorded.bag.damage)
+    if first is None or finder.description is None:
+        raise ValueError(f"{path} has no usable telemetry: {'; '.join(remarks)}")
+    return BagWindows(
+        finder.description,
+        first_ns,
+        first.sample_period,
+        blocks,
+        samples,
+        windows,
+        remarks,
+        finder.longest_motion_s,
+        finder.has_rested,
+        _recorded_truths(recorded.bag, recorded.actuator_id),
+    )
+
+
+def _recorded_window(found: Segment, latest: _LatestBlocks) -> RecordedWindow:
+    window = found.window
+    is_whole = isinstance(window, Window)
+    return RecordedWindow(
+        found.number,
+        found.description,
+        window.start_ns,
+        window.end_ns,
+        window.play if is_whole else None,
+        latest.place_of(window) if is_whole else window,
+    )
+
+
+def _recorded_truths(bag: Bag, actuator_id: str) -> list[StampedFaults]:
+    topics = [name for name, topic in bag.topics.items() if topic.type_name == TRUE_FAULTS_TYPE]
+    truths = [stamped_faults_from_message(item.message) for item in bag.messages(topics)]
+    return [truth for truth in truths if truth.actuator_id == actuator_id]
+
+
+def truth_at(truths: Sequence[StampedFaults], start_ns: int) -> StampedFaults | None:
+    """Return the true faults of the test cycle that runs at a time; None before the first.
+
+    Parameters
+    ----------
+    truths
+        True faults of one actuator by test cycle, in order.
+    start_ns
+        Start of a window [ns].
+    """
+    before = bisect_right(truths, start_ns, key=lambda truth: truth.stamp_ns)
+    return truths[before - 1] if before else None

@@ -1,0 +1,78 @@
+"""The simulator as a library: telemetry of a faulty actuator in one call."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from numpy.typing import ArrayLike
+
+from ema_core.commands import THESIS_CHIRP, Command
+from ema_core.description import ActuatorDescription
+from ema_core.parameters import ActuatorParameters
+from ema_core.telemetry import Telemetry, join
+from ema_sim.actuator import SimulatedActuator
+from ema_sim.bench import ActuatorBench, BenchSettings
+from ema_sim.growth import Growth
+
+__all__ = [
+    "ActuatorBench",
+    "ActuatorDescription",
+    "ActuatorParameters",
+    "BenchSettings",
+    "Command",
+    "Growth",
+    "SimulatedActuator",
+    "Telemetry",
+    "simulate",
+]
+
+_HEALTHY: Final[Mapping[str, float]] = {}
+
+
+def simulate(
+    faults: Mapping[str, float] | ArrayLike = _HEALTHY,
+    cycles: int = 1,
+    *,
+    description: ActuatorDescription | None = None,
+    parameters: ActuatorParameters | None = None,
+    command: Command = THESIS_CHIRP,
+    current_noise: float = 0.0,
+    resolutions: Mapping[str, float] | None = None,
+    seed: int = 0,
+) -> Telemetry:
+    """Return the telemetry of an actuator in test cycles.
+
+    Parameters
+    ----------
+    faults
+        Normalised faults by name, or all eight, ``(8,)`` [-].
+    cycles
+        Number of test cycles, each with an approach to its start, the command and a return.
+    description
+        The actuator; the built-in one when None.
+    parameters
+        True parameters where they differ from the nominal ones of the description.
+    command
+        Command of a test cycle.
+    current_noise
+        Standard deviation of Gaussian noise on each sample of the current [A].
+    resolutions
+        Resolution of the sensors by column of the telemetry [rad, A, rad/s].
+    seed
+        Seed of the noise.
+
+    Raises
+    ------
+    ValueError
+        When a figure is impossible; the message names it.
+    """
+    if cycles < 1:
+        raise ValueError(f"cycles = {cycles!r}: expected a whole number of at least 1")
+    bench = ActuatorBench(
+        description or ActuatorDescription(),
+        BenchSettings(current_noise=current_noise, seed=seed),
+        parameters=parameters,
+        resolutions=resolutions,
+    )
+    bench.set_command(command)
+    bench.set_faults(faults)
+    return join([block for _ in range(cycles) for block, _ in bench.begin_cycle().blocks])

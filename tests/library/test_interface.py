@@ -1,0 +1,139 @@
+"""The packages as libraries: what they offer, and what it costs to import them."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pytest
+
+import ema_monitor
+import ema_recording
+import ema_sim
+from ema_core.faults import FAULTS, FaultVector
+from ema_core.wording import text_table
+from ema_monitor.plot import plot_fit
+
+SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
+TRUTH = {"friction": 0.25, "eccentricity": 0.1}
+
+
+@pytest.fixture(scope="module")
+def window() -> ema_monitor.Window:
+    [found] = ema_monitor.find_windows(ema_sim.simulate(TRUTH, seed=1))
+    return found
+
+
+@pytest.fixture(scope="module")
+def estimate(window) -> ema_monitor.Estimate:
+    return ema_monitor.identify(window)
+
+
+def test_named_vector_has_the_components_of_the_registry_in_their_order():
+    assert FaultVector._fields == tuple(fault.name for fault in FAULTS)
+    vector = FaultVector.of(np.arange(8))
+    assert (vector.backlash, vector[1], np.asarray(vector).shape) == (1.0, 1.0, (8,))
+
+
+def test_faults_of_an_estimate_have_names(estimate):
+    assert estimate.faults.friction == pytest.approx(0.25, abs=4.0 * estimate.sigma.friction)
+    assert estimate.faults.eccentricity == pytest.approx(0.1, abs=4.0 * estimate.sigma.eccentricity)
+
+
+def test_estimate_prints_what_each_fault_means(estimate):
+    lines = str(estimate).splitlines()
+    assert lines[0].split() == ["fault", "estimate", "sigma", "which", "means"]
+    assert lines[1].startswith("friction") and "× nominal" in lines[1]
+    assert lines[2].endswith("healthy (not significant)")
+    assert lines[-1].startswith("valid, goodness of fit")
+
+
+def test_estimate_that_is_refused_prints_why(window):
+    unit = ema_sim.ActuatorDescription(serial_number="another")
+    refused = ema_monitor.identify(window, unit)
+    assert str(refused).startswith("no valid estimate: the calibration does not fit")
+
+
+def test_estimates_make_a_table(estimate):
+    table = pandas.DataFrame([estimate.as_row(), estimate.as_row()])
+    assert table.friction.tolist() == [estimate.faults.friction] * 2
+    assert table.friction_sigma.dtype == np.float64
+    assert table.valid.all()
+
+
+def test_recorded_windows_are_those_of_the_bag():
+    found = ema_recording.read_windows(SAMPLE)
+    [window] = found.usable
+    assert str(found).splitlines()[1].endswith("usable")
+    [again] = ema_monitor.find_windows(ema_recording.read_telemetry(SAMPLE))
+    assert (again.start_ns, again.play) == (window.start_ns, window.play)
+    np.testing.assert_array_equal(again.current, window.current)
+
+
+def test_stretch_that_cannot_be_used_gives_a_warning():
+    telemetry = ema_sim.simulate()
+    with pytest.warns(UserWarning, match="ended"):
+        assert ema_monitor.find_windows(telemetry.part(0, 9000)) == []
+
+
+def test_calibration_prints_what_it_found():
+    windows = ema_monitor.find_windows(ema_sim.simulate(cycles=2, current_noise=0.02))
+    assert "from 2 windows, lift 0.1" in str(ema_monitor.calibrate(windows))
+
+
+def test_simulated_cycles_are_at_least_one():
+    with pytest.raises(ValueError, match="cycles = 0: expected a whole number of at least 1"):
+        ema_sim.simulate(cycles=0)
+
+
+def test_tracked_estimates_predict_a_remaining_life(window, estimate):
+    tracker = ema_monitor.track([estimate, estimate], [0.0, 10.0])
+    prognosis = tracker.predict()
+    assert prognosis.hours == 10.0
+    rows = prognosis.as_rows()
+    assert [row["criterion"] for row in rows][-1] == prognosis.overall.criterion
+    assert str(prognosis).splitlines()[0].startswith("remaining useful life")
+
+
+def test_picture_of_a_fit_shows_measured_and_modelled_current(window, estimate):
+    [current, *_] = plot_fit(window, estimate).axes
+    assert [line.get_label() for line in current.lines] == [
+        "measured",
+        "model, healthy",
+        "model, estimated faults",
+    ]
+
+
+@pytest.mark.parametrize("package", [ema_sim, ema_monitor, ema_recording])
+def test_interface_lists_what_it_offers(package):
+    names = dir(package)
+    assert names == sorted(names)
+    for name in names:
+        assert getattr(package, name).__doc__
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        package.nothing  # noqa: B018
+
+
+def test_importing_the_packages_imports_no_library():
+    listed = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "import sys, ema_sim, ema_monitor, ema_recording\n"
+            "print([name for name in ('numpy', 'numba', 'matplotlib') if name in sys.modules])",
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert ast.literal_eval(listed.stdout) == []
+
+
+def test_text_table_has_figures_on_the_right():
+    assert text_table(("name", "k"), [("a", "0.5"), ("bc", "10.0")]).splitlines() == [
+        "name     k",
+        "a      0.5",
+        "bc    10.0",
+    ]
