@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import config
+from numba import config
 
 _KERNEL_PACKAGES = ("ema_core", "ema_sim", "ema_monitor")
 

@@ -5,6 +5,10 @@ place of a branch. LLVM maps the vectors to the registers of the processor. ``+ 
 minus, ``abs``, ``min``, ``max``, ``math.floor``, ``math.copysign``, the comparisons and (slowly)
 ``math.cos`` and ``math.sin`` act lane by lane; a number has the same value in all lanes.
 Comparisons return a `Mask`, which supports ``& | ~``. Lanes are independent of each other.
+
+numba documents how to add types and functions, but neither how a number becomes another type
+(``Conversion``) nor the methods of the contexts that generate code. Both are used here and nowhere
+else; tests/core/test_simd.py fails where a version of numba differs. Checked with numba 0.68.
 """
 
 import math
@@ -12,15 +16,18 @@ import operator
 from collections.abc import Callable
 from typing import Any, Final
 
-from numba.core import cgutils, types
-from numba.core.datamodel.models import PrimitiveModel
-from numba.core.errors import TypingError
+from llvmlite import ir
+from numba import TypingError, types
 from numba.core.typeconv.castgraph import Conversion
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import intrinsic, lower_builtin, lower_cast, register_model
+from numba.extending import (
+    intrinsic,
+    lower_builtin,
+    lower_cast,
+    models,
+    register_model,
+    type_callable,
+)
 
-# The llvmlite that numba itself uses.
-ir: Final = cgutils.ir  # pyright: ignore[reportPrivateImportUsage]
 # To type checkers the typing context, which a call does not pass, is a parameter.
 _kernel_function: Final[Any] = intrinsic
 _TUPLE: Final[Any] = types.BaseTuple
@@ -59,13 +66,13 @@ MASK: Final = Mask()
 
 
 @register_model(Vector)
-class _VectorModel(PrimitiveModel):
+class _VectorModel(models.PrimitiveModel):
     def __init__(self, dmm, fe_type):
         super().__init__(dmm, fe_type, _DOUBLES)
 
 
 @register_model(Mask)
-class _MaskModel(PrimitiveModel):
+class _MaskModel(models.PrimitiveModel):
     def __init__(self, dmm, fe_type):
         super().__init__(dmm, fe_type, _BITS)
 
@@ -85,13 +92,15 @@ def _register(
 ) -> None:
     """Define an operator or function for lanes; ``emit(builder, *values)`` generates the code."""
 
-    class LaneByLane(AbstractTemplate):
-        def generic(self, args, kws):
-            if len(args) == operands and operand in args:
-                return signature(result, *[operand] * operands)
-            return None
+    @type_callable(function)
+    def type_function(context):
+        def one(a):
+            return result(operand) if a == operand else None
 
-    infer_global(function)(LaneByLane)  # pyright: ignore[reportOptionalCall]
+        def two(a, b):
+            return result(operand, operand) if operand in (a, b) else None
+
+        return one if operands == 1 else two
 
     @lower_builtin(function, *[type(operand)] * operands)
     def lower(context, builder, sig, args):
@@ -100,10 +109,9 @@ def _register(
 
 def _call(name: str) -> Callable[..., Any]:
     def emit(builder, *values):
-        function = cgutils.get_or_insert_function(
-            builder.module,
-            ir.FunctionType(_DOUBLES, [_DOUBLES] * len(values)),
+        function = builder.module.declare_intrinsic(
             f"llvm.{name}.v{LANES}f64",
+            fnty=ir.FunctionType(_DOUBLES, [_DOUBLES] * len(values)),
         )
         return builder.call(function, values)
 
@@ -171,7 +179,7 @@ def select(typingctx, condition, a, b):
     def lower(context, builder, sig, args):
         return builder.select(*args)
 
-    return signature(kind, condition, kind, kind), lower
+    return kind(condition, kind, kind), lower
 
 
 @_kernel_function
@@ -181,7 +189,7 @@ def broadcast(typingctx, number):
     def lower(context, builder, sig, args):
         return args[0]
 
-    return signature(VECTOR, VECTOR), lower
+    return VECTOR(VECTOR), lower
 
 
 @_kernel_function
@@ -195,7 +203,7 @@ def load(typingctx, values, start):
     def lower(context, builder, sig, args):
         return _load(context, builder, values, *args)
 
-    return signature(_loaded(values), values, types.intp), lower
+    return _loaded(values)(values, types.intp), lower
 
 
 def _loaded(kind: Any) -> Any:
@@ -212,7 +220,7 @@ def _loaded(kind: Any) -> Any:
 
 def _load(context: Any, builder: Any, kind: Any, value: Any, start: Any) -> Any:
     if isinstance(kind, _TUPLE):
-        members = cgutils.unpack_tuple(builder, value, len(kind.types))
+        members = [builder.extract_value(value, i) for i in range(len(kind.types))]
         return context.make_tuple(
             builder,
             _loaded(kind),
@@ -236,15 +244,16 @@ def store(typingctx, array, row, column, vector):
     def lower(context, builder, sig, args):
         array_value, row, column, lanes = args
         into = context.make_array(array)(context, builder, array_value)
-        row_stride, column_stride = cgutils.unpack_tuple(builder, into.strides, 2)
+        row_stride, column_stride = (builder.extract_value(into.strides, i) for i in range(2))
+        bytes_of = builder.bitcast(into.data, ir.IntType(8).as_pointer())
         offset = builder.add(builder.mul(row, row_stride), builder.mul(column, column_stride))
         for lane in range(LANES):
             builder.store(
                 builder.extract_element(lanes, ir.Constant(_INDEX, lane)),
-                cgutils.pointer_add(builder, into.data, offset),
+                builder.bitcast(builder.gep(bytes_of, [offset]), into.data.type),
                 align=_FLOAT64_BYTES,
             )
             offset = builder.add(offset, row_stride)
         return context.get_dummy_value()
 
-    return signature(types.void, array, types.intp, types.intp, VECTOR), lower
+    return types.void(array, types.intp, types.intp, VECTOR), lower

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numba
 import pytest
-from numba.core import config
+from numba import config
 
 from ema_core import _jit
 from ema_core.dynamics import next_speed

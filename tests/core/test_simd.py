@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 import pytest
-from numba.core.errors import TypingError
+from numba import TypingError
 
 from ema_core.simd import LANES, broadcast, load, select, store
 
