@@ -10,6 +10,8 @@ from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutEx
 from rclpy.subscription import Subscription
 from rclpy.task import Task
 
+from ema_ros.rclpy_private import next_message
+
 _MOST_IN_A_ROW: Final = 100
 
 
@@ -62,7 +64,7 @@ class NodeExecutor(SingleThreadedExecutor):
 
     def _empty(self, subscription: Subscription) -> None:
         for _ in range(_MOST_IN_A_ROW - 1):
-            callback = self._take_subscription(subscription)
+            callback = next_message(self, subscription)
             if callback is None:
                 return
             self._run(Task(callback, executor=self))

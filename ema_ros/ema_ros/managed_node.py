@@ -16,6 +16,12 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 from rclpy.qos import QoSProfile
 
 from ema_ros.peers import Peers, nodes_alive, nodes_in_touch, now_s
+from ema_ros.rclpy_private import (
+    given_parameters,
+    lifecycle_state,
+    release_state_machine,
+    wrap_change_state,
+)
 from ema_ros.status import ERROR, OK, WARN, Task, status_message
 from ema_ros.topics import NAMESPACE
 
@@ -45,8 +51,6 @@ class ManagedNode(LifecycleNode):
         Set when the process is about to end: callbacks that wait have to return.
     """
 
-    _state_machine: Any
-
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **{"namespace": NAMESPACE, **kwargs})
         self.finished = threading.Event()
@@ -56,7 +60,7 @@ class ManagedNode(LifecycleNode):
         self._configured = False
         self._peers = Peers()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._guard_change_state()
+        wrap_change_state(self, self._refuse_impossible)
         self._report_timer = self.create_timer(
             _REPORT_S,
             self._report_regularly,
@@ -89,7 +93,7 @@ class ManagedNode(LifecycleNode):
     @property
     def state(self) -> str:
         """Label of the state of its lifecycle."""
-        return self._state_machine.current_state[1]
+        return lifecycle_state(self)
 
     def bring_up(self) -> bool:
         """Configure and activate; return whether that worked."""
@@ -98,12 +102,9 @@ class ManagedNode(LifecycleNode):
         return self.trigger_configure() == success and self.trigger_activate() == success
 
     def destroy_node(self) -> None:
-        """Destroy the node and its state machine.
-
-        rclpy leaves the latter, and with it the participant of DDS, to the garbage collector.
-        """
+        """Destroy the node and its state machine."""
         super().destroy_node()
-        self._state_machine = None
+        release_state_machine(self)
 
     def add_publisher(
         self, message_class: Any, topic: str, qos: QoSProfile, *, quiet: bool = False
@@ -204,7 +205,7 @@ class ManagedNode(LifecycleNode):
     def _tell_strange_parameters(self) -> None:
         """Tell of parameters that were given and are none of this node's, as rclpy does not."""
         own = self.list_parameters([], 0).names
-        for name in self._parameter_overrides:
+        for name in given_parameters(self):
             if name in own:
                 continue
             text = f"parameter {name} is none of this node's and has no effect"
@@ -214,12 +215,10 @@ class ManagedNode(LifecycleNode):
             else:
                 self.get_logger().info(text)
 
-    def _guard_change_state(self) -> None:
-        """See to it that a transition that is not possible is refused instead of raising."""
-        service = self._service_change_state
-        change_state = service.callback
+    def _refuse_impossible(self, change_state: Callable[..., Any]) -> Callable[..., Any]:
+        """Return the callback of ``change_state`` that refuses an impossible transition."""
 
-        def guarded(request: Any, response: Any) -> Any:
+        def change_if_possible(request: Any, response: Any) -> Any:
             try:
                 return change_state(request, response)
             except RuntimeError:
@@ -230,4 +229,4 @@ class ManagedNode(LifecycleNode):
                 response.success = False
                 return response
 
-        service.callback = guarded
+        return change_if_possible

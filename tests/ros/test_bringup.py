@@ -13,6 +13,7 @@ from ema_cli.processes.bringup import NODES, parameter_file, program, ros_argume
 from ema_monitor.node.monitor_node import MonitorNode
 from ema_recording.player_node import PlayerNode
 from ema_recording.recorder_node import RecorderNode
+from ema_ros.rclpy_private import given_parameters
 from ema_sim.actuator_node import ActuatorNode
 
 from .spinning import ros_context
@@ -200,7 +201,7 @@ def started(node_name: str, *arguments: str) -> Any:
     with ros_context(arguments=list(arguments)) as context:
         node = CLASSES[node_name](context=context)
         values = {name: item.value for name, item in node._parameters.items()}
-        given = set(node._parameter_overrides)
+        given = set(given_parameters(node))
         node.destroy_node()
     return values, given
 
