@@ -1,9 +1,9 @@
 """Peak memory of the commands that read bags, on a bag of one minute and one of ten.
 
-python memory.py [--minutes 1 10]
+python memory.py [--json FILE]
 """
 
-import argparse
+import json
 import math
 import os
 import subprocess
@@ -14,11 +14,22 @@ from typing import Final
 
 import click
 from click.testing import CliRunner
+from rich.console import Console
+from tables import target_table
+from targets import Row
 
-from ema_cli.main import main
+from ema_cli.main import main as ema
 
 CYCLE_S: Final = 1.7
-COMMANDS: Final = ("info", "calibrate", "plot", "compare")
+MINUTES: Final = (1, 10)
+OPTIONS: Final = {
+    "info": (),
+    "estimate": ("--json",),
+    "plot": ("-o", "plot.png"),
+    "calibrate": ("--force", "-o", "calibration.yaml"),
+}
+MOST: Final = 1.2
+"""How much larger the peak may be with the longer bag: windows are kept, their telemetry is not."""
 
 
 def peak_mib(bag: Path, command: str) -> float:
@@ -31,13 +42,11 @@ def peak_mib(bag: Path, command: str) -> float:
     command
         Name of the command.
     """
-    output = bag.with_suffix(".yaml" if command == "calibrate" else ".png")
-    options = {"info": [], "compare": ["--algorithms", "least_squares"], "calibrate": ["--force"]}
-    arguments = [command, str(bag), *options.get(command, [])]
-    arguments += [] if command == "info" else ["-o", str(output)]
+    arguments = [command, str(bag), *OPTIONS[command]]
     child = subprocess.Popen(
         [sys.executable, "-c", "from ema_cli.main import main; main()", *arguments],
         stdout=subprocess.DEVNULL,
+        cwd=bag.parent,
     )
     _, status, usage = os.wait4(child.pid, 0)
     child.returncode = os.waitstatus_to_exitcode(status)
@@ -46,25 +55,37 @@ def peak_mib(bag: Path, command: str) -> float:
     return usage.ru_maxrss / 1024.0
 
 
-def measure(minutes: list[float]) -> None:
-    """Print the peak of each command for bags of some lengths."""
+def rows(figures: dict[str, list[float]]) -> list[Row]:
+    """Return the rows of the table: the peak of each command with the short and the long bag."""
+    short_min, long_min = MINUTES
+    return [
+        Row(
+            f"ema {command}, peak memory with {long_min} min over that with {short_min} min",
+            f"<= {MOST:g}",
+            f"{long / short:.2f} ({short:.0f} and {long:.0f} MiB)",
+            long <= MOST * short,
+        )
+        for command, (short, long) in figures.items()
+    ]
+
+
+@click.command()
+@click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
+def main(output: Path | None) -> None:
+    """Print the peak memory of each command for a short and a long bag."""
+    figures: dict[str, list[float]] = {command: [] for command in OPTIONS}
     with tempfile.TemporaryDirectory() as folder:
-        bags = []
-        for length in minutes:
-            bag = Path(folder) / f"{length:g}.mcap"
-            cycles = str(math.ceil(60.0 * length / CYCLE_S))
-            CliRunner().invoke(main, ["simulate", "--cycles", cycles, "-o", str(bag)])
-            bags.append(bag)
-        for command in COMMANDS:
-            peaks = [peak_mib(bag, command) for bag in bags]
-            row = ", ".join(
-                f"{peak:.0f} MiB for {length:g} min"
-                for peak, length in zip(peaks, minutes, strict=True)
-            )
-            print(f"peak memory of ema {command}: {row}")
+        for minutes in MINUTES:
+            bag = Path(folder) / f"{minutes}.mcap"
+            cycles = str(math.ceil(60.0 * minutes / CYCLE_S))
+            arguments = ["simulate", "--cycles", cycles, "-o", str(bag)]
+            CliRunner().invoke(ema, arguments, catch_exceptions=False)
+            for command, peaks in figures.items():
+                peaks.append(peak_mib(bag, command))
+    Console(width=140).print(target_table("memory", rows(figures)))
+    if output is not None:
+        output.write_text(json.dumps(figures, indent=2))
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--minutes", type=float, nargs="+", default=[1.0, 10.0])
-    measure(parser.parse_args().minutes)
+    main()
