@@ -124,6 +124,34 @@ def test_history_survives_being_killed_again_and_again(path: Path):
         reported = len(found)
 
 
+def test_history_of_another_process_is_left_alone_until_that_process_is_killed(path: Path):
+    with subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path), str(Path(__file__).parent)],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as owner:
+        assert owner.stdout is not None
+        assert owner.stdout.readline()
+        second = History(*UNIT, path)
+        owner.kill()
+    assert second.problem == (
+        f"the history {path} is in use by another monitor; this one's is in memory only"
+    )
+    assert (second.entries, second.path) == ([], None)
+    third = History(*UNIT, path)
+    assert (third.problem, len(third.entries) > 0) == ("", True)
+    third.close()
+
+
+def test_of_two_monitors_that_begin_a_history_the_second_names_the_reason(path: Path):
+    first, second = History(*UNIT, path), History(*UNIT, path)
+    first.append(entry(0))
+    second.append(entry(1))
+    assert "cannot be written: it is in use by another monitor" in second.problem
+    first.close()
+    assert hours(path) == ([0.0], "")
+
+
 def test_windows_without_estimate_are_held_as_well(path: Path):
     history = History(*UNIT, path)
     history.append(UnusedCycle(1))

@@ -1,6 +1,7 @@
 """Histories of version 0.1, files of JSON lines, are imported once and left as they are."""
 
 import shutil
+import sqlite3
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,22 @@ def test_file_of_the_second_format_is_imported_exactly_and_once(tmp_path: Path):
         assert (three.count.hours, three.count.cycles) == (40.2, 9)
         assert history.unused_cycles == 1
         assert history.holds(one.stamp_ns - 10**10)
+
+
+def test_file_on_read_only_media_is_imported_into_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    shutil.copyfile(LINES, tmp_path / LINES.name)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise sqlite3.OperationalError("unable to open database file")
+
+    monkeypatch.setattr(sqlite3, "connect", refuse)
+    history = History(*UNIT, history_path(tmp_path, *UNIT))
+    assert len(history.entries) == 3
+    assert "5 test cycles are imported" in history.imported
+    assert "cannot be written: unable to open database file" in history.problem
+    assert history.problem.endswith("tests from now on are in memory only")
 
 
 def test_file_of_the_first_format_is_imported(tmp_path: Path):

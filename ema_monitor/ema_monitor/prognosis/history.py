@@ -217,8 +217,12 @@ class History:
             )
             return
         self._trouble = f"the history {path} cannot be written: {_reason(error)}"
-        if self._tests:
-            return
+        if not self._tests:
+            self._trouble += self._read_in_copy(path)
+        self._trouble += "; tests from now on are in memory only"
+
+    def _read_in_copy(self, path: Path) -> str:
+        """Read a copy of a file, with its log; return why it cannot be, empty when it can."""
         try:
             with TemporaryDirectory() as folder:
                 copy = Path(folder) / path.name
@@ -230,8 +234,8 @@ class History:
                 self._release()
         except (sqlite3.Error, OSError, ValueError, KeyError, TypeError) as damage:
             self._release()
-            self._trouble += f"; nor read: {_reason(damage)}"
-        self._trouble += "; tests from now on are in memory only"
+            return f"; nor read: {_reason(damage)}"
+        return ""
 
     def _set_aside(self, path: Path, error: Exception) -> None:
         self._release()
@@ -295,6 +299,8 @@ def _code(error: Exception) -> int:
 def _reason(error: Exception) -> str:
     if isinstance(error, KeyError):
         return f"{error} is missing"
+    if _code(error) == sqlite3.SQLITE_BUSY:
+        return "it is in use by another monitor"
     return getattr(error, "strerror", None) or str(error)
 
 
