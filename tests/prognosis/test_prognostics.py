@@ -260,7 +260,7 @@ def test_component_that_no_test_has_told_of_ends_no_life(hidden: str):
         told = prognostics.update(estimate, PARAMETERS, TEN_HOURS)
     assert told is not None
     assert told.rul_faults.known
-    assert told.rul_requirements.reason == f"no test has told of {hidden} yet"
+    assert told.rul_requirements.reason == f"no test has shown {hidden} yet"
     assert told.rul == told.rul_faults
 
 

@@ -228,5 +228,5 @@ def _require_order(tests: Sequence[tuple[Path, RecordedWindow]]) -> None:
         if path != other_path and one.end_ns == other.end_ns:
             raise ValueError(
                 f"{path} and {other_path} both have a window that ends at "
-                f"{one.end_ns * 1e-9:.4f} s: their stamps must tell which test came first"
+                f"{one.end_ns * 1e-9:.4f} s: their stamps must show which test came first"
             )

@@ -130,9 +130,9 @@ def prognose(
 ) -> None:
     """Tell how many flight hours a unit has left, from the tests in each BAG or folder of bags.
 
-    All tests are of one unit; the stamps of their windows tell their order. The figures are those
+    All tests are of one unit; the stamps of their windows give their order. The figures are those
     that a monitor publishes after the last of these tests. Without --calibration, a file
-    calibration.yaml beside the bags is taken for the unit's.
+    calibration.yaml beside the bags is used as the unit's.
 
     Exit code 3 means that there is no prognosis, since no test has a valid estimate.
     """

@@ -150,8 +150,8 @@ def summary(course: Course, message: Any) -> list[str]:
     lines = []
     for name, life in lives.items():
         # The sentence for the planner says the reason that is that of the whole message.
-        told = "unknown" if not life.known and life.reason in message.reason else _told(life)
-        lines.append(f"remaining useful life {name}: {told}")
+        repeats = not life.known and life.reason in message.reason
+        lines.append(f"remaining useful life {name}: {'unknown' if repeats else _in_words(life)}")
     first = f"; first to end life: {message.dominant_fault}" if message.dominant_fault else ""
     lines.append(
         f"health index {message.health_index:.2f}, level {LEVEL_NAMES[message.level]}, severity "
@@ -179,7 +179,7 @@ def _life(life: Any) -> str:
     return " / ".join(_hours(one) for one in (life.hours_05, life.hours_50, life.hours_95))
 
 
-def _told(life: Any) -> str:
+def _in_words(life: Any) -> str:
     if not life.known:
         return f"unknown ({life.reason})"
     cycles = (life.cycles_05, life.cycles_50, life.cycles_95)

@@ -54,7 +54,7 @@ class GrowthRecord:
         return bool(self._fed) and self._fed[-1].entry is self.service.latest
 
     def add(self, entry: Entry) -> list[str]:
-        """Add the next test; return what is odd about it, in words.
+        """Add the next test; return its events, in words.
 
         Parameters
         ----------

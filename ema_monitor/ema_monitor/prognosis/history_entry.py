@@ -61,7 +61,7 @@ class Entry:
     Attributes
     ----------
     estimate
-        What was found in its window.
+        Estimate of its window.
     hours
         Service hour of the test by ``hours_per_cycle`` [h]; NaN where it is counted or unknown.
     cycles
@@ -151,7 +151,7 @@ def entry_of(text: str) -> Entry | UnusedCycle:
 def import_lines(
     path: Path, actuator_id: str, serial_number: str
 ) -> tuple[list[Entry | UnusedCycle], str]:
-    """Return the tests in a file of an earlier version, and what there is to say of the import.
+    """Return the tests in a file of an earlier version, and the result of the import in words.
 
     The file is left as it is. Of a damaged one, the tests before the damage are returned.
 

@@ -98,12 +98,12 @@ def unknown_outlook(reason: str) -> Outlook:
 
 
 def outlook_of_one(estimate: Estimate, limits: HealthLimits, reason: str) -> Outlook:
-    """Return what a valid estimate tells by itself.
+    """Return health by one valid estimate alone, without a prognosis.
 
     Parameters
     ----------
     estimate
-        What was found in a window.
+        Estimate of a window.
     limits
         Where life ends.
     reason
@@ -141,7 +141,7 @@ def earlier(one: RemainingLife, other: RemainingLife, together: RemainingLife) -
         Lives of the same actuator.
     together
         Life that ends with the first of them, from samples that both share. It may rest on fewer
-        samples: what is told is never longer than either by itself. The criterion is that of the
+        samples: the result is never longer than either by itself. The criterion is that of the
         lesser median.
     """
     known = [life for life in (one, other) if life.known]

@@ -132,7 +132,7 @@ class Bank:
         used: NDArray[np.bool_],
         near_healthy: NDArray[np.bool_],
     ) -> None:
-        """Update all cells by what a test told.
+        """Update all cells by a test.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class Bank:
         noise
             Variances of their errors, ``(7,)``.
         used
-            Components that the test tells of, ``(7,)``.
+            Components that the test shows, ``(7,)``.
         near_healthy
             Those of them that were put back to healthy, ``(7,)``.
         """
@@ -152,10 +152,11 @@ class Bank:
             plain, value[component[plain]], noise[component[plain]], log_likelihood
         )
         near = np.flatnonzero((used & near_healthy)[component])
-        mean, variance, told = self.mean[near], self.variance[near], np.empty(near.size)
+        mean, variance = self.mean[near], self.variance[near]
+        log_p = np.empty(near.size)
         own = component[near]
-        near_healthy_update(mean, variance, noise[own], REACH[own], self._two_sided[near], told)
-        self.mean[near], self.variance[near], log_likelihood[near] = mean, variance, told
+        near_healthy_update(mean, variance, noise[own], REACH[own], self._two_sided[near], log_p)
+        self.mean[near], self.variance[near], log_likelihood[near] = mean, variance, log_p
         highest = np.full(self._n, -np.inf)
         np.maximum.at(highest, component, log_likelihood)
         weight = self.weight * np.exp(log_likelihood - highest[component])

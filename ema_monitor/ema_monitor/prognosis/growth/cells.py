@@ -1,6 +1,6 @@
 """The grid over laws, shapes and rates on which a tracker weighs how each component grows.
 
-A rate is stated by the hours T that the law takes from healthy to the limit, and a shape by the
+A rate is stated by the hours T of the law from healthy to the limit, and a shape by the
 bend of its curve, so that one grid serves components, limits and actuators of any kind. T is
 anything from 50 h to 30,000 h, log-uniform. These figures come from what a tracker can
 distinguish (faster growth ends within five tests, slower growth is beyond the horizon), not from
@@ -106,7 +106,7 @@ def _bend_of_heat(product: float) -> float:
 
 
 def _root(bend_of: Callable[[float], float], bend: float) -> float:
-    """Return where an ascending function takes a bend, by bisection."""
+    """Return where an ascending function reaches a bend, by bisection."""
     low, high = 1e-3, 500.0
     while high > low * (1.0 + 1e-12):
         middle = np.sqrt(low * high)

@@ -1,4 +1,4 @@
-"""Samples of what a bank of filters tells, carried on into the future.
+"""Samples of a bank of filters, continued into the future.
 
 Process noise multiplies each increment by a factor, so a fault grows as its law says, in a time
 of its own whose increments are random with mean 1. To first order in the variance that time is a

@@ -57,7 +57,7 @@ def known_law(fault: str, written: str) -> KnownLaw:
     written
         ``LAW[:RATE[:SHAPE]]``: the law, its median rate a [1/h] (of ``power`` its c [h]) and its
         second figure, x_0, b or p [-], of ``drift`` its s [1/sqrt(h)]; ``linear`` has none.
-        Without figures the law must be the one of ``NOMINAL_LAWS``, whose figures are taken then.
+        Without figures the law must be the one of ``NOMINAL_LAWS``, whose figures are used then.
 
     Raises
     ------

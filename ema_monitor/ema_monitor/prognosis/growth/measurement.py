@@ -75,7 +75,7 @@ class Measurement:
         Parameters
         ----------
         estimate
-            What was found in a window.
+            Estimate of a window.
         hours
             Service hour of the window [h].
 

@@ -1,4 +1,4 @@
-"""What it tells when an estimate was put back to healthy: the fault is small, not exactly none."""
+"""Update by an estimate that was set to healthy: the fault is small, not exactly none."""
 
 import math
 from typing import Final

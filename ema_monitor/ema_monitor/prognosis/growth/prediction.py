@@ -1,4 +1,4 @@
-"""Remaining useful life: what is told of it."""
+"""Remaining useful life: its quantiles, and whether they can be given."""
 
 import math
 from collections.abc import Mapping
@@ -123,7 +123,7 @@ def assumption_of(duty: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What a verdict rests on, ``(7,)`` each.
+    """What a prognosis is judged by, ``(7,)`` each.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class Evidence:
     mean, sigma
         Signed distance from healthy [-].
     growing
-        Whether it is taken to grow.
+        Whether it counts as growing.
     growing_probability
         Probability that it grows [-].
     """
@@ -157,10 +157,10 @@ def prognosis_of(
     settings: TrackerSettings,
     duty: float,
 ) -> Prognosis:
-    """Return what may be told of samples of lives.
+    """Return the prognosis by samples of lives, with quantiles where they can be given.
 
-    Once the life of one component is told, the overall one counts all that a test has told of, each
-    as probable as its growth is: what is about to be certain must not come as a surprise.
+    Once the life of one component is known, the overall one counts all that a test has shown, each
+    as probable as its growth is: growth that is nearly certain must not come as a surprise.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def prognosis_of(
             own = np.zeros_like(own)
             reason = ""
         else:
-            reason = _ignorance(number, own * duty, evidence, settings)
+            reason = _reason_unknown(number, own * duty, evidence, settings)
         known = not reason
         components[name] = (
             RemainingLife.of_samples(own, criterion)
@@ -217,10 +217,10 @@ def _criterion(name: str, limit: float) -> str:
     return f"{fault.label} exceeds {limit:g}"
 
 
-def _ignorance(
+def _reason_unknown(
     number: int, past_hours: NDArray[np.float64], evidence: Evidence, settings: TrackerSettings
 ) -> str:
-    """Return why no life can be told of a component; empty when it can."""
+    """Return why no life of a component can be given; empty when one can."""
     if not evidence.tests[number]:
         return "no test to rely on yet"
     if not evidence.growing[number]:

@@ -37,7 +37,7 @@ class TrackedFault:
     name
         Component of the fault vector.
     tests
-        Number of tests that told of it.
+        Number of tests that showed it.
     value, sigma
         Mean and standard deviation, in the units of the fault vector [-]; NaN before any test.
     trend
@@ -68,7 +68,7 @@ def tracked_faults(bank: Bank, tests: NDArray[np.intp]) -> tuple[TrackedFault, .
     bank
         The filters.
     tests
-        Number of tests that told of each component, ``(7,)``.
+        Number of tests that showed each component, ``(7,)``.
     """
     cells, weight = bank.cells, bank.weight
     mean, variance = bank.moments()
@@ -106,9 +106,9 @@ KEPT_AFTER_STEP: Final = 0.5
 """Power to which the probabilities of laws and rates are kept after a step fault [-]."""
 
 LEAST_TESTS: Final = 5
-"""Tests of a level below which no component is newly taken to grow."""
+"""Tests of a level below which no component newly counts as growing."""
 BEGINS_BELOW: Final = 1e-4
-"""Probability of no growth below which a component is taken to grow [-].
+"""Probability of no growth below which a component counts as growing [-].
 
 Of a component that does not grow, the probability that this ever happens is of the same size,
 however long it is watched (Ville's inequality for likelihood ratios).

@@ -1,4 +1,4 @@
-"""How long an actuator goes on to perform as required, by what its tracker tells."""
+"""How long an actuator will perform as required, by samples of the faults to come."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -106,7 +106,7 @@ def life_by_requirements(
     whole = ~np.isnan(faults).any(axis=(1, 2))
     if not whole.any():
         reason = "the faults to come are unknown"
-        return _told(
+        return _lives(
             {name: np.full(len(faults), np.nan) for name in REQUIREMENTS},
             reason,
             requirements,
@@ -121,7 +121,7 @@ def life_by_requirements(
         life[whole] = np.interp(indices[name], np.arange(len(times)), times)
         life[whole] = np.where(np.isinf(indices[name]), np.inf, life[whole])
         samples[name] = life
-    return _told(samples, "", requirements, times)
+    return _lives(samples, "", requirements, times)
 
 
 class _Paths:
@@ -161,9 +161,9 @@ def _modelled_crossings(
     for _ in range(ROUNDS):
         _learn(requirements, wanted, known)
         for name in known:
-            stand_in = Surrogate(requirements.trend[name], *known[name])
-            coarse = stand_in.at(coarse_faults).reshape(paths.n, -1)
-            found[name] = _first_crossing(stand_in.at, coarse, nodes, paths)
+            surrogate = Surrogate(requirements.trend[name], *known[name])
+            coarse = surrogate.at(coarse_faults).reshape(paths.n, -1)
+            found[name] = _first_crossing(surrogate.at, coarse, nodes, paths)
             wanted[name] = _doubtful(found[name], coarse, nodes, paths, doubt[name])
     return found
 
@@ -234,7 +234,7 @@ def _free_play_crossings(requirements: Requirements, paths: _Paths) -> NDArray[n
     return _first_crossing(lambda _: left[:, 0], left, np.arange(paths.t), paths)
 
 
-def _told(
+def _lives(
     samples: dict[str, NDArray[np.float64]],
     reason: str,
     requirements: Requirements,
@@ -256,10 +256,10 @@ def _told(
 def _life(
     samples: NDArray[np.float64], criterion: str, reason: str, hours: NDArray[np.float64]
 ) -> RemainingLife:
-    told = samples[~np.isnan(samples)]
-    if not len(told):
+    valid = samples[~np.isnan(samples)]
+    if not len(valid):
         return RemainingLife.unknown(criterion, reason)
-    life = RemainingLife.of_samples(told, criterion)
+    life = RemainingLife.of_samples(valid, criterion)
     if np.isinf(life.hours_50):
         return RemainingLife.unknown(criterion, f"not within the {hours[-1]:.0f} h looked ahead")
     return life
@@ -340,9 +340,9 @@ def required_life(
     """Return how long the requirements are met.
 
     Each component goes on as probable: one of which growth is not certain yet grows in as many of
-    the samples. Where none is known to grow, all stay as they may be now, and a life is told only
-    if a requirement fails now at 95 % certainty. As long as no test has told of a component, no
-    life is told: it might be anything.
+    the samples. Where none is known to grow, all stay as they may be now, and a life is
+    given only if a requirement fails now at 95 % certainty. As long as no test has shown a
+    component, no life is given: it might be anything.
 
     Parameters
     ----------
@@ -353,8 +353,7 @@ def required_life(
     faults
         Fault vector now, ``(8,)``.
     tracker, tracked, prognosis
-        What is known of the growth, what of each component that a test has told of, and how long
-        the fault limits are kept.
+        The growth, each component that a test has shown, and the life by fault limits.
     limits
         Those of the faults.
     settings
@@ -368,7 +367,7 @@ def required_life(
         return RequiredLife.unknown("no test to rely on yet", requirements, healths)
     seen = {item.name for item in tracked}
     if unseen := [name for name in COMPONENTS if name not in seen]:
-        reason = f"no test has told of {', '.join(unseen)} yet"
+        reason = f"no test has shown {', '.join(unseen)} yet"
         return RequiredLife.unknown(reason, requirements, healths)
     if not grows and not any(map(_surely_fails, healths)):
         return RequiredLife.unknown("no significant growth", requirements, healths)
@@ -383,17 +382,20 @@ def required_life(
     if not grows:
         paths[:] = paths[:, :1]
     paths[..., ECCENTRICITY_PHASE] = faults[ECCENTRICITY_PHASE]
-    told = life_by_requirements(requirements, paths, hours)
-    overall = told.overall
-    if told.dominant:
-        overall = replace(overall, criterion=told.lives[told.dominant].criterion)
+    found = life_by_requirements(requirements, paths, hours)
+    overall = found.overall
+    if found.dominant:
+        overall = replace(overall, criterion=found.lives[found.dominant].criterion)
     return RequiredLife(
         healths,
         _trends(judgement, tracked) if grows else {},
-        told.lives,
+        found.lives,
         overall,
-        told.dominant,
-        _earliest(np.minimum(told.overall_samples, limit_passage(paths, hours, limits)), overall),
+        found.dominant,
+        _earliest(
+            np.minimum(found.overall_samples, limit_passage(paths, hours, limits)),
+            overall,
+        ),
     )
 
 

@@ -32,7 +32,7 @@ TRAINING_SIZE: Final = 4000
 """Fault vectors that the trend is fitted to."""
 
 SEEN: Final = (-0.5, 1.5)
-"""Reserves beyond which the stand-in need not tell more [-]."""
+"""Reserves to which the surrogate is clipped [-]."""
 
 BEING_COMPUTED: Final = "requirements are being computed"
 """Why nothing is said of the requirements of a unit as long as they are fitted elsewhere."""
@@ -99,7 +99,7 @@ class Judgement:
 class Requirements:
     """The requirements of one actuator.
 
-    A quick stand-in of the model is fitted at construction, which takes a second.
+    A surrogate of the model is fitted at construction, in about a second.
 
     Parameters
     ----------
@@ -147,9 +147,9 @@ class Requirements:
         self.trend: dict[str, NDArray[np.float64]] = dict(zip(MODELLED, trend.weights, strict=True))
         self.trend_error: dict[str, float] = {}
         for number, name in enumerate(MODELLED):
-            told = Surrogate(self.trend[name]).at(faults[TRAINING_SIZE:])
-            missed = told - values[TRAINING_SIZE:, number]
-            self.trend_error[name] = float(np.sqrt(np.mean(missed**2)))
+            predicted = Surrogate(self.trend[name]).at(faults[TRAINING_SIZE:])
+            error = predicted - values[TRAINING_SIZE:, number]
+            self.trend_error[name] = float(np.sqrt(np.mean(error**2)))
 
     def reserve(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how much is left of the way from healthy to the limit: 1 when healthy, 0 there.

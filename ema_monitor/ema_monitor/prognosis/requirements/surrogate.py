@@ -1,4 +1,4 @@
-"""A quick stand-in for a slow function of the faults, corrected where it matters.
+"""Surrogate of a slow function of the faults, corrected where it matters.
 
 The trend is a cubic polynomial fitted once; what it leaves is kriged from a few exact values
 (universal kriging; Santner, Williams and Notz, The Design and Analysis of Computer Experiments,
@@ -41,7 +41,7 @@ def coordinates(faults: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return coordinates of fault vectors, ``(n, 8)``, in which performance is smooth.
 
     Eccentricity becomes ``zeta cos(phi)`` and ``zeta sin(phi)``, the backlash its root, since the
-    torque that crossing a play takes grows with that; a short circuit counts to half the turns.
+    torque needed to cross a play grows with that; a short circuit counts to half the turns.
     """
     x = np.clip(faults, 0.0, HIGHEST)
     phi = (2.0 * x[:, ECCENTRICITY_PHASE] - 1.0) * np.pi
