@@ -19,7 +19,10 @@ from pymoo.algorithms.soo.nonconvex.pso import PSO  # pyright: ignore[reportMiss
 from pymoo.core.problem import Problem  # pyright: ignore[reportMissingImports]
 from pymoo.core.termination import NoTermination  # pyright: ignore[reportMissingImports]
 from pymoo.optimize import minimize  # pyright: ignore[reportMissingImports]
-from scipy.optimize import differential_evolution, least_squares
+from scipy.optimize import (  # pyright: ignore[reportMissingImports]
+    differential_evolution,
+    least_squares,
+)
 from trials import ACTUATOR
 
 from ema_monitor.calibration.calibration import Calibration

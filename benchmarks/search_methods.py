@@ -20,7 +20,7 @@ from pymoo.algorithms.soo.nonconvex.pso import PSO  # pyright: ignore[reportMiss
 from pymoo.core.problem import Problem  # pyright: ignore[reportMissingImports]
 from pymoo.core.termination import NoTermination  # pyright: ignore[reportMissingImports]
 from pymoo.optimize import minimize  # pyright: ignore[reportMissingImports]
-from scipy.optimize import differential_evolution
+from scipy.optimize import differential_evolution  # pyright: ignore[reportMissingImports]
 from standard_functions import D, StandardFunction
 
 from ema_monitor.optimizers import ALGORITHMS

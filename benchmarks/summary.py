@@ -2,8 +2,8 @@
 
     python benchmarks/summary.py
 
-Reads what `make bench` lets the others write beside this file; prints the table, writes it to summary.json, and fails when a target is
-missed.
+Reads the JSON files that `make bench` writes beside this file, prints the table, writes it to
+summary.json, and fails when a target is missed.
 """
 
 import json

@@ -15,7 +15,6 @@ from matplotlib.image import imread
 from rich.console import Console
 
 from ema_cli.bags.history import Diagnosed, History, cause_of_level, read_history
-from ema_cli.bags.truths import truth_at
 from ema_cli.processes.demo_run import SHOWN
 from ema_cli.processes.observer import Observer
 from ema_cli.show.history_figure import draw_history
@@ -25,6 +24,7 @@ from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_interfaces.msg import FaultHealth, Health
 from ema_recording.reader import Bag
 from ema_recording.telemetry import HEALTH_TYPE
+from ema_recording.windows import truth_at
 from ema_ros.faults import StampedFaults
 from ema_ros.stamps import stamp_from_message
 

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ema_cli.commands import lives as command
 from ema_cli.bags.unit_record import CALIBRATION_FILE
+from ema_cli.commands import lives as command
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.health import HealthLimits
 from ema_recording.reader import Bag
