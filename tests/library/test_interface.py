@@ -45,7 +45,8 @@ def test_faults_of_an_estimate_have_names(estimate):
 def test_estimate_prints_what_each_fault_means(estimate):
     lines = str(estimate).splitlines()
     assert lines[0].split() == ["fault", "estimate", "sigma", "which", "means"]
-    assert lines[1].startswith("friction") and "× nominal" in lines[1]
+    assert lines[1].startswith("friction")
+    assert "× nominal" in lines[1]
     assert lines[2].endswith("healthy (not significant)")
     assert lines[-1].startswith("valid, goodness of fit")
 
