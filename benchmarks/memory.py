@@ -5,7 +5,6 @@ python memory.py [--json FILE]
 
 import json
 import math
-import os
 import subprocess
 import sys
 import tempfile
@@ -28,6 +27,13 @@ OPTIONS: Final = {
     "plot": ("-o", "plot.png"),
     "calibrate": ("--force", "-o", "calibration.yaml"),
 }
+CHILD: Final = """
+import atexit
+from pathlib import Path
+atexit.register(lambda: Path("status").write_text(Path("/proc/self/status").read_text()))
+from ema_cli.main import main
+main()
+"""
 MOST: Final = 1.2
 """How much larger the peak may be with the longer bag: windows are kept, their telemetry is not."""
 
@@ -43,16 +49,17 @@ def peak_mib(bag: Path, command: str) -> float:
         Name of the command.
     """
     arguments = [command, str(bag), *OPTIONS[command]]
-    child = subprocess.Popen(
-        [sys.executable, "-c", "from ema_cli.main import main; main()", *arguments],
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD, *arguments],
         stdout=subprocess.DEVNULL,
         cwd=bag.parent,
+        check=False,
     )
-    _, status, usage = os.wait4(child.pid, 0)
-    child.returncode = os.waitstatus_to_exitcode(status)
-    if child.returncode:
-        raise click.ClickException(f"ema {' '.join(arguments)} ended with {child.returncode}")
-    return usage.ru_maxrss / 1024.0
+    if done.returncode:
+        raise click.ClickException(f"ema {' '.join(arguments)} ended with {done.returncode}")
+    # Not what wait4 returns: that is at least the peak of the process that forked.
+    status = (bag.parent / "status").read_text()
+    return int(status.partition("VmHWM:")[2].split()[0]) / 1024.0
 
 
 def rows(figures: dict[str, list[float]]) -> list[Row]:
