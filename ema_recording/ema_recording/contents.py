@@ -57,7 +57,7 @@ class Contents:
     stretches
         Where the messages are, in the order of the file.
     damage
-        What is wrong with the file, one item a finding.
+        What is wrong with the file, one item per defect.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -137,7 +137,7 @@ def _read_summary(file: BinaryIO, size: int) -> bytes | None:
 
 
 def _indexed(summary: bytes) -> Contents | None:
-    """Return the contents by the summary; None where it does not tell everything."""
+    """Return the contents by the summary; None where it is incomplete."""
     contents = Contents()
     statistics = None
     try:
@@ -182,7 +182,7 @@ def _read_through(file: BinaryIO, size: int, *, index_is_whole: bool) -> Content
             if record.opcode in (Opcode.DATA_END, Opcode.FOOTER):
                 break
             try:
-                _take_in(contents, record)
+                _add(contents, record)
             except DamageError as error:
                 kind = "chunk" if record.opcode == Opcode.CHUNK else "record"
                 contents.damage.append(f"the {kind} at byte {record.offset} is lost: {error}")
@@ -200,7 +200,7 @@ def _read_through(file: BinaryIO, size: int, *, index_is_whole: bool) -> Content
     return contents
 
 
-def _take_in(contents: Contents, record: Record) -> None:
+def _add(contents: Contents, record: Record) -> None:
     """Add a record of the data section."""
     records = unpack(record)
     for inner in records:

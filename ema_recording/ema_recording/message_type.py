@@ -1,4 +1,8 @@
-"""Message types by the names that recordings use: classes, definitions, hashes."""
+"""Message types by the names that recordings use: classes, definitions, hashes.
+
+Hashes are read from the installed files: rosbags computes the same ones, but needs the definitions
+of all contained types first.
+"""
 
 import importlib
 import json
@@ -48,7 +52,7 @@ def definition(name: str) -> str:
 
 
 def type_hash(name: str) -> str:
-    """Return the hash of a message type, ``RIHS01_...``, by which ROS 2 tells versions apart.
+    """Return the hash of a message type, ``RIHS01_...``, by which ROS 2 distinguishes versions.
 
     Raises
     ------

@@ -1,4 +1,7 @@
-"""What rosbag2 notes about a recording: written at its end, read for the names of its files."""
+"""rosbag2's metadata of a recording: written at its end, read for the names of its files.
+
+rosbags writes metadata only with a whole bag, and reads none that is damaged.
+"""
 
 import os
 from collections.abc import Sequence
@@ -16,7 +19,7 @@ _NEVER_NS = 2**63 - 1  # start of a recording without a message
 
 @dataclass
 class TopicInformation:
-    """What is noted about a topic; ``qos`` in the words of :mod:`ema_recording.qos`."""
+    """Metadata of a topic; ``qos`` as of :func:`ema_recording.qos.offered_qos`."""
 
     name: str
     type_name: str
@@ -28,7 +31,7 @@ class TopicInformation:
 def bag_information(
     file_name: str, topics: Sequence[TopicInformation], start_ns: int | None, end_ns: int | None
 ) -> dict[str, Any]:
-    """Return rosbag2's notes about a recording of one file.
+    """Return rosbag2's metadata of a recording of one file.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from ema_recording.reader import Recorded
 
 
 class Playback:
-    """Gives out messages when they are due, and the time that they are played at.
+    """Publishes messages when they are due, and the time that is played.
 
     A message is due at a fixed time after the start, so that delays do not add up. Time goes on
     between messages, never past the next one, and stands still while nothing is played.
@@ -29,7 +29,7 @@ class Playback:
     Attributes
     ----------
     played
-        Messages given out.
+        Messages published.
     start_ns, reached_ns
         Log time of the first message, and the log time that is reached [ns].
 

@@ -30,9 +30,9 @@ _TELEMETRY: Final = type_name(TelemetryBlock)
 _ACTUATOR_TYPES: Final = frozenset(
     map(type_name, (TelemetryBlock, ActuatorDescription, FaultVectorStamped, JointState, Usage))
 )
-_MANY_SOURCES: Final = frozenset(("/diagnostics", "/rosout", "/parameter_events", "/tf"))
+_SHARED_TOPICS: Final = frozenset(("/diagnostics", "/rosout", "/parameter_events", "/tf"))
 _POLL_S: Final = 0.05
-_SETTLE_S: Final = 1.0  # a subscription is told of its match after the publisher
+_SETTLE_S: Final = 1.0  # a subscription learns of its match after the publisher
 _ACKNOWLEDGE_S: Final = 5.0
 
 
@@ -60,7 +60,7 @@ class PlayerNode(ManagedNode):
     Parameters of the node are the fields of ``PlayerSettings``.
 
     While it is inactive the recorded time stands still. It has done its work at the end of the
-    bag, when all subscribers have acknowledged what they are owed.
+    bag, when all reliable subscriptions have acknowledged every message.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -70,14 +70,14 @@ class PlayerNode(ManagedNode):
         self._worker: threading.Thread | None = None
 
     def configure(self) -> None:
-        """Open the bag and offer what is in it."""
+        """Open the bag and create the publishers of what is in it."""
         self._settings = read(self, PlayerSettings)
         if not self._settings.bag:
             raise ValueError("parameter bag is empty: expected the path of a recording")
         self._bag = Bag(self._settings.bag)
         topics = self._playable(actuator_only=self._settings.actuator_only)
         self._total = sum(topic.count for topic in topics.values())
-        self._outlets: dict[str, Publisher] = {}
+        self._outputs: dict[str, Publisher] = {}
         try:
             self._playback = Playback(
                 self._bag.raw_messages(topics),
@@ -88,18 +88,18 @@ class PlayerNode(ManagedNode):
             )
         except ValueError as error:
             raise ValueError(f"{self._bag.path}: {error}; {self._bag.damage}") from error
-        self._tell_damage("")
+        self._warn_of_damage("")
         for name, topic in topics.items():
-            self._outlets[name] = self.create_publisher(
+            self._outputs[name] = self.create_publisher(
                 message_class(topic.type_name), name, self._offer(name, topic)
             )
         clock_qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._clock_outlet = self.create_publisher(Clock, _CLOCK, clock_qos)
+        self._clock_output = self.create_publisher(Clock, _CLOCK, clock_qos)
         telemetry = [name for name, topic in topics.items() if topic.type_name == _TELEMETRY]
         self._awaited = telemetry
         self._is_awaited = True
         self._failure = ""
-        self._doing = "ready"
+        self._phase = "ready"
 
     def activate(self) -> None:
         """Play on."""
@@ -114,39 +114,39 @@ class PlayerNode(ManagedNode):
             self._worker.join()
 
     def clean_up(self) -> None:
-        """Withdraw what was offered."""
-        for publisher in (*self._outlets.values(), self._clock_outlet):
+        """Destroy the publishers."""
+        for publisher in (*self._outputs.values(), self._clock_output):
             self.destroy_publisher(publisher)
 
     def tasks(self) -> list[Task]:
         """Return how far the bag is played, and what is wrong."""
         playback, bag = self._playback, self._bag
         remarks = [f"{bag.path.name} is damaged: {bag.damage}"] if bag.damage else []
-        remarks += [f"{name}: not played, {why}" for name, why in self._passed_over.items()]
-        for name in (*self._outlets, _CLOCK):
-            others = self._other_sources(name)
-            if others and name not in _MANY_SOURCES:
-                remarks.append(f"{name}: two sources, {', '.join(others)} publishes it too")
+        remarks += [f"{name}: not played, {why}" for name, why in self._not_played.items()]
+        for name in (*self._outputs, _CLOCK):
+            others = self._other_publishers(name)
+            if others and name not in _SHARED_TOPICS:
+                remarks.append(f"{name}: also published by {', '.join(others)}")
         values = {
             "bag": bag.path,
             "rate [-]": self._settings.rate,
             "played": playback.played,
             "messages": self._total,
             "position [s]": (playback.reached_ns - playback.start_ns) / 1e9,
-            "topics": ", ".join(sorted(self._outlets)),
-            "not played": ", ".join(self._passed_over),
+            "topics": ", ".join(sorted(self._outputs)),
+            "not played": ", ".join(self._not_played),
         }
         level = ERROR if self._failure else WARN if remarks else OK
-        message = self._failure or "; ".join([self._doing, *remarks])
+        message = self._failure or "; ".join([self._phase, *remarks])
         return [Task("playback", level, message, self.hardware_id, values)]
 
     def _playable(self, *, actuator_only: bool) -> dict[str, Topic]:
         """Choose the topics to play; ValueError when there is none."""
         playable: dict[str, Topic] = {}
-        self._passed_over: dict[str, str] = {}
+        self._not_played: dict[str, str] = {}
         for name, topic in self._bag.topics.items():
-            foreign = actuator_only and topic.type_name not in _ACTUATOR_TYPES
-            if not topic.count or name == _CLOCK or foreign:
+            excluded = actuator_only and topic.type_name not in _ACTUATOR_TYPES
+            if not topic.count or name == _CLOCK or excluded:
                 continue
             try:
                 if topic.encoding != "cdr":
@@ -154,12 +154,12 @@ class PlayerNode(ManagedNode):
                 message_class(topic.type_name)
                 check_schema(topic.type_name, topic.schema, topic.type_hash)
             except ValueError as error:
-                self._passed_over[name] = str(error)
+                self._not_played[name] = str(error)
                 self.get_logger().warning(f"{name} is not played: {error}")
             else:
                 playable[name] = topic
         if not playable:
-            reasons = [f"{name}: {why}" for name, why in self._passed_over.items()]
+            reasons = [f"{name}: {why}" for name, why in self._not_played.items()]
             if not self._bag.topics or self._bag.start_ns is None:
                 reasons = [f"no message in it {self._bag.damage}".rstrip()]
             elif actuator_only and not reasons:
@@ -175,10 +175,10 @@ class PlayerNode(ManagedNode):
             return replay_qos(())
 
     def _publish(self, item: Recorded) -> None:
-        self._outlets[item.topic].publish(item.message)
+        self._outputs[item.topic].publish(item.message)
 
     def _publish_clock(self, stamp_ns: int) -> None:
-        self._clock_outlet.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
+        self._clock_output.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
 
     def _work(self, stop: threading.Event) -> None:
         damage = self._bag.damage
@@ -187,49 +187,49 @@ class PlayerNode(ManagedNode):
                 self._wait_for_subscribers(stop)
             if stop.is_set():
                 return
-            self._say(f"playing at rate {self._settings.rate:g}")
+            self._set_phase(f"playing at rate {self._settings.rate:g}")
             if self._playback.run(stop):
                 self._finish(stop)
             else:
-                self._say(f"paused after {counted(self._playback.played, 'message')}")
+                self._set_phase(f"paused after {counted(self._playback.played, 'message')}")
         except Exception as error:
             self.get_logger().error(traceback.format_exc())
             self._failure = f"cannot play on: {error!r}"
             self.exit_code = 1
             self.report()
             self.finished.set()
-        self._tell_damage(damage)
+        self._warn_of_damage(damage)
 
     def _wait_for_subscribers(self, stop: threading.Event) -> None:
-        """Wait for somebody to play to, as long as the settings allow."""
+        """Wait for subscriptions, at most as long as the settings say."""
         waits = round(self._settings.wait_s / _POLL_S)
-        if self._unheard() and waits:
-            self._say(f"waiting for a subscriber of {self._unheard()}")
-        while waits and self._unheard() and not stop.wait(_POLL_S):
+        if self._missing() and waits:
+            self._set_phase(f"waiting for a subscriber of {self._missing()}")
+        while waits and self._missing() and not stop.wait(_POLL_S):
             waits -= 1
         if stop.is_set():
             return
-        if unheard := self._unheard():
+        if missing := self._missing():
             self.get_logger().warning(
-                f"no subscriber of {unheard} after {self._settings.wait_s:g} s: starting anyhow"
+                f"no subscriber of {missing} after {self._settings.wait_s:g} s: starting"
             )
         else:
             stop.wait(_SETTLE_S)
         self._is_awaited = False
 
-    def _unheard(self) -> str:
-        """Return whom the player still waits for; empty when for nobody."""
-        heard = {
-            name for name, publisher in self._outlets.items() if publisher.get_subscription_count()
+    def _missing(self) -> str:
+        """Return the topics without a subscription that is waited for, in words."""
+        subscribed = {
+            name for name, publisher in self._outputs.items() if publisher.get_subscription_count()
         }
         if self._awaited:
-            return ", ".join(name for name in self._awaited if name not in heard)
-        return "" if heard else f"any of {', '.join(self._outlets)}"
+            return ", ".join(name for name in self._awaited if name not in subscribed)
+        return "" if subscribed else f"any of {', '.join(self._outputs)}"
 
     def _finish(self, stop: threading.Event) -> None:
         played = f"played {counted(self._playback.played, 'message')} of {self._bag.path}"
         waits = round(_ACKNOWLEDGE_S / _POLL_S)
-        pending = list(self._outlets.items())
+        pending = list(self._outputs.items())
         while pending and waits and not stop.is_set():
             publisher = pending[-1][1]
             if publisher.wait_for_all_acked(Duration(seconds=_POLL_S)):
@@ -239,19 +239,19 @@ class PlayerNode(ManagedNode):
         if pending:
             names = ", ".join(name for name, _ in pending)
             self.get_logger().warning(f"not all messages on {names} are acknowledged")
-        self._say(played)
+        self._set_phase(played)
         self.finished.set()
 
-    def _tell_damage(self, told: str) -> None:
-        if self._bag.damage != told:
+    def _warn_of_damage(self, known: str) -> None:
+        if self._bag.damage != known:
             self.get_logger().warning(f"{self._bag.path.name} is damaged: {self._bag.damage}")
 
-    def _say(self, doing: str) -> None:
-        self._doing = doing
-        self.get_logger().info(doing)
+    def _set_phase(self, phase: str) -> None:
+        self._phase = phase
+        self.get_logger().info(phase)
         self.report()
 
-    def _other_sources(self, name: str) -> list[str]:
+    def _other_publishers(self, name: str) -> list[str]:
         """Return the other nodes that publish a topic."""
         sources = [item.node_name for item in self.get_publishers_info_by_topic(name)]
         if self.get_name() in sources:

@@ -1,4 +1,7 @@
-"""Quality of service in the words of rosbag2."""
+"""Quality of service as rosbag2 writes it.
+
+rosbags does so too, but has classes of its own: converting them to rclpy's is no less code.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,16 +19,16 @@ from rclpy.qos import (
 )
 
 RELIABLE_DEPTH: Final = 1000
-"""Messages that a recorder or a player holds for a reader or writer that is late."""
+"""Messages that a recorder or a player keeps for a slow reader or writer."""
 
-_UNKNOWN_DEPTH = 10  # rosbag2's: discovery does not tell the depth of a publisher
+_UNKNOWN_DEPTH = 10  # rosbag2's: discovery does not report the depth of a publisher
 _INFINITE_NS = 2**63 - 1
 
 
 def offered_qos(qos: QoSProfile) -> dict[str, Any]:
-    """Return a profile as a mapping in rosbag2's words.
+    """Return a profile as rosbag2's mapping.
 
-    What a profile leaves open is told as discovery would: infinite durations, automatic
+    What a profile leaves open is written as discovery reports it: infinite durations, automatic
     liveliness.
     """
     liveliness = qos.liveliness
@@ -86,7 +89,7 @@ class CommonOffer:
         )
 
     def meets(self, request: "CommonOffer") -> bool:
-        """Return whether a subscription that requests so much hears every publisher."""
+        """Return whether a subscription that requests so much receives from every publisher."""
         return self.reliable >= request.reliable and self.transient_local >= request.transient_local
 
     def profile(self, depth: int) -> QoSProfile:
@@ -105,7 +108,7 @@ class CommonOffer:
 
 
 def joint_offer(offers: Sequence[QoSProfile]) -> QoSProfile:
-    """Return the one profile that is noted of a topic: where its publishers agree, theirs."""
+    """Return the one profile that is written for a topic: where its publishers agree, theirs."""
     if all(item == offers[0] for item in offers):
         return offers[0]
     return CommonOffer.of(offers).profile(_UNKNOWN_DEPTH)
@@ -114,8 +117,9 @@ def joint_offer(offers: Sequence[QoSProfile]) -> QoSProfile:
 def replay_qos(offers: Sequence[QoSProfile]) -> QoSProfile:
     """Return what a player offers in place of the publishers that were recorded.
 
-    A latched topic keeps its depth, so that who comes late gets what it would have got. Any other
-    reliable topic gets a depth of at least ``RELIABLE_DEPTH``, so that playing fast loses nothing.
+    A latched topic keeps its depth, so that a late subscription receives what it would have
+    received. Any other reliable topic gets a depth of at least ``RELIABLE_DEPTH``, so that playing
+    fast loses nothing.
 
     Parameters
     ----------

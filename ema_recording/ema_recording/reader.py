@@ -1,4 +1,8 @@
-"""Reads recordings as rosbag2 makes them in MCAP, damaged ones as far as they are intact."""
+"""Reads recordings as rosbag2 makes them in MCAP, damaged ones as far as they are intact.
+
+The container is read here and not by mcap or rosbags: their readers refuse a file that is cut off,
+has no index or one damaged chunk, and a recorder that is killed leaves such files.
+"""
 
 import heapq
 import struct
@@ -14,10 +18,9 @@ from mcap.reader import make_reader
 
 from ema_core.wording import counted
 from ema_recording.contents import Contents, Stretch, read_contents, read_messages
-from ema_recording.decoder import decoder
 from ema_recording.message_type import is_installed
 from ema_recording.records import DamageError
-from ema_recording.schema import check_schema, schema_text
+from ema_recording.schema import check_schema, decoder, schema_text
 
 
 @dataclass(frozen=True)

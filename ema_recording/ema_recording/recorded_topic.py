@@ -1,7 +1,7 @@
 """A topic that is recorded: what is requested of its publishers, who they are, what is lost."""
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -10,7 +10,48 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ema_recording.message_type import message_class, type_hash
 from ema_recording.qos import RELIABLE_DEPTH, CommonOffer, joint_offer
-from ema_recording.sequence_gaps import SequenceGaps
+
+
+class SequenceGaps:
+    """Counts the gaps in the sequence numbers of a topic that has one publisher.
+
+    The numbers of several publishers cannot be distinguished, so that nothing is counted. A gap
+    counts once the publishers are the same after it as before it: a second publisher that has just
+    started is no loss.
+
+    Attributes
+    ----------
+    lost
+        Messages lost so far.
+    """
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self._publishers: frozenset[Hashable] = frozenset()
+        self._last: int | None = None
+        self._unconfirmed = 0
+
+    def count(self, number: int | None) -> None:
+        """Count a message that was received.
+
+        Parameters
+        ----------
+        number
+            Its sequence number; None where the middleware gives none.
+        """
+        if number is None:
+            return
+        if self._last is not None and number > self._last:
+            self._unconfirmed += number - self._last - 1
+        self._last = number
+
+    def set_publishers(self, publishers: frozenset[Hashable]) -> None:
+        """Set the publishers of the moment; to be called regularly."""
+        if publishers != self._publishers:
+            self._publishers, self._last = publishers, None
+        elif len(publishers) == 1:
+            self.lost += self._unconfirmed
+        self._unconfirmed = 0
 
 
 class RecordedTopic:
@@ -19,7 +60,7 @@ class RecordedTopic:
     Parameters
     ----------
     types
-        Names of the types that the graph tells for it.
+        Names of its types in the graph.
     publishers
         Its publishers, at least one.
 
@@ -32,9 +73,9 @@ class RecordedTopic:
     subscription
         Its subscription, while there is one.
     has_publisher
-        Whether anybody publishes.
-    unheard
-        Nodes that came later and offer less than is requested: they are not heard.
+        Whether there is a publisher.
+    incompatible
+        Nodes that publish it and offer less than is requested: nothing is received from them.
 
     Raises
     ------
@@ -51,7 +92,7 @@ class RecordedTopic:
         self._request = CommonOffer.of(offers)
         self._lock = threading.Lock()
         self._gaps = SequenceGaps()
-        self.see(publishers)
+        self.set_publishers(publishers)
 
     @property
     def request(self) -> QoSProfile:
@@ -63,21 +104,21 @@ class RecordedTopic:
         """Number of messages that are known to be lost."""
         return self._gaps.lost
 
-    def see(self, publishers: Sequence[TopicEndpointInfo]) -> None:
-        """Take note of who publishes now; to be called regularly."""
+    def set_publishers(self, publishers: Sequence[TopicEndpointInfo]) -> None:
+        """Set the publishers of the moment; to be called regularly."""
         self.has_publisher = bool(publishers)
-        self.unheard = [
+        self.incompatible = [
             item.node_name
             for item in publishers
             if not CommonOffer.of([item.qos_profile]).meets(self._request)
         ]
         with self._lock:
-            self._gaps.take_publishers(frozenset(bytes(item.endpoint_gid) for item in publishers))
+            self._gaps.set_publishers(frozenset(bytes(item.endpoint_gid) for item in publishers))
 
-    def take(self, sequence_number: int | None) -> None:
-        """Take note of a message; None where the middleware gives no number."""
+    def count(self, sequence_number: int | None) -> None:
+        """Count a message; None where the middleware gives no number."""
         with self._lock:
-            self._gaps.take(sequence_number)
+            self._gaps.count(sequence_number)
 
 
 def _installed_class(types: Sequence[str], publishers: Sequence[TopicEndpointInfo]) -> Any:
@@ -86,10 +127,10 @@ def _installed_class(types: Sequence[str], publishers: Sequence[TopicEndpointInf
     (name,) = types
     found, installed = message_class(name), type_hash(name)
     for item in publishers:
-        told = str(item.topic_type_hash)
-        if told.startswith("RIHS") and told != installed:
+        offered = str(item.topic_type_hash)
+        if offered.startswith("RIHS") and offered != installed:
             raise ValueError(
-                f"{name} of {item.node_name} is another version ({told}) than the installed one "
+                f"{name} of {item.node_name} is another version ({offered}) than the installed one "
                 f"({installed})"
             )
     return found

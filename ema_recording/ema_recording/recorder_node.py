@@ -43,12 +43,12 @@ class RecorderSettings:
 
 
 class RecorderNode(ManagedNode):
-    """Records what is published, as it comes.
+    """Records what is published, as it is received.
 
     Parameters of the node are the fields of ``RecorderSettings`` and ``topics``: full names, or
     names relative to the namespace. By default everything in the namespace is recorded, and
     /diagnostics and /clock. /rosout and /parameter_events, which belong to all that runs in the
-    domain, and hidden topics have to be named.
+    domain, and hidden topics have to be chosen.
 
     While it is inactive it records nothing; activated again, it goes on in the same bag. The bag
     is closed when it is cleaned up.
@@ -84,7 +84,7 @@ class RecorderNode(ManagedNode):
         self._wanted = self._wanted_topics()
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._topics: dict[str, RecordedTopic] = {}
-        self._passed_over: dict[str, str] = {}
+        self._skipped: dict[str, str] = {}
         self._messages = 0
         self._failure = ""
         output = settings.output or f"ema_{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
@@ -105,7 +105,7 @@ class RecorderNode(ManagedNode):
         self._discovery.cancel()
         with self._discovering:
             self._recording = False
-            self._look_after_topics()
+            self._update_publishers()
             for topic in self._topics.values():
                 if topic.subscription is not None:
                     self.destroy_subscription(topic.subscription)
@@ -133,15 +133,15 @@ class RecorderNode(ManagedNode):
         topics = dict(self._topics)
         lost = sum(topic.lost for topic in topics.values())
         gone = [name for name, topic in topics.items() if not topic.has_publisher]
-        unheard = {name: topic.unheard for name, topic in topics.items() if topic.unheard}
-        missing = sorted((self._wanted or set()) - topics.keys() - self._passed_over.keys())
+        missing = sorted((self._wanted or set()) - topics.keys() - self._skipped.keys())
         remarks = [f"{counted(lost, 'message')} lost"] if lost else []
         remarks += [f"{', '.join(gone)}: the publisher is gone"] if gone else []
         remarks += [f"{', '.join(missing)}: no publisher yet"] if missing else []
-        remarks += [f"{name}: passed over, {why}" for name, why in self._passed_over.items()]
+        remarks += [f"{name}: not recorded, {why}" for name, why in self._skipped.items()]
         remarks += [
-            f"{name}: {', '.join(nodes)} not heard, for less is offered than by the others"
-            for name, nodes in unheard.items()
+            f"{name}: nothing received from {', '.join(topic.incompatible)}, which offers less"
+            for name, topic in topics.items()
+            if topic.incompatible
         ]
         doing = f"recording {counted(len(topics), 'topic')}" if self._recording else "paused"
         if not topics and not missing:
@@ -154,13 +154,13 @@ class RecorderNode(ManagedNode):
             "lost messages": lost,
             "topics": ", ".join(sorted(topics)),
             "publisher gone": ", ".join(gone),
-            "passed over": ", ".join(self._passed_over),
+            "not recorded": ", ".join(self._skipped),
         }
         message = self._failure or "; ".join([doing, *remarks])
         return [Task("recording", level, message, self.hardware_id, values)]
 
     def _wanted_topics(self) -> set[str] | None:
-        """Return the full names of the topics that are named; None when none is."""
+        """Return the full names of the chosen topics; None where there is no choice."""
         names = self.get_parameter("topics").value
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise ValueError(f"parameter topics = {names!r}: expected a list of names")
@@ -178,7 +178,7 @@ class RecorderNode(ManagedNode):
         return name.startswith(prefix) and "/_" not in name
 
     def _discover(self) -> None:
-        """Begin to record what has come, and see what has gone."""
+        """Record topics that are new, and update the publishers of the others."""
         with self._discovering:
             bag = self._bag
             if bag is None or not self._recording:
@@ -187,11 +187,11 @@ class RecorderNode(ManagedNode):
                 self._fail(bag.failure)
                 return
             if self._uses_sim_time and not self.get_clock().now().nanoseconds:
-                return  # before simulated time begins, there is no time to record with
+                return  # before simulated time begins there are no log times
             for name, types in self.get_topic_names_and_types():
-                if self._is_wanted(name) and name not in self._topics | self._passed_over:
-                    self._take_up(bag, name, types)
-            self._look_after_topics()
+                if self._is_wanted(name) and name not in self._topics | self._skipped:
+                    self._add_topic(bag, name, types)
+            self._update_publishers()
             for name, topic in self._topics.items():
                 if topic.subscription is None:
                     topic.subscription = self.create_subscription(
@@ -203,7 +203,7 @@ class RecorderNode(ManagedNode):
                         raw=True,
                     )
 
-    def _take_up(self, bag: BagWriter, name: str, types: list[str]) -> None:
+    def _add_topic(self, bag: BagWriter, name: str, types: list[str]) -> None:
         publishers = self.get_publishers_info_by_topic(name)
         if not publishers:
             return
@@ -213,14 +213,14 @@ class RecorderNode(ManagedNode):
         except OSError as error:
             self._fail(error)
         except ValueError as error:
-            self._passed_over[name] = str(error)
-            self.get_logger().warning(f"{name} is passed over: {error}")
+            self._skipped[name] = str(error)
+            self.get_logger().warning(f"{name} is not recorded: {error}")
         else:
             self._topics[name] = topic
 
-    def _look_after_topics(self) -> None:
+    def _update_publishers(self) -> None:
         for name, topic in self._topics.items():
-            topic.see(self.get_publishers_info_by_topic(name))
+            topic.set_publishers(self.get_publishers_info_by_topic(name))
 
     def _receiver(self, name: str, topic: RecordedTopic) -> Callable[..., None]:
         def receive(data: bytes, information: Mapping[str, Any]) -> None:
@@ -237,7 +237,7 @@ class RecorderNode(ManagedNode):
                 except OSError as error:
                     failure = error
                 else:
-                    topic.take(information["publication_sequence_number"])
+                    topic.count(information["publication_sequence_number"])
                     return
             self._fail(failure)
 

@@ -1,7 +1,18 @@
-"""Message schemas in recordings: the text of a type and of all that it contains."""
+"""Message schemas in recordings: their text, their comparison, and decoding by them without ROS.
+
+The text is made here: what rosbags generates leaves out comments, so that it is not the text that
+rosbag2 stores.
+"""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import Any
+
+from rosbags.serde import SerdeError
+from rosbags.typesys.base import TypesysError
+from rosbags.typesys.msg import get_types_from_msg
+from rosbags.typesys.store import Typestore
 
 from ema_recording.message_type import definition, type_hash
 
@@ -74,24 +85,59 @@ def check_schema(name: str, recorded_text: str, recorded_hash: str) -> None:
         return
     differences = _differences(name, recorded_text)
     if recorded_hash or differences:
-        told = "; ".join(differences) or f"{recorded_hash} there, {installed_hash} here"
-        raise ValueError(f"the recorded {name} is not the installed one: {told}")
+        words = "; ".join(differences) or f"{recorded_hash} there, {installed_hash} here"
+        raise ValueError(f"the recorded {name} is not the installed one: {words}")
+
+
+@cache
+def decoder(type_name: str, schema: str) -> Callable[[bytes], Any]:
+    """Return the function that decodes messages of a type.
+
+    The messages have the attributes that the definition names; sequences of numbers are arrays.
+
+    Parameters
+    ----------
+    type_name
+        Name of the type, such as ``std_msgs/msg/Header``.
+    schema
+        Its definition and those of all that it contains (``ros2msg``).
+
+    Raises
+    ------
+    ValueError
+        When the definition cannot be read; the function, when a message is none of the type.
+    """
+    # A store for each: two recordings may have different versions of a type.
+    store = Typestore()
+    try:
+        store.register(get_types_from_msg(schema, type_name))
+        store.get_msgdef(type_name)
+    except (TypesysError, SerdeError, LookupError) as error:
+        raise ValueError(f"the definition of {type_name} cannot be read: {error}") from error
+
+    def decode(data: bytes) -> Any:
+        try:
+            return store.deserialize_cdr(data, type_name)
+        except (SerdeError, IndexError) as error:
+            raise ValueError(f"no {type_name}: {error}") from error
+
+    return decode
 
 
 def _differences(name: str, recorded_text: str) -> list[str]:
     recorded, installed = _field_lists(name, recorded_text), _field_lists(name, schema_text(name))
-    told = []
+    differences = []
     for short in dict.fromkeys([*installed, *recorded]):
         there, here = recorded.get(short, []), installed.get(short, [])
         if there != here:
             only_there = ", ".join(field for field in there if field not in here)
             only_here = ", ".join(field for field in here if field not in there)
-            told.append(
+            differences.append(
                 f"{short} has [{only_there}] in the recording where it has [{only_here}] here"
                 if only_there or only_here
                 else f"{short} has the same fields in another order"
             )
-    return told
+    return differences
 
 
 def _field_lists(name: str, text: str) -> dict[str, list[str]]:

@@ -47,8 +47,8 @@ class RecordedTelemetry:
         Topic of the telemetry.
     actuator_id
         Which actuator.
-    passes_over_others
-        Whether blocks of other actuators on the same topic are passed over; else they are an
+    skips_others
+        Whether blocks of other actuators on the same topic are skipped; else they are an
         error.
     descriptions
         Descriptions of the actuator in order, without those that repeat the one before.
@@ -57,7 +57,7 @@ class RecordedTelemetry:
     bag: Bag
     topic: str
     actuator_id: str
-    passes_over_others: bool
+    skips_others: bool
     descriptions: tuple[ActuatorDescription, ...]
 
     def items(
@@ -81,7 +81,7 @@ class RecordedTelemetry:
             if item.message.actuator_id == self.actuator_id:
                 message = item.message
                 yield place, _block(message) if is_block else description_from_message(message)
-            elif is_block and not self.passes_over_others:
+            elif is_block and not self.skips_others:
                 there = ", ".join(map(repr, sorted(set(_actuator_ids(self.bag, self.topic)))))
                 raise ValueError(
                     f"{self.bag.path}: topic {self.topic} holds telemetry of several actuators: "

@@ -39,7 +39,7 @@ class BagWriter:
     """A recording that is being written.
 
     Messages are gathered in chunks. A chunk goes to the operating system when it is full, and
-    after ``flush_s`` of wall time at the latest, whether messages come or not: a process that is
+    after ``flush_s`` of wall time at the latest, whether or not messages arrive: a process that is
     killed loses what it wrote in the last ``flush_s`` seconds, and the file can be read up to
     there. (When the machine itself loses power, more may be lost.) Any thread may write.
 
@@ -89,7 +89,7 @@ class BagWriter:
         if not 0.0 < flush_s < float("inf"):
             raise ValueError(f"flush_s = {flush_s!r} s: expected a positive number of seconds")
         self.path = Path(path)
-        _make_room(self.path, overwrite)
+        _clear(self.path, overwrite)
         if self.path.suffix == ".mcap":
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self.file_path = self.path
@@ -113,7 +113,7 @@ class BagWriter:
         self._flusher.start()
 
     def add_topic(self, topic: str, message_class: type, qos: QoSProfile) -> None:
-        """Add a topic; it must be added before it is written to.
+        """Add a topic; it must be added before it is written.
 
         Parameters
         ----------
@@ -167,7 +167,7 @@ class BagWriter:
             When the topic was not added, the message is of another type, a time is out of range
             or the recording is closed.
         OSError
-            When the recording could not be written, now or lately.
+            When the recording could not be written, now or before.
         """
         expected = self._channel(topic).message_class
         if not isinstance(message, expected):
@@ -209,7 +209,7 @@ class BagWriter:
         Raises
         ------
         OSError
-            When the recording could not be written, now or lately.
+            When the recording could not be written, now or before.
         """
         self._closing.set()
         self._flusher.join()
@@ -268,11 +268,11 @@ class BagWriter:
             try:
                 self.flush()
             except OSError:
-                return  # whoever writes or closes next is told
+                return  # the next call of write or close raises it
 
 
-def _make_room(path: Path, overwrite: bool) -> None:
-    """See to it that nothing is at a path, and that nothing but a recording is removed."""
+def _clear(path: Path, overwrite: bool) -> None:
+    """Remove a recording from a path, if that is allowed; raise if anything else is there."""
     if not path.exists():
         return
     if not overwrite:

@@ -22,8 +22,8 @@ from ema_interfaces.msg import TelemetryBlock
 from ema_recording import recorded_topic
 from ema_recording.qos import offered_qos, offered_qos_profiles, recorded_qos, replay_qos
 from ema_recording.reader import Bag
+from ema_recording.recorded_topic import SequenceGaps
 from ema_recording.recorder_node import RecorderNode
-from ema_recording.sequence_gaps import SequenceGaps
 from ema_ros.status import ERROR, OK, WARN, Task
 
 from ..waiting import DEADLINE_S, wait_for
@@ -258,7 +258,7 @@ def test_publisher_that_offers_less_than_the_others_is_told(graph: Graph, tmp_pa
     assert recorder.bring_up()
     heard(reliable)
     graph.node("shy").create_publisher(String, "text", BEST_EFFORT)
-    wait_for(lambda: "shy not heard" in task(recorder).message, "the remark")
+    wait_for(lambda: "nothing received from shy" in task(recorder).message, "the remark")
     assert task(recorder).level == WARN
 
 
@@ -283,18 +283,18 @@ def other_graph() -> Iterator[Graph]:
         graph.close()
 
 
-def test_topic_of_several_types_is_passed_over(graph: Graph, other_graph: Graph, tmp_path: Path):
+def test_topic_of_several_types_is_not_recorded(graph: Graph, other_graph: Graph, tmp_path: Path):
     graph.node().create_publisher(Header, "text", STREAM)
     other_graph.node().create_publisher(String, "text", STREAM)
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
     wait_for(lambda: len(recorder.get_publishers_info_by_topic("text")) == 2, "both publishers")
     assert recorder.bring_up()
-    wait_for(lambda: task(recorder).values["passed over"] == "/ema/text", "the remark")
+    wait_for(lambda: task(recorder).values["not recorded"] == "/ema/text", "the remark")
     assert "several types: std_msgs/msg/Header, std_msgs/msg/String" in task(recorder).message
 
 
 @pytest.mark.parametrize("missing", [True, False])
-def test_type_that_is_not_the_installed_one_is_passed_over(
+def test_type_that_is_not_the_installed_one_is_not_recorded(
     graph: Graph, tmp_path: Path, monkeypatch: Any, missing: bool
 ):
     def not_installed(name: str) -> str:
@@ -306,7 +306,7 @@ def test_type_that_is_not_the_installed_one_is_passed_over(
     graph.node().create_publisher(String, "text", STREAM)
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
-    wait_for(lambda: task(recorder).values["passed over"] == "/ema/text", "the remark")
+    wait_for(lambda: task(recorder).values["not recorded"] == "/ema/text", "the remark")
     told = "not installed" if missing else "RIHS01_of_another_version"
     assert told in task(recorder).message
 
@@ -333,29 +333,29 @@ def test_messages_that_the_middleware_drops_are_counted(
 
 def test_gaps_count_where_one_publisher_stays():
     gaps = SequenceGaps()
-    gaps.take_publishers(frozenset("a"))
+    gaps.set_publishers(frozenset("a"))
     for number in (7, 8, 11, None, 12):
-        gaps.take(number)
+        gaps.count(number)
     assert gaps.lost == 0  # until the publisher is seen to be the same
-    gaps.take_publishers(frozenset("a"))
+    gaps.set_publishers(frozenset("a"))
     assert gaps.lost == 2
-    gaps.take_publishers(frozenset("a"))
+    gaps.set_publishers(frozenset("a"))
     assert gaps.lost == 2
 
 
 def test_gaps_of_several_or_new_publishers_do_not_count():
     gaps = SequenceGaps()
-    gaps.take_publishers(frozenset("a"))
-    gaps.take(100)
+    gaps.set_publishers(frozenset("a"))
+    gaps.count(100)
     for number in (1, 101, 2):  # a second publisher that is not seen yet
-        gaps.take(number)
+        gaps.count(number)
     for publishers in ("ab", "ab", "b"):
-        gaps.take_publishers(frozenset(publishers))
-        gaps.take(200)
-        gaps.take(300)
-    gaps.take_publishers(frozenset("c"))
-    gaps.take(1)  # a publisher that starts anew
-    gaps.take_publishers(frozenset("c"))
+        gaps.set_publishers(frozenset(publishers))
+        gaps.count(200)
+        gaps.count(300)
+    gaps.set_publishers(frozenset("c"))
+    gaps.count(1)  # a publisher that starts anew
+    gaps.set_publishers(frozenset("c"))
     assert gaps.lost == 0
 
 
