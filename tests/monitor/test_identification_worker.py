@@ -10,7 +10,6 @@ import pytest
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.search import LastFaults
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node import worker as identification_worker
 from ema_monitor.node.worker import IdentificationWorker
@@ -39,7 +38,7 @@ class Published:
 
     def worker(self) -> IdentificationWorker:
         return IdentificationWorker(
-            lambda _: "no calibration", SearchSettings, LastFaults(), self._publish, self._log
+            lambda _: "no calibration", lambda _: None, SearchSettings, self._publish, self._log
         )
 
     def until(self, condition: Callable[[], bool]) -> None:

@@ -21,7 +21,7 @@ def mount(session: MonitorSession, description: ActuatorDescription) -> None:
     units = session.node._units
     session.describe(description)
     wait_for(
-        lambda: "flap" in units and units["flap"].watch.description == description,
+        lambda: "flap" in units and units["flap"].description == description,
         "the description",
     )
 

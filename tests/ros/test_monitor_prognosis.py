@@ -240,7 +240,7 @@ def test_telemetry_is_received_while_a_prognosis_is_made(
         assert begun.wait(DEADLINE_S)
         try:
             session.feed([cycles[1].part(0, 5000)])
-            wait_for(lambda: session.node._units["flap"].watch.blocks == 2, "the second block")
+            wait_for(lambda: session.node._units["flap"].finder.blocks == 2, "the second block")
             assert not session.healths()
         finally:
             go_on.set()

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from ema_core.telemetry import Telemetry
-from ema_monitor.node.histories import MonitorHistories
+from ema_monitor.node.prognosis import MonitorHistories
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.settings import PrognosisSettings
@@ -71,7 +71,7 @@ def test_telemetry_is_received_while_a_history_is_read(
             session.feed([cycles[1].part(0, 5000)])
             use(session, 500.0, 1)
             all_heard(session)
-            wait_for(lambda: session.node._units["flap"].watch.blocks == 1, "the block")
+            wait_for(lambda: session.node._units["flap"].finder.blocks == 1, "the block")
             assert not session.healths()
         finally:
             go_on.set()

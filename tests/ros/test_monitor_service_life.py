@@ -11,7 +11,7 @@ from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Usage
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.store import CalibrationStore
-from ema_monitor.node.units import Unit
+from ema_monitor.node.unit import Unit
 from ema_monitor.prognosis.prognostics import Prognostics
 from ema_ros import topics
 
@@ -74,7 +74,7 @@ def test_unit_that_is_exchanged_begins_a_history_of_its_own(
     with monitor(given) as session:
         session.describe()
         live(session, cycles[:2])
-        session.describe(other)
+        mount(session, other)
         session.feed(cycles[2:3])
         # The shipped calibration belongs to the first one.
         session.until_told("flap telemetry", "SIM-0002")

@@ -51,7 +51,7 @@ class Calibration:
     """Calibration of a monitor model for one unit, one command and one sample period.
 
     The structural figures change the model itself, and so hold away from the healthy state; the
-    corrections are what the model still misses on healthy windows, added ever after.
+    corrections are what the model still misses on healthy windows, added to every response.
 
     Attributes
     ----------
@@ -188,7 +188,7 @@ class Calibration:
         Parameters
         ----------
         description
-            The actuator at hand.
+            The actuator.
         """
         reasons = []
         if description.serial_number != self.serial_number:

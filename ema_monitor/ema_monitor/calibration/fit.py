@@ -24,7 +24,7 @@ from ema_monitor.windows.band import band_limited, rms, speed_weight
 from ema_monitor.windows.window import Window
 
 PRIOR_SIGMA: Final = 0.1
-"""How far friction and inertia are taken to lie from nominal, before a window is seen [-]."""
+"""Prior standard deviation of friction and inertia from nominal [-]."""
 
 _STEP = 0.02
 _ITERATIONS = 6
@@ -52,7 +52,7 @@ def calibrate(
     ----------
     windows
         Windows of the same command, at least one; ten or more average out the PWM's ripple. They
-        are looked at one at a time, several times over, so that they may be read when needed.
+        are used one at a time, several times over, so that they may be read when needed.
     description
         The unit that the windows were taken from; the built-in actuator when None.
     form

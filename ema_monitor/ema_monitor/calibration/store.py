@@ -1,4 +1,4 @@
-"""Calibrations of the actuators that a monitor watches, and where they are kept."""
+"""Calibrations of the monitored actuators, and where they are stored."""
 
 from pathlib import Path
 from urllib.parse import quote
@@ -8,7 +8,7 @@ from ema_monitor.calibration.calibration import Calibration
 
 
 class CalibrationStore:
-    """Gives each actuator its calibration, and keeps new ones.
+    """Gives each actuator its calibration, and stores new ones.
 
     Parameters
     ----------
@@ -16,7 +16,7 @@ class CalibrationStore:
         Where calibrations are: ``{actuator_id}`` and ``{serial_number}`` in it stand for those of
         the actuator. Empty: the shipped calibration of the built-in actuator is used.
     own_folder
-        Where new ones are kept when neither ``file`` nor the call says where.
+        Where new ones are stored when neither ``file`` nor the call says where.
 
     Raises
     ------

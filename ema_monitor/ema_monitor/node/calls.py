@@ -1,4 +1,4 @@
-"""What the monitor does on call: calibrate, and identify with an algorithm of choice."""
+"""Service and action of the monitor: calibrate, and identify with an algorithm of choice."""
 
 import threading
 import time
@@ -20,7 +20,7 @@ from ema_monitor.calibration.store import CalibrationStore
 from ema_monitor.identification.search import Identification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node.messages import estimate_to_message
-from ema_monitor.node.units import Unit
+from ema_monitor.node.unit import Unit
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -34,7 +34,7 @@ _MOST_GOALS = 2
 class MonitorCalls:
     """The service ``~/calibrate`` and the action ``~/identify_faults`` of a monitor.
 
-    Both take their time, in threads that receive no telemetry.
+    Both may last long, in threads that receive no telemetry.
 
     Parameters
     ----------
@@ -43,22 +43,22 @@ class MonitorCalls:
     store
         Calibrations of the actuators.
     find
-        Gives the unit that is watched under a name.
+        Gives the unit of a name, and its description.
     search
-        Gives how to identify by default.
+        Gives how to search where a goal does not say.
     timeout_s
         Gives how long to wait for a window [s].
     is_active
-        Whether windows are found at all.
+        Gives whether the monitor looks for windows.
     calibrated
-        Called with an actuator that has another calibration now.
+        Called with an actuator when its calibration has changed.
     """
 
     def __init__(
         self,
         node: Node,
         store: CalibrationStore,
-        find: Callable[[str], Unit],
+        find: Callable[[str], tuple[Unit, ActuatorDescription]],
         search: Callable[[], SearchSettings],
         timeout_s: Callable[[], float],
         is_active: Callable[[], bool],
@@ -92,25 +92,25 @@ class MonitorCalls:
         )
 
     def destroy(self) -> None:
-        """Stop serving."""
+        """End service and action."""
         self._node.destroy_service(self._service)
         self._action.destroy()
 
-    def offer(self, found: Segment) -> None:
-        """Pass on a window that was just found to the calls that wait for one.
+    def add(self, segment: Segment) -> None:
+        """Give a new window to the calls that wait for one.
 
         Parameters
         ----------
-        found
+        segment
             The window.
         """
         with self._queues_lock:
             for queue in self._queues:
-                queue.put(found)
+                queue.put(segment)
 
     @contextmanager
     def _windows(self) -> Iterator[SimpleQueue[Segment]]:
-        """Give a queue of the windows that are found from now on."""
+        """Yield a queue of the windows from now on."""
         queue: SimpleQueue[Segment] = SimpleQueue()
         with self._queues_lock:
             self._queues.append(queue)
@@ -124,64 +124,64 @@ class MonitorCalls:
         self, request: Calibrate.Request, response: Calibrate.Response
     ) -> Calibrate.Response:
         try:
-            unit = self._find(request.actuator_id)
-            self._log.info(f"{unit.actuator_id}: calibration is called for")
+            _, description = self._find(request.actuator_id)
+            self._log.info(f"{description.actuator_id}: calibration is requested")
             if request.load:
-                calibration, path = self._store.load(_description(unit), request.file)
+                calibration, path = self._store.load(description, request.file)
                 response.message = f"loaded from {path}"
             else:
-                path = self._store.prepare(_description(unit), request.file)
-                windows = list(self._healthy_windows(unit, request.windows))
-                calibration = calibrate(windows, _description(unit))
-                self._store.keep(_description(unit), calibration, path)
+                path = self._store.prepare(description, request.file)
+                windows = list(self._healthy_windows(description.actuator_id, request.windows))
+                calibration = calibrate(windows, description)
+                self._store.keep(description, calibration, path)
                 response.message = (
                     f"made of {counted(len(windows), 'window')} and stored in {path}; "
                     "calibration_file has to name it for it to be used after a restart"
                 )
-            self._calibrated(_description(unit))
+            self._calibrated(description)
             response.success, response.calibration_id = True, calibration.calibration_id
         except (ValueError, OSError) as error:
             response.success, response.message = False, str(error)
         self._log.info(f"calibration: {response.message}")
         return response
 
-    def _healthy_windows(self, unit: Unit, number: int) -> Iterator[Window]:
-        """Yield the next windows of an actuator; those that cannot be used are passed over."""
+    def _healthy_windows(self, actuator_id: str, number: int) -> Iterator[Window]:
+        """Yield the next windows of an actuator without those that cannot be used."""
         if number < 1:
             raise ValueError(f"windows = {number}: expected at least 1 healthy window")
         with self._windows() as windows:
             for made in range(number):
                 deadline = time.monotonic() + self._timeout_s()
-                window, passed_over = None, ""
+                window, refused = None, ""
                 while not isinstance(window, Window):
-                    found = self._next(windows, unit, deadline)
-                    if found is None:
+                    segment = self._next(windows, actuator_id, deadline)
+                    if segment is None:
                         raise ValueError(
                             f"no healthy window came for {self._timeout_s():g} s after {made} of "
-                            f"{number}{passed_over}"
+                            f"{number}{refused}"
                         )
-                    window = found.window
+                    window = segment.window
                     if isinstance(window, Refusal):
-                        passed_over = f"; the latest was refused: {window.reason}"
+                        refused = f"; the latest was refused: {window.reason}"
                 yield window
 
     def _next(
-        self, windows: SimpleQueue[Segment], unit: Unit, deadline: float, goal: Any = None
+        self, windows: SimpleQueue[Segment], actuator_id: str, deadline: float, goal: Any = None
     ) -> Segment | None:
-        """Wait for the next window of an actuator; None when the time is over, or on cancelling."""
+        """Wait for the next window of an actuator; None at the deadline, or on cancelling."""
         while time.monotonic() < deadline and not (goal and goal.is_cancel_requested):
             if not self._is_active():
                 raise ValueError("the monitor is not active")
             try:
-                found = windows.get(timeout=_POLL_S)
+                segment = windows.get(timeout=_POLL_S)
             except Empty:
                 continue
-            if found.description.actuator_id == unit.actuator_id:
-                return found
+            if segment.description.actuator_id == actuator_id:
+                return segment
         return None
 
     def _accept_or_reject(self, _: Any) -> GoalResponse:
-        """Accept no more goals than leave the processor to the windows of the telemetry."""
+        """Reject goals that would take the processor from the windows of the telemetry."""
         with self._goal_lock:
             if self._goals >= _MOST_GOALS:
                 self._log.warning(
@@ -210,15 +210,15 @@ class MonitorCalls:
         return result
 
     def _identify_for(self, goal: Any, result: IdentifyFaults.Result) -> None:
-        """Identify what a goal asks for, unless it is cancelled."""
-        unit = self._find(goal.request.actuator_id)
+        """Identify the window that a goal asks for, unless it is cancelled."""
+        unit, _ = self._find(goal.request.actuator_id)
         search = self._search_for(goal.request)
-        found = self._window(unit, goal)
-        if found is None:
+        segment = self._window(unit, goal)
+        if segment is None:
             return
-        # Cold: what a goal leads to depends on its window and its figures alone.
-        calibration = self._store.of(found.description)
-        run = Identification(found.window, found.description, calibration, search)
+        # No warm start: the result depends on the window and the goal alone.
+        calibration = self._store.of(segment.description)
+        run = Identification(segment.window, segment.description, calibration, search)
         for generation in run:
             if goal.is_cancel_requested:
                 return
@@ -233,7 +233,7 @@ class MonitorCalls:
                 )
             )
         if run.estimate is not None:
-            result.estimate = estimate_to_message(run.estimate, found.number, found.description)
+            result.estimate = estimate_to_message(run.estimate, segment.number, segment.description)
             result.success, result.message = run.estimate.valid, run.estimate.reason
 
     def _search_for(self, request: IdentifyFaults.Goal) -> SearchSettings:
@@ -245,17 +245,14 @@ class MonitorCalls:
         return replace(self._search(), **wanted)
 
     def _window(self, unit: Unit, goal: Any) -> Segment | None:
-        """Return the window that a goal is about; None when it is cancelled before it comes."""
+        """Return the window of a goal; None when it is cancelled before there is one."""
         if not goal.request.next_window:
             if unit.latest is None:
                 raise ValueError(f"actuator {unit.actuator_id!r} has had no complete window so far")
             return unit.latest
         with self._windows() as windows:
-            found = self._next(windows, unit, time.monotonic() + self._timeout_s(), goal)
-        if found is None and not goal.is_cancel_requested:
+            deadline = time.monotonic() + self._timeout_s()
+            segment = self._next(windows, unit.actuator_id, deadline, goal)
+        if segment is None and not goal.is_cancel_requested:
             raise ValueError(f"no window came for {self._timeout_s():g} s")
-        return found
-
-
-def _description(unit: Unit) -> Any:
-    return unit.watch.description
+        return segment

@@ -27,7 +27,7 @@ def estimate_to_message(
     Parameters
     ----------
     estimate
-        What was found.
+        The estimate.
     window
         Running number of the window.
     description
@@ -78,7 +78,7 @@ def health_to_message(outlook: Outlook, description: ActuatorDescription) -> Hea
     Parameters
     ----------
     outlook
-        What there is to say.
+        Health and remaining life.
     description
         The actuator.
 
@@ -130,7 +130,7 @@ def _item(item: FaultHealth, unit: str, outlook: Outlook) -> FaultHealthMessage:
 
 
 def _life(life: RemainingLife, outlook: Outlook) -> RemainingUsefulLife:
-    """Return a life as a message; a test cycle is made every so many flight hours."""
+    """Return a remaining life as a message, in flight hours and in test cycles."""
     per_cycle = outlook.hours_per_cycle
     return RemainingUsefulLife(
         known=life.known,

@@ -1,6 +1,7 @@
 """The monitor node: telemetry in, estimates and health out."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -8,23 +9,22 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle.publisher import LifecyclePublisher
 
 from ema_core.description import ActuatorDescription
+from ema_interfaces.msg import Health
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.store import CalibrationStore
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.search import LastFaults
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node.calls import MonitorCalls
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.node.prognosis import MonitorPrognosis
 from ema_monitor.node.settings import Files, Operation
-from ema_monitor.node.units import Units, UnitsCallbacks
+from ema_monitor.node.units import Units
 from ema_monitor.node.worker import IdentificationWorker
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros import topics
 from ema_ros.actuator_file import load_description
-from ema_ros.description import description_from_message
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 from ema_ros.settings import LiveSettings, declare, read
@@ -35,7 +35,7 @@ _STALE_CHECK_S: Final = 1.0
 
 
 class MonitorNode(ManagedNode):
-    """Watches the actuators whose telemetry it receives, and publishes their faults and health.
+    """Monitors the actuators whose telemetry it receives: publishes their faults and health.
 
     Telemetry is received in one thread and windows are identified in another, in the order in
     which they end. ``docs/nodes.md`` describes topics, services and parameters.
@@ -48,34 +48,24 @@ class MonitorNode(ManagedNode):
         self._trigger = LiveSettings(
             self, TriggerSettings, on_change=lambda new: self._units.restart(new)
         )
-        self._health_publishers: dict[str, LifecyclePublisher] = {}
+        self._health_publishers: list[LifecyclePublisher] = []
         self._units = Units(
-            UnitsCallbacks(
-                self._now_ns,
-                lambda: self._trigger.value,
-                lambda: self._operation.value.expected_period_s,
-                self._add_health_publisher,
-                self._queue_window,
-                self._warn,
-                lambda health: self._health_publishers[health.actuator_id].publish(health),
-            )
+            self._trigger.value,
+            self._now_ns,
+            self._add_health_publisher,
+            lambda description: self._prognosis.describe(description),
+            self._queue_window,
+            self._warn,
         )
-        self._prognosis = MonitorPrognosis(
-            self,
-            lambda description: self._store.of(description),
-            self._units.find,
-            self._resume,
-        )
+        self._prognosis = MonitorPrognosis(self, self._calibration_of, self._units, self._resume)
         declare(self, Files)
-        self._last_faults = LastFaults()
         self._worker = IdentificationWorker(
             self._calibration_of,
+            self._prognosis.latest,
             lambda: self._search.value,
-            self._last_faults,
             self._publish_estimate,
             lambda text: self.get_logger().error(text),
         )
-        self._searched: set[str] = set()
         self._is_active = False
 
     def configure(self) -> None:
@@ -98,7 +88,7 @@ class MonitorNode(ManagedNode):
         self._stale_timer = self.create_timer(_STALE_CHECK_S, self._check_staleness)
         self._prognosis.begin(files.history_folder)
         if described is not None:
-            self._describe(described)
+            self._units.describe(described)
 
     def activate(self) -> None:
         """Subscribe, and identify what is received."""
@@ -106,18 +96,17 @@ class MonitorNode(ManagedNode):
         self._worker.start()
         with self._units.lock:
             for unit in self._units.values():
-                if unit.watch.description is not None:
-                    self._prognosis.describe(unit.watch.description)
+                if unit.description is not None:
+                    self._prognosis.describe(unit.description)
         receiving = MutuallyExclusiveCallbackGroup()
-        classes = topics.ACTUATOR_TOPICS
         self._subscriptions_in_use = [
             self.create_subscription(
-                classes[name][0], name, callback, qos, callback_group=receiving
+                topics.ACTUATOR_TOPICS[name][0], name, callback, qos, callback_group=receiving
             )
             for name, callback, qos in (
-                (topics.USAGE, self._receive_usage, topics.LATCHED_BY_MANY),
-                (topics.DESCRIPTION, self._receive_description, topics.LATCHED_BY_MANY),
-                (topics.TELEMETRY, self._units.feed, topics.STREAM),
+                (topics.USAGE, self._prognosis.receive_usage, topics.LATCHED_BY_MANY),
+                (topics.DESCRIPTION, self._units.receive_description, topics.LATCHED_BY_MANY),
+                (topics.TELEMETRY, self._units.receive_telemetry, topics.STREAM),
             )
         ]
 
@@ -128,20 +117,19 @@ class MonitorNode(ManagedNode):
         for subscription in self._subscriptions_in_use:
             self.destroy_subscription(subscription)
         self._worker.stop()
-        for found in self._units.finish():
-            self._worker.refuse(found, "")
+        for segment in self._units.finish():
+            self._worker.refuse(segment, "")
 
     def clean_up(self) -> None:
-        """Forget the actuators, and stop serving."""
+        """Forget the actuators, and end the services."""
         self._calls.destroy()
         self._prognosis.end()
         self.destroy_timer(self._stale_timer)
-        for publisher in (self._estimates, *self._health_publishers.values()):
+        for publisher in (self._estimates, *self._health_publishers):
             self.destroy_lifecycle_publisher(publisher)
         self._health_publishers.clear()
         self._units.clear()
-        self._last_faults.clear()
-        self._searched.clear()
+        self._worker.forget()
 
     def tasks(self) -> list[Task]:
         """Return the status of the actuators, their histories and the identification."""
@@ -158,70 +146,46 @@ class MonitorNode(ManagedNode):
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
 
-    def _warn(self, text: str, is_news: bool) -> None:
+    def _warn(self, text: str, is_first: bool) -> None:
         self.get_logger().warning(text, throttle_duration_sec=_LOG_PERIOD_S)
-        if is_news:
+        if is_first:
             self.report()
 
-    def _add_health_publisher(self, actuator_id: str) -> None:
-        """Add the publisher of an actuator's health: one for each, so that each is latched."""
+    def _add_health_publisher(self) -> Callable[[Health], None]:
+        """Return what publishes the health of one actuator, so that each health is latched."""
         message_class, qos = topics.MONITOR_TOPICS[topics.HEALTH]
         quiet = bool(self._health_publishers)
         publisher = self.add_publisher(message_class, topics.HEALTH, qos, quiet=quiet)
-        self._health_publishers[actuator_id] = publisher
+        self._health_publishers.append(publisher)
+        return publisher.publish
 
-    def _receive_description(self, message: Any) -> None:
-        try:
-            self._describe(description_from_message(message))
-        except ValueError as error:
-            reason = f"the description is impossible: {error}"
-            self._units.note_defect(message.actuator_id, reason)
-
-    def _describe(self, description: ActuatorDescription) -> None:
-        if self._units.describe(description):
-            self._prognosis.describe(description)
-
-    def _receive_usage(self, message: Any) -> None:
-        if not message.actuator_id:
-            self._units.note_defect("", "usage without actuator_id")
-            return
-        unit = self._units.get(message.actuator_id)
-        if wrong := self._prognosis.count(message, unit.watch.description if unit else None):
-            # A count alone makes no actuator known.
-            self._units.note_defect(message.actuator_id, wrong, is_watched=unit is not None)
-
-    def _queue_window(self, found: Segment) -> None:
-        self._calls.offer(found)
+    def _queue_window(self, segment: Segment) -> None:
+        self._calls.add(segment)
         in_sim_time = self.get_parameter("use_sim_time").value
         most_waiting = None if in_sim_time else self._operation.value.waiting_windows
-        for dropped in self._worker.add(found, most_waiting):
+        for dropped in self._worker.add(segment, most_waiting):
             self.get_logger().warning(
                 f"{dropped.description.actuator_id}: window {dropped.number} is dropped, "
                 f"{self._worker.waiting} wait"
             )
 
     def _calibration_of(self, description: ActuatorDescription) -> Calibration | str:
-        """Return what to search with; the first search begins where the history ends."""
-        if description.actuator_id not in self._searched and self._is_active:
-            self._searched.add(description.actuator_id)
-            if (latest := self._prognosis.latest(description)) is not None:
-                self._last_faults.record(description, latest)
         return self._store.of(description)
 
-    def _publish_estimate(self, found: Segment, estimate: Estimate) -> None:
-        self._estimates.publish(estimate_to_message(estimate, found.number, found.description))
-        now_ns, actuator_id = self._now_ns(), found.description.actuator_id
+    def _publish_estimate(self, segment: Segment, estimate: Estimate) -> None:
+        self._estimates.publish(estimate_to_message(estimate, segment.number, segment.description))
+        now_ns, actuator_id = self._now_ns(), segment.description.actuator_id
         # Without the lock: telemetry must not wait for a prognosis.
-        outlook = self._prognosis.record(found, estimate)
+        outlook = self._prognosis.record(segment, estimate)
         try:
-            self._units.record(found, estimate, outlook, now_ns)
+            self._units.record(segment, estimate, outlook, now_ns)
         except Exception as error:
             # The estimate is published: the window must not be refused in addition.
             reason = self._prognosis.report_failure(actuator_id, error, "publishing health")
-            self._units.note_defect(actuator_id, reason)
+            self._units.add_defect(actuator_id, reason)
         if not estimate.valid:
             self.get_logger().warning(
-                f"{actuator_id}: window {found.number} has no valid estimate: {estimate.reason}"
+                f"{actuator_id}: window {segment.number} has no valid estimate: {estimate.reason}"
             )
         self.report()
 
@@ -229,11 +193,13 @@ class MonitorNode(ManagedNode):
         with self._units.lock:
             if not self._is_active:
                 return
-            self._units.resume(description, outlook)
+            self._units.resume(description, outlook, self._operation.value.expected_period_s)
         self.report()
 
     def _check_staleness(self) -> None:
-        stale = self._units.publish_stale() if self._is_active else []
+        if not self._is_active:
+            return
+        stale = self._units.publish_stale(self._operation.value.expected_period_s)
         for health in stale:
             self.get_logger().warning(f"{health.actuator_id}: {health.reason}")
         if stale:

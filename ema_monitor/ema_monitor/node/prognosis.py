@@ -1,4 +1,4 @@
-"""The prognosis of each unit that a monitor watches: settings, histories, topic and service."""
+"""The prognosis of each unit that is monitored: settings, histories, usage and service."""
 
 import os
 import threading
@@ -19,21 +19,21 @@ from ema_interfaces.srv import PredictRemainingLife
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.node.histories import MonitorHistories
 from ema_monitor.node.messages import health_to_message
-from ema_monitor.node.units import Unit
+from ema_monitor.node.units import Units
 from ema_monitor.prognosis.growth.known_laws import KnownLawTexts
 from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook, outlook_of_one
-from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.prognostics import Prognostics, RequirementsOf
 from ema_monitor.prognosis.requirements.requirements import (
     BEING_COMPUTED,
     FITTED,
     RequirementLimits,
     Requirements,
 )
-from ema_monitor.prognosis.service import Service
+from ema_monitor.prognosis.service import CountLog, Service, UnitKey
 from ema_monitor.prognosis.settings import PrognosisSettings, duty_of
 from ema_monitor.windows.finder import Segment
 from ema_ros.executor import WaitingCallbackGroup
@@ -42,8 +42,100 @@ from ema_ros.stamps import stamp_from_message
 from ema_ros.status import Task
 
 
+class MonitorHistories:
+    """The histories of units, each opened at its first use; any thread may call.
+
+    Parameters
+    ----------
+    requirements_of
+        Gives the requirements of a unit, or why they cannot be monitored.
+
+    Attributes
+    ----------
+    counts
+        Counts of service life, whether or not the history of the unit is open.
+    """
+
+    def __init__(self, requirements_of: RequirementsOf = FITTED.of) -> None:
+        self._requirements_of = requirements_of
+        self._lock = threading.Lock()
+        # A lock for each unit: reading a long history must not delay the others.
+        self._opening: dict[UnitKey, threading.Lock] = {}
+        self._units: dict[UnitKey, Prognostics] = {}
+        self.counts = CountLog()
+        self._folder: Path | None = None
+        self._is_serving = False
+
+    def begin(self, folder: Path | None) -> None:
+        """Open histories from now on.
+
+        Parameters
+        ----------
+        folder
+            Where they are stored; None for memory alone.
+        """
+        self._folder = folder
+        self._is_serving = True
+
+    def end(self) -> None:
+        """Close the histories, and open no more."""
+        with self._lock:
+            self._is_serving = False
+            opening = list(self._opening.values())
+        for lock in opening:
+            # A history that is being opened comes first.
+            with lock:
+                pass
+        with self._lock:
+            for prognostics in self._units.values():
+                prognostics.history.close()
+            self._opening.clear()
+            self._units.clear()
+            self.counts = CountLog()
+
+    def items(self) -> list[tuple[UnitKey, Prognostics]]:
+        """Return the units with open histories."""
+        return list(self._units.items())
+
+    def of(self, unit: UnitKey, settings: PrognosisSettings) -> Prognostics:
+        """Return the history of a unit and what follows from it.
+
+        Parameters
+        ----------
+        unit
+            The unit.
+        settings
+            Settings of the prognosis at first.
+
+        Raises
+        ------
+        ValueError
+            When no histories are opened.
+        """
+        with self._lock:
+            self._require_serving()
+            opening = self._opening.setdefault(unit, threading.Lock())
+        with opening:
+            if unit not in self._units:
+                self._open(unit, settings)
+            return self._units[unit]
+
+    def _open(self, unit: UnitKey, settings: PrognosisSettings) -> None:
+        path = history_path(self._folder, *unit) if self._folder else None
+        prognostics = Prognostics(History(*unit, path), settings, self._requirements_of)
+        with self._lock:
+            if not self._is_serving:
+                prognostics.history.close()
+            self._require_serving()
+            self._units[unit] = prognostics
+
+    def _require_serving(self) -> None:
+        if not self._is_serving:
+            raise ValueError("the monitor is not configured")
+
+
 class MonitorPrognosis:
-    """What a monitor knows of the growth of faults, unit by unit.
+    """Health and remaining life of each unit from its history.
 
     Parameters
     ----------
@@ -51,8 +143,8 @@ class MonitorPrognosis:
         Gets parameters and service.
     calibration_of
         Gives the calibration of an actuator, or why there is none.
-    find
-        Gives the unit that is watched under a name.
+    units
+        The actuators.
     resume
         Called with a unit, once its history is read, and the health and life that follow from it.
     """
@@ -61,12 +153,12 @@ class MonitorPrognosis:
         self,
         node: Node,
         calibration_of: Callable[[ActuatorDescription], Calibration | str],
-        find: Callable[[str], Unit],
+        units: Units,
         resume: Callable[[ActuatorDescription, Outlook], None],
     ) -> None:
         self._node = node
         self._calibration_of = calibration_of
-        self._find = find
+        self._units = units
         self._resume = resume
         self._limits = LiveSettings(node, HealthLimits, "limits.")
         self._requirements = LiveSettings(node, RequirementLimits, "requirements.")
@@ -81,7 +173,7 @@ class MonitorPrognosis:
 
     @property
     def settings(self) -> PrognosisSettings:
-        """What prognoses rest on, as it is now."""
+        """The settings of prognoses as they are now."""
         return PrognosisSettings(
             self._limits.value,
             self._requirements.value,
@@ -90,7 +182,7 @@ class MonitorPrognosis:
         )
 
     def begin(self, history_folder: str) -> None:
-        """Keep histories in a folder from now on, and serve.
+        """Store histories in a folder from now on, and offer the service.
 
         Parameters
         ----------
@@ -113,8 +205,8 @@ class MonitorPrognosis:
         )
 
     def end(self) -> None:
-        """Stop serving, and let go of the histories."""
-        # A health that is about to be published comes first.
+        """End the service, and close the histories."""
+        # A health that is being published comes first.
         with self._resuming:
             self._is_serving = False
         self._node.destroy_service(self._call)
@@ -145,26 +237,32 @@ class MonitorPrognosis:
         self._to_refresh.put(description)
         self._refresh_soon.trigger()
 
-    def count(self, message: Any, described: ActuatorDescription | None) -> str:
-        """Record counted use; return what is wrong with it, empty when nothing.
+    def receive_usage(self, message: Any) -> None:
+        """Record counted use.
 
         Parameters
         ----------
         message
-            ``ema_interfaces/msg/Usage``.
-        described
-            The actuator, as it is described now; None when it is not.
+            ``ema_interfaces/msg/Usage``; it may be impossible.
         """
+        actuator_id = message.actuator_id
+        if not actuator_id:
+            self._units.add_defect("", "usage without actuator_id")
+            return
+        unit = self._units.get(actuator_id)
         # One that its sender did not stamp was read just now.
         now_ns = self._node.get_clock().now().nanoseconds
         stamp_ns = stamp_from_message(message.header.stamp) or now_ns
         try:
             count = Count(stamp_ns, message.flight_hours, message.cycles)
         except ValueError as error:
-            return f"usage is impossible: {error}"
+            # A count alone does not make an actuator known.
+            reason = f"usage is impossible: {error}"
+            self._units.add_defect(actuator_id, reason, is_known=unit is not None)
+            return
+        described = unit.description if unit else None
         serial_number = message.serial_number or (described.serial_number if described else "")
-        self._histories.counts.add((message.actuator_id, serial_number), count)
-        return ""
+        self._histories.counts.add((actuator_id, serial_number), count)
 
     def latest(self, description: ActuatorDescription) -> Estimate | None:
         """Return the latest valid estimate in the history of a unit; None when there is none.
@@ -177,29 +275,29 @@ class MonitorPrognosis:
         try:
             entries = self._of(description).history.entries
         except Exception as error:
-            # The search can do without.
+            # The search does not depend on it.
             self.report_failure(description.actuator_id, error)
             return None
         return entries[-1].estimate if entries else None
 
-    def record(self, found: Segment, estimate: Estimate) -> Outlook | None:
+    def record(self, segment: Segment, estimate: Estimate) -> Outlook | None:
         """Record a test; return health and life after it, None when it is not valid.
 
         Parameters
         ----------
-        found
+        segment
             Its window.
         estimate
-            What was found in it.
+            Its estimate.
         """
-        description, settings = found.description, self.settings
+        description, settings = segment.description, self.settings
         try:
             prognostics = self._of(description)
             unit = (description.actuator_id, description.serial_number)
             count = self._histories.counts.latest(unit, estimate.end_ns)
             outlook = prognostics.update(estimate, self._parameters(description), settings, count)
         except Exception as error:
-            # What fails here must cost neither the estimate nor the alarm.
+            # A failure here must prevent neither the estimate nor the alarm.
             reason = self.report_failure(description.actuator_id, error)
             return outlook_of_one(estimate, settings.limits, reason) if estimate.valid else None
         if outlook and outlook.rul_requirements.reason == BEING_COMPUTED:
@@ -246,9 +344,9 @@ class MonitorPrognosis:
     def _requirements_of(
         self, parameters: ActuatorParameters, limits: RequirementLimits
     ) -> Requirements | str:
-        """Return requirements as far as they are there: no window waits until they are fitted.
+        """Return requirements if they are fitted: no window waits for that.
 
-        In simulated time windows may wait, so that a replay says what ``ema prognose`` does.
+        In simulated time windows may wait, so that a replay agrees with ``ema prognose``.
         """
         in_sim_time = self._node.get_parameter("use_sim_time").value
         return (FITTED.of if in_sim_time else FITTED.if_ready)(parameters, limits)
@@ -274,11 +372,8 @@ class MonitorPrognosis:
         self, request: PredictRemainingLife.Request, response: PredictRemainingLife.Response
     ) -> PredictRemainingLife.Response:
         try:
-            unit = self._find(request.actuator_id)
+            _, description = self._units.find(request.actuator_id)
             settings = duty_of(self.settings, request.duty)
-            description = unit.watch.description
-            if description is None:
-                raise ValueError(f"actuator {unit.actuator_id!r} has not been described")
             prognostics = self._of(description)
             outlook = prognostics.outlook(self._parameters(description), settings)
             response.health = health_to_message(outlook, description)
@@ -286,7 +381,7 @@ class MonitorPrognosis:
         except ValueError as error:
             response.success, response.message = False, str(error)
         except Exception as error:
-            # A service that raises would take the node along.
+            # A service that raises would end the node.
             response.success = False
             response.message = self.report_failure(request.actuator_id, error)
         return response

@@ -12,7 +12,7 @@ class Files:
     Raises
     ------
     ValueError
-        When a value is no text; the message names it.
+        When a value is not a text; the message names it.
     """
 
     calibration_file: str = text(

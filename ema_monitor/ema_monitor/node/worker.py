@@ -1,4 +1,4 @@
-"""Identification in a thread of its own: windows in, estimates out in the same order."""
+"""Identification in its own thread: windows in, estimates out in the same order."""
 
 import threading
 import traceback
@@ -11,8 +11,8 @@ from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.search import Identification, LastFaults, identify
+from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.search import Identification, LastFaults
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.windows.finder import Segment
@@ -28,11 +28,11 @@ class QueueClosedError(Exception):
 
 
 class WindowQueue:
-    """A queue of windows between the thread that receives and the one that identifies.
+    """The queue of windows between the thread that receives and the one that identifies.
 
     Live, a window beyond the limit of its actuator drops that actuator's oldest one: the refusal
     of that one stays in its place, so that order and numbers are kept and every window gets an
-    estimate. No actuator can drop the windows of another.
+    estimate. An actuator never drops the windows of another.
 
     Parameters
     ----------
@@ -73,12 +73,12 @@ class WindowQueue:
         """
         self._most_waiting = most_waiting
 
-    def add(self, found: Segment) -> list[Segment]:
+    def add(self, segment: Segment) -> list[Segment]:
         """Add a window, or the refusal of one, at the end.
 
         Parameters
         ----------
-        found
+        segment
             The window.
 
         Returns
@@ -94,10 +94,10 @@ class WindowQueue:
         with self._changed:
             if self._closed:
                 raise QueueClosedError
-            self._queue.append(found)
+            self._queue.append(segment)
             dropped = []
             if self._most_waiting is not None:
-                places = self._places_of(found.description.actuator_id)
+                places = self._places_of(segment.description.actuator_id)
                 surplus = max(0, len(places) - self._most_waiting)
                 dropped = [self._drop(place, self._most_waiting) for place in places[:surplus]]
             self._changed.notify_all()
@@ -111,16 +111,16 @@ class WindowQueue:
             return self._current
 
     @contextmanager
-    def publishing(self, found: Segment) -> Iterator[bool]:
-        """Give whether the estimate of a window is to be published, in this context alone.
+    def publishing(self, segment: Segment) -> Iterator[bool]:
+        """Yield whether the estimate of a window is to be published, in this context alone.
 
         Parameters
         ----------
-        found
+        segment
             The window that ``next`` returned last; not to be published once it is abandoned.
         """
         with self._changed:
-            self._is_publishing = self._current is found
+            self._is_publishing = self._current is segment
         try:
             yield self._is_publishing
         finally:
@@ -139,9 +139,9 @@ class WindowQueue:
         return waiting
 
     def abandon(self) -> Segment | None:
-        """Return the window whose identification goes on, if any: it will not be published.
+        """Return the window that is being identified, if any: it will not be published.
 
-        If its estimate is just being published, wait until it is, and return None.
+        If its estimate is being published, wait until it is, and return None.
         """
         with self._changed:
             self._changed.wait_for(lambda: not self._is_publishing)
@@ -166,22 +166,23 @@ class WindowQueue:
 
 
 class IdentificationWorker:
-    """Identifies windows one after the other; every window gets an estimate, be it a refusal.
+    """Identifies windows one after the other; every window gets an estimate or a refusal.
 
-    Once ``stop`` has returned, the thread publishes nothing any more, whatever it is still at.
+    Once ``stop`` has returned, the thread publishes nothing any more, even if it still computes.
 
     Parameters
     ----------
     calibration_of
         Gives the calibration of an actuator, or why there is none.
+    latest_estimate
+        Gives the latest valid estimate in the history of an actuator, if any: its first search
+        begins there.
     settings
-        Gives how to search; asked for each window.
-    last_faults
-        Where warm searches begin.
+        Gives how to search in the next window.
     publish
         Called with each window and its estimate.
     log_error
-        Called with the traceback of what failed.
+        Called with the traceback of a failure.
 
     Attributes
     ----------
@@ -192,16 +193,18 @@ class IdentificationWorker:
     def __init__(
         self,
         calibration_of: Callable[[ActuatorDescription], Calibration | str],
+        latest_estimate: Callable[[ActuatorDescription], Estimate | None],
         settings: Callable[[], SearchSettings],
-        last_faults: LastFaults,
         publish: Callable[[Segment, Estimate], None],
         log_error: Callable[[str], object],
     ) -> None:
         self._calibration_of = calibration_of
+        self._latest_estimate = latest_estimate
         self._settings = settings
-        self._last_faults = last_faults
         self._publish = publish
         self._log_error = log_error
+        self._last_faults = LastFaults()
+        self._searched: set[str] = set()
         self._thread: threading.Thread | None = None
         self._queue = WindowQueue()
         self._queue.close()
@@ -209,7 +212,7 @@ class IdentificationWorker:
 
     @property
     def is_running(self) -> bool:
-        """Whether the thread lives and has not been told to stop."""
+        """Whether the thread runs and is not to stop."""
         thread = self._thread
         return thread is not None and thread.is_alive() and not self._queue.is_closed
 
@@ -235,7 +238,7 @@ class IdentificationWorker:
 
     def start(self) -> None:
         """Begin to identify, with a new thread and queue."""
-        # The thread of before may still be in the middle of a compilation.
+        # The previous thread may still be compiling.
         self._queue = WindowQueue()
         self.failure = ""
         self._thread = threading.Thread(
@@ -243,12 +246,17 @@ class IdentificationWorker:
         )
         self._thread.start()
 
-    def add(self, found: Segment, most_waiting: int | None) -> list[Segment]:
-        """Let a window, or the refusal of one, wait; it is refused if nothing is running.
+    def forget(self) -> None:
+        """Forget where searches begin."""
+        self._last_faults.clear()
+        self._searched.clear()
+
+    def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
+        """Queue a window, or the refusal of one; it is refused if the thread does not run.
 
         Parameters
         ----------
-        found
+        segment
             The window.
         most_waiting
             How many windows of an actuator may wait; None for any number.
@@ -260,91 +268,97 @@ class IdentificationWorker:
         """
         self._queue.limit(most_waiting)
         try:
-            return self._queue.add(found)
+            return self._queue.add(segment)
         except QueueClosedError:
-            self.refuse(found, self.failure or "the monitor is not active")
+            self.refuse(segment, self.failure or "the monitor is not active")
             return []
 
     def stop(self) -> None:
-        """Stop, in the middle of a window if need be, and refuse the windows that wait."""
+        """Stop, even within a window, and refuse the windows that wait."""
         thread, self._thread = self._thread, None
         if thread is None:
             return
         waiting = self._queue.close()
-        # A compilation cannot be interrupted: the thread ends by itself when it is done. One
-        # that failed is refusing the last windows.
+        # A compilation cannot be interrupted: the thread ends by itself afterwards. A thread that
+        # failed is refusing the last windows.
         thread.join(None if self.failure else _JOIN_S)
         current = self._queue.abandon()
         if current is not None:
             self.refuse(current, _STOPPED_DURING)
-        for found in waiting:
-            self.refuse(found, "the monitor was stopped before the window was identified")
+        for segment in waiting:
+            self.refuse(segment, "the monitor was stopped before the window was identified")
 
-    def refuse(self, found: Segment, reason: str) -> None:
+    def refuse(self, segment: Segment, reason: str) -> None:
         """Publish that a window is not identified.
 
         Parameters
         ----------
-        found
+        segment
             The window, or its refusal.
         reason
             Why; that of the refusal when empty.
         """
-        self._publish(found, self._refusal(found, reason))
+        self._publish(segment, self._refusal(segment, reason))
 
     def _run(self, queue: WindowQueue) -> None:
         try:
             compile_kernels()
-            while (found := queue.next()) is not None:
-                self._identify_and_publish(found, queue)
+            while (segment := queue.next()) is not None:
+                self._identify_and_publish(segment, queue)
         except Exception as error:
             self.failure = f"the identification thread has ended: {error!r}"
             self._log_error(f"{self.failure}\n{traceback.format_exc()}")
-            for found in queue.close():
-                self.refuse(found, self.failure)
+            for segment in queue.close():
+                self.refuse(segment, self.failure)
 
-    def _identify_and_publish(self, found: Segment, queue: WindowQueue) -> None:
-        # One window that cannot be dealt with must not end the work on the others.
+    def _identify_and_publish(self, segment: Segment, queue: WindowQueue) -> None:
+        # A failure in one window must not end the identification of the others.
         try:
-            estimate = self._identify(found, queue)
+            estimate = self._identify(segment, queue)
         except Exception as error:
-            estimate = self._refusal(found, self._failed(found, error))
-        with queue.publishing(found) as is_wanted:
+            estimate = self._refusal(segment, self._failed(segment, error))
+        with queue.publishing(segment) as is_wanted:
             if not is_wanted:
                 return
-            self._last_faults.record(found.description, estimate)
+            self._last_faults.record(segment.description, estimate)
             try:
-                self._publish(found, estimate)
+                self._publish(segment, estimate)
             except Exception as error:
-                reason = self._failed(found, error)
+                reason = self._failed(segment, error)
                 try:
-                    self.refuse(found, reason)
+                    self.refuse(segment, reason)
                 except Exception as second:
-                    self._failed(found, second)
+                    self._failed(segment, second)
 
-    def _identify(self, found: Segment, queue: WindowQueue) -> Estimate:
-        description = found.description
+    def _identify(self, segment: Segment, queue: WindowQueue) -> Estimate:
+        description = segment.description
         calibration = self._calibration_of(description)
+        if description.actuator_id not in self._searched:
+            self._searched.add(description.actuator_id)
+            if (latest := self._latest_estimate(description)) is not None:
+                self._last_faults.record(description, latest)
         previous = self._last_faults.of(description, calibration)
         run = Identification(
-            found.window, description, calibration, self._settings(), previous=previous
+            segment.window, description, calibration, self._settings(), previous=previous
         )
         try:
             for _ in run:
                 if queue.is_closed:
-                    return self._refusal(found, _STOPPED_DURING)
+                    return self._refusal(segment, _STOPPED_DURING)
         except ValueError as error:
-            return self._refusal(found, str(error))
+            return self._refusal(segment, str(error))
         if run.estimate is None:
             raise RuntimeError("the identification ended without an estimate")
         return run.estimate
 
-    def _failed(self, found: Segment, error: Exception) -> str:
+    def _failed(self, segment: Segment, error: Exception) -> str:
         reason = f"the identification failed: {error!r}"
-        self._log_error(f"window {found.number}: {reason}\n{traceback.format_exc()}")
+        self._log_error(f"window {segment.number}: {reason}\n{traceback.format_exc()}")
         return reason
 
-    def _refusal(self, found: Segment, reason: str) -> Estimate:
-        window, description = found.window, found.description
-        refused = Refusal(window.start_ns, window.end_ns, reason) if reason else window
-        return identify(refused, description, self._calibration_of(description), self._settings())
+    def _refusal(self, segment: Segment, reason: str) -> Estimate:
+        window = segment.window
+        if reason or isinstance(window, Window):
+            window = Refusal(window.start_ns, window.end_ns, reason)
+        calibration = self._calibration_of(segment.description)
+        return refusal(window, calibration, self._settings(), window.reason)

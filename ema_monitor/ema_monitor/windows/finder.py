@@ -1,6 +1,6 @@
-"""Following one actuator: description and telemetry in, numbered windows out.
+"""Finding windows: description and telemetry of one actuator in, numbered windows out.
 
-Live, in a replay and over a bag, windows are found here; none of it knows the time of arrival.
+It serves live telemetry, replays and bags alike: nothing depends on when a block is received.
 """
 
 from collections import deque
@@ -33,9 +33,9 @@ class Segment:
 
 
 class WindowFinder:
-    """Follows one actuator.
+    """Finds the windows in the telemetry of one actuator.
 
-    Telemetry that comes before the description waits for it, the latest ten seconds of it.
+    Of telemetry before the description, the latest ten seconds are kept until it is known.
 
     Parameters
     ----------
@@ -49,11 +49,11 @@ class WindowFinder:
     description
         The actuator as it was described last; None when it was not.
     blocks
-        Number of blocks that came.
+        Number of blocks so far.
     lost_samples
-        Number of samples that were missing between them.
+        Number of samples missing between them.
     windows
-        Number of windows found, those that cannot be used among them.
+        Number of windows so far, including those that cannot be used.
     """
 
     def __init__(
@@ -64,10 +64,10 @@ class WindowFinder:
         self.lost_samples = 0
         self.windows = 0
         self._settings = settings
-        self._early: deque[Telemetry | Defect] = deque()
+        self._undescribed: deque[Telemetry | Defect] = deque()
         self._trigger: WindowTrigger | None = None
         self._last: Telemetry | None = None
-        self._period_told = False
+        self._period_reported = False
         if description is not None:
             self.describe(description)
 
@@ -82,7 +82,7 @@ class WindowFinder:
         return self._trigger is not None and self._trigger.has_rested
 
     def describe(self, description: ActuatorDescription) -> list[Segment | Defect]:
-        """Take a description; another one than before ends a window that is open.
+        """Apply a description; another one than before ends a window that is open.
 
         Parameters
         ----------
@@ -91,17 +91,17 @@ class WindowFinder:
         """
         if description == self.description:
             return []
-        found = self.restart(self._settings, "the description of the actuator changed")
+        events = self.restart(self._settings, "the description of the actuator changed")
         self.description = description
         self._trigger = WindowTrigger(description.parameters, self._settings)
-        self._period_told = False
-        early, self._early = self._early, deque()
-        for item in early:
+        self._period_reported = False
+        undescribed, self._undescribed = self._undescribed, deque()
+        for item in undescribed:
             if isinstance(item, Defect):
-                found += self._number([self._trigger.interrupt(item.stamp_ns, item.reason)])
+                events += self._number([self._trigger.interrupt(item.stamp_ns, item.reason)])
             else:
-                found += self._scan(item)
-        return found
+                events += self._scan(item)
+        return events
 
     def restart(self, settings: TriggerSettings, reason: str) -> list[Segment | Defect]:
         """Begin anew with other settings; a window that is open ends.
@@ -114,15 +114,15 @@ class WindowFinder:
             Why.
         """
         self._settings = settings
-        found: list[Segment | Defect] = []
+        events: list[Segment | Defect] = []
         if self._trigger is not None and self._last is not None:
-            found = self._number([self._trigger.interrupt(self._last.stamp_ns, reason)])
+            events = self._number([self._trigger.interrupt(self._last.stamp_ns, reason)])
         if self.description is not None:
             self._trigger = WindowTrigger(self.description.parameters, settings)
-        return found
+        return events
 
     def feed(self, block: Telemetry) -> list[Segment | Defect]:
-        """Take the next block and return what it completes or reveals.
+        """Process the next block; return the windows that it completes and its defects.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class WindowFinder:
         return self._scan(block)
 
     def reject(self, stamp_ns: int, reason: str) -> list[Segment | Defect]:
-        """Take note of a block that is no telemetry.
+        """Process a block that is no valid telemetry.
 
         Parameters
         ----------
@@ -157,43 +157,43 @@ class WindowFinder:
         return self._number([self._trigger.interrupt(stamp_ns, reason)])
 
     def finish(self) -> list[Segment | Defect]:
-        """End the telemetry: return the refusal of a window that is cut off, and begin anew."""
-        found = self._number(self._trigger.finish() if self._trigger else [])
+        """End the telemetry, and return the refusal of a window that is cut off."""
+        events = self._number(self._trigger.finish() if self._trigger else [])
         self._last = None
         if self.description is not None:
             self._trigger = WindowTrigger(self.description.parameters, self._settings)
-        return found
+        return events
 
     def _keep(self, item: Telemetry | Defect) -> None:
-        """Let something wait for the description, and let go of what is too old."""
-        self._early.append(item)
+        """Keep an item until the description is known, and drop those that are too old."""
+        self._undescribed.append(item)
         oldest_ns = item.stamp_ns - round(LOOKBACK_S * 1e9)
-        while self._early[0].stamp_ns < oldest_ns:
-            self._early.popleft()
+        while self._undescribed[0].stamp_ns < oldest_ns:
+            self._undescribed.popleft()
 
     def _scan(self, block: Telemetry) -> list[Segment | Defect]:
         if self._trigger is None or self.description is None:
             return []
-        found: list[Segment | Defect] = []
+        events: list[Segment | Defect] = []
         period = self.description.sample_period
-        if not self._period_told and abs(block.sample_period / period - 1.0) > 1e-6:
-            self._period_told = True
-            found.append(
+        if not self._period_reported and abs(block.sample_period / period - 1.0) > 1e-6:
+            self._period_reported = True
+            events.append(
                 Defect(
                     block.stamp_ns,
                     f"the description says one sample every {period:g} s, the telemetry "
                     f"{block.sample_period:g} s, which is used",
                 )
             )
-        return found + self._number(self._trigger.feed(block))
+        return events + self._number(self._trigger.feed(block))
 
     def _number(self, events: Iterable[Window | Refusal | Defect]) -> list[Segment | Defect]:
         """Give windows their numbers."""
-        found: list[Segment | Defect] = []
+        numbered: list[Segment | Defect] = []
         for event in events:
             if isinstance(event, Defect):
-                found.append(event)
+                numbered.append(event)
             elif self.description is not None:
-                found.append(Segment(self.windows, self.description, event))
+                numbered.append(Segment(self.windows, self.description, event))
                 self.windows += 1
-        return found
+        return numbered

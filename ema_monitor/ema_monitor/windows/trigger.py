@@ -1,7 +1,7 @@
 """Where windows begin and end in a stream of telemetry, and what is wrong with the stream.
 
-All decisions rest on running indices and stamps, never on the time of arrival, so that a replay
-finds the same windows.
+All decisions rest on running indices and stamps, never on when a block is received, so that a
+replay finds the same windows.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from ema_core.wording import counted
 from ema_monitor.windows.window import Window
 
 LOOKBACK_S: Final = 10.0
-"""How much telemetry is kept, to tell how a window was approached [s]."""
+"""How much telemetry is kept, to determine how a window was approached [s]."""
 
 _RATE_TOLERANCE: Final = 0.01
 
@@ -75,13 +75,13 @@ class WindowTrigger:
 
     A window begins at the last sample before the command leaves its rest value. If the command
     comes to rest again before the window is full, or moves one way only, there is no window: so a
-    cycle's slow approach is passed over.
+    cycle's slow approach is skipped.
 
     Parameters
     ----------
     parameters
-        Nominal parameters of the actuator: they tell how far an approach must go to leave the
-        motor on a known flank of its play.
+        Nominal parameters of the actuator: they determine how far an approach must go to
+        leave the motor on a known flank of its play.
     settings
         When a window begins and how long it is.
 
@@ -109,12 +109,12 @@ class WindowTrigger:
         self._rest_count = 0
 
     def feed(self, block: Telemetry) -> list[Window | Refusal | Defect]:
-        """Take the next block and return what it completes or reveals.
+        """Process the next block; return the windows that it completes and its defects.
 
         Parameters
         ----------
         block
-            Telemetry of the one actuator that is watched.
+            Telemetry of the actuator.
         """
         events: list[Window | Refusal | Defect] = []
         if self._blocks and (reason := _break_between(self._blocks[-1], block)):
@@ -144,14 +144,19 @@ class WindowTrigger:
         ]
 
     def interrupt(self, stamp_ns: int, reason: str) -> Refusal | Defect:
-        """Drop what was collected because the stream broke, and tell of the window if one is open.
+        """Drop the blocks kept because the stream broke; return the refusal of an open window.
 
         Parameters
         ----------
         stamp_ns
             When it broke [ns].
         reason
-            What happened.
+            Why.
+
+        Returns
+        -------
+        Refusal or Defect
+            A defect where no window is open.
         """
         event: Refusal | Defect = Defect(stamp_ns, reason)
         for cut in self.finish():
@@ -219,7 +224,7 @@ class WindowTrigger:
         return [block for block in self._blocks if block.first_index + len(block) > index]
 
     def _forget(self) -> None:
-        """Let go of blocks too old to matter."""
+        """Drop blocks that are too old to matter."""
         last = self._blocks[-1]
         oldest = last.first_index - round(LOOKBACK_S / last.sample_period)
         if self._start is not None:

@@ -1,4 +1,4 @@
-"""A watch turns description and telemetry into numbered windows, whenever either comes."""
+"""A window finder turns description and telemetry into numbered windows, whenever either comes."""
 
 from dataclasses import replace
 
@@ -24,8 +24,8 @@ def cycles(count: int, first_index: int = 1) -> Telemetry:
     return stream(np.tile(CYCLE, count), first_index)
 
 
-def fed(watch: WindowFinder, telemetry: Telemetry, size: int = 100) -> list[Segment | Defect]:
-    return [event for block in blocks(telemetry, size) for event in watch.feed(block)]
+def fed(finder: WindowFinder, telemetry: Telemetry, size: int = 100) -> list[Segment | Defect]:
+    return [event for block in blocks(telemetry, size) for event in finder.feed(block)]
 
 
 def found_in(events: list[Segment | Defect]) -> list[Segment]:
@@ -47,12 +47,12 @@ def summary(events: list[Segment | Defect]) -> list[tuple[int, int, int, str]]:
 
 
 def test_windows_are_numbered_and_counted():
-    watch = WindowFinder(SETTINGS, FLAP)
-    found = found_in(fed(watch, cycles(3)))
+    finder = WindowFinder(SETTINGS, FLAP)
+    found = found_in(fed(finder, cycles(3)))
     assert [item.number for item in found] == [0, 1, 2]
     assert all(isinstance(item.window, Window) for item in found)
-    assert (watch.windows, watch.blocks, watch.lost_samples) == (3, 27, 0)
-    assert watch.has_rested
+    assert (finder.windows, finder.blocks, finder.lost_samples) == (3, 27, 0)
+    assert finder.has_rested
 
 
 @pytest.mark.parametrize("size", [1, 7, 100, 2700])
@@ -66,52 +66,52 @@ def test_windows_do_not_depend_on_how_telemetry_is_cut(size: int):
 
 
 def test_telemetry_that_comes_first_waits_for_the_description():
-    watch = WindowFinder(SETTINGS)
-    assert fed(watch, cycles(3)) == []
-    assert (watch.windows, watch.has_rested) == (0, False)
-    found = watch.describe(FLAP)
+    finder = WindowFinder(SETTINGS)
+    assert fed(finder, cycles(3)) == []
+    assert (finder.windows, finder.has_rested) == (0, False)
+    found = finder.describe(FLAP)
     assert summary(found) == summary(fed(WindowFinder(SETTINGS, FLAP), cycles(3)))
-    later = found_in(fed(watch, cycles(1, 2701)))
+    later = found_in(fed(finder, cycles(1, 2701)))
     assert [item.number for item in later] == [3]
 
 
 def test_only_the_latest_ten_seconds_wait():
-    watch = WindowFinder(SETTINGS)
+    finder = WindowFinder(SETTINGS)
     # 0.09 s a cycle, 12.6 s in all, in blocks of one cycle: 10 s back begins a block.
     telemetry = cycles(140)
-    fed(watch, telemetry, 900)
-    found = found_in(watch.describe(FLAP))
+    fed(finder, telemetry, 900)
+    found = found_in(finder.describe(FLAP))
     first_ns = telemetry.stamp_ns + 100_000 * 900 * 139 - 10_000_000_000
     kept = sum(block.stamp_ns >= first_ns for block in blocks(telemetry, 900))
     assert len(found) == kept == 112
 
 
 def test_same_description_again_changes_nothing():
-    watch = WindowFinder(SETTINGS, FLAP)
+    finder = WindowFinder(SETTINGS, FLAP)
     part = list(blocks(cycles(1), 100))
-    events = [event for block in part[:5] for event in watch.feed(block)]
-    events += watch.describe(replace(FLAP))
-    events += [event for block in part[5:] for event in watch.feed(block)]
+    events = [event for block in part[:5] for event in finder.feed(block)]
+    events += finder.describe(replace(FLAP))
+    events += [event for block in part[5:] for event in finder.feed(block)]
     assert [isinstance(item.window, Window) for item in found_in(events)] == [True]
 
 
 @pytest.mark.parametrize("change", ["description", "settings"])
 def test_change_ends_the_window_that_is_open(change: str):
-    watch = WindowFinder(SETTINGS, FLAP)
+    finder = WindowFinder(SETTINGS, FLAP)
     part = list(blocks(cycles(1), 100))
     for block in part[:5]:
-        assert watch.feed(block) == []
+        assert finder.feed(block) == []
     if change == "description":
-        [event] = watch.describe(replace(FLAP, serial_number="SIM-0002"))
+        [event] = finder.describe(replace(FLAP, serial_number="SIM-0002"))
     else:
-        [event] = watch.restart(TriggerSettings(window_s=0.03, rest_s=0.01), "other settings")
+        [event] = finder.restart(TriggerSettings(window_s=0.03, rest_s=0.01), "other settings")
     assert isinstance(event, Segment)
     assert isinstance(event.window, Refusal)
     reason = "description of the actuator changed" if change == "description" else "other settings"
     assert reason in event.window.reason
     # It belongs to the unit that it was taken from.
     assert (event.number, event.description) == (0, FLAP)
-    [after] = found_in(fed(watch, cycles(1, 901)))
+    [after] = found_in(fed(finder, cycles(1, 901)))
     assert after.number == 1
     assert after.description.serial_number == (
         "SIM-0002" if change == "description" else "SIM-0001"
@@ -121,39 +121,39 @@ def test_change_ends_the_window_that_is_open(change: str):
 
 
 def test_lost_samples_are_counted_and_cost_the_window():
-    watch = WindowFinder(SETTINGS, FLAP)
+    finder = WindowFinder(SETTINGS, FLAP)
     part = list(blocks(cycles(2), 100))
     events = [
-        event for i, block in enumerate(part) if i not in (3, 4) for event in watch.feed(block)
+        event for i, block in enumerate(part) if i not in (3, 4) for event in finder.feed(block)
     ]
     first, second = found_in(events)
     assert isinstance(first.window, Refusal)
     assert "gap of 200 samples" in first.window.reason
     assert isinstance(second.window, Window)
-    assert (watch.lost_samples, watch.windows) == (200, 2)
+    assert (finder.lost_samples, finder.windows) == (200, 2)
 
 
 def test_block_that_is_no_telemetry_ends_the_window():
-    watch = WindowFinder(SETTINGS, FLAP)
+    finder = WindowFinder(SETTINGS, FLAP)
     part = list(blocks(cycles(1), 100))
-    assert [e for block in part[:5] for e in watch.feed(block)] == []
-    [event] = watch.reject(part[5].stamp_ns, "columns differ")
+    assert [e for block in part[:5] for e in finder.feed(block)] == []
+    [event] = finder.reject(part[5].stamp_ns, "columns differ")
     assert isinstance(event, Segment)
     assert isinstance(event.window, Refusal)
     assert event.window.reason == "columns differ"
-    [outside] = watch.reject(part[6].stamp_ns, "columns differ")
+    [outside] = finder.reject(part[6].stamp_ns, "columns differ")
     assert outside == Defect(part[6].stamp_ns, "columns differ")
-    assert watch.blocks == 7
+    assert finder.blocks == 7
 
 
 def test_block_that_is_no_telemetry_breaks_what_waits_for_the_description():
-    watch, telemetry = WindowFinder(SETTINGS), cycles(2)
+    finder, telemetry = WindowFinder(SETTINGS), cycles(2)
     half = len(telemetry) // 2
-    fed(watch, telemetry.part(0, half))
-    assert watch.reject(5, "columns differ") == [Defect(5, "columns differ")]
-    fed(watch, telemetry.part(half, len(telemetry)))
+    fed(finder, telemetry.part(0, half))
+    assert finder.reject(5, "columns differ") == [Defect(5, "columns differ")]
+    fed(finder, telemetry.part(half, len(telemetry)))
     # It is told again in its place, between the windows of the two cycles.
-    first, defect, second = watch.describe(FLAP)
+    first, defect, second = finder.describe(FLAP)
     assert isinstance(first, Segment)
     assert isinstance(second, Segment)
     assert defect == Defect(5, "columns differ")
@@ -161,8 +161,8 @@ def test_block_that_is_no_telemetry_breaks_what_waits_for_the_description():
 
 
 def test_other_sample_period_than_described_is_told_once():
-    watch = WindowFinder(SETTINGS, replace(FLAP, sample_period=2e-4))
-    first, *rest = fed(watch, cycles(2))
+    finder = WindowFinder(SETTINGS, replace(FLAP, sample_period=2e-4))
+    first, *rest = fed(finder, cycles(2))
     assert isinstance(first, Defect)
     assert "0.0002 s" in first.reason
     assert "0.0001 s" in first.reason
@@ -170,21 +170,21 @@ def test_other_sample_period_than_described_is_told_once():
 
 
 def test_end_of_telemetry_cuts_the_window_and_another_beginning_is_no_gap():
-    watch = WindowFinder(SETTINGS, FLAP)
+    finder = WindowFinder(SETTINGS, FLAP)
     for block in list(blocks(cycles(1), 100))[:5]:
-        watch.feed(block)
-    [event] = watch.finish()
+        finder.feed(block)
+    [event] = finder.finish()
     assert isinstance(event, Segment)
     assert isinstance(event.window, Refusal)
     assert "the telemetry ends" in event.window.reason
-    assert watch.finish() == []
-    assert [item.number for item in found_in(fed(watch, cycles(1, 5001)))] == [1]
-    assert watch.lost_samples == 0
+    assert finder.finish() == []
+    assert [item.number for item in found_in(fed(finder, cycles(1, 5001)))] == [1]
+    assert finder.lost_samples == 0
 
 
 def test_settings_that_change_before_any_telemetry_hold():
-    watch = WindowFinder(SETTINGS, FLAP)
-    assert watch.restart(TriggerSettings(window_s=0.03, rest_s=0.01), "other settings") == []
-    [first] = found_in(fed(watch, cycles(1)))
+    finder = WindowFinder(SETTINGS, FLAP)
+    assert finder.restart(TriggerSettings(window_s=0.03, rest_s=0.01), "other settings") == []
+    [first] = found_in(fed(finder, cycles(1)))
     assert isinstance(first.window, Window)
     assert len(first.window) == 300
