@@ -6,7 +6,7 @@ DEMO_S ?= 60
 # Tests go to two processes; a test that crashes its own, or is killed at its time limit, is named.
 pytest = pytest -n 2 --dist worksteal
 
-.PHONY: help setup test soak lint demo bench bench-peers calibration sample lock clean distclean
+.PHONY: help setup test soak pip-check lint demo bench bench-peers calibration sample lock clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -19,6 +19,9 @@ test: lint ## lint, then the tests (ARGS="-k friction" goes to pytest)
 
 soak: setup ## the tests of nodes twenty times in a row, ten of them beside 8 busy processes
 	$(activate) && python tools/soak.py $(ARGS)
+
+pip-check: setup ## install the library by pip where there is no ROS, and identify a recorded window
+	tools/pip_check.sh
 
 lint: setup ## style, types and import contracts
 	$(activate) && ruff check

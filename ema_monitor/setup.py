@@ -11,6 +11,14 @@ setup(
     maintainer_email="maintainers@example.org",
     packages=find_packages(include=[package, f"{package}.*"]),
     package_data={package: ["calibration/builtin_calibration.yaml"]},
+    install_requires=[
+        "ema_core",
+        "numpy>=1.26,<3",
+        "numba>=0.61,<1",
+        "pyyaml>=6,<7",
+    ],
+    extras_require={"plot": ["matplotlib>=3.8,<4"]},
+    python_requires=">=3.11",
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),

@@ -10,6 +10,12 @@ setup(
     maintainer="EMA health monitor maintainers",
     maintainer_email="maintainers@example.org",
     packages=find_packages(include=[package, f"{package}.*"]),
+    install_requires=[
+        "ema_core",
+        "numpy>=1.26,<3",
+        "pyyaml>=6,<7",
+    ],
+    python_requires=">=3.11",
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),

@@ -11,6 +11,18 @@ setup(
     maintainer_email="maintainers@example.org",
     packages=find_packages(include=[package, f"{package}.*"]),
     package_data={package: ["thesis_runs.csv", "printed_tables.yaml", "templates/*"]},
+    install_requires=[
+        "ema_core",
+        "ema_monitor",
+        "ema_sim",
+        "jinja2>=3.1,<4",
+        "matplotlib>=3.8,<4",
+        "numba>=0.61,<1",
+        "numpy>=1.26,<3",
+        "pandas>=2.2,<4",
+        "pyyaml>=6,<7",
+    ],
+    python_requires=">=3.11",
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),

@@ -1,0 +1,82 @@
+"""What each package imports is what its setup.py and package.xml declare."""
+
+import ast
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = sorted(path.parent.name for path in ROOT.glob("ema_*/setup.py"))
+DISTRIBUTIONS = {"yaml": "pyyaml"}
+KEYS = {"yaml": "python3-yaml", "mcap": "python3-mcap-pip", "rosbags": "python3-rosbags-pip"}
+"""Keys of rosdep that are not ``python3-`` and the name of the module."""
+
+
+def is_ros(module: str) -> bool:
+    return module in ("rclpy", "ament_index_python") or module.endswith(("_msgs", "_interfaces"))
+
+
+def is_node(path: Path) -> bool:
+    """Whether a module is for nodes only, as the import contracts have it."""
+    return path.stem.endswith("_node") or path.parent.name == "node"
+
+
+def imports(package: str, *, nodes: bool) -> set[str]:
+    """Return the modules from elsewhere that a package imports, with its nodes or without."""
+    found = set()
+    for path in (ROOT / package / package).rglob("*.py"):
+        if not nodes and is_node(path):
+            continue
+        for item in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(item, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in item.names}
+            elif isinstance(item, ast.ImportFrom) and item.module:
+                found.add(item.module.partition(".")[0])
+    return found - {package, *sys.stdlib_module_names}
+
+
+def requirements(package: str) -> list[Requirement]:
+    """Return what a setup.py requires, extras included."""
+    tree = ast.parse((ROOT / package / "setup.py").read_text(encoding="utf-8"))
+    given = {
+        item.arg: ast.literal_eval(item.value)
+        for item in ast.walk(tree)
+        if isinstance(item, ast.keyword) and item.arg in ("install_requires", "extras_require")
+    }
+    extras = given.get("extras_require", {}).values()
+    return [Requirement(text) for texts in (given["install_requires"], *extras) for text in texts]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_setup_requires_what_is_imported_without_ros(package):
+    imported = {name for name in imports(package, nodes=False) if not is_ros(name)}
+    expected = {DISTRIBUTIONS.get(name, name) for name in imported}
+    assert {item.name for item in requirements(package)} == expected
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_package_depends_on_what_is_imported(package):
+    root = ElementTree.parse(ROOT / package / "package.xml").getroot()
+    declared = {item.text for item in root.iter("exec_depend")}
+    expected = {
+        name if is_ros(name) or name.startswith("ema_") else KEYS.get(name, f"python3-{name}")
+        for name in imports(package, nodes=True)
+    }
+    # Its parameter files are found by name rather than imported.
+    assert declared - {"ema_bringup"} == expected
+
+
+def test_bounds_are_the_same_everywhere_and_hold_for_the_lock():
+    lock = {}
+    for line in (ROOT / "requirements" / "lock.txt").read_text(encoding="utf-8").splitlines():
+        name, separator, version = line.partition("==")
+        if separator:
+            lock[name] = version.split()[0]
+    bounds: dict[str, str] = {}
+    for item in (item for package in PACKAGES for item in requirements(package)):
+        if not item.name.startswith("ema_"):
+            assert bounds.setdefault(item.name, str(item.specifier)) == str(item.specifier)
+            assert item.specifier.contains(lock[item.name])

@@ -1,0 +1,36 @@
+#!/usr/bin/env bash
+# Installs the numerics by pip where there is no ROS, reads the sample bag and identifies its faults.
+#
+#   tools/pip_check.sh        the Python of .venv; versions are those of requirements/lock.txt
+set -euo pipefail
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
+for name in ${!ROS_@} ${!AMENT_@} ${!PYTHON@}; do unset "$name"; done
+unset LD_LIBRARY_PATH VIRTUAL_ENV
+place=$(mktemp -d)
+trap 'rm -rf "$place"' EXIT
+
+"$(<"$root/.venv/.python")" -m venv "$place/venv"
+grep -vE '^ros-' "$root/requirements/lock.txt" >"$place/constraints.txt"
+# Copies: pip would build within the sources.
+for package in ema_core ema_ros ema_sim ema_monitor ema_recording; do
+    cp -r "$root/$package" "$place/$package"
+done
+cd "$place"
+venv/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+    ./ema_core ./ema_ros ./ema_sim ./ema_monitor ./ema_recording
+rm -rf ema_*
+XDG_CACHE_HOME=$place venv/bin/python - "$root/bags/faulty_flap.mcap" <<'EOF'
+import sys
+
+from ema_monitor import identify
+from ema_recording import read_windows
+
+found = read_windows(sys.argv[1])
+estimate = identify(found.usable[0], found.description)
+print(estimate)
+assert "rclpy" not in sys.modules
+assert estimate.valid
+assert abs(estimate.faults.friction - 0.25) < 4.0 * estimate.sigma.friction
+EOF
+echo "pip install without ROS: reads a bag and identifies"
