@@ -12,6 +12,7 @@ setup(
     packages=find_packages(include=[package, f"{package}.*"]),
     install_requires=[
         "numpy>=1.26,<3",
+        "llvmlite>=0.44,<1",
         "numba>=0.61,<1",
     ],
     python_requires=">=3.11",
