@@ -192,8 +192,7 @@ def _correlated(covariance: NDArray[np.float64]) -> list[str]:
     sigma = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(sigma, sigma)
     return [
-        f"{FAULTS[i].label} and {FAULTS[j].label} cannot be told apart "
-        f"(correlation {correlation[i, j]:.2f})"
+        f"{FAULTS[i].label} and {FAULTS[j].label} are strongly correlated ({correlation[i, j]:.2f})"
         for i, j in combinations(range(N_FAULTS), 2)
         if abs(correlation[i, j]) > _STRONG_CORRELATION
     ]
