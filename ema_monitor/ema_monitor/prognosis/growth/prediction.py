@@ -86,10 +86,15 @@ class Prognosis:
         return [asdict(life) for life in (*self.components.values(), self.overall)]
 
     def __str__(self) -> str:
+        lives = {life.criterion: life for life in self.components.values()}
+        lives["the first of these"] = self.overall
         rows = [
-            (life.criterion, *(f"{hours:.0f}" for hours in quantiles), life.reason)
-            for life in (*self.components.values(), self.overall)
-            for quantiles in [(life.hours_05, life.hours_50, life.hours_95)]
+            (
+                criterion,
+                *(f"{hours:.0f}" for hours in (life.hours_05, life.hours_50, life.hours_95)),
+                life.reason,
+            )
+            for criterion, life in lives.items()
         ]
         table = text_table(("until", "5 %", "50 %", "95 %", ""), rows)
         return f"remaining useful life from {self.hours:g} h on [h], {self.assumption}\n{table}"
