@@ -1,0 +1,112 @@
+"""What README and guides show is what happens.
+
+Blocks of ``python`` in a document run one after the other, and so do blocks of ``sh``, in a folder
+of their own. A block of ``text`` after one is its output, figures to a few per cent; a line that
+ends in ``...`` shows its beginning. ``<!-- not run: reason -->`` before a block leaves it out.
+"""
+
+import contextlib
+import io
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCUMENTS = ["README.md", *(f"docs/{n}.md" for n in ("python", "command-line", "your-actuator"))]
+BLOCK = re.compile(
+    r"(?P<mark><!-- not run: [^\n]+ -->\n)?^```(?P<kind>python|sh|text)\n(?P<text>.*?)^```$",
+    re.DOTALL | re.MULTILINE,
+)
+FIGURE = re.compile(r"-?\d+(?:\.\d+)?")
+
+
+class Snippet(NamedTuple):
+    line: int
+    kind: str
+    text: str
+    output: str
+
+
+def snippets(document: Path, kind: str) -> list[Snippet]:
+    """Return the blocks of a kind that are run, each with the output that the document shows."""
+    text = document.read_text(encoding="utf-8")
+    found: list[Snippet] = []
+    is_run = False
+    for match in BLOCK.finditer(text):
+        if match["kind"] != "text":
+            is_run = match["mark"] is None and match["kind"] == kind
+            if is_run:
+                line = text.count("\n", 0, match.start()) + 1
+                found.append(Snippet(line, kind, match["text"], ""))
+        elif is_run:
+            found[-1] = found[-1]._replace(output=match["text"])
+    return found
+
+
+def assert_shown(snippet: Snippet, output: str) -> None:
+    """Compare an output with the one that is shown: words exactly, figures nearly."""
+    shown = [line for line in snippet.output.splitlines() if line.strip()]
+    actual = [line for line in output.splitlines() if line.strip()]
+    assert len(actual) == len(shown), output
+    for expected, line in zip(shown, actual, strict=True):
+        is_open = expected.endswith("...")
+        words = FIGURE.split(expected.removesuffix("..."))
+        rest = FIGURE.split(line)[: len(words)]
+        if is_open:
+            rest[-1] = rest[-1][: len(words[-1])]
+        assert [" ".join(w.split()) for w in rest] == [" ".join(w.split()) for w in words], line
+        figures = [float(figure) for figure in FIGURE.findall(expected)]
+        assert [float(f) for f in FIGURE.findall(line)][: len(figures)] == pytest.approx(
+            figures, rel=0.03, abs=2e-3
+        ), line
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    shutil.copytree(ROOT / "bags", tmp_path / "bags")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    monkeypatch.setenv("COLUMNS", "80")
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_python_in_the_document_does_what_it_shows(workplace, name):
+    names: dict[str, object] = {}
+    for snippet in snippets(ROOT / name, "python"):
+        printed = io.StringIO()
+        # So that a traceback names the line of the document.
+        source = "\n" * snippet.line + snippet.text
+        with contextlib.redirect_stdout(printed):
+            exec(compile(source, name, "exec"), names)
+        if snippet.output:
+            assert_shown(snippet, printed.getvalue())
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_shell_commands_in_the_document_do_what_it_shows(workplace, name):
+    for snippet in snippets(ROOT / name, "sh"):
+        done = subprocess.run(
+            ["bash", "-euc", snippet.text], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, f"{name}, line {snippet.line}: {done.stderr}"
+        if snippet.output:
+            assert_shown(snippet, done.stdout)
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_every_block_says_what_it_is(name):
+    text = (ROOT / name).read_text(encoding="utf-8")
+    kinds = re.findall(r"^```(\w*)$", text, re.MULTILINE)[::2]
+    assert set(kinds) <= {"python", "sh", "text", "yaml", "mermaid"}
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_documents_that_are_linked_exist(name):
+    document = ROOT / name
+    for link in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", document.read_text(encoding="utf-8")):
+        assert (document.parent / link).exists(), link
