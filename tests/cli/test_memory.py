@@ -12,6 +12,7 @@ import pytest
 from ema_cli.bags.outline import BINS, Outline
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import read_windows
+from ema_cli.commands.plot import draw_telemetry
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_monitor.calibration.calibration import Calibration
@@ -156,3 +157,12 @@ def test_outline_has_room_for_the_last_sample(samples: int):
     outline.add(Telemetry(100_000, 1e-4, 1, rising, rising, rising, rising))
     _, values = outline.lines("speed", 100_000)
     assert (np.nanmin(values), np.nanmax(values)) == (0.0, samples - 1.0)
+
+
+def test_picture_of_more_windows_has_no_more_to_draw(bags):
+    drawn = []
+    for path in bags:
+        outline = Outline()
+        figure = draw_telemetry(read_windows(path, SOURCE, outline.add), outline)
+        drawn.append([len(axes.get_children()) for axes in figure.axes])
+    assert drawn[0] == drawn[1]

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Final
 
 import click
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -109,11 +110,19 @@ def draw_telemetry(found: BagWindows, outline: Outline) -> Figure:
     ):
         t, values = outline.lines(name, found.first_ns)
         axes.plot(t, factor * values, colour, lw=width, label=name)
-    for axes in (angle, current, speed):
-        for window in found.windows:
-            colour = "C3" if isinstance(window.place, Refusal) else "C0"
-            start, end = found.seconds(window.start_ns), found.seconds(window.end_ns)
-            axes.axvspan(start, end, color=colour, alpha=_SHADE, lw=0)
+    refused = [isinstance(window.place, Refusal) for window in found.windows]
+    for colour, is_refused in (("C0", False), ("C3", True)):
+        # One area for all, broken by NaN: a span of its own for each window takes 40 kB an axis.
+        t = np.array(
+            [
+                (found.seconds(window.start_ns), found.seconds(window.end_ns), np.nan)
+                for window, reason in zip(found.windows, refused, strict=True)
+                if reason is is_refused
+            ]
+        ).ravel()
+        for axes in (angle, current, speed):
+            across = axes.get_xaxis_transform()
+            axes.fill_between(t, 0.0, 1.0, transform=across, color=colour, alpha=_SHADE, lw=0)
     label(angle, "user shaft [mrad]")
     label(current, "current [A]")
     label(speed, "motor [rad/s]")
@@ -121,7 +130,6 @@ def draw_telemetry(found: BagWindows, outline: Outline) -> Figure:
     unit = found.description
     figure.suptitle(f"{unit.actuator_id} ({unit.serial_number})", ha="left", x=0.01)
     handles = [line for axes in (angle, current, speed) for line in axes.lines]
-    refused = [isinstance(window.place, Refusal) for window in found.windows]
     if not all(refused):
         handles.append(Patch(color="C0", alpha=_SHADE, lw=0, label="window"))
     if any(refused):

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from matplotlib import rc_context
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
@@ -45,5 +46,6 @@ def save_picture(figure: Figure, picture: Path, dpi: int = 120) -> None:
     OSError
         When it cannot be written.
     """
-    with complete_file(picture) as partial:
+    # In pieces: a long line that fills an area is drawn in memory of the size of its strokes.
+    with complete_file(picture) as partial, rc_context({"agg.path.chunksize": 1000}):
         figure.savefig(partial, dpi=dpi, format=picture.suffix.lower().removeprefix("."))
