@@ -44,6 +44,7 @@ def snippets(document: Path, kind: str) -> list[Snippet]:
                 found.append(Snippet(line, kind, match["text"], ""))
         elif is_run:
             found[-1] = found[-1]._replace(output=match["text"])
+    assert found or f"```{kind}" not in text, f"no block of {kind} in {document} is run"
     return found
 
 
@@ -61,7 +62,7 @@ def assert_shown(snippet: Snippet, output: str) -> None:
         assert [" ".join(w.split()) for w in rest] == [" ".join(w.split()) for w in words], line
         figures = [float(figure) for figure in FIGURE.findall(expected)]
         assert [float(f) for f in FIGURE.findall(line)][: len(figures)] == pytest.approx(
-            figures, rel=0.03, abs=2e-3
+            figures, rel=0.03, abs=5e-4
         ), line
 
 

@@ -98,10 +98,6 @@ class Graph:
         """Return the file that holds what a node prints."""
         return self._logs / f"{name}.log"
 
-    def has_told(self, task: str, words: str) -> bool:
-        """Return whether the status of a task ever held some words."""
-        return any(words in message for message in self.told.get(task, []))
-
     def wait_for(self, condition: Callable[[], Any], what: str) -> None:
         """Wait until a condition holds."""
         try:

@@ -306,10 +306,12 @@ class IdentificationWorker:
             while (segment := queue.next()) is not None:
                 self._identify_and_publish(segment, queue)
         except Exception as error:
-            self.failure = f"the identification thread has ended: {error!r}"
-            self._log_error(f"{self.failure}\n{traceback.format_exc()}")
+            failure = f"the identification thread has ended: {error!r}"
+            if queue is self._queue:  # no thread has been started since
+                self.failure = failure
+            self._log_error(f"{failure}\n{traceback.format_exc()}")
             for segment in queue.close():
-                self.refuse(segment, self.failure)
+                self.refuse(segment, failure)
 
     def _identify_and_publish(self, segment: Segment, queue: WindowQueue) -> None:
         # A failure in one window must not end the identification of the others.
