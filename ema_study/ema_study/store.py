@@ -24,7 +24,6 @@ _NUMERICS: Final = (
     "ema_sim.reference",
     "ema_monitor.calibration.alignment",
     "ema_monitor.calibration.calibration",
-    "ema_monitor.identification.objective",
     "ema_monitor.model.threads",
     "ema_monitor.model.drives",
     "ema_monitor.identification.fitness",

@@ -21,7 +21,7 @@ from ema_ros import topics
 
 from ..waiting import DEADLINE_S, wait_for
 from .graph import Graph
-from .monitor_session import MonitorSession, monitor
+from .monitor_session import FLAP, MonitorSession, monitor
 from .worn_actuator import HOURS, count, friction, live, plain, predict, replaced, worn_cycles
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
@@ -297,6 +297,13 @@ def test_prognosis_that_fails_costs_neither_estimate_nor_alarm(
         assert health.header.stamp == session.estimates()[0].window_end
 
 
+def count_at(session: MonitorSession, stamp_ns: int) -> bool:
+    """Return whether the monitor has received the count of a stamp."""
+    unit = FLAP.actuator_id, FLAP.serial_number
+    latest = session.node._prognosis._histories.counts.latest(unit, stamp_ns)
+    return latest is not None and latest.stamp_ns == stamp_ns
+
+
 @pytest.mark.slow
 def test_replayed_bag_gives_the_health_of_the_live_monitor(cycles: list[Telemetry], tmp_path: Path):
     """Usage included; and leaves the history of the living as it is."""
@@ -316,6 +323,9 @@ def test_replayed_bag_gives_the_health_of_the_live_monitor(cycles: list[Telemetr
         session.describe()
         for number, (told, parts) in enumerate(zip(counts, tests, strict=True), 1):
             session.send(topics.USAGE, told)
+            # Nothing orders messages of two topics, and these blocks come all at once.
+            stamp_ns = parts[0].stamp_ns
+            wait_for(lambda stamp_ns=stamp_ns: count_at(session, stamp_ns), "the count")
             session.feed(parts)
             session.until(lambda number=number: len(session.healths()) >= number)
         expected = session.healths()

@@ -86,8 +86,9 @@ def test_version_covers_all_that_a_run_imports():
     answer = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
-    imported = set(answer.stdout.split()) - {"ema_sim", "ema_monitor", "ema_study"}
     covered = store_module._NUMERICS
+    # A package of modules has no code of its own.
+    imported = set(answer.stdout.split()) - {name.rpartition(".")[0] for name in covered}
     packages = tuple(f"{name}." for name in covered)
     assert {m for m in imported if m not in covered and not m.startswith(packages)} == set()
     assert set(covered) <= imported
