@@ -3,10 +3,11 @@
 MAKEFLAGS += --no-print-directory
 activate = . ./activate.sh
 DEMO_S ?= 60
-# Tests go to two processes; a test that crashes its own, or is killed at its time limit, is named.
-pytest = pytest -n 2 --dist worksteal
+# A test that crashes its process, or is killed at its time limit, is named, and the others go on.
+pytest = pytest -n 2 --dist loadfile --no-loadscope-reorder
+numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study
 
-.PHONY: help setup test soak pip-check lint demo bench bench-peers calibration sample lock clean distclean
+.PHONY: help setup test tests quick soak pip-check lint style types demo bench bench-peers calibration sample lock clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -14,8 +15,15 @@ help: ## this list
 setup: ## .venv, the ROS 2 workspace and activate.sh (PYTHON=python3.12 chooses the Python)
 	@PYTHON="$(PYTHON)" tools/setup.sh
 
-test: lint ## lint, then the tests (ARGS="-k friction" goes to pytest)
+test: setup ## style, types, import contracts and all tests (ARGS="-k friction" goes to pytest)
+	@$(MAKE) style
+	@$(MAKE) -j 2 types tests
+
+tests: setup
 	$(activate) && $(pytest) $(ARGS)
+
+quick: setup ## the tests of the numerics that are done in seconds; they need no ROS
+	$(activate) && $(pytest) --without-ros -m "not slow" $(numerics) $(ARGS)
 
 soak: setup ## the tests of nodes twenty times in a row, ten of them beside 8 busy processes
 	$(activate) && python tools/soak.py $(ARGS)
@@ -23,10 +31,14 @@ soak: setup ## the tests of nodes twenty times in a row, ten of them beside 8 bu
 pip-check: setup ## install the library by pip where there is no ROS, and identify a recorded window
 	tools/pip_check.sh
 
-lint: setup ## style, types and import contracts
+lint: style types ## style, types and import contracts
+
+style: setup
 	$(activate) && ruff check
-	$(activate) && basedpyright
 	$(activate) && lint-imports --no-logo
+
+types: setup
+	$(activate) && basedpyright
 
 # exec: a signal to make reaches the demo itself.
 demo: setup ## watch an actuator wear out: live table, bag and picture (DEMO_S=60 is its length)

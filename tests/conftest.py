@@ -1,6 +1,7 @@
 """Environment of all tests: ROS nodes of a test see no other nodes, and messages check fields."""
 
 import os
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,8 +12,13 @@ from ema_cli.processes.domains import Domain
 
 from .leftovers import nothing_left
 from .orphans import pytest_testnodedown
+from .scheduling import pytest_collection_modifyitems, pytest_xdist_make_scheduler
 
-__all__ = ["pytest_testnodedown"]
+__all__ = [
+    "pytest_collection_modifyitems",
+    "pytest_testnodedown",
+    "pytest_xdist_make_scheduler",
+]
 
 # Both are kept until the process ends. Histories and calibrations of the user stay as they are.
 _domain = Domain()
@@ -27,6 +33,19 @@ os.environ |= {
     # Whatever the shell has: participants of one process must not deliver to each other directly.
     "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).parents[1] / "tools" / "fastdds.xml"),
 }
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add an option that shows that tests need no ROS."""
+    parser.addoption("--without-ros", action="store_true", help="fail where rclpy is imported")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Hide ROS if asked to."""
+    if config.getoption("--without-ros"):
+        if "rclpy" in sys.modules:
+            raise pytest.UsageError("rclpy is imported already")
+        sys.modules["rclpy"] = None  # pyright: ignore[reportArgumentType]
 
 
 @pytest.fixture(autouse=True, scope="module")

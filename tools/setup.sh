@@ -221,6 +221,18 @@ write_activate() {
     mv "$root/activate.sh.new" "$root/activate.sh"
 }
 
+# Into the user's cache: both forms of the model, and what a first simulation, identification and
+# prognosis use.
+compile_kernels() {
+    source "$root/activate.sh"
+    local folder
+    folder=$(mktemp -d)
+    python -c 'from ema_monitor.model.monitor_model import compile_kernels; compile_kernels()'
+    ema simulate --cycles 2 -o "$folder/two.mcap"
+    ema prognose "$folder/two.mcap" --hours-per-cycle 10
+    rm -r "$folder"
+}
+
 # ---- What has to be done
 if [[ $root == *[[:space:]\'\"]* ]]; then
     die "the path '$root' has a space or quote in it: move the repository"
@@ -275,4 +287,5 @@ fi
 rm -f "$ws/install/.sources"
 step 'building the messages and packages of ros2_ws' '60 to 180' build
 step 'writing activate.sh' 1 write_activate
+step 'compiling the kernels' '10 to 40' compile_kernels
 echo "$sources" >"$ws/install/.sources"

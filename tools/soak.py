@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Final
 
 ROOT: Final = Path(__file__).resolve().parents[1]
-DEFAULT: Final = ("-n", "2", "--dist", "worksteal", "tests/ros")
+DEFAULT: Final = ("-n", "2", "--dist", "loadfile", "tests/ros")
 
 
 def _spin() -> None:

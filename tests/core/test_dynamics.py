@@ -21,6 +21,7 @@ F_S, F_D, J = 0.1689, 0.08445, 2.5e-5
 DT = 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("x", "expected"), [(-3.0, -2.0), (-2.0, -2.0), (0.5, 0.5), (9.0, 2.0)])
 def test_clip(x, expected):
     assert clip(x, 2.0) == expected

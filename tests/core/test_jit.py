@@ -90,6 +90,7 @@ print(scaled(1.0), sum(scaled.stats.cache_hits.values()))
 """
 
 
+@pytest.mark.slow
 def test_kernel_sees_a_change_of_its_callee_in_another_file(tmp_path):
     """What numba's own cache would miss. A process each, as modules and digest are kept in one."""
     folder = tmp_path / "ema_monitor"

@@ -40,6 +40,7 @@ def assert_same(result: np.ndarray, expected: np.ndarray) -> None:
     np.testing.assert_array_equal(np.signbit(result[numbers]), np.signbit(expected[numbers]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("of_lanes", "of_arrays"),
     [
@@ -97,6 +98,7 @@ def test_circular_functions_are_those_of_a_float(function):
     np.testing.assert_allclose(in_lanes(lambda a: function(a), angles), expected, rtol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("of_lanes", "of_arrays"),
     [

@@ -19,6 +19,7 @@ CONFTEST = f"""
 import sys
 sys.path.insert(0, {str(ROOT)!r})
 from tests.orphans import pytest_testnodedown
+from tests.scheduling import pytest_xdist_make_scheduler
 """
 TESTS = """
 import subprocess
@@ -45,7 +46,7 @@ def test_test_that_holds_the_interpreter_is_killed_and_named(tmp_path: Path, han
     (tmp_path / "test_other.py").write_text("def test_of_another_file():\n    pass\n")
     command = [sys.executable, "-m", "pytest", "-c", ROOT / "pyproject.toml", "--rootdir", tmp_path]
     command += ["-p", "no:cacheprovider", "-o", "faulthandler_timeout=3"]
-    command += ["-n", "1", "--dist", "worksteal", tmp_path]
+    command += ["-n", "1", "--dist", "loadfile", tmp_path]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 1, done.stdout + done.stderr
     assert re.search(r"worker 'gw\d+' crashed while running '[^']*::test_that_hangs'", done.stdout)

@@ -76,6 +76,7 @@ def test_components_off_the_walls_are_at_their_best(damping):
         assert np.all(np.abs(gradient[free]) < 1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [1e-6, 1e-3, 0.1, 10.0])
 def test_step_is_the_bounded_least_squares_solution(damping):
     rng = np.random.default_rng(4)
@@ -98,6 +99,7 @@ def test_component_without_effect_stays():
     assert np.array_equal(bounded_step(point, residuals, np.zeros((N, D)), 1e-6), point)
 
 
+@pytest.mark.slow
 def test_descent_ends_at_the_bounded_minimum_of_a_linear_problem():
     """Of 40 problems with their minimum outside the box."""
     for seed in range(40):

@@ -130,6 +130,7 @@ def test_absent_file_is_an_os_error(tmp_path):
         Calibration.load(tmp_path / "none.yaml")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [field.name for field in fields(Calibration)])
 def test_missing_entry_is_refused_by_name(refused, content, name):
     del (damaged := dict(content))[name]

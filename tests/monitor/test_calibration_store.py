@@ -41,6 +41,7 @@ def test_shipped_calibration_is_used_where_no_file_is_named(tmp_path: Path):
     assert identity(store.of(RUDDER)) == SHIPPED.calibration_id
 
 
+@pytest.mark.slow
 def test_each_unit_has_its_own_file(tmp_path: Path):
     for unit in (FLAP, RUDDER):
         name = f"{unit.actuator_id}-{unit.serial_number}.yaml"
@@ -84,6 +85,7 @@ def test_call_says_where_else_setting_else_own_folder(tmp_path: Path):
     assert CalibrationStore("", tmp_path).load(FLAP, called)[1].name == "SIM-0001.yaml"
 
 
+@pytest.mark.slow
 def test_new_calibration_outlives_the_monitor_where_the_setting_says(tmp_path: Path):
     own, setting = of_unit(RUDDER), f"{tmp_path}/{{actuator_id}}.yaml"
     kept(CalibrationStore(setting, tmp_path), RUDDER, own, "")
@@ -94,6 +96,7 @@ def test_new_calibration_outlives_the_monitor_where_the_setting_says(tmp_path: P
     assert calibration.calibration_id == own.calibration_id
 
 
+@pytest.mark.slow
 def test_names_cannot_lead_out_of_the_folder(tmp_path: Path):
     climber = replace(FLAP, actuator_id="../../up", serial_number="a/b")
     store = CalibrationStore("", tmp_path / "own")

@@ -98,6 +98,7 @@ UNITS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", range(len(UNITS)))
 def test_unit_off_its_data_sheet_shows_friction_and_inertia_over_torque_constant(
     stirred_window, description, unit

@@ -72,6 +72,7 @@ def same(a: Estimate, b: Estimate) -> bool:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_faults_are_found(estimates, case):
     estimate, truth = estimates(case), fault_vector(CASES[case])
@@ -82,6 +83,7 @@ def test_faults_are_found(estimates, case):
     assert estimate.play == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["friction high", "backlash low", "multiple", "wide"])
 @pytest.mark.parametrize("seed", [2, 3])
 def test_faults_are_found_whatever_course_the_pwm_takes(
@@ -91,6 +93,7 @@ def test_faults_are_found_whatever_course_the_pwm_takes(
     assert estimation_error(estimate.faults, fault_vector(CASES[case])) < LIMITS[case]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_faults_are_as_far_off_as_their_sigma_says(estimates, case):
     """Measured up to 2.2 sigma, all faults at once being the worst."""
@@ -103,6 +106,7 @@ def test_faults_are_as_far_off_as_their_sigma_says(estimates, case):
 
 
 # Not the multiple case: its eccentricity of 0.0111 is at the limit of what is told from nothing.
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["healthy", *SINGLE, "wide"])
 def test_only_the_phase_of_no_eccentricity_is_unobservable(estimates, case):
     estimate = estimates(case)
@@ -114,6 +118,7 @@ def test_only_the_phase_of_no_eccentricity_is_unobservable(estimates, case):
         assert estimate.faults[ECCENTRICITY_PHASE] == 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("eccentricity", "shown"), [(0.0, False), (0.002, False), (0.015, True)])
 @pytest.mark.parametrize("phase", [0.2, 0.8])
 def test_phase_is_unobservable_where_eccentricity_was_put_to_zero(
@@ -130,6 +135,7 @@ def test_phase_is_unobservable_where_eccentricity_was_put_to_zero(
         assert estimate.faults[ECCENTRICITY_PHASE] == pytest.approx(phase, abs=0.1)
 
 
+@pytest.mark.slow
 def test_faults_that_a_healthy_window_does_not_show_are_exactly_healthy(
     stirred_window, description
 ):
@@ -166,6 +172,7 @@ def test_estimate_says_where_it_comes_from(estimates, windows_of, calibration):
     assert estimate.computing_time_s > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["friction low", "eccentricity low"])
 def test_particle_swarm_finds_the_same(windows_of, calibration, description, case):
     [window] = windows_of(CASES[case])

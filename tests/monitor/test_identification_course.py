@@ -66,6 +66,7 @@ def test_reported_evaluations_are_those_made(
     assert estimate.evaluations == sum(counted) <= 500
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [True, False])
 def test_no_budget_is_passed(windows_of, calibration, description, counted, known):
     """Be it spent to the last evaluation, with what putting back to healthy takes."""
@@ -117,6 +118,7 @@ def test_faults_of_the_window_before_save_evaluations_and_change_nothing_else(
     assert warm.valid
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["friction high", "eccentricity low", "wide"])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_unrelated_faults_of_the_window_before_do_no_harm(

@@ -30,6 +30,7 @@ def expected_response(calibration, window, faults, play):
     return calibration.expect(calibration.model().respond(window, faults, play))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fitness", FITNESS)
 def test_fitness_is_the_sum_of_squares_at_the_estimate(
     windows_of, calibration, description, fitness
@@ -166,6 +167,7 @@ def test_calibration_from_equal_windows_can_be_used(
     assert "the fit cannot be judged" in estimate.reason
 
 
+@pytest.mark.slow
 def test_speed_decides_what_the_current_does_not(windows_of, calibration, description):
     """A speed that is 3 % off is told by a worse fit, though the current is right."""
     [window] = windows_of(CASES["friction low"])

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 from ema_monitor.model.monitor_model import compile_kernels, run_lanes
 
 SIMULATE = """
@@ -13,6 +15,7 @@ print(*sorted(name for name in sys.modules if name.split(".")[0] == "ema_monitor
 """
 
 
+@pytest.mark.slow
 def test_simulator_does_not_load_the_monitor_from_its_kernels():
     """They share functions, whose index in the cache names the types each was compiled for.
 

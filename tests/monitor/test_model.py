@@ -181,6 +181,7 @@ def test_threads_may_run_the_model_at_once():
         assert equal(response, model.respond(window, faults))
 
 
+@pytest.mark.slow
 def test_another_process_finds_the_kernels_in_the_cache():
     code = (
         "from ema_monitor.model.monitor_model import compile_kernels, run_lanes; compile_kernels();"

@@ -104,6 +104,7 @@ def test_sphere_is_solved(name):
     assert worst_of_most(costs) < (best_of_random(sphere) if name in IMPRECISE else fine)
 
 
+@pytest.mark.slow
 def test_shifted_ill_conditioned_quadratic_is_solved(name):
     """A tenth of the distance along the flattest direction costs 1e-2 of it."""
     costs = [run(name, valley, seed=seed)[-1].cost for seed in SEEDS]
@@ -264,6 +265,7 @@ def test_budget_below_one_generation_is_refused(name):
         next(run)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beyond", [0.55, 0.452])
 def test_region_without_cost_is_avoided(name, beyond):
     """Not a number beyond a wall, be it as close to the minimum as a difference step."""

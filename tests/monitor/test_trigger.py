@@ -38,6 +38,7 @@ def play_of(command):
     return window.play
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 7, 100, 5001, 3 * N])
 def test_windows_are_found_at_the_same_samples_whatever_the_blocks(size):
     telemetry = stream(np.tile(CYCLE.samples, 3), first_index=41)

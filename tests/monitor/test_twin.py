@@ -106,6 +106,7 @@ def twin_of(actuator, faults, form, **start):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("case", CASES)
 def test_kernel_equals_twin(case, form):

@@ -33,6 +33,7 @@ def sharp_bank(law: str, rate: float, shape: float, x: float, name: str = "backl
     return bank
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "rate", "shape", "x"),
     [

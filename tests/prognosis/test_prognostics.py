@@ -31,6 +31,7 @@ def worn() -> tuple[Prognostics, list[Outlook]]:
     return lived(60)
 
 
+@pytest.mark.slow
 def test_life_is_told_for_each_fault_and_requirement_and_the_earlier_of_both(worn):
     last = worn[1][-1]
     truth = 10.0 * (math.log(11.0) / 0.03 - 59)
@@ -94,6 +95,7 @@ def test_healthy_actuator_is_told_no_life_and_no_alarm():
         assert last.rul.reason
 
 
+@pytest.mark.slow
 def test_restart_changes_nothing(tmp_path: Path):
     path = tmp_path / "history.sqlite"
     _, expected = lived(40)
@@ -175,6 +177,7 @@ def test_step_is_a_warning_at_once_and_an_error_when_it_is_confirmed():
     assert healths[1].value == pytest.approx(0.7, abs=0.02)
 
 
+@pytest.mark.slow
 def test_limit_that_changes_counts_from_then_on_for_the_whole_history(worn):
     settings = replace(TEN_HOURS, limits=HealthLimits(friction=0.9))
     _, expected = lived(20, settings)
@@ -236,6 +239,7 @@ class OfWideGain(Tracker):
         return paths
 
 
+@pytest.mark.slow
 def test_what_is_not_known_to_grow_ends_no_life(worn, monkeypatch: pytest.MonkeyPatch):
     expected = worn[0].outlook(PARAMETERS, TEN_HOURS)
     monkeypatch.setattr(growth_record, "Tracker", OfWideGain)
@@ -245,6 +249,7 @@ def test_what_is_not_known_to_grow_ends_no_life(worn, monkeypatch: pytest.Monkey
     assert repr(told.lives) == repr(expected.lives)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", ["eccentricity", "backlash"])
 def test_component_that_no_test_has_told_of_ends_no_life(hidden: str):
     prognostics = Prognostics(History(*UNIT), TEN_HOURS)
@@ -286,6 +291,7 @@ def test_earlier_of_two_lives():
     assert earlier(unknown, too_far, unknown).reason == "no growth; too far"
 
 
+@pytest.mark.slow
 def test_settings_of_the_tracker_change_what_it_tells():
     short = replace(TEN_HOURS, tracker=TrackerSettings(horizon_hours=50.0))
     _, told = lived(40, short)

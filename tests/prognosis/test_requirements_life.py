@@ -55,6 +55,7 @@ def by_brute_force(requirements, future, name):
     return lives
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "end", "failing"),
     [
@@ -81,6 +82,7 @@ def test_first_failure_is_that_of_the_model_at_every_hour(requirements, fault, e
         np.testing.assert_allclose(told, right, rtol=0.035)
 
 
+@pytest.mark.slow
 def test_low_gain_ends_life_by_tracking_and_bandwidth_where_these_are_strict(strict):
     future = growing("gain", 0.5, seed=8)
     found = life_by_requirements(strict, future, HOURS)

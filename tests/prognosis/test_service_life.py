@@ -46,6 +46,7 @@ def test_stray_count_does_not_switch_a_unit_by_cycles_to_counted_hours():
     assert plain(outlooks[-1]) == plain(alone)
 
 
+@pytest.mark.slow
 def test_count_that_is_not_renewed_gives_no_growth_in_zero_time():
     """Counted before every fifth test alone: the prognosis is that of hours counted before each."""
     sparse = [worn(n, 10.0 * n if n % 5 == 0 else math.nan) for n in range(31)]
@@ -83,6 +84,7 @@ def test_one_count_too_high_is_as_if_it_had_been_right():
     assert last.rul_faults.hours_50 == pytest.approx(right[-1].rul_faults.hours_50, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [2_000.0, 50_000.0])
 @pytest.mark.parametrize("is_worn", [True, False])
 def test_one_count_too_high_raises_no_alarm(wrong: float, is_worn: bool):
@@ -133,6 +135,7 @@ def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):
     assert [(item.hours, item.cycles) for item in (first, second)] == [(10.0, 1), (20.0, 2)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by_cycles", [False, True])
 @pytest.mark.parametrize("seed", range(4))
 def test_restart_at_any_test_goes_on_as_if_there_had_been_none(

@@ -48,6 +48,7 @@ def test_life_without_noise_is_predicted_exactly_to_the_grid():
     assert life.hours_05 < truth < life.hours_95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "growth", "until"),
     [
@@ -147,6 +148,7 @@ def test_component_put_back_to_healthy_is_not_taken_for_exactly_healthy():
     assert tracker.update(observed(400.0, {"friction": 2.5 * SIGMA})) == []
 
 
+@pytest.mark.slow
 def test_errors_in_common_are_told_from_growth():
     # Two errors with a correlation of .95, of which one component is known to be constant.
     rng = np.random.default_rng(7)

@@ -123,6 +123,7 @@ def test_life_does_not_start_from_a_spoiled_first_test():
     assert of(tracker, "gain").value == pytest.approx(0.5, abs=2 * SIGMA)
 
 
+@pytest.mark.slow
 def test_healthy_and_constant_actuators_have_no_events_and_no_remaining_life():
     # 8 actuators of 7 components, 75 tests each; 13,000 such tests had none in a longer trial.
     for seed in range(8):

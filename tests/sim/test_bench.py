@@ -67,6 +67,7 @@ def test_torque_is_that_of_the_motor_at_the_end_of_a_block():
         assert torque == actuator.state.torque
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("block_s", "n"), [(0.01, 100), (0.3, 3000), (1e-6, 1)])
 def test_blocks_have_their_length_and_do_not_show(block_s, n):
     cycle = short_bench(block_s=block_s, current_noise=0.1).begin_cycle()

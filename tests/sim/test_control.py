@@ -19,6 +19,7 @@ SMOOTH = ACTUATOR.replace({"h_b": 1e-3, "L_s": 0.02, "T_max": 10.0})
 F_S = 0.1 * 1.689
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [0.0, 0.25, 0.5, 1.0])
 def test_gain_fault_moves_the_breakaway_command(k):
     """At rest T = GAP G_prop g command, and the motor starts where that is f_s."""

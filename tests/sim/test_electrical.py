@@ -93,6 +93,7 @@ def largest_rise(i: float) -> float:
     return v / (ACTUATOR.L_s / 2) * DT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [0, 15, 45, 75, 100, 200, 301])
 @pytest.mark.parametrize("I_ref", [-15.0, 2.0, 12.0])
 def test_currents_stay_within_the_double_band(degrees, I_ref):

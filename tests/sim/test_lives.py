@@ -80,6 +80,7 @@ def test_process_noise_multiplies_increments_by_lognormal_factors():
     assert abs(factors.std() - 0.3) < 4.0 * 0.3 / math.sqrt(2 * n)
 
 
+@pytest.mark.slow
 def test_others_grow_at_a_fifth_of_their_rates():
     lives = [*lives_of("backlash", 60), *lives_of("gain", 60)]
     for name, kind in (("friction", "friction"), ("eccentricity", "eccentricity")):

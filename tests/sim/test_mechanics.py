@@ -71,6 +71,7 @@ def test_sticks_below_breakaway_and_moves_above_it(k, direction):
     assert moving.omega[-1] == pytest.approx(acceleration * 200 * DT, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_terminal_speed_under_load():
     m = DAMPED.mechanics
     load = -0.3

@@ -63,6 +63,7 @@ def assert_same_motion(x: np.recarray, y: np.recarray, sign: float = 1.0, offset
     assert np.abs(x.omega).max() > 20.0
 
 
+@pytest.mark.slow
 @parametrize_faults
 def test_mirrored_motion(faults):
     """Turning backwards swaps B and C and the eccentricity's direction; no current changes sign.
@@ -96,6 +97,7 @@ def test_mirrored_telemetry(faults):
     np.testing.assert_allclose(x.speed, -y.speed, rtol=0, atol=TOLERANCE)
 
 
+@pytest.mark.slow
 @parametrize_faults
 def test_half_an_electrical_turn_on(faults):
     """All currents and switching states change sign, the motion stays."""
@@ -111,6 +113,7 @@ def test_half_an_electrical_turn_on(faults):
         np.testing.assert_allclose(one, -other, rtol=0, atol=TOLERANCE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("P", [1, 2, 3])
 @parametrize_faults
 def test_phases_are_alike(faults, P):

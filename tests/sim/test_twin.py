@@ -86,6 +86,7 @@ def load(t: float) -> float:
     return 0.06 * math.sin(1500 * t)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_kernel_step_equals_twin(case):
     values, faults, happens = CASES[case]
@@ -115,6 +116,7 @@ def test_kernel_step_equals_twin(case):
     assert seen >= 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_sample_equals_its_steps(case):
     """Commutation, switching, gap and end stop are kept over the steps of a sample."""

@@ -28,6 +28,8 @@ from ema_study.sources import SOURCES
 
 from .synthetic_runs import FLOOR, THRESHOLD, synthetic_runs
 
+pytestmark = pytest.mark.slow
+
 EMPTY = pd.DataFrame()
 
 

@@ -9,6 +9,8 @@ from ema_study.printed_runs import printed_runs
 
 from .optima import VARIANTS, optimum
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("case", ["friction high", "eccentricity low", "multiple"])
 @pytest.mark.parametrize("variant", [VARIANTS[0], VARIANTS[-1]], ids=lambda one: one.model)

@@ -22,6 +22,8 @@ from ema_study.tables import study_tables
 
 from .synthetic_runs import FLOOR, synthetic_runs
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = {"seed": "<script>alert(1)</script>", "machine": "x & y"}
 TIMING = pd.DataFrame(
     {

@@ -81,6 +81,7 @@ def test_folder_is_for_one_study_at_a_time(tmp_path):
     reopened(tmp_path)
 
 
+@pytest.mark.slow
 def test_version_covers_all_that_a_run_imports():
     script = "import sys, ema_study.run; print(*(m for m in sys.modules if m.startswith('ema_')))"
     answer = subprocess.run(

@@ -16,6 +16,8 @@ from ema_study.tables import study_tables, write_tables
 
 from .synthetic_runs import synthetic_runs
 
+pytestmark = pytest.mark.slow
+
 NUMBERS = list(range(8, 62))
 
 
