@@ -1,6 +1,7 @@
 """Where a file cannot be written to its end, the error names it and no part of it is left."""
 
 import resource
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,11 +15,15 @@ SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
 def largest_file(size: int) -> Iterator[None]:
     """Let every write of this process fail beyond so many bytes of a file, as on a full disk."""
     usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    writes_no_bytecode = sys.dont_write_bytecode
+    # Python 3.11 leaves a cut off .pyc of what it imports under the limit, and cannot read it again.
+    sys.dont_write_bytecode = True
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, usual[1]))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+        sys.dont_write_bytecode = writes_no_bytecode
 
 
 @pytest.fixture(scope="module", autouse=True)

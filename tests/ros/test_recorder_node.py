@@ -448,7 +448,8 @@ def test_interrupted_recorder_leaves_a_whole_bag(graph: Graph, tmp_path: Path, n
 
 
 FULL_DISK = """
-import resource
+import resource, sys
+sys.dont_write_bytecode = True  # Python 3.11 would leave a cut off .pyc
 from ema_ros.run import run
 from ema_recording.recorder_node import RecorderNode
 

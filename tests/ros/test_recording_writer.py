@@ -374,6 +374,7 @@ from ema_recording.writer import BagWriter
 writer = BagWriter(sys.argv[1], compression="none", chunk_bytes=20_000, flush_s=1000.0)
 writer.add_topic("/t", String, QoSProfile(depth=10))
 limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+sys.dont_write_bytecode = True  # Python 3.11 would leave a cut off .pyc
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
 number = 0
 try:

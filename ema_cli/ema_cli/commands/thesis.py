@@ -121,8 +121,7 @@ def thesis(
                 "models": ", ".join(sorted(set(frame["model"]))),
                 "executor": f"{kind}, {counted(workers, 'run')} at once, each on one core",
                 "cores": str(available_cpus()),
-                "last run": f"{counted(len(missing), 'run')} and the timing in "
-                f"{minutes:.1f} min",
+                "last run": f"{counted(len(missing), 'run')} and the timing in {minutes:.1f} min",
             },
         )
     _print_summary(frame)
