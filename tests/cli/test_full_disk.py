@@ -16,7 +16,7 @@ def largest_file(size: int) -> Iterator[None]:
     """Let every write of this process fail beyond so many bytes of a file, as on a full disk."""
     usual = resource.getrlimit(resource.RLIMIT_FSIZE)
     writes_no_bytecode = sys.dont_write_bytecode
-    # Python 3.11 leaves a cut off .pyc of what it imports under the limit, and cannot read it again.
+    # Python 3.11 leaves a cut off .pyc of what it first imports under the limit.
     sys.dont_write_bytecode = True
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, usual[1]))
     try:
