@@ -12,6 +12,7 @@ setup(
     packages=find_packages(include=[package, f"{package}.*"]),
     install_requires=[
         "ema_core",
+        "numba>=0.61,<1",
         "numpy>=1.26,<3",
     ],
     python_requires=">=3.11",

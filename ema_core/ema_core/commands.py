@@ -32,20 +32,6 @@ class Command:
 
     Attributes
     ----------
-    shape
-        One of ``COMMAND_SHAPES``.
-    amplitude
-        Amplitude of sine and chirp, height of the step, end value of the ramp [rad].
-    duration
-        Length [s].
-    start_time
-        When a step or ramp starts [s].
-    rate
-        Speed at which the ramp goes to its end value, without a sign [rad/s].
-    start_frequency, end_frequency
-        Frequency of the sine, or of the chirp at its start and end [Hz].
-    final_fraction
-        Share of the chirp's amplitude that is left at its end, reached linearly [-].
     samples
         Samples of a custom command [rad].
 
@@ -85,11 +71,6 @@ class Command:
 
         An actuator can be run against its stops on purpose, so this is no error; more often the
         angle is given in another unit.
-
-        Parameters
-        ----------
-        parameters
-            The actuator.
         """
         stop = parameters.theta_stop
         is_custom = self.shape == "custom"
@@ -163,11 +144,6 @@ def approach_travel(parameters: ActuatorParameters) -> float:
 
     It is the widest backlash plus the position error that the highest friction holds at the lowest
     gain, both at the user shaft.
-
-    Parameters
-    ----------
-    parameters
-        Nominal parameters of the actuator.
     """
     control, _, mechanics = constants(parameters)
     friction, backlash, gain = (FAULTS[i] for i in (FRICTION, BACKLASH, GAIN))
@@ -182,11 +158,6 @@ def approach_depth(parameters: ActuatorParameters) -> float:
     """Return the distance over which a cycle approaches its start from below [rad].
 
     It is 2 mrad, or more where the actuator's play requires it.
-
-    Parameters
-    ----------
-    parameters
-        Nominal parameters of the actuator.
     """
     return max(APPROACH_DEPTH, min(1.2 * approach_travel(parameters), parameters.theta_stop / 2.0))
 
@@ -199,8 +170,6 @@ def build_cycle(command: Command, sample_period: float, depth: float = APPROACH_
 
     Parameters
     ----------
-    command
-        The test command.
     sample_period
         Period h [s].
     depth

@@ -23,8 +23,6 @@ class ActuatorDescription:
         The manufacturer's type designation.
     sample_period
         Period of its telemetry [s].
-    parameters
-        Nominal parameters.
 
     Raises
     ------

@@ -66,14 +66,15 @@ def next_speed(m: MechanicalConstants, omega, torque, breakaway, dt):
 
 
 @kernel()
-def next_speed_of_lanes(m: MechanicalConstants, omega, torque, breakaway, dt):
+def next_speed_of_lanes(m: MechanicalConstants, omega, torque, breakaway, friction, dt):
     """Motor speed after one step, as `next_speed`, with selections in place of branches (M7).
 
-    Lanes cannot branch; the reference actuator, a single float, is 6 % faster with branches.
+    ``friction`` is that in motion [N.m]. Lanes cannot branch; the reference actuator, a single
+    float, is 6 % faster with branches.
     """
     net = torque - m.C * omega
     rests = omega == 0.0
-    stepped = omega + dt / m.J * (net - math.copysign(m.f_d, select(rests, net, omega)))
+    stepped = omega + dt / m.J * (net - math.copysign(friction, select(rests, net, omega)))
     stops = (rests & (abs(net) <= breakaway)) | (stepped * omega < 0.0)
     return select(stops, 0.0, stepped)
 

@@ -234,17 +234,7 @@ def kind_of(component: str) -> str:
 
 
 def settings_by_kind(name: str, annotation: type, make: Callable[[str], Any]) -> Any:
-    """Return a frozen dataclass with a field for each kind of fault, as a base class of settings.
-
-    Parameters
-    ----------
-    name
-        Its name.
-    annotation
-        Type of the fields.
-    make
-        Returns the field of a kind.
-    """
+    """Return a frozen dataclass with a field for each kind of fault, a base class of settings."""
     rows = [(kind, annotation, make(kind)) for kind in KINDS]
     return make_dataclass(name, rows, frozen=True)
 
@@ -302,8 +292,6 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
 
     Parameters
     ----------
-    plant
-        Constants of the healthy plant.
     faults
         One fault vector, ``(8,)``, or many, ``(n, 8)``: then the constants that faults act on
         have shape ``(n,)``.

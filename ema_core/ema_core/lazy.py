@@ -12,11 +12,6 @@ from typing import Any
 def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return ``__getattr__`` and ``__dir__`` of a package that offers ``__all__`` of its ``api``.
 
-    Parameters
-    ----------
-    package
-        Name of the package.
-
     Notes
     -----
     PEP 562. For type checkers the package imports everything from its ``api`` under

@@ -43,11 +43,11 @@ class MotorConstants(NamedTuple):
     L_s: float
     P: float
     h_b: float
-    N_a: float
-    N_b: float
-    N_c: float
-    zeta: float
-    phi: float
+    N_a: float = 1.0
+    N_b: float = 1.0
+    N_c: float = 1.0
+    zeta: float = 0.0
+    phi: float = 0.0
 
 
 class MechanicalConstants(NamedTuple):
@@ -108,17 +108,6 @@ class ActuatorParameters:
     def __post_init__(self) -> None:
         check_quantities(self)
 
-    @classmethod
-    def from_mapping(cls, values: Mapping[str, Any]) -> "ActuatorParameters":
-        """Build from names and values; other parameters keep their defaults.
-
-        Raises
-        ------
-        ValueError
-            When a name is unknown or a value is impossible.
-        """
-        return cls().replace(values)
-
     def replace(self, values: Mapping[str, Any]) -> "ActuatorParameters":
         """Return these parameters with some values changed.
 
@@ -147,32 +136,12 @@ class PlantConstants(NamedTuple):
 
 
 def constants(parameters: ActuatorParameters) -> PlantConstants:
-    """Return the constants of a healthy plant, for kernels.
-
-    Parameters
-    ----------
-    parameters
-        The actuator.
-    """
+    """Return the constants of a healthy plant, for kernels."""
     p = parameters
     f_s = p.f_sm + p.f_su
     return PlantConstants(
         ControlConstants(p.G_prop, p.GAP, p.GAI, p.GAD, p.omega_max, p.k_t, p.I_max),
-        MotorConstants(
-            V_max=p.V_max,
-            T_max=p.T_max,
-            k_e=p.k_e,
-            G_M=p.G_M,
-            R_s=p.R_s,
-            L_s=p.L_s,
-            P=float(p.P),
-            h_b=p.h_b,
-            N_a=1.0,
-            N_b=1.0,
-            N_c=1.0,
-            zeta=0.0,
-            phi=0.0,
-        ),
+        MotorConstants(p.V_max, p.T_max, p.k_e, p.G_M, p.R_s, p.L_s, float(p.P), p.h_b),
         MechanicalConstants(
             J=p.J_m + p.J_u,
             C=p.C_m + p.C_u,

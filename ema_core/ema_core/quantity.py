@@ -58,10 +58,6 @@ def text(default: str, description: str, choices: tuple[str, ...] = ()) -> Any:
 
     Parameters
     ----------
-    default
-        Its default.
-    description
-        What it is.
     choices
         Its permitted values; any text when empty.
     """
@@ -73,8 +69,6 @@ def flag(default: bool, description: str) -> Any:
 
     Parameters
     ----------
-    default
-        Its default.
     description
         What true means.
     """
@@ -114,8 +108,6 @@ def hint_of_unit(value: float, unit: str, usual: tuple[float, float] | None) -> 
 
     Parameters
     ----------
-    value
-        The refused value.
     unit
         Its expected unit; of a ratio, "-", the inverse is tried.
     usual

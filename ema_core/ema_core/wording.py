@@ -9,8 +9,6 @@ def counted(number: int, noun: str) -> str:
 
     Parameters
     ----------
-    number
-        How many.
     noun
         In the singular; its plural ends in "s".
     """
@@ -18,17 +16,7 @@ def counted(number: int, noun: str) -> str:
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
-    """Return the message for an unknown name, with the closest and all known names.
-
-    Parameters
-    ----------
-    kind
-        Kind of the named thing, such as "fault".
-    name
-        The name as given.
-    known
-        The known names.
-    """
+    """Return the message for an unknown name, with the closest and all known names."""
     by_lower_case = {item.lower(): item for item in known}
     close = get_close_matches(as_identifier(name), by_lower_case, n=1)
     hint = f"did you mean {by_lower_case[close[0]]!r}? " if close else ""
@@ -47,15 +35,7 @@ def as_identifier(label: str) -> str:
 
 
 def text_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table as plain text: figures to the right, words to the left.
-
-    Parameters
-    ----------
-    headings
-        One a column.
-    rows
-        Cells, one a column in each row.
-    """
+    """Return a table as plain text: figures to the right, words to the left."""
     columns = list(zip(headings, *rows, strict=True))
     padded = []
     for column in columns:

@@ -6,12 +6,15 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ema_core.cause_profiles import Causes, Profile, cause_profiles
+from ema_core.causes import COPPER
 from ema_core.description import SAMPLE_PERIOD
 from ema_core.dynamics import lag_factor
 from ema_core.faults import degrade, fault_vector, healthy_faults
-from ema_core.parameters import ActuatorParameters, constants
+from ema_core.parameters import ActuatorParameters, MotorConstants, constants
 from ema_core.quantity import finite_samples
 from ema_core.telemetry import Telemetry, elapsed_ns
+from ema_sim.effects import NO_PAUSES, courses
 from ema_sim.reference import DT, State, advance
 
 
@@ -72,8 +75,10 @@ class SimulatedActuator:
         self._index = 1
         self._last_command = 0.0
         self._last_load = 0.0
+        self._causes: dict[str, Profile] = {}
         self.faults = healthy_faults()
         self.state: State = at_rest()
+        self.causes = {}
 
     @property
     def faults(self) -> NDArray[np.float64]:
@@ -93,15 +98,29 @@ class SimulatedActuator:
         if k.ndim != 1:
             raise ValueError(f"faults: expected one vector of shape ({len(k.T)},), not {k.shape}")
         plant = degrade(constants(self.parameters), k)
-        motor = plant.motor
-        decay = DT * motor.R_s / (motor.L_s * min(motor.N_a, motor.N_b, motor.N_c))
-        if decay > 1.0:
-            raise ValueError(
-                f"L_s = {motor.L_s:g} H with R_s = {motor.R_s:g} ohm: the current of the most "
-                f"shorted phase decays {decay:.3g} times within a step of {DT:g} s, at most 1 "
-                "can be simulated"
-            )
+        _check_decay(plant.motor, self._causes)
         self._plant, self._faults = plant, k
+
+    @property
+    def causes(self) -> dict[str, Profile]:
+        """Hidden causes by name; an assignment takes effect with the next sample.
+
+        Their times count from the assignment. Those of sensors have no effect here.
+
+        Raises
+        ------
+        ValueError
+            When `ema_core.cause_profiles.cause_profiles` refuses them, or the winding is so hot
+            that the step of 1 us is too long.
+        """
+        return dict(self._causes)
+
+    @causes.setter
+    def causes(self, causes: Causes) -> None:
+        profiles = cause_profiles(causes)
+        _check_decay(self._plant.motor, profiles)
+        self._causes, self._causes_from = profiles, self._index - 1
+        self._pauses = NO_PAUSES
 
     def advance(self, command: ArrayLike, load: ArrayLike | float = 0.0) -> Telemetry:
         """Simulate the samples of a command.
@@ -132,8 +151,10 @@ class SimulatedActuator:
             hold = self._hold
             disturbances = self._rng.normal(0.0, self._noise_sigma, n * self._steps // hold)
         current, position, speed = np.empty(n), np.empty(n), np.empty(n)
-        state = advance(
+        state, self._pauses = advance(
             *self._plant,
+            courses(self._causes, self.sample_period, self._index - 1, self._causes_from, n),
+            self._pauses,
             self.state,
             self._last_command,
             commands,
@@ -174,6 +195,19 @@ def at_rest(theta_m: float = 0.0, theta_b: float = 0.0) -> State:
     """
     currents_and_lags = (0.0,) * 3 + (1.0,) * 3 + (0.0,) * 6
     return State(float(theta_m), 0.0, float(theta_b), *currents_and_lags)
+
+
+def _check_decay(motor: MotorConstants, causes: Mapping[str, Profile]) -> None:
+    """Raise ``ValueError`` if a phase is so fast that the step is too long for it."""
+    warmth = causes["winding_temperature"].value if "winding_temperature" in causes else 0.0
+    R_s = motor.R_s * (1.0 + COPPER * max(warmth, 0.0))
+    decay = DT * R_s / (motor.L_s * min(motor.N_a, motor.N_b, motor.N_c))
+    if decay > 1.0:
+        raise ValueError(
+            f"L_s = {motor.L_s:g} H with R_s = {R_s:g} ohm: the current of the most "
+            f"shorted phase decays {decay:.3g} times within a step of {DT:g} s, at most 1 "
+            "can be simulated"
+        )
 
 
 def _whole_steps(name: str, period: float) -> int:

@@ -7,10 +7,13 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Final
 
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
+from ema_core.cause_profiles import GRAMMAR, Causes, cause_profiles, describe_causes
 from ema_core.commands import Command
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES
@@ -20,16 +23,14 @@ from ema_interfaces.msg import FaultGrowth
 from ema_interfaces.srv import SetCommand, SetSimulatedFaults
 from ema_ros import topics
 from ema_ros.actuator_file import load_description
+from ema_ros.actuator_messages import messages_of_block, messages_of_cycle
 from ema_ros.description import description_to_message
-from ema_ros.faults import StampedFaults, faults_from_message, stamped_faults_to_message
-from ema_ros.joint_state import joint_state_after
+from ema_ros.faults import faults_from_message
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 from ema_ros.settings import declare, read
 from ema_ros.stamps import stamp_to_message
 from ema_ros.status import OK, WARN, Task
-from ema_ros.telemetry import telemetry_to_message
-from ema_ros.usage import usage_at_cycle
 from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
 from ema_sim.growth import Growth
 from ema_sim.runner import BenchRunner, Pace
@@ -38,6 +39,11 @@ from ema_sim.settings import FaultSettings, ResolutionSettings, RunSettings
 _CLOCK: Final = "/clock"
 _CLOCK_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _PAUSE_S: Final = 0.3
+_CAUSES: Final = "causes"
+_CAUSES_DESCRIPTOR: Final = ParameterDescriptor(
+    description=f"hidden causes that are none of the faults, {GRAMMAR}; known: {describe_causes()}",
+    dynamic_typing=True,
+)
 _COMMAND_FIGURES: Final = tuple(
     item.name for item in fields(Command) if item.name not in ("shape", "samples")
 )
@@ -45,11 +51,6 @@ _COMMAND_FIGURES: Final = tuple(
 
 class ActuatorNode(ManagedNode):
     """Simulated actuator, run through test cycles.
-
-    Parameters
-    ----------
-    kwargs
-        As of ``rclpy.lifecycle.LifecycleNode``.
 
     Raises
     ------
@@ -69,6 +70,11 @@ class ActuatorNode(ManagedNode):
         for name in FAULT_NAMES:
             declare(self, Growth, f"growth.{name}.")
         declare(self, self._description.parameters, "plant.")
+        self.declare_parameter(_CAUSES, [""], _CAUSES_DESCRIPTOR)
+        self._check_causes: Callable[[Causes], object] = cause_profiles
+        self._set_causes: Callable[[Causes], object] = cause_profiles
+        self.add_on_set_parameters_callback(self._refuse_causes)
+        self.add_post_set_parameters_callback(self._change_causes)
         self._reported_behind = False
 
     @property
@@ -84,7 +90,9 @@ class ActuatorNode(ManagedNode):
             read(self, BenchSettings),
             parameters=read(self, ActuatorParameters, "plant."),
             resolutions=read(self, ResolutionSettings, "resolution.").resolutions(),
+            causes=_causes_of(self.get_parameter(_CAUSES)),
         )
+        self._check_causes, self._set_causes = self._bench.check_causes, self._bench.set_causes
         command = read(self, Command, "command.")
         if warning := command.travel_warning(self._description.parameters):
             self.get_logger().warning(warning)
@@ -146,24 +154,35 @@ class ActuatorNode(ManagedNode):
             return [Task("simulation", WARN, self._lag_message(pace), self.hardware_id, values)]
         return [Task("simulation", OK, runner.activity, self.hardware_id, values)]
 
+    def _refuse_causes(self, parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            for parameter in parameters:
+                if parameter.name == _CAUSES:
+                    self._check_causes(_causes_of(parameter))
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _change_causes(self, parameters: list[Parameter]) -> None:
+        for parameter in parameters:
+            if parameter.name == _CAUSES:
+                self._set_causes(_causes_of(parameter))
+
     def _publish(self, topic: str, message: Any) -> None:
         self._publishers_by_topic[topic].publish(message)
 
     def _publish_cycle(self, cycle: RunningCycle) -> None:
-        usage = usage_at_cycle(self._description, cycle.start_ns, cycle.hours, cycle.number)
-        self._publish(topics.USAGE, usage)
-        truth = StampedFaults(
-            cycle.start_ns, self._description.actuator_id, cycle.number, cycle.faults
-        )
-        self._publish(topics.SIMULATED_FAULTS, stamped_faults_to_message(truth))
+        for topic, message in messages_of_cycle(
+            self._description, cycle.start_ns, cycle.number, cycle.hours, cycle.faults
+        ).items():
+            self._publish(topic, message)
 
     def _publish_block(self, block: Telemetry, torque: float) -> None:
         if _CLOCK in self._publishers_by_topic:
             end_ns = block.stamp_at(len(block) - 1)
             self._publish(_CLOCK, Clock(clock=stamp_to_message(end_ns)))
-        telemetry = telemetry_to_message(block, self._description.actuator_id)
-        self._publish(topics.TELEMETRY, telemetry)
-        self._publish(topics.JOINT_STATES, joint_state_after(block, torque, self._description))
+        for topic, message in messages_of_block(self._description, block, torque).items():
+            self._publish(topic, message)
         self._report_pace()
 
     def _report_pace(self) -> None:
@@ -211,6 +230,15 @@ class ActuatorNode(ManagedNode):
             return command.travel_warning(self._description.parameters)
 
         return _answer(response, change)
+
+
+def _causes_of(parameter: Parameter) -> list[str]:
+    """Return the texts of hidden causes in a parameter."""
+    texts = parameter.value
+    if isinstance(texts, str) or not all(isinstance(text, str) for text in texts or ()):
+        raise ValueError(f"{_CAUSES} = {texts!r}: expected an array of texts {GRAMMAR}")
+    # An empty array has no type in ROS: an array of an empty text stands for it.
+    return [text for text in texts or () if text]
 
 
 def _answer(response: Any, change: Callable[[], str | None]) -> Any:

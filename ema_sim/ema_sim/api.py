@@ -5,6 +5,7 @@ from typing import Final
 
 from numpy.typing import ArrayLike
 
+from ema_core.cause_profiles import Causes
 from ema_core.commands import THESIS_CHIRP, Command
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
@@ -37,6 +38,7 @@ def simulate(
     command: Command = THESIS_CHIRP,
     current_noise: float = 0.0,
     resolutions: Mapping[str, float] | None = None,
+    causes: Causes = (),
     seed: int = 0,
 ) -> Telemetry:
     """Return the telemetry of an actuator in test cycles.
@@ -57,6 +59,9 @@ def simulate(
         Standard deviation of Gaussian noise on each sample of the current [A].
     resolutions
         Resolution of the sensors by column of the telemetry [rad, A, rad/s].
+    causes
+        Hidden causes, such as ``{"load_torque": 0.01}`` or ``["current_offset=0.1@3.0"]``
+        (docs/faults.md); their times count from the start of the telemetry [s].
     seed
         Seed of the noise.
 
@@ -72,6 +77,7 @@ def simulate(
         BenchSettings(current_noise=current_noise, seed=seed),
         parameters=parameters,
         resolutions=resolutions,
+        causes=causes,
     )
     bench.set_command(command)
     bench.set_faults(faults)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ema_core.cause_profiles import Causes, Profile, cause_profiles
 from ema_core.commands import THESIS_CHIRP, Command, approach_depth, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS, fault_vector, healthy_faults
@@ -77,19 +78,17 @@ class RunningCycle:
 class ActuatorBench:
     """Runs a simulated actuator through test cycles.
 
-    Command and faults take effect with the next cycle and may be set from any thread. The samples
-    do not depend on the length of the blocks.
+    Command, faults and hidden causes take effect with the next cycle and may be set from any
+    thread. The samples do not depend on the length of the blocks.
 
     Parameters
     ----------
-    description
-        Description of the actuator by its manufacturer.
-    settings
-        Settings of the bench.
     parameters
         True parameters of the plant; those of the description when None.
     resolutions
         Resolution of the sensors by telemetry column [rad, A, rad/s]; other columns are exact.
+    causes
+        Hidden causes by name, in any form that ``ema_core.cause_profiles.cause_profiles`` accepts.
 
     Raises
     ------
@@ -105,6 +104,7 @@ class ActuatorBench:
         *,
         parameters: ActuatorParameters | None = None,
         resolutions: Mapping[str, float] | None = None,
+        causes: Causes = (),
     ) -> None:
         self.settings = settings or BenchSettings()
         self.description = description
@@ -123,8 +123,10 @@ class ActuatorBench:
         self._end_ns = 0
         self._service_hours = 0.0
         self._lock = threading.Lock()
+        self._causes: dict[str, Profile] = {}
         self.set_command(THESIS_CHIRP)
         self.set_faults(healthy_faults())
+        self.set_causes(causes)
 
     @property
     def end_ns(self) -> int:
@@ -174,15 +176,55 @@ class ActuatorBench:
         hours = self.settings.hours_per_cycle if hours_per_cycle is None else hours_per_cycle
         if not is_finite_number(hours) or hours < 0.0:
             raise ValueError(f"hours_per_cycle = {hours:g} h: expected a number of at least 0")
-        self._check_simulable(k, growths)
+        self._check_simulable(k, growths, self._causes)
         with self._lock:
             self._faults, self._growths, self._hours_per_cycle = k, growths, float(hours)
             self._hours = 0.0
 
+    def set_causes(self, causes: Causes) -> None:
+        """Set the hidden causes, from the next cycle on, at whose start their times begin.
+
+        Parameters
+        ----------
+        causes
+            In any form that ``ema_core.cause_profiles.cause_profiles`` accepts; they replace those
+            set before.
+
+        Raises
+        ------
+        ValueError
+            When they are impossible; those set before stay in force.
+        """
+        profiles = self.check_causes(causes)
+        with self._lock:
+            self._causes = profiles
+            self._causes_are_new = True
+
+    def check_causes(self, causes: Causes) -> dict[str, Profile]:
+        """Return hidden causes as profiles by name, and change nothing.
+
+        Raises
+        ------
+        ValueError
+            As for `set_causes`.
+        """
+        profiles = cause_profiles(causes)
+        with self._lock:
+            faults, growths = self._faults, self._growths
+        self._check_simulable(faults, growths, profiles)
+        return profiles
+
+    @property
+    def causes(self) -> dict[str, Profile]:
+        """Hidden causes of the next cycle, by name."""
+        return dict(self._causes)
+
     def compile_kernels(self) -> None:
         """Compile the kernels of the simulation, or load them from the cache."""
         h = self.description.sample_period
-        SimulatedActuator(self._actuator.parameters, sample_period=h).advance([0.0])
+        trial = SimulatedActuator(self._actuator.parameters, sample_period=h)
+        trial.causes = self._causes
+        trial.advance([0.0])
 
     def begin_cycle(self, start_ns: int | None = None) -> RunningCycle:
         """Begin the next test cycle.
@@ -202,9 +244,14 @@ class ActuatorBench:
             self._hours += self._hours_per_cycle
             hours = self._service_hours
             self._service_hours += self._hours_per_cycle
+            causes = self._causes if self._causes_are_new else None
+            self._causes_are_new = False
         if start_ns is not None:
             self._end_ns = start_ns
         self._actuator.faults = faults
+        if causes is not None:
+            self._actuator.causes = causes
+            self._sensors.set_causes(causes)
         number = self._next_cycle
         self._next_cycle += 1
         blocks = self._blocks(samples, self._end_ns)
@@ -221,11 +268,17 @@ class ActuatorBench:
             self._end_ns = block.stamp_at(len(block) - 1)
             yield self._sensors.measure(block), self._actuator.state.torque
 
-    def _check_simulable(self, faults: NDArray[np.float64], growths: Mapping[str, Growth]) -> None:
+    def _check_simulable(
+        self,
+        faults: NDArray[np.float64],
+        growths: Mapping[str, Growth],
+        causes: Mapping[str, Profile],
+    ) -> None:
         """Raise ``ValueError`` if the faults, now or when grown, are beyond the simulation."""
         trial = SimulatedActuator(
             self._actuator.parameters, sample_period=self.description.sample_period
         )
+        trial.causes = causes
         trial.faults = faults
         worst = faults.copy()
         for i, fault in enumerate(FAULTS):

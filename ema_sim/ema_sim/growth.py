@@ -31,12 +31,6 @@ class Growth:
 
     Attributes
     ----------
-    law
-        One of ``LAWS``.
-    rate
-        Rate a of the law [1/h]; of ``power`` its time scale c [h].
-    shape
-        Second parameter of the law [-]; ignored by laws without one.
     noise
         Process noise: each increment is multiplied by a lognormal factor of mean 1 and this
         sigma [-]; of ``drift`` its diffusion s [1/sqrt(h)].
@@ -111,8 +105,6 @@ def grow(
         Service hours since the growths were set [h].
     hours_step
         Service hours to advance by [h].
-    rng
-        Random numbers of the process noise.
 
     Returns
     -------

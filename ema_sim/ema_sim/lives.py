@@ -2,7 +2,7 @@
 
 One fault dominates: it follows its law at a rate drawn for this actuator around that of the type.
 The others grow at a fifth of their rates. Tests have a fixed interval; some are missing, and some
-windows are spoiled by noise of the current sensor or by a gap.
+windows are disturbed by noise of the current sensor or by a gap.
 """
 
 import math
@@ -30,7 +30,7 @@ from ema_sim.growth import Growth, grow
 WindowKind = Literal["good", "noisy", "gap", "missing"]
 """Quality of a test's window."""
 
-NOISE_OF_SPOILED: Final = 1.0
+NOISE_OF_DISTURBED: Final = 1.0
 """Standard deviation of the current sensor's noise in a noisy window [A]."""
 
 _MOST_DRAWS: Final = 1000
@@ -55,7 +55,7 @@ class LifeSettings:
         0.2, "-", 0.0, 1.0, "share of their rates at which other faults grow"
     )
     missing_share: float = quantity(0.1, "-", 0.0, 0.9, "share of tests that are missing")
-    spoiled_share: float = quantity(0.03, "-", 0.0, 1.0, "share of windows that are spoiled")
+    disturbed_share: float = quantity(0.03, "-", 0.0, 1.0, "share of windows that are disturbed")
     least_tests: int = quantity(60, "-", 1, 10_000, "shortest life, in tests")
     most_tests: int = quantity(200, "-", 1, 10_000, "longest life, in tests")
 
@@ -75,14 +75,10 @@ class SimulatedLife:
     ----------
     dominant
         Component that reaches its limit first; empty in a life without growth.
-    growths
-        Growth by component.
     hours
         Service hours of the tests, the missing ones included, ``(n,)`` [h].
     faults
         True fault vectors at them, ``(n, 8)``.
-    windows
-        Quality of each window.
     end_hours
         Service hour at which a fault reaches its limit [h]; infinite in a life without growth.
     repair_hours
@@ -113,12 +109,8 @@ def run_to_failure(
     ----------
     limits
         Distance from healthy at which life ends, by component [-].
-    rng
-        Random numbers of all draws.
     kind
         Dominant fault, of ``typical``; drawn when None.
-    settings
-        Settings of the draw.
     with_repair
         Whether the dominant fault is reset to healthy once, after 20 to 50 % of the largest number
         of tests.
@@ -205,10 +197,10 @@ def _hours(n: int, settings: LifeSettings) -> NDArray[np.float64]:
 
 
 def _windows(n: int, rng: np.random.Generator, settings: LifeSettings) -> tuple[WindowKind, ...]:
-    spoiled = settings.spoiled_share / 2.0
+    disturbed = settings.disturbed_share / 2.0
     present = 1.0 - settings.missing_share
     kinds: tuple[WindowKind, ...] = ("missing", "noisy", "gap", "good")
-    shares = (1.0 - present, present * spoiled, present * spoiled)
+    shares = (1.0 - present, present * disturbed, present * disturbed)
     picked = np.searchsorted(np.cumsum(shares), rng.random(n), side="right")
     return tuple(kinds[number] for number in picked)
 
@@ -222,16 +214,12 @@ def _drawn_growth(
     side = float(rng.choice([-1.0, 1.0]))
     if share == 0.0:
         return Growth()
-    if typical.law == "power":
-        return Growth(
-            "power", rate / share, typical.shape, noise=settings.process_noise, onset=onset
-        )
     if typical.law == "drift":
         diffusion = typical.diffusion * math.sqrt(share)
         return Growth("drift", side * rate * share, noise=diffusion, onset=onset)
-    return Growth(
-        typical.law, rate * share, typical.shape, noise=settings.process_noise, onset=onset
-    )
+    # The rate of the power law is a time: its growth slows as that becomes longer.
+    rate = rate / share if typical.law == "power" else rate * share
+    return Growth(typical.law, rate, typical.shape, noise=settings.process_noise, onset=onset)
 
 
 def _draw_life(

@@ -143,3 +143,17 @@ def modulation(gap: Gap, delta):
 def overshoot(switch, current, target):
     """Excess of a current over its target in the direction in which its leg drives it [A] (M3)."""
     return switch * (current - target)
+
+
+@kernel()
+def star_currents(phases: Windings, dt, v_a, v_b, v_c, i_a, i_b, i_c):
+    """Phase currents after a step [A], under the voltages ``v`` that are left for them (M4).
+
+    Floating star point: its voltage keeps the sum of the currents constant.
+    """
+    v_n = phases.w_a * v_a + phases.w_b * v_b + phases.w_c * v_c
+    return (
+        i_a + dt / phases.L_a * (v_a - v_n),
+        i_b + dt / phases.L_b * (v_b - v_n),
+        i_c + dt / phases.L_c * (v_c - v_n),
+    )

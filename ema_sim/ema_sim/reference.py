@@ -13,11 +13,18 @@ from ema_core._jit import kernel
 from ema_core.dynamics import (
     clip,
     follow_in_play,
-    next_speed,
     reference_current,
     speed_error,
 )
 from ema_core.parameters import ControlConstants, MechanicalConstants, MotorConstants
+from ema_sim.effects import (
+    effects_at,
+    half_voltage,
+    motor_speed,
+    pauses_at,
+    phase_currents,
+    plant_at,
+)
 from ema_sim.motor import (
     GAP_REACH,
     Windings,
@@ -65,6 +72,8 @@ def advance_sample(
     motor: MotorConstants,
     mech: MechanicalConstants,
     phases: Windings,
+    effects,
+    pauses,
     x: State,
     command,
     command_slope,
@@ -82,12 +91,13 @@ def advance_sample(
     ``command`` is the angle at the start [rad], ``load`` the external torque against positive
     motion [N.m]; both grow by their slope in each step. ``disturbances`` is the noise on the
     reference current [A], each held for ``hold`` steps; the sample starts at their step ``first``.
-    ``lag`` is ``lag_factor(dt)``. Returns the new state and the sum of ``lag_3`` over the steps.
+    ``lag`` is ``lag_factor(dt)``. ``effects`` are those of hidden causes, or ``NoEffects``, and
+    ``pauses`` the remaining dead times of the legs [steps]. Returns the new state, the sum of
+    ``lag_3`` over the steps and the new ``pauses``.
     """
     theta_m, omega, theta_b, i_a, i_b, i_c, q_a, q_b, q_c = x[:9]
     lag_1, lag_2, lag_3, integral, last_error, torque = x[9:]
     half_V, h_b = 0.5 * motor.V_max, motor.h_b
-    rise_a, rise_b, rise_c = dt / phases.L_a, dt / phases.L_b, dt / phases.L_c
     # Recomputed in each sample, so that samples do not depend on the division into blocks.
     sector, gap = sector_at(motor, mech, theta_m), gap_at(motor, theta_m)
     total = 0.0
@@ -105,6 +115,7 @@ def advance_sample(
             q_a = -q_a if over_a > h_b else q_a
             q_b = -q_b if over_b > h_b else q_b
             q_c = -q_c if over_c > h_b else q_c
+            pauses = pauses_at(effects, pauses, over_a > h_b, over_b > h_b, over_c > h_b, dt)
 
         delta = theta_m - sector.middle
         k_a = sector.k_a + sector.dk_a * delta
@@ -118,14 +129,23 @@ def advance_sample(
             k_b += k_b * m_b
             k_c += k_c * m_c
 
-        # Floating star point: its voltage keeps the sum of the currents constant (M4).
-        v_a = half_V * q_a - phases.R_a * i_a - k_a * omega
-        v_b = half_V * q_b - phases.R_b * i_b - k_b * omega
-        v_c = half_V * q_c - phases.R_c * i_c - k_c * omega
-        v_n = phases.w_a * v_a + phases.w_b * v_b + phases.w_c * v_c
-        i_a += rise_a * (v_a - v_n)
-        i_b += rise_b * (v_b - v_n)
-        i_c += rise_c * (v_c - v_n)
+        i_a, i_b, i_c, pauses = phase_currents(
+            effects,
+            phases,
+            pauses,
+            half_voltage(effects, half_V, j * dt),
+            omega,
+            dt,
+            q_a,
+            q_b,
+            q_c,
+            i_a,
+            i_b,
+            i_c,
+            k_a,
+            k_b,
+            k_c,
+        )
 
         torque = clip(k_a * i_a + k_b * i_b + k_c * i_c, motor.T_max)
         sign = (1.0 if torque > 0.0 else 0.0) - (1.0 if torque < 0.0 else 0.0)
@@ -135,7 +155,8 @@ def advance_sample(
         lag_3 += lag * (lag_2 - lag_3)
         total += lag_3
 
-        omega = next_speed(mech, omega, torque - (load + j * load_slope), mech.f_s, dt)
+        net = torque - (load + j * load_slope)
+        omega = motor_speed(effects, mech, motor.P, omega, net, theta_m, theta_b, dt)
         theta_m += dt * omega
         if not sector.start <= theta_m <= sector.end:
             if abs(theta_m) > mech.theta_stop:
@@ -160,7 +181,7 @@ def advance_sample(
         last_error,
         torque,
     )
-    return state, total
+    return state, total, pauses
 
 
 @kernel()
@@ -168,6 +189,8 @@ def advance(
     c: ControlConstants,
     motor: MotorConstants,
     mech: MechanicalConstants,
+    effects,
+    pauses,
     x: State,
     last_command,
     commands,
@@ -186,15 +209,17 @@ def advance(
 
     Command and load are interpolated linearly from the sample before (``last_command``,
     ``last_load``); a disturbance is held for ``hold`` steps. ``current``, ``position`` and
-    ``speed`` are filled, all ``(n,)``. The new state is returned as a plain tuple.
+    ``speed`` are filled, all ``(n,)``. ``effects`` are the ``Courses`` of hidden causes, or
+    ``NoEffects``. The new state, as a plain tuple, and ``pauses`` are returned.
     """
     phases = windings(motor)
     for k in range(len(commands)):
-        x, total = advance_sample(
+        held = effects_at(effects, k)
+        x, total, pauses = advance_sample(
             c,
-            motor,
-            mech,
-            phases,
+            *plant_at(held, motor, mech, phases),
+            held,
+            pauses,
             x,
             last_command,
             (commands[k] - last_command) / steps,
@@ -214,4 +239,4 @@ def advance(
         speed[k] = x.omega
     # Not the NamedTuple itself: to return one, numba runs Python code, and an interrupt during it
     # (Ctrl-C) crashes the process.
-    return x[:]
+    return x[:], pauses

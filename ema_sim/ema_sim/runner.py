@@ -130,8 +130,6 @@ class BenchRunner:
 
     Parameters
     ----------
-    bench
-        The bench.
     rate
         Simulated over wall time [-].
     on_cycle
@@ -146,8 +144,6 @@ class BenchRunner:
     ----------
     activity
         What it is doing, in words.
-    cycle
-        Running number of the cycle.
     """
 
     def __init__(

@@ -1,10 +1,13 @@
-"""Sensors: noise on the current, and finite resolution."""
+"""Sensors: hidden causes, noise on the current, and finite resolution."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ema_core.cause_profiles import Profile
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_core.wording import unknown_name
 
@@ -18,8 +21,6 @@ class Sensors:
         Standard deviation of Gaussian noise on each sample of the current [A].
     resolutions
         Resolution by column: rad for command and position, A for current, rad/s for speed.
-    rng
-        Random numbers of the noise.
 
     Raises
     ------
@@ -40,15 +41,16 @@ class Sensors:
         self._current_noise = current_noise
         self._resolutions = dict(resolutions)
         self._rng = rng
+        self._misreading: Misreading | None = None
+
+    def set_causes(self, causes: Mapping[str, Profile]) -> None:
+        """Set the hidden causes of the columns, by name; their times count from the next block."""
+        self._misreading = Misreading(causes) if causes else None
 
     def measure(self, block: Telemetry) -> Telemetry:
-        """Return the measured block.
-
-        Parameters
-        ----------
-        block
-            True telemetry.
-        """
+        """Return the measured block."""
+        if self._misreading is not None:
+            block = self._misreading.read(block)
         if self._current_noise > 0.0:
             noise = self._rng.normal(0.0, self._current_noise, len(block))
             block = replace(block, current=block.current + noise)
@@ -57,3 +59,49 @@ class Sensors:
             for name, resolution in self._resolutions.items()
         }
         return replace(block, **rounded)
+
+
+class Misreading:
+    """Gain, offset and delay of the columns (M26).
+
+    Samples do not depend on the length of the blocks, as it keeps those that are still read late.
+
+    Parameters
+    ----------
+    causes
+        Profiles by name, of which those of sensors count; their times count from the first block.
+    """
+
+    def __init__(self, causes: Mapping[str, Profile]) -> None:
+        self._causes = causes
+        self._first: int | None = None
+        self._past: dict[str, NDArray[np.float64]] = {}
+
+    def read(self, block: Telemetry) -> Telemetry:
+        """Return a block as it is read; it must follow the one before."""
+        h = block.sample_period
+        if self._first is None:
+            self._first = block.first_index
+        middles = (block.first_index - self._first + np.arange(len(block)) + 0.5) * h
+        values = {name: profile.at(middles) for name, profile in self._causes.items()}
+        columns = {}
+        for name in COLUMNS:
+            column = getattr(block, name)
+            if f"{name}_delay" in values:
+                longest = math.ceil(self._causes[f"{name}_delay"].value / h) + 1
+                column = self._delayed(name, column, values[f"{name}_delay"] / h, longest)
+            column = (1.0 + values.get(f"{name}_gain", 0.0)) * column
+            columns[name] = column + values.get(f"{name}_offset", 0.0)
+        return replace(block, **columns)
+
+    def _delayed(
+        self, name: str, column: NDArray[np.float64], delays: NDArray[np.float64], longest: int
+    ) -> NDArray[np.float64]:
+        """Return a column so many samples late, interpolated; it was constant before the first."""
+        past = self._past.get(name, column[:1])
+        known = np.concatenate([past, column])
+        whole = np.floor(delays).astype(int)
+        later = np.maximum(np.arange(len(past), len(known)) - whole, 0)
+        earlier = np.maximum(later - 1, 0)
+        self._past[name] = known[-longest:]
+        return known[later] + (delays - whole) * (known[earlier] - known[later])

@@ -1,13 +1,14 @@
 """The reference actuator a second time: plain Python, written from its equations alone.
 
-Angles of the commutation are in degrees, faults come in by name, and nothing is shared with the
-kernels but the table of parameters. One call of `step` does the six parts of a step in order, each
-with what the parts before it left.
+Angles of the commutation are in degrees, faults and hidden causes come in by name, and nothing is
+shared with the kernels but the table of parameters. One call of `step` does the six parts of a step
+in order, each with what the parts before it left.
 """
 
 import math
 from collections.abc import Mapping
 
+from ema_core.causes import CAUSE_BY_NAME
 from ema_core.parameters import ActuatorParameters
 
 PHASES = (0, 1, 2)
@@ -54,8 +55,12 @@ class ReferenceTwin:
         theta_m: float = 0.0,
         omega: float = 0.0,
         dt: float = 1e-6,
+        causes: Mapping[str, float] | None = None,
     ) -> None:
         p = actuator
+        self.cause = dict.fromkeys(CAUSE_BY_NAME, 0.0) | dict(causes or {})
+        self.time = 0.0
+        self.dead = [0.0, 0.0, 0.0]
         self.actuator = p
         self.dt = dt
         self.theta_m = theta_m
@@ -68,8 +73,8 @@ class ReferenceTwin:
         self.last_error = 0.0
         self.torque = 0.0
 
-        self.J = p.J_m + p.J_u
-        self.C = p.C_m + p.C_u
+        self.J = (p.J_m + p.J_u) * (1 + self.cause["inertia"])
+        self.C = (p.C_m + p.C_u) * (1 + self.cause["viscous_friction"])
         self.f_s = (p.f_sm + p.f_su) * (1 + 2 * faults.get("friction", 0))
         self.f_d = self.f_s * p.f_ratio
         self.play = p.BLK * (1 + 99 * faults.get("backlash", 0))
@@ -89,7 +94,8 @@ class ReferenceTwin:
         k = [self._back_emf_constant(n, electrical[n]) for n in PHASES]
         self._stator(k)
         self._torque_and_lags(k)
-        self._mechanics(load)
+        self._mechanics(load + self._hidden_load())
+        self.time += self.dt
 
     def _control(self, command: float, noise: float) -> float:
         p = self.actuator
@@ -104,22 +110,63 @@ class ReferenceTwin:
 
     def _switch(self, targets: list[float]) -> None:
         for n in PHASES:
+            before = self.q[n]
             if self.i[n] - targets[n] > self.actuator.h_b:
                 self.q[n] = -1
             elif self.i[n] - targets[n] < -self.actuator.h_b:
                 self.q[n] = 1
+            if self.q[n] != before:
+                self.dead[n] = self.cause["dead_time"]
 
     def _back_emf_constant(self, n: int, electrical: float) -> float:
         gap = 1 + self.zeta * math.cos(self.theta_m + self.phi + 2 * math.pi * n / 3)
-        return self.actuator.k_e / 2 * self.N[n] * back_emf_shape(electrical) * gap
+        k_e = self.actuator.k_e * (1 + self.cause["torque_constant"])
+        return k_e / 2 * self.N[n] * back_emf_shape(electrical) * gap
 
     def _stator(self, k: list[float]) -> None:
         p = self.actuator
-        R = [p.R_s / 2 * N for N in self.N]
+        warmth = 1 + 0.00393 * self.cause["winding_temperature"]
+        R = [p.R_s * warmth / 2 * N for N in self.N]
         L = [p.L_s / 2 * N**2 for N in self.N]
-        u = [p.V_max / 2 * self.q[n] - R[n] * self.i[n] - k[n] * self.omega for n in PHASES]
-        centre = sum(u[n] / L[n] for n in PHASES) / sum(1 / L[n] for n in PHASES)
-        self.i = [self.i[n] + (u[n] - centre) / L[n] * self.dt for n in PHASES]
+        ripple = self.cause["supply_ripple"] * math.sin(2 * math.pi * 2400 * self.time)
+        rail = p.V_max * (1 + self.cause["supply_voltage"]) / 2 * (1 + ripple)
+        emf = [k[n] * self.omega for n in PHASES]
+        share = [min(self.dead[n] / self.dt, 1.0) if self.dead[n] > 1e-12 else 0 for n in PHASES]
+        self.dead = [self.dead[n] - self.dt for n in PHASES]
+        if self.cause["dead_switch"] and self.q[0] == 1:
+            share[0] = 1
+        off = [share[n] > 1 - 1e-6 for n in PHASES]
+        whole = {n for n in PHASES if not self.cause[f"open_phase_{'abc'[n]}"]}
+        driven_by = {n: rail * (1 - share[n]) * self.q[n] for n in whole}
+        for n in whole:
+            driven_by[n] -= rail * share[n] * sign(self.i[n])
+        wired = {n for n in whole if not off[n] or self.i[n] != 0}
+
+        def centre(phases: set[int]) -> float:
+            u = {n: driven_by[n] - R[n] * self.i[n] - emf[n] for n in phases}
+            return sum(u[n] / L[n] for n in phases) / max(sum(1 / L[n] for n in phases), 1e-9)
+
+        floating_centre = centre(wired)
+        for n in whole - wired:
+            terminal = floating_centre + emf[n]
+            if abs(terminal) > rail:
+                driven_by[n] = rail * sign(terminal)
+                wired = wired | {n}
+        star = centre(wired)
+        currents = list(self.i)
+        for n in wired:
+            u = driven_by[n] - R[n] * self.i[n] - emf[n]
+            currents[n] += (u - star) / L[n] * self.dt
+        blocked = {n for n in wired if off[n] and currents[n] * driven_by[n] > 0}
+        blocked |= set(PHASES) - whole
+        for n in blocked:
+            currents[n] = 0.0
+        # The flux of the loop that is left lasts.
+        left = wired - blocked
+        excess = sum(currents)
+        for n in left:
+            currents[n] -= excess / L[n] / sum(1 / L[m] for m in left)
+        self.i = currents
 
     def _torque_and_lags(self, k: list[float]) -> None:
         torque = sum(k[n] * self.i[n] for n in PHASES)
@@ -129,12 +176,28 @@ class ReferenceTwin:
             self.lag[n] += (1 - math.exp(-self.dt / 1e-5)) * (signal - self.lag[n])
             signal = self.lag[n]
 
+    def _hidden_load(self) -> float:
+        cogging = self.cause["cogging"] * math.sin(6 * self.actuator.P * self.theta_m)
+        spring = self.cause["load_stiffness"] * self.theta_user
+        return self.cause["load_torque"] + spring + cogging
+
+    def _dry_friction(self) -> tuple[float, float]:
+        """Breakaway and dynamic friction."""
+        rough = 1 + self.cause["friction_ripple"] * math.sin(self.theta_m)
+        slow = math.exp(-abs(self.omega) / 10)
+        f_d = self.f_d * (1 + self.cause["stribeck"] * slow) * rough
+        return max(self.f_s * rough, f_d), f_d
+
     def _mechanics(self, load: float) -> None:
+        if self.cause["jam"]:
+            self.omega = 0.0
+            return
         T = self.torque - load
+        f_s, f_d = self._dry_friction()
         if self.omega == 0:
-            friction = T if abs(T) <= self.f_s else self.f_d * sign(T)
+            friction = T if abs(T) <= f_s else f_d * sign(T)
         else:
-            friction = self.f_d * sign(self.omega)
+            friction = f_d * sign(self.omega)
         omega = self.omega + (T - self.C * self.omega - friction) / self.J * self.dt
         if sign(omega) == -sign(self.omega):
             omega = 0.0

@@ -8,6 +8,7 @@ import pytest
 from ema_core.faults import fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_sim.actuator import SimulatedActuator, at_rest
+from ema_sim.effects import Courses, NoEffects
 from ema_sim.reference import advance, advance_sample
 
 COMMANDS = 4e-3 * np.sin(np.linspace(0.0, 20.0, 400))
@@ -25,7 +26,7 @@ COMMANDS = 4e-3 * np.sin(np.linspace(0.0, 20.0, 400))
 def test_fault_equals_a_changed_parameter(faults, parameters):
     faulty = SimulatedActuator()
     faulty.faults = fault_vector(faults)
-    changed = SimulatedActuator(ActuatorParameters.from_mapping(parameters))
+    changed = SimulatedActuator(ActuatorParameters().replace(parameters))
     x, y = faulty.advance(COMMANDS), changed.advance(COMMANDS)
     # The factors may round apart in the last bit.
     np.testing.assert_allclose(x.position, y.position, rtol=0, atol=1e-12)
@@ -161,14 +162,20 @@ def test_bad_input_is_refused_and_changes_nothing(command, load, match):
 
 
 def test_one_version_of_each_kernel_is_compiled():
-    """Whole numbers, numpy scalars and lists from outside do not reach the kernels as such."""
+    """Whole numbers, numpy scalars and lists from outside do not reach the kernels as such.
+
+    There are two versions at most, without and with hidden causes.
+    """
     values = {"V_max": 48, "P": np.int64(2), "R_s": np.float32(2.0)}
-    actuator = SimulatedActuator(ActuatorParameters.from_mapping(values))
+    actuator = SimulatedActuator(ActuatorParameters().replace(values))
     actuator.faults = np.array([1, 0, 0, 0, 0, 0, 1, 0])
     actuator.advance([0, 1], 0)
     actuator.advance(np.zeros(3, dtype=np.float32), np.ones(3, dtype=np.int64))
     noisy = SimulatedActuator(noise_gain=1, rng=np.random.default_rng(0), noise_hold_s=1e-5)
     noisy.state = at_rest(1, 1)
     noisy.advance((0.0,))
-    assert len(advance.signatures) == 1
-    assert len(advance_sample.signatures) <= 1
+    noisy.causes = {"load_torque": 1, "jam": np.int64(0)}
+    noisy.advance([0])
+    effects = [signature[3].instance_class for signature in advance.signatures]
+    assert sorted(effects, key=str) == sorted((NoEffects, Courses), key=str)
+    assert len(advance_sample.signatures) <= 2

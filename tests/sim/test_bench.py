@@ -223,3 +223,62 @@ def test_command_that_cannot_be_sampled_is_refused():
 def test_impossible_settings_are_refused(name, value, unit):
     with pytest.raises(ValueError, match=rf"{name} = .*{unit}"):
         BenchSettings(**{name: value})
+
+
+CAUSES = ["load_torque=0.1@0.001", "position_offset=0.01@0.002", "speed_delay=3.3e-4"]
+
+
+def test_causes_hold_from_the_next_cycle_on_and_their_times_begin_with_it():
+    bench = short_bench()
+    first = bench.begin_cycle()
+    bench.set_causes(["position_offset=0.01@0.002"])
+    assert_same(telemetry(first), telemetry(short_bench().begin_cycle()))
+    second = telemetry(bench.begin_cycle()).position
+    # Without the offset the user shaft rests in its play, of 1e-5 rad.
+    np.testing.assert_allclose(second[:20], 0.0, rtol=0, atol=2e-5)
+    np.testing.assert_allclose(second[20:30], 0.01, rtol=0, atol=2e-5)
+    bench.set_causes({})
+    np.testing.assert_allclose(telemetry(bench.begin_cycle()).position[:30], 0.0, atol=2e-5)
+
+
+def test_causes_last_over_the_cycles():
+    bench = ActuatorBench(ActuatorDescription(), causes={"position_offset": 0.01})
+    bench.set_command(SHORT)
+    for _ in range(2):
+        assert telemetry(bench.begin_cycle()).position[-1] == pytest.approx(0.01, abs=1e-4)
+
+
+def test_wrong_sensor_does_not_change_the_motion():
+    causes = {"position_offset": 0.01, "position_gain": 0.05, "current_offset": 1.0}
+    bench = ActuatorBench(ActuatorDescription(), causes=causes)
+    bench.set_command(SHORT)
+    wrong, right = telemetry(bench.begin_cycle()), telemetry(short_bench().begin_cycle())
+    np.testing.assert_array_equal(wrong.speed, right.speed)
+    np.testing.assert_array_equal(wrong.position, 1.05 * right.position + 0.01)
+    np.testing.assert_array_equal(wrong.current, right.current + 1.0)
+
+
+def test_blocks_do_not_show_with_causes():
+    def cycle(block_s: float) -> Telemetry:
+        bench = short_bench(block_s=block_s, current_noise=0.1)
+        bench.set_causes([*CAUSES, "dead_time=1.5e-6", "supply_ripple=0.05"])
+        return telemetry(bench.begin_cycle())
+
+    assert_same(cycle(0.0007), cycle(1.0))
+
+
+def test_impossible_causes_are_refused_and_change_nothing():
+    bench = ActuatorBench(ActuatorDescription(), causes={"jam": 1.0})
+    for causes in (["jamm=1"], ["load_torque=99"], {"load_torque": math.nan}):
+        with pytest.raises(ValueError, match=r"jamm|load_torque"):
+            bench.set_causes(causes)
+    assert list(bench.causes) == ["jam"]
+    with pytest.raises(ValueError, match="did you mean 'jam'"):
+        ActuatorBench(ActuatorDescription(), causes={"jamm": 1.0})
+
+
+def test_winding_too_hot_for_a_fault_that_is_set_is_refused():
+    bench = ActuatorBench(ActuatorDescription(parameters=ActuatorParameters(L_s=7e-5)))
+    bench.set_faults({"short_circuit_b": 0.96})
+    with pytest.raises(ValueError, match=r"L_s = 7e-05 H .* most shorted phase"):
+        bench.set_causes({"winding_temperature": 200.0})

@@ -122,7 +122,7 @@ def test_gain_goes_to_either_side():
     assert max(values) > 0.7
 
 
-def test_a_tenth_of_the_tests_is_missing_and_three_in_a_hundred_are_spoiled():
+def test_a_tenth_of_the_tests_is_missing_and_three_in_a_hundred_are_disturbed():
     windows = [window for i in range(100) for window in _constant(i).windows]
     n = len(windows)
     for kinds, share in ((("missing",), 0.1), (("noisy", "gap"), 0.027), (("noisy",), 0.0135)):
@@ -185,5 +185,5 @@ def test_impossible_lives_are_refused(limits, kind, settings, parts):
 def test_settings_are_checked():
     with pytest.raises(ValueError, match="least_tests = 60: expected at most most_tests = 50"):
         LifeSettings(most_tests=50)
-    with pytest.raises(ValueError, match="spoiled_share"):
-        LifeSettings(spoiled_share=1.5)
+    with pytest.raises(ValueError, match="disturbed_share"):
+        LifeSettings(disturbed_share=1.5)

@@ -1,11 +1,14 @@
 """What sensors add to the truth."""
 
 import math
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from ema_core.telemetry import COLUMNS, Telemetry
+from ema_core.cause_profiles import Causes, cause_profiles
+from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_sim.sensors import Sensors
 
 N = 5000
@@ -85,3 +88,61 @@ def test_impossible_resolution_is_refused(resolution):
 def test_unknown_column_is_refused():
     with pytest.raises(ValueError, match="unknown telemetry column 'voltage'; known: command"):
         sensors(0.0, {"voltage": 0.1})
+
+
+def misread(causes: Causes, *blocks: Telemetry) -> Telemetry:
+    reader = sensors()
+    reader.set_causes(cause_profiles(causes))
+    return join([reader.measure(block) for block in blocks])
+
+
+@pytest.mark.parametrize("column", ["current", "speed", "position"])
+def test_gain_and_offset_are_those_of_one_column(column):
+    measured = misread([f"{column}_gain=-0.05", f"{column}_offset=0.1"], TRUTH)
+    for name in COLUMNS:
+        truth = getattr(TRUTH, name)
+        expected = 0.95 * truth + 0.1 if name == column else truth
+        np.testing.assert_allclose(getattr(measured, name), expected, rtol=0, atol=1e-15)
+
+
+def test_offset_begins_at_its_time_after_the_first_block():
+    step = misread(["current_offset=0.5@0.02"], TRUTH)
+    np.testing.assert_array_equal(step.current[:200], TRUTH.current[:200])
+    np.testing.assert_array_equal(step.current[200:], TRUTH.current[200:] + 0.5)
+    ramp = misread(["current_offset=0.5@0.1..0.3"], TRUTH).current - TRUTH.current
+    # A cause has the value of the middle of a sample.
+    assert ramp[2000 - 1] == pytest.approx(0.5 * (0.19995 - 0.1) / 0.2, abs=1e-12)
+
+
+@pytest.mark.parametrize("column", ["current", "speed", "command"])
+def test_delay_of_whole_samples_shows_an_earlier_one(column):
+    measured = misread([f"{column}_delay=7e-4"], TRUTH)
+    truth = getattr(TRUTH, column)
+    np.testing.assert_allclose(getattr(measured, column)[7:], truth[:-7], rtol=0, atol=1e-14)
+    # The column is taken to have been at its first value.
+    np.testing.assert_allclose(getattr(measured, column)[:7], truth[0], rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(measured.position, TRUTH.position)
+
+
+def test_delay_of_a_fraction_of_a_sample_is_interpolated():
+    line = replace(TRUTH, speed=3.0 * np.arange(N))
+    measured = misread(["speed_delay=2.5e-4"], line)
+    np.testing.assert_allclose(measured.speed[10:], line.speed[10:] - 3.0 * 2.5, rtol=1e-12)
+
+
+@pytest.mark.parametrize("cuts", [[1], [3, 4, 5, 6], [50, 51, 1000], list(range(1, 100))])
+def test_block_length_does_not_show_in_what_is_misread(cuts):
+    causes = ["current_delay=1.25e-3", "current_gain=0.1@0.0", "speed_delay=3e-4@0.001..0.1"]
+    edges = [0, *cuts, N]
+    blocks = [TRUTH.part(*edge) for edge in pairwise(edges)]
+    whole, cut = misread(causes, TRUTH), misread(causes, *blocks)
+    for column in COLUMNS:
+        np.testing.assert_array_equal(getattr(cut, column), getattr(whole, column))
+
+
+def test_noise_and_resolution_are_those_of_the_sensor_that_misreads():
+    reader = sensors(0.3, {"position": 0.1})
+    reader.set_causes(cause_profiles({"current_gain": -1.0, "position_offset": 0.03}))
+    measured = reader.measure(TRUTH)
+    assert measured.current.std() == pytest.approx(0.3, rel=5 / math.sqrt(2 * N))
+    np.testing.assert_array_equal(measured.position, 0.1 * np.round((TRUTH.position + 0.03) / 0.1))

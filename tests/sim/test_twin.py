@@ -9,6 +9,7 @@ from ema_core.dynamics import lag_factor
 from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, constants
 from ema_sim.actuator import SimulatedActuator, at_rest
+from ema_sim.effects import NO_EFFECTS, NO_PAUSES
 from ema_sim.motor import GAP_REACH, sector_at, windings
 from ema_sim.reference import DT, advance_sample
 
@@ -90,7 +91,7 @@ def load(t: float) -> float:
 @pytest.mark.parametrize("case", CASES)
 def test_kernel_step_equals_twin(case):
     values, faults, happens = CASES[case]
-    actuator = ActuatorParameters.from_mapping(values)
+    actuator = ActuatorParameters().replace(values)
     plant = degrade(constants(actuator), fault_vector(faults))
     twin, x = ReferenceTwin(actuator, faults), at_rest()
     noise = np.random.default_rng(7).normal(0.0, 0.5, STEPS)
@@ -121,7 +122,7 @@ def test_kernel_step_equals_twin(case):
 def test_sample_equals_its_steps(case):
     """Commutation, switching, gap and end stop are kept over the steps of a sample."""
     values, faults, _ = CASES[case]
-    plant = degrade(constants(ActuatorParameters.from_mapping(values)), fault_vector(faults))
+    plant = degrade(constants(ActuatorParameters().replace(values)), fault_vector(faults))
     phases, lag, long = windings(plant.motor), lag_factor(DT), 2000
     x = y = at_rest()._replace(omega=300.0)
     noise = np.random.default_rng(7).normal(0.0, 0.5, STEPS // 10)
@@ -130,7 +131,8 @@ def test_sample_equals_its_steps(case):
         knots = 0.8e-3 * (first / STEPS), 0.8e-3 * ((first + long) / STEPS)
         rise = (knots[1] - knots[0]) / long
         rest = noise, first, 10, long, DT, lag
-        y, total = advance_sample(*plant, phases, y, knots[0], rise, 0.02, 1e-5, *rest)
+        plain = NO_EFFECTS, NO_PAUSES
+        y, total, _ = advance_sample(*plant, phases, *plain, y, knots[0], rise, 0.02, 1e-5, *rest)
         summed = 0.0
         for n in range(long):
             at = knots[0] + n * rise, noise[(first + n) // 10], 0.02 + n * 1e-5

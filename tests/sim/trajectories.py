@@ -11,6 +11,7 @@ from ema_core.parameters import (
     MotorConstants,
     PlantConstants,
 )
+from ema_sim.effects import NO_EFFECTS, NO_PAUSES
 from ema_sim.motor import windings
 from ema_sim.reference import DT, State, advance_sample
 
@@ -31,7 +32,7 @@ def step(
     lag: float,
 ) -> State:
     """State after a sample of one step; what is not held in it is found anew."""
-    plant = control, motor, mechanics, windings(motor)
+    plant = control, motor, mechanics, windings(motor), NO_EFFECTS, NO_PAUSES
     held = np.array([disturbance])
     return advance_sample(*plant, state, command, 0.0, load, 0.0, held, 0, 1, 1, dt, lag)[0]
 

@@ -1,0 +1,147 @@
+"""Hidden causes over time: constant, a step, or a ramp, and the text that stands for each."""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ema_core.causes import CAUSE_BY_NAME, Cause, Place
+from ema_core.quantity import is_finite_number
+from ema_core.wording import as_identifier, unknown_name
+
+GRAMMAR: Final = "NAME=VALUE[@START[..END]]"
+"""Text of a cause: its value, from a time on [s], or reached by a ramp between two times [s]."""
+
+_TEXT: Final = re.compile(r"\s*([^=]+?)\s*=\s*([^@=\s]+?)(?:@([^@=\s]+?)(?:\.\.([^@=\s]+))?)?\s*")
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Course of a cause in time: 0 until ``start_s``, ``value`` from ``end_s`` on, linear between.
+
+    Attributes
+    ----------
+    value
+        Final value, in the unit of the cause.
+    start_s, end_s
+        Start and end of the ramp [s] since the cause was set; a step where they are equal.
+    """
+
+    value: float
+    start_s: float = 0.0
+    end_s: float = 0.0
+
+    def at(self, time_s: ArrayLike) -> NDArray[np.float64]:
+        """Return the value of the cause at some times [s], in the shape of these."""
+        t = np.asarray(time_s, dtype=np.float64)
+        if self.end_s == self.start_s:
+            return np.where(t >= self.start_s, self.value, 0.0)
+        return self.value * np.clip((t - self.start_s) / (self.end_s - self.start_s), 0.0, 1.0)
+
+    def __str__(self) -> str:
+        if self.end_s > self.start_s:
+            return f"{self.value:g}@{self.start_s:g}..{self.end_s:g}"
+        return f"{self.value:g}@{self.start_s:g}" if self.start_s else f"{self.value:g}"
+
+
+Causes = Mapping[str, Profile | float] | Iterable[str]
+"""Hidden causes by name, or as texts of the form `GRAMMAR`."""
+
+
+def cause_profiles(causes: Causes) -> dict[str, Profile]:
+    """Return hidden causes as profiles by name.
+
+    Parameters
+    ----------
+    causes
+        Values or profiles by name, or texts such as ``"current_offset=0.1@3.0"`` (`GRAMMAR`).
+
+    Raises
+    ------
+    ValueError
+        When a name is unknown or given twice, a value is not a number in its range, or a time is
+        impossible; the message names the cause, its value, unit and range.
+    """
+    if isinstance(causes, str):
+        raise ValueError(f"causes = {causes!r}: expected a list of texts {GRAMMAR}")
+    if isinstance(causes, Mapping):
+        given = [
+            (name, item if isinstance(item, Profile) else Profile(item))
+            for name, item in causes.items()
+        ]
+    else:
+        given = [_parsed(text) for text in causes]
+    profiles: dict[str, Profile] = {}
+    for name, profile in given:
+        cause = CAUSE_BY_NAME.get(as_identifier(name))
+        if cause is None:
+            raise ValueError(unknown_name("hidden cause", name, CAUSE_BY_NAME))
+        if cause.name in profiles:
+            raise ValueError(f"hidden cause {cause.name} is given more than once")
+        profiles[cause.name] = _checked(cause, profile)
+    return profiles
+
+
+def describe_causes() -> str:
+    """Return the names of all causes with unit and range."""
+    return ", ".join(
+        f"{cause.name} [{cause.unit}, {cause.lowest:g} to {cause.highest:g}]"
+        for cause in CAUSE_BY_NAME.values()
+    )
+
+
+def _parsed(text: str) -> tuple[str, Profile]:
+    match = _TEXT.fullmatch(text) if isinstance(text, str) else None
+    if match is None:
+        raise ValueError(f"hidden cause {text!r}: expected {GRAMMAR}")
+    name, *figures = match.groups()
+    cause = CAUSE_BY_NAME.get(as_identifier(name))
+    if cause is None:
+        raise ValueError(unknown_name("hidden cause", name, CAUSE_BY_NAME))
+    unit = cause.unit if cause.unit != "-" else ""
+    numbers = []
+    for figure, words in zip(
+        figures, (f"{cause.name} = {{}} {unit}", "start {} s", "end {} s"), strict=True
+    ):
+        try:
+            numbers.append(None if figure is None else float(figure))
+        except ValueError:
+            said = words.format(figure).rstrip()
+            raise ValueError(
+                f"hidden cause {text!r}: {said} is not a number; expected {GRAMMAR}"
+            ) from None
+    value, start, end = numbers
+    start = 0.0 if start is None else start
+    if end is not None and end <= start:
+        raise ValueError(
+            f"hidden cause {text!r}: the ramp's end {end:g} s is not after its start {start:g} s"
+        )
+    return name, Profile(value, start, start if end is None else end)
+
+
+def _checked(cause: Cause, profile: Profile) -> Profile:
+    """Return a profile of floats, if it is possible for its cause."""
+    value, unit = profile.value, cause.unit
+    expected = f"[{cause.lowest:g}, {cause.highest:g}] {unit} ({cause.label}: {cause.meaning})"
+    if not is_finite_number(value):
+        raise ValueError(f"{cause.name} = {value!r}: expected a finite number in {expected}")
+    if not cause.lowest <= value <= cause.highest:
+        raise ValueError(f"{cause.name} = {value:g} {unit} is outside {expected}")
+    for name, time_s in (("start", profile.start_s), ("end", profile.end_s)):
+        if not is_finite_number(time_s) or time_s < 0.0:
+            raise ValueError(
+                f"{cause.name}: {name} = {time_s!r} s: expected a finite number of at least 0 s"
+            )
+    if profile.end_s < profile.start_s:
+        raise ValueError(
+            f"{cause.name}: end = {profile.end_s:g} s is before start = {profile.start_s:g} s"
+        )
+    if cause.place is Place.DEFECT:
+        if value not in (0.0, 1.0):
+            raise ValueError(f"{cause.name} = {value:g}: expected 0 or 1 ({cause.meaning})")
+        if profile.end_s > profile.start_s:
+            raise ValueError(f"{cause.name}: a defect begins at once, without a ramp")
+    return Profile(float(value), float(profile.start_s), float(profile.end_s))

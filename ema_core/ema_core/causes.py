@@ -1,0 +1,128 @@
+"""The registry of hidden causes: what changes a window of telemetry and is none of the faults.
+
+The simulator applies them (equations in docs/model.md), the monitor takes some of them for
+competing explanations. A cause that is absent has the value 0.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+COPPER: Final = 3.93e-3
+"""Relative rise of the resistance of copper with its temperature [1/K]."""
+
+
+class Place(StrEnum):
+    """Where a cause acts."""
+
+    PLANT = "plant"
+    """Motor, supply, mechanics or load: it changes the motion."""
+    SENSOR = "sensor"
+    """A published column alone; the drive's own loops use the true value."""
+    DEFECT = "defect"
+    """A part that has failed: there is no use in estimating faults beside it."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One hidden cause.
+
+    Attributes
+    ----------
+    name, label
+        Name in code, messages and on the command line, and in words.
+    unit
+        Unit of its value; "-" for a relative change or a switch.
+    lowest, highest
+        Range that can be simulated.
+    place
+        Where it acts.
+    meaning
+        What its value is.
+    """
+
+    name: str
+    label: str
+    unit: str
+    lowest: float
+    highest: float
+    place: Place
+    meaning: str
+
+
+_PLANT = (
+    ("load_torque", "load torque", "N.m", -10.0, 10.0, "torque against positive motion"),
+    (
+        "load_stiffness",
+        "load stiffness",
+        "N.m/rad",
+        -1e3,
+        1e3,
+        "torque on the motor shaft against it, per angle of the user shaft",
+    ),
+    (
+        "torque_constant",
+        "torque constant",
+        "-",
+        -0.5,
+        0.5,
+        "relative change of torque and back-EMF constant: temperature and age of the magnets",
+    ),
+    (
+        "winding_temperature",
+        "winding temperature",
+        "K",
+        -150.0,
+        250.0,
+        "rise over that of the description; the resistance follows by 0.393 %/K",
+    ),
+    ("supply_voltage", "supply voltage", "-", -0.9, 1.0, "relative change"),
+    ("viscous_friction", "viscous friction", "-", -1.0, 1e3, "relative change"),
+    ("inertia", "inertia", "-", -0.9, 100.0, "relative change"),
+    ("dead_time", "dead time", "s", 0.0, 2e-5, "pause of a leg of the inverter when it switches"),
+    ("cogging", "cogging", "N.m", 0.0, 1.0, "amplitude of the cogging torque"),
+    (
+        "stribeck",
+        "Stribeck friction",
+        "-",
+        0.0,
+        10.0,
+        "rise of the friction towards standstill over the dynamic friction",
+    ),
+    (
+        "friction_ripple",
+        "friction ripple",
+        "-",
+        -1.0,
+        1.0,
+        "amplitude over a turn of the motor, of the dry friction",
+    ),
+    ("supply_ripple", "supply ripple", "-", 0.0, 0.9, "relative amplitude, at 2400 Hz"),
+)
+_SENSOR = (
+    ("current_offset", "current sensor offset", "A", -1e3, 1e3, "offset of the current"),
+    ("current_gain", "current sensor gain", "-", -2.0, 1.0, "relative error of the current"),
+    ("speed_offset", "speed sensor offset", "rad/s", -1e3, 1e3, "offset of the speed"),
+    ("speed_gain", "speed sensor gain", "-", -2.0, 1.0, "relative error of the speed"),
+    ("position_offset", "position sensor offset", "rad", -1.0, 1.0, "offset of the position"),
+    ("position_gain", "position sensor gain", "-", -2.0, 1.0, "relative error of the position"),
+    ("current_delay", "delay of the current", "s", 0.0, 0.1, "age of the published current"),
+    ("speed_delay", "delay of the speed", "s", 0.0, 0.1, "age of the published speed"),
+    ("command_delay", "delay of the command", "s", 0.0, 0.1, "age of the published command"),
+)
+_DEFECT = (
+    ("open_phase_a", "open phase A", "-", 0.0, 1.0, "1: the phase carries no current"),
+    ("open_phase_b", "open phase B", "-", 0.0, 1.0, "1: the phase carries no current"),
+    ("open_phase_c", "open phase C", "-", 0.0, 1.0, "1: the phase carries no current"),
+    ("dead_switch", "dead switch", "-", 0.0, 1.0, "1: the upper switch of leg A stays open"),
+    ("jam", "jam", "-", 0.0, 1.0, "1: the motor shaft is blocked"),
+)
+
+CAUSES: Final = tuple(
+    Cause(name, label, unit, lowest, highest, place, meaning)
+    for place, rows in ((Place.PLANT, _PLANT), (Place.SENSOR, _SENSOR), (Place.DEFECT, _DEFECT))
+    for name, label, unit, lowest, highest, meaning in rows
+)
+"""All hidden causes."""
+
+CAUSE_BY_NAME: Final = {cause.name: cause for cause in CAUSES}

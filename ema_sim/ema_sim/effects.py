@@ -1,0 +1,365 @@
+"""Hidden causes in the kernels of the reference actuator: what each changes in a step.
+
+The kernels come in pairs, without and with causes, of which numba takes one by the type of
+``effects`` when it compiles: an actuator without causes runs the steps that it always ran. The
+numbers (M20) to (M25) are those of equations in ``docs/model.md``.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numba.extending import overload
+from numba.np.unsafe.ndarray import to_fixed_tuple
+from numpy.typing import NDArray
+
+from ema_core._jit import kernel
+from ema_core.cause_profiles import Profile
+from ema_core.causes import COPPER
+from ema_core.dynamics import next_speed
+from ema_core.parameters import MechanicalConstants, MotorConstants
+from ema_sim.motor import Windings, star_currents, windings
+
+STRIBECK_SPEED: Final = 10.0
+"""Motor speed at which the Stribeck friction has fallen to 1/e [rad/s]."""
+
+RIPPLE_FREQUENCY: Final = 2400.0
+"""Of the supply: six pulses in a period of 400 Hz, behind a three-phase rectifier [Hz]."""
+
+
+class NoEffects(NamedTuple):
+    """No hidden causes."""
+
+
+class Effects(NamedTuple):
+    """Hidden causes of a sample, with the names and units of their registry.
+
+    ``time`` is that at which the sample begins [s].
+    """
+
+    time: float
+    load_torque: float
+    load_stiffness: float
+    torque_constant: float
+    winding_temperature: float
+    supply_voltage: float
+    viscous_friction: float
+    inertia: float
+    dead_time: float
+    cogging: float
+    stribeck: float
+    friction_ripple: float
+    supply_ripple: float
+    open_phase_a: float
+    open_phase_b: float
+    open_phase_c: float
+    dead_switch: float
+    jam: float
+
+
+class Courses(NamedTuple):
+    """Hidden causes of a block: a row a sample, with a column for each field of `Effects`."""
+
+    rows: NDArray[np.float64]
+
+
+NO_EFFECTS: Final = NoEffects()
+NO_PAUSES: Final = (0.0, 0.0, 0.0)
+"""Remaining dead times of the legs [steps] of an inverter that has not switched for long."""
+
+_FIELDS: Final = len(Effects._fields)
+
+
+def courses(
+    profiles: Mapping[str, Profile], sample_period: float, first: int, origin: int, n: int
+) -> Courses | NoEffects:
+    """Return the causes that act inside of the actuator in a block.
+
+    A cause is held over a sample at its value in the middle of it.
+
+    Parameters
+    ----------
+    profiles
+        Profiles by name; those of sensors are left out.
+    sample_period
+        Period of the telemetry [s].
+    first, origin
+        Number of samples before the block, and before the profiles' time 0.
+    n
+        Number of samples of the block.
+    """
+    inside = {name: profile for name, profile in profiles.items() if name in Effects._fields}
+    if not inside:
+        return NO_EFFECTS
+    number = first + np.arange(n)
+    middles = (number - origin + 0.5) * sample_period
+    rows = np.zeros((n, _FIELDS))
+    rows[:, Effects._fields.index("time")] = number * sample_period
+    for name, profile in inside.items():
+        rows[:, Effects._fields.index(name)] = profile.at(middles)
+    return Courses(rows)
+
+
+def _by_effects(without: Any, with_causes: Any) -> Any:
+    """Return a function that calls one of two kernels, by the type of its first argument."""
+
+    def dispatch(effects, *arguments):
+        raise NotImplementedError
+
+    @overload(dispatch)
+    def choose(effects, *arguments):
+        chosen = without if effects.instance_class is NoEffects else with_causes
+        return lambda effects, *arguments: chosen(effects, *arguments)
+
+    return dispatch
+
+
+@kernel()
+def _still_none(effects: NoEffects, k):
+    return effects
+
+
+@kernel()
+def effects_of_sample(effects: Courses, k):
+    """Causes of a sample."""
+    # pyright sees the first argument, which numba gives itself.
+    return Effects(*to_fixed_tuple(effects.rows[k], _FIELDS))  # pyright: ignore[reportCallIssue]
+
+
+@kernel()
+def _same_plant(effects: NoEffects, motor, mech, phases):
+    return motor, mech, phases
+
+
+@kernel()
+def changed_plant(
+    effects: Effects, motor: MotorConstants, mech: MechanicalConstants, phases: Windings
+):
+    """Motor, mechanics and windings of a sample (M20)."""
+    motor = MotorConstants(
+        motor.V_max * (1.0 + effects.supply_voltage),
+        motor.T_max,
+        motor.k_e * (1.0 + effects.torque_constant),
+        motor.G_M,
+        motor.R_s * (1.0 + COPPER * effects.winding_temperature),
+        motor.L_s,
+        motor.P,
+        motor.h_b,
+        motor.N_a,
+        motor.N_b,
+        motor.N_c,
+        motor.zeta,
+        motor.phi,
+    )
+    mech = MechanicalConstants(
+        mech.J * (1.0 + effects.inertia),
+        mech.C * (1.0 + effects.viscous_friction),
+        mech.f_s,
+        mech.f_d,
+        mech.half_backlash,
+        mech.tau,
+        mech.theta_stop,
+    )
+    return motor, mech, windings(motor)
+
+
+@kernel()
+def _same_voltage(effects: NoEffects, half_V, time):
+    return half_V
+
+
+@kernel()
+def rippled_voltage(effects: Effects, half_V, time):
+    """Half of the supply voltage [V], ``time`` [s] after the start of the sample (M21)."""
+    if effects.supply_ripple == 0.0:
+        return half_V
+    angle = 2.0 * math.pi * RIPPLE_FREQUENCY * (effects.time + time)
+    return half_V * (1.0 + effects.supply_ripple * math.sin(angle))
+
+
+@kernel()
+def _plain_speed(effects: NoEffects, mech, P, omega, torque, theta_m, theta_b, dt):
+    return next_speed(mech, omega, torque, mech.f_s, dt)
+
+
+@kernel()
+def disturbed_speed(
+    effects: Effects, mech: MechanicalConstants, P, omega, torque, theta_m, theta_b, dt
+):
+    """Motor speed after one step with load, cogging and dry friction of the causes (M22, M23)."""
+    if effects.jam != 0.0:
+        return 0.0
+    torque -= effects.load_torque + effects.load_stiffness * mech.tau * theta_b
+    if effects.cogging != 0.0:
+        torque -= effects.cogging * math.sin(6.0 * P * theta_m)
+    f_s, f_d = mech.f_s, mech.f_d
+    if effects.stribeck != 0.0:
+        f_d *= 1.0 + effects.stribeck * math.exp(-abs(omega) / STRIBECK_SPEED)
+    if effects.friction_ripple != 0.0:
+        ripple = 1.0 + effects.friction_ripple * math.sin(theta_m)
+        f_s *= ripple
+        f_d *= ripple
+    friction = MechanicalConstants(
+        mech.J, mech.C, f_s, f_d, mech.half_backlash, mech.tau, mech.theta_stop
+    )
+    return next_speed(friction, omega, torque, max(f_s, f_d), dt)
+
+
+@kernel()
+def _no_pauses(effects: NoEffects, pauses, switches_a, switches_b, switches_c, dt):
+    return pauses
+
+
+@kernel()
+def pauses_after(effects: Effects, pauses, switches_a, switches_b, switches_c, dt):
+    """Remaining dead times of the legs [steps], after some were told to switch (M24)."""
+    # To a thousandth, so that whole steps are whole numbers.
+    pause = round(1e3 * effects.dead_time / dt) / 1e3
+    return (
+        pause if switches_a else pauses[0],
+        pause if switches_b else pauses[1],
+        pause if switches_c else pauses[2],
+    )
+
+
+@kernel()
+def leg_voltage(q, i, half_V, off):
+    """Voltage of a leg whose switches are both open for the share ``off`` of the step (M24) [V].
+
+    Then the current flows through the diode that it finds.
+    """
+    diode = (half_V if i < 0.0 else 0.0) - (half_V if i > 0.0 else 0.0)
+    return off * diode + (1.0 - off) * half_V * q
+
+
+@kernel()
+def _plain_currents(
+    effects: NoEffects,
+    phases,
+    pauses,
+    half_V,
+    omega,
+    dt,
+    q_a,
+    q_b,
+    q_c,
+    i_a,
+    i_b,
+    i_c,
+    k_a,
+    k_b,
+    k_c,
+):
+    v_a = half_V * q_a - phases.R_a * i_a - k_a * omega
+    v_b = half_V * q_b - phases.R_b * i_b - k_b * omega
+    v_c = half_V * q_c - phases.R_c * i_c - k_c * omega
+    return *star_currents(phases, dt, v_a, v_b, v_c, i_a, i_b, i_c), pauses
+
+
+@kernel()
+def disturbed_currents(
+    effects: Effects,
+    phases,
+    pauses,
+    half_V,
+    omega,
+    dt,
+    q_a,
+    q_b,
+    q_c,
+    i_a,
+    i_b,
+    i_c,
+    k_a,
+    k_b,
+    k_c,
+):
+    """Phase currents [A] and remaining dead times [steps] after a step (M24, M25).
+
+    What is rare has a function of its own, which keeps this one short enough to be inlined.
+    """
+    opens = effects.open_phase_a + effects.open_phase_b + effects.open_phase_c
+    if opens + effects.dead_switch + pauses[0] + pauses[1] + pauses[2] == 0.0:
+        v_a = half_V * q_a - phases.R_a * i_a - k_a * omega
+        v_b = half_V * q_b - phases.R_b * i_b - k_b * omega
+        v_c = half_V * q_c - phases.R_c * i_c - k_c * omega
+        return *star_currents(phases, dt, v_a, v_b, v_c, i_a, i_b, i_c), pauses
+    off_a = 1.0 if effects.dead_switch != 0.0 and q_a > 0.0 else min(pauses[0], 1.0)
+    off_b, off_c = min(pauses[1], 1.0), min(pauses[2], 1.0)
+    pauses = max(pauses[0] - 1.0, 0.0), max(pauses[1] - 1.0, 0.0), max(pauses[2] - 1.0, 0.0)
+    i_a, i_b, i_c = interrupted_currents(
+        (effects.open_phase_a, effects.open_phase_b, effects.open_phase_c),
+        (off_a, off_b, off_c),
+        phases,
+        half_V,
+        dt,
+        (q_a, q_b, q_c),
+        (i_a, i_b, i_c),
+        (k_a * omega, k_b * omega, k_c * omega),
+    )
+    return i_a, i_b, i_c, pauses
+
+
+@kernel()
+def interrupted_currents(opens, offs, phases: Windings, half_V, dt, q, i, emf):
+    """Phase currents [A] after a step in which legs or phases are interrupted (M24, M25).
+
+    ``opens`` are not 0 for a phase that is open, ``offs`` the shares of the step in which both
+    switches of a leg are; ``q``, ``i`` and ``emf`` are switching states, currents [A] and
+    voltages that the phases induce [V].
+    """
+    (i_a, i_b, i_c), (off_a, off_b, off_c) = i, offs
+    open_a, open_b, open_c = opens[0] != 0.0, opens[1] != 0.0, opens[2] != 0.0
+    u_a = leg_voltage(q[0], i_a, half_V, off_a)
+    u_b = leg_voltage(q[1], i_b, half_V, off_b)
+    u_c = leg_voltage(q[2], i_c, half_V, off_c)
+    floats_a = off_a == 1.0 and i_a == 0.0
+    floats_b = off_b == 1.0 and i_b == 0.0
+    floats_c = off_c == 1.0 and i_c == 0.0
+    v_a = u_a - phases.R_a * i_a - emf[0]
+    v_b = u_b - phases.R_b * i_b - emf[1]
+    v_c = u_c - phases.R_c * i_c - emf[2]
+    g_a = 0.0 if open_a or floats_a else dt / phases.L_a
+    g_b = 0.0 if open_b or floats_b else dt / phases.L_b
+    g_c = 0.0 if open_c or floats_c else dt / phases.L_c
+    v_n = _star_voltage(g_a, g_b, g_c, v_a, v_b, v_c)
+    # A leg without current is driven by a diode where its terminal would lie beyond the supply.
+    if floats_a and not open_a and abs(v_n + emf[0]) > half_V:
+        u_a = math.copysign(half_V, v_n + emf[0])
+        v_a, g_a = v_a + u_a, dt / phases.L_a
+    if floats_b and not open_b and abs(v_n + emf[1]) > half_V:
+        u_b = math.copysign(half_V, v_n + emf[1])
+        v_b, g_b = v_b + u_b, dt / phases.L_b
+    if floats_c and not open_c and abs(v_n + emf[2]) > half_V:
+        u_c = math.copysign(half_V, v_n + emf[2])
+        v_c, g_c = v_c + u_c, dt / phases.L_c
+    v_n = _star_voltage(g_a, g_b, g_c, v_a, v_b, v_c)
+    i_a += g_a * (v_a - v_n)
+    i_b += g_b * (v_b - v_n)
+    i_c += g_c * (v_c - v_n)
+    # A diode blocks the current that would flow against it, a break that of its phase.
+    if open_a or (off_a == 1.0 and i_a * u_a > 0.0):
+        i_a = g_a = 0.0
+    if open_b or (off_b == 1.0 and i_b * u_b > 0.0):
+        i_b = g_b = 0.0
+    if open_c or (off_c == 1.0 and i_c * u_c > 0.0):
+        i_c = g_c = 0.0
+    total = g_a + g_b + g_c
+    excess = (i_a + i_b + i_c) / total if total > 0.0 else 0.0
+    return i_a - g_a * excess, i_b - g_b * excess, i_c - g_c * excess
+
+
+@kernel()
+def _star_voltage(g_a, g_b, g_c, v_a, v_b, v_c):
+    """Voltage of the star point of the phases with weights ``g`` that are not 0 (M24)."""
+    total = g_a + g_b + g_c
+    return (g_a * v_a + g_b * v_b + g_c * v_c) / total if total > 0.0 else 0.0
+
+
+effects_at: Final = _by_effects(_still_none, effects_of_sample)
+plant_at: Final = _by_effects(_same_plant, changed_plant)
+pauses_at: Final = _by_effects(_no_pauses, pauses_after)
+half_voltage: Final = _by_effects(_same_voltage, rippled_voltage)
+phase_currents: Final = _by_effects(_plain_currents, disturbed_currents)
+motor_speed: Final = _by_effects(_plain_speed, disturbed_speed)

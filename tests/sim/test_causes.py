@@ -1,0 +1,258 @@
+"""Hidden causes inside of the actuator: each shows in the telemetry what its equation says."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ema_core.cause_profiles import Causes, Profile
+from ema_core.causes import CAUSES, COPPER, Place
+from ema_core.commands import Command
+from ema_core.parameters import ActuatorParameters
+from ema_core.telemetry import COLUMNS, Telemetry, join
+from ema_sim.actuator import SimulatedActuator
+from ema_sim.effects import RIPPLE_FREQUENCY, STRIBECK_SPEED, Effects
+
+P = ActuatorParameters()
+CHIRP = Command().sample(1e-4)[:2000]
+F_D = (P.f_sm + P.f_su) * P.f_ratio
+EVERY_PLANT_CAUSE = [
+    "load_torque=0.02",
+    "load_stiffness=3",
+    "torque_constant=-0.05@0.02",
+    "winding_temperature=80@0.01..0.1",
+    "supply_voltage=-0.1",
+    "viscous_friction=2",
+    "inertia=0.2@0.05",
+    "dead_time=2.5e-6",
+    "cogging=0.01",
+    "stribeck=0.3",
+    "friction_ripple=0.2",
+    "supply_ripple=0.05",
+    "dead_switch=1@0.15",
+]
+
+
+def run(
+    causes: Causes,
+    command: NDArray[np.float64] = CHIRP,
+    parameters: ActuatorParameters = P,
+    sample_period: float = 1e-4,
+) -> Telemetry:
+    actuator = SimulatedActuator(parameters, sample_period=sample_period)
+    actuator.causes = causes
+    return actuator.advance(command)
+
+
+def assert_same(one: Telemetry, other: Telemetry) -> None:
+    for column in COLUMNS:
+        np.testing.assert_array_equal(getattr(one, column), getattr(other, column))
+
+
+def ramp(speed: float, turns: float) -> NDArray[np.float64]:
+    """Command that moves the motor at a speed [rad/s] by some turns."""
+    steps = round(2 * math.pi * turns / speed / 1e-4)
+    return P.tau * speed * 1e-4 * np.arange(1.0, steps + 1)
+
+
+def wave(telemetry: Telemetry, periods: float) -> complex:
+    """Complex amplitude of the current [A] over the motor angle, in whole turns at the end."""
+    theta = telemetry.position / P.tau
+    turns = math.floor((theta[-1] - theta[0]) / (2 * math.pi)) - 1
+    kept = theta > theta[-1] - 2 * math.pi * turns
+    current, angle = telemetry.current[kept], theta[kept]
+    steps = np.gradient(angle)
+    return complex(2 * np.sum(current * np.exp(-1j * periods * angle) * steps) / np.sum(steps))
+
+
+def test_kernel_has_every_cause_but_those_of_sensors():
+    inside = [cause.name for cause in CAUSES if cause.place is not Place.SENSOR]
+    assert Effects._fields == ("time", *inside)
+
+
+@pytest.mark.parametrize(
+    "causes",
+    [{}, {"current_offset": 1.0}, {name: 0.0 for name in Effects._fields if name != "time"}],
+    ids=["none", "of_sensors", "zero"],
+)
+def test_causes_that_are_absent_change_no_bit(causes):
+    """None take the kernels without causes; zeros those with them, whose sums and products with 0
+    and 1 are exact."""
+    assert_same(run(causes), SimulatedActuator().advance(CHIRP))
+
+
+def test_nothing_changes_before_a_cause_begins():
+    plain = SimulatedActuator().advance(CHIRP)
+    stepped = run({name: Profile(1.0, 0.1, 0.1) for name in ("jam", "open_phase_a")})
+    for column in COLUMNS:
+        np.testing.assert_array_equal(
+            getattr(stepped, column)[:1000], getattr(plain, column)[:1000]
+        )
+    assert stepped.speed[1000] == 0.0 != plain.speed[1000]
+
+
+def test_block_length_does_not_show():
+    whole = run(EVERY_PLANT_CAUSE)
+    actuator = SimulatedActuator()
+    actuator.causes = EVERY_PLANT_CAUSE
+    blocks = [actuator.advance(part) for part in np.split(CHIRP, [1, 8, 333, 1500])]
+    assert_same(join(blocks), whole)
+    assert np.abs(whole.current - SimulatedActuator().advance(CHIRP).current).max() > 0.5
+
+
+def test_times_count_from_the_assignment():
+    actuator, other = SimulatedActuator(), SimulatedActuator()
+    actuator.advance(CHIRP[:500])
+    actuator.causes = ["load_torque=0.1@0.02"]
+    other.causes = ["load_torque=0.1@0.07"]
+    assert_same(actuator.advance(CHIRP[500:]), join([other.advance(CHIRP)]).part(500, 2000))
+
+
+def test_load_torque_is_a_load():
+    hidden, told = SimulatedActuator(), SimulatedActuator()
+    hidden.causes = {"load_torque": 0.05}
+    # At rest, which friction holds, until the load that is told has risen within a sample.
+    hidden.advance([0.0])
+    told.advance([0.0], 0.05)
+    assert_same(hidden.advance(CHIRP), told.advance(CHIRP, 0.05))
+
+
+@pytest.mark.parametrize(
+    ("cause", "value", "changed"),
+    [
+        ("torque_constant", -0.1, {"k_e": P.k_e * (1.0 - 0.1)}),
+        ("winding_temperature", 80.0, {"R_s": P.R_s * (1.0 + COPPER * 80.0)}),
+        ("supply_voltage", -0.2, {"V_max": P.V_max * (1.0 - 0.2)}),
+        ("viscous_friction", 40.0, {"C_m": (P.C_m + P.C_u) * 41.0, "C_u": 0.0}),
+        ("inertia", 0.25, {"J_m": (P.J_m + P.J_u) * 1.25, "J_u": 0.0}),
+    ],
+)
+def test_cause_is_another_plant_under_the_same_control(cause, value, changed):
+    assert_same(run({cause: value}), run({}, parameters=replace(P, **changed)))
+
+
+def test_spring_costs_current_in_proportion_to_the_angle():
+    s = 2.0
+    command = ramp(100.0, 10)
+    extra = run({"load_stiffness": s}, command).current - run({}, command).current
+    angle = command[1000:]
+    slope = np.polyfit(angle, extra[1000:], 1)[0]
+    # To the ripple of phases and commutations, which the load changes a little.
+    assert slope == pytest.approx(s / P.k_t, rel=0.03)
+
+
+@pytest.mark.parametrize("dead_time", [5e-6, 1.5e-5])
+def test_dead_time_costs_half_of_what_the_current_falls_in_it(dead_time):
+    """A blocked motor with two phases, of whose band the current only leaves the lower end."""
+    target, R, L = 5.0, P.R_s, P.L_s
+    blocked = {"jam": 1.0, "open_phase_a": 1.0}
+    command = np.full(1000, target * P.k_t / P.GAP / P.G_prop)
+    means = [
+        run(blocked | {"dead_time": pause}, command).current[300:].mean()
+        for pause in (0.0, dead_time)
+    ]
+    fall = (P.V_max + R * target) / L * dead_time
+    # The band is left in whole steps, in which the current falls by 0.08 A, the mean by half of it.
+    assert means[0] - means[1] == pytest.approx(fall / 2, abs=0.04)
+
+
+def test_cogging_costs_a_current_of_six_waves_a_pole_pair():
+    command, A = ramp(20.0, 4), 0.02
+    periods = 6 * P.P
+    amplitude = wave(run({"cogging": A}, command), periods) - wave(run({}, command), periods)
+    # The speed yields a little: 38 Hz against the 318 Hz of the speed loop; the equivalent current
+    # holds ripple of the third phase as well.
+    assert abs(amplitude) == pytest.approx(A / P.k_t, rel=0.1)
+
+
+def test_stribeck_friction_falls_with_speed():
+    s = 0.8
+    extra = []
+    for speed in (5.0, 60.0):
+        command = ramp(speed, 2)
+        both = [run({"stribeck": value}, command).current[len(command) // 2 :] for value in (0, s)]
+        extra.append((both[1] - both[0]).mean())
+    expected = [F_D * s * math.exp(-speed / STRIBECK_SPEED) / P.k_t for speed in (5.0, 60.0)]
+    # At 5 rad/s the ripple of the torque swings the speed, over which the exponential is curved.
+    np.testing.assert_allclose(extra, expected, rtol=0.15, atol=0.01)
+
+
+def test_friction_ripple_is_once_a_turn():
+    command, r = ramp(50.0, 4), 0.3
+    amplitude = wave(run({"friction_ripple": r}, command), 1) - wave(run({}, command), 1)
+    # A positive sine of the angle: -j; half of the backlash turns it by 0.0025 rad.
+    np.testing.assert_allclose(amplitude, -1j * F_D * r / P.k_t, rtol=0, atol=0.06)
+
+
+def test_supply_ripple_drives_its_current_through_the_winding():
+    """A blocked motor far below its limit of current is a resistance and an inductance."""
+    r, h = 0.2, 1e-5
+    parameters = replace(P, I_max=100.0)
+    command = np.full(500, 0.1)
+    causes = {"jam": 1.0, "supply_ripple": r}
+    extra = (
+        run(causes, command, parameters, h).current
+        - run({"jam": 1.0}, command, parameters, h).current
+    )
+    omega = 2 * math.pi * RIPPLE_FREQUENCY
+    kept = np.arange(250, 500)  # six periods, after the transient of 0.3 ms
+    time = (kept + 0.5) * h
+    amplitude = 2 * np.mean(extra[kept] * np.exp(-1j * omega * time))
+    lags = (1 + 1j * omega * 1e-5) ** 3
+    expected = -1j * P.V_max * r / (P.R_s + 1j * omega * P.L_s) / lags
+    # Euler steps of 1 us turn and stretch it by omega dt = 1.5 %.
+    assert abs(amplitude - expected) < 0.03 * abs(expected)
+
+
+@pytest.mark.parametrize("phase", "abc")
+def test_open_phase_carries_no_current(phase):
+    actuator = SimulatedActuator()
+    actuator.causes = [f"open_phase_{phase}=1@0.05"]
+    before, after = 0.0, []
+    for k, angle in enumerate(CHIRP[:1000]):
+        actuator.advance([angle])
+        x = actuator.state
+        if k < 500:
+            before = max(before, abs(getattr(x, f"i_{phase}")))
+        else:
+            after.append([getattr(x, f"i_{phase}"), x.i_a + x.i_b + x.i_c])
+    assert before > 1.0
+    assert np.abs(after)[:, 0].max() == 0.0
+    # The star point is left with two phases: their sum stays 0 but for rounding.
+    assert np.abs(after)[:, 1].max() < 1e-12
+
+
+def test_dead_switch_sources_no_current():
+    actuator = SimulatedActuator(sample_period=1e-5)
+    actuator.causes = {"dead_switch": 1.0}
+    currents = []
+    for angle in Command().sample(1e-5)[:20_000]:
+        actuator.advance([angle])
+        currents.append([actuator.state.i_a, actuator.state.i_b])
+    highest = np.max(currents, axis=0)
+    # Its upper diode still returns current to the supply.
+    assert highest[0] == 0.0 < 1.0 < highest[1]
+
+
+def test_jam_blocks_the_motor_where_it_is():
+    block = run(["jam=1@0.1"])
+    np.testing.assert_array_equal(block.speed[1000:], 0.0)
+    np.testing.assert_array_equal(block.position[1000:], block.position[1000])
+    assert np.abs(block.current[1000:]).max() > 0.9 * P.I_max
+
+
+def test_impossible_causes_change_nothing():
+    actuator = SimulatedActuator()
+    actuator.causes = {"load_torque": 0.05}
+    with pytest.raises(ValueError, match="did you mean 'cogging'"):
+        actuator.causes = {"coging": 0.1}
+    assert actuator.causes == {"load_torque": Profile(0.05)}
+
+
+def test_winding_too_hot_for_the_step_is_refused():
+    actuator = SimulatedActuator(replace(P, L_s=3e-6))
+    with pytest.raises(ValueError, match=r"L_s = 3e-06 H .* most shorted phase"):
+        actuator.causes = ["winding_temperature=200@1..2"]
+    actuator.causes = {"winding_temperature": 50.0}
