@@ -6,10 +6,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from ema_core.faults import FAULTS, KINDS, LIMITS, kind_of, settings_by_kind
+from ema_core.faults import FAULT_NAMES, FAULTS, KINDS, LIMITS, kind_of, settings_by_kind
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.quantity import check_quantities, quantity
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.settings import MOST_UNEXPLAINED
 
 ONE_SIDED_95: Final = 1.645
 """Standard deviations from the mean to a one-sided 95 % bound [-]."""
@@ -161,8 +162,9 @@ def assess(
     -----
     WARN when the lower 95 % bound of a fault exceeds a share of its limit, ERROR when its value
     exceeds the limit. The direction of eccentricity is no fault. The confidence is the share of
-    observable faults, reduced linearly from half the limit of the goodness of fit to zero at the
-    limit. A value that is held until the next test, and by itself would be WARN or ERROR, is WARN.
+    observable faults. Where the goodness of fit exceeds half its limit it is reduced, by the excess
+    or by the unexplained share, whichever reduces less; at both limits it is zero. A value that is
+    held until the next test, and by itself would be WARN or ERROR, is WARN.
     """
     if not estimate.valid:
         raise ValueError(f"no health without a valid estimate: {estimate.reason}")
@@ -172,32 +174,24 @@ def assess(
         if fault.limit is not None
     )
     known = [item for item in faults if item.level != STALE]
-    unseen = {
-        fault.name for fault, hidden in zip(FAULTS, estimate.unobservable, strict=True) if hidden
-    }
-    unknown = [item.name for item in faults if item.name in unseen]
+    hidden = dict(zip(FAULT_NAMES, estimate.unobservable, strict=True))
+    unknown = [item.name for item in faults if hidden[item.name]]
+    unseen = f"not observable in this window: {', '.join(unknown)}" if unknown else ""
     worst = _worst(faults)
-    alarmed = worst is not None and worst.level != OK
     limit = estimate.goodness_limit
     # The fit is unknown when the calibration has no scatter.
     goodness = np.nan_to_num(estimate.goodness_of_fit, nan=limit)
     fit = np.interp(goodness, [limit / 2.0, limit], [1.0, 0.0])
+    if np.isfinite(estimate.unexplained_share):
+        fit = max(fit, 1.0 - estimate.unexplained_share / MOST_UNEXPLAINED)
     return Health(
         level=worst.level if worst else STALE,
         health_index=float(np.clip(1.0 - max((i.share for i in known), default=np.nan), 0.0, 1.0)),
         severity=_grade(worst),
         confidence=float(fit) * (1.0 - len(unknown) / len(faults)),
-        dominant_fault=worst.name if worst and alarmed else "",
+        dominant_fault=worst.name if worst and worst.level != OK else "",
         faults=faults,
-        reason="; ".join(
-            filter(
-                None,
-                [
-                    f"not observable in this window: {', '.join(unknown)}" if unknown else "",
-                    estimate.reason,
-                ],
-            )
-        ),
+        reason="; ".join(filter(None, [unseen, estimate.reason])),
     )
 
 
@@ -206,10 +200,8 @@ def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> 
 
     Parameters
     ----------
-    health
-        Health by the faults.
-    requirements
-        Health with regard to each requirement.
+    health, requirements
+        Health by the faults, and with regard to each requirement.
     """
     worst = _worst(requirements)
     if worst is None:

@@ -29,9 +29,9 @@ def plot_fit(
     estimate
         The valid estimate in it.
     calibration
-        Calibration that it was made with; that of the built-in actuator when Nestimate.
+        Calibration that it was made with; that of the built-in actuator when None.
     since_ns
-        Stamp from which the time axis counts [ns]; the start of the window when Nestimate.
+        Stamp from which the time axis counts [ns]; the start of the window when None.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def plot_fit(
     start_s = 0.0 if since_ns is None else (window.start_ns - since_ns) * 1e-9
     faults = np.array([estimate.faults, healthy_faults()])
     response = calibration.model().respond(window, faults, estimate.play)
-    modelled = calibration.expect(response, calibration.alignment(window)).current
+    modelled = calibration.expect(response, window).current
     residual = window.current - modelled[0]
     t = start_s + window.sample_period * np.arange(1, len(window) + 1)
 

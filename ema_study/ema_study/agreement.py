@@ -7,10 +7,9 @@ import pandas as pd
 
 from ema_study.cases import CASES, MULTIPLE, StudyCase
 from ema_study.means import PRECISION_STUDY
-from ema_study.plan import ALGORITHMS, VARIANTS
 from ema_study.printed_runs import PRINTED, printed_runs
-from ema_study.record import K
-from ema_study.sources import ALGORITHM_NAMES, MODEL_LABELS, by_source, counted
+from ema_study.result import K
+from ema_study.sources import MODEL_LABELS, NAMES_WITH_OWN_CODE, by_source, counted
 
 ALGORITHM: Final = "pso"
 """The algorithm that is compared: the thesis's best, and Matlab's own rather than its author's."""
@@ -30,7 +29,7 @@ def agreement(runs: pd.DataFrame) -> pd.DataFrame:
     Parameters
     ----------
     runs
-        Our runs, as of ``ema_study.record.as_frame``; may be incomplete or empty.
+        Our runs, as of ``ema_study.result.as_frame``; may be incomplete or empty.
 
     Returns
     -------
@@ -47,41 +46,29 @@ def agreement(runs: pd.DataFrame) -> pd.DataFrame:
     rows = {}
     for name, case in CASES.items():
         thesis = _of_case(of_printed, case)
-        sides = {PRINTED: _printed_side(case, thesis)}
+        row = {(PRINTED, what): x for what, x in _printed_side(case, thesis).items()}
         for label, of_model in of_models.items():
-            sides[label] = _our_side(case, _of_case(of_model, case), thesis["error_percent"])
-        rows[name] = {
-            (source, what): x for source, side in sides.items() for what, x in side.items()
-        }
+            side = _our_side(case, _of_case(of_model, case), thesis["error_percent"])
+            row |= {(label, what): x for what, x in side.items()}
+        rows[name] = row
     table = pd.DataFrame.from_dict(rows, orient="index").rename_axis("fault")
     return table.rename_axis(["source", "quantity"], axis=1)
 
 
 def time_per_10000_windows(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the time of 10,000 evaluations: the median over runs, by algorithm [s].
+    """Return the time of 10,000 evaluations: the median over runs of tables 11 to 57 [s].
 
-    Parameters
-    ----------
-    runs
-        Our runs; may be empty.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Index the names of the algorithms, the thesis's own DE and GWO in rows of their own; columns
-        "printed" and the labels of our models. Runs of tables 11 to 57; the thesis's evaluations
-        are those of ``printed_runs``.
+    A row an algorithm, the thesis's own DE and GWO in rows of their own; a column for "printed",
+    whose evaluations are those of ``printed_runs``, and for each of our models that has runs.
     """
     everything = pd.concat([counted(printed_runs()), counted(runs)])
     time_s = _WINDOWS * everything["time_s"] / everything["evaluations"]
     table = time_s.groupby([everything["algorithm"], everything["model"]]).median().unstack()
     models = {PRINTED: PRINTED, **MODEL_LABELS}
-    names = dict(ALGORITHM_NAMES)
-    names |= {VARIANTS[name]: f"{ALGORITHM_NAMES[name]}, thesis's code" for name in VARIANTS}
     table = table.reindex(
-        index=[*ALGORITHMS, *VARIANTS.values()], columns=[one for one in models if one in table]
+        index=list(NAMES_WITH_OWN_CODE), columns=[one for one in models if one in table]
     )
-    return table.rename(index=names, columns=models).rename_axis(columns=None)
+    return table.rename(index=NAMES_WITH_OWN_CODE, columns=models).rename_axis(columns=None)
 
 
 def _of_case(runs: pd.DataFrame, case: StudyCase) -> pd.DataFrame:

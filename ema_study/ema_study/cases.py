@@ -17,6 +17,9 @@ LEVELS: Final = ("low", "high")
 MULTIPLE: Final = "multiple"
 """Kind, and name, of the multiple fault."""
 
+# The thesis used its random k7 = 0.8009 as the angle in radians.
+_MULTIPLE_FAULT = (0.0068, 0.0, 9.19e-3, 0.0013, 8.6e-4, 0.0111, 0.627, 0.38038)
+
 
 @dataclass(frozen=True)
 class StudyCase:
@@ -39,7 +42,7 @@ class StudyCase:
     @property
     def name(self) -> str:
         """Kind and level in words."""
-        return " ".join((*self.fault.split("_"), self.level)).strip()
+        return f"{self.fault.replace('_', ' ')} {self.level}".strip()
 
     @property
     def component(self) -> int | None:
@@ -66,18 +69,7 @@ CASES: Final[dict[str, StudyCase]] = {
         StudyCase("eccentricity", "high", {"eccentricity": 0.75}),
         StudyCase("gain", "low", {"gain": 0.25}),
         StudyCase("gain", "high", {"gain": 0.75}),
-        StudyCase(
-            MULTIPLE,
-            "",
-            dict(
-                zip(
-                    FAULT_NAMES,
-                    # The thesis used its random k7 = 0.8009 as the angle in radians.
-                    (0.0068, 0.0, 9.19e-3, 0.0013, 8.6e-4, 0.0111, 0.627, 0.38038),
-                    strict=True,
-                )
-            ),
-        ),
+        StudyCase(MULTIPLE, "", dict(zip(FAULT_NAMES, _MULTIPLE_FAULT, strict=True))),
     )
 }
 """The cases by name, e.g. "short circuit low"."""

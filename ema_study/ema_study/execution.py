@@ -13,7 +13,7 @@ import pandas as pd
 
 from ema_monitor.model.threads import available_cpus, limit_threads
 from ema_study.plan import Job
-from ema_study.record import Record
+from ema_study.result import RunResult
 from ema_study.run import run_job
 
 EXECUTORS: Final = ("processes", "threads", "serial")
@@ -67,16 +67,11 @@ def local_executor(kind: str, workers: int) -> Iterator[Executor]:
             limit_threads(None)
 
 
-def execute(jobs: Iterable[Job], executor: Executor) -> Iterator[Record]:
-    """Run jobs and yield their records as they end.
+def execute(jobs: Iterable[Job], executor: Executor) -> Iterator[RunResult]:
+    """Run jobs on any executor and yield their results as they end.
 
-    Parameters
-    ----------
-    jobs
-        Runs to be made.
-    executor
-        Any executor; one in other processes must have this package there, too. Runs that have not
-        begun are cancelled when this iterator is closed.
+    Other processes must have this package, too. Runs that have not begun are cancelled when this
+    iterator is closed.
     """
     # An interrupt of the terminal reaches all processes. Those started here inherit the mask, so
     # that only this process handles it.
@@ -170,5 +165,5 @@ def _prepare(is_cancelled: Callable[[], bool]) -> None:
     limit_threads(1)
 
 
-def _run(job: Job) -> Record:
+def _run(job: Job) -> RunResult:
     return run_job(job, _is_cancelled)

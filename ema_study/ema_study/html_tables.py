@@ -8,20 +8,14 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from ema_study.record import K
+from ema_study.result import K
 
 _WIDEST: Final = 16
 """Largest number of columns side by side."""
 
 
 def narrowed(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a table of several sources with the sources below each other where it is too wide.
-
-    Parameters
-    ----------
-    frame
-        Columns (source, quantity).
-    """
+    """Return a table of several sources with the sources below each other where it is too wide."""
     if frame.shape[1] <= _WIDEST:
         return frame
     sources = frame.columns.unique(0)

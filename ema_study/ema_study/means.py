@@ -1,4 +1,7 @@
-"""Means over runs as in the thesis's overviews, and its reliability coefficient of them."""
+"""Means over runs as in the thesis's overviews, and its reliability coefficient of them.
+
+``runs`` are those of one source.
+"""
 
 from typing import Final
 
@@ -15,20 +18,10 @@ PRECISION_STUDY: Final = 57
 
 
 def overview_of(runs: pd.DataFrame, quantity: str) -> pd.DataFrame:
-    """Return means over runs as in tables 58 and 59.
+    """Return means over runs of a column, e.g. "error_percent", as ``printed_tables.overview``.
 
-    Parameters
-    ----------
-    runs
-        Runs of one source.
-    quantity
-        Column, e.g. "error_percent".
-
-    Returns
-    -------
-    pandas.DataFrame
-        As ``printed_tables.overview``. A mean over means is NaN where one of them is missing; the
-        standard deviation is that of a sample.
+    A mean over means is NaN where one of them is missing; the standard deviation is that of a
+    sample.
     """
     means = single_fault_runs(runs).groupby(["algorithm", "level", "fault"])[quantity].mean()
     rows = pd.MultiIndex.from_product([ALGORITHMS, LEVELS], names=["algorithm", "level"])
@@ -41,20 +34,9 @@ def overview_of(runs: pd.DataFrame, quantity: str) -> pd.DataFrame:
 
 
 def fault_means_of(runs: pd.DataFrame, fault: str) -> pd.DataFrame:
-    """Return the mean over the four algorithms' means of a fault, by level.
+    """Return the mean over the four algorithms' means of a fault: time [s] and error [%] by level.
 
-    Parameters
-    ----------
-    runs
-        Runs of one source.
-    fault
-        One of ``SINGLE_FAULTS``.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Index level; columns "time_s" [s] and "error_percent" [%]; NaN where an algorithm is
-        missing.
+    NaN where an algorithm is missing.
     """
     columns = {}
     for quantity in ("time_s", "error_percent"):
@@ -81,13 +63,7 @@ def reliability_coefficients(products: pd.Series) -> pd.Series:
 
 
 def with_coefficients(times: pd.Series, errors: pd.Series) -> pd.DataFrame:
-    """Return times [s], errors [%], their product [s.%] and coefficient [%], and a row of the sum.
-
-    Parameters
-    ----------
-    times, errors
-        Means by algorithm.
-    """
+    """Return mean times [s] and errors [%] by algorithm, products and coefficients, and the sum."""
     products = times * errors
     columns = {
         "time_s": times,
@@ -118,15 +94,10 @@ def reliability_of_overviews(times: pd.DataFrame, errors: pd.DataFrame) -> pd.Da
 
 
 def multiple_fault_reliability(runs: pd.DataFrame, times_of: int, errors_of: int) -> pd.DataFrame:
-    """Return table 61 of the runs of one source, as ``printed_tables.reliability_multiple``.
+    """Return table 61 with times and errors of given tables.
 
-    Parameters
-    ----------
-    runs
-        Runs of one source.
-    times_of, errors_of
-        Tables that times and errors come from. The thesis uses the times of the study of speed (56)
-        and the errors of the study of precision (57), which no run had together.
+    The thesis uses the times of the study of speed (56) and the errors of the study of precision
+    (57), which no run had together.
     """
 
     def means(table: int, quantity: str) -> pd.Series:

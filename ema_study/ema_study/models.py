@@ -49,15 +49,8 @@ class Problem(NamedTuple):
 def reference_window(faults: ArrayLike) -> Window:
     """Run the reference from rest through the thesis's chirp, the motor centred in its play.
 
-    Parameters
-    ----------
-    faults
-        Fault vector, ``(8,)``.
-
-    Notes
-    -----
-    As the thesis ran it: no approach, perfect sensors. The current is the mean over each sample of
-    100 us, for both models.
+    ``faults`` is a fault vector, ``(8,)``. As the thesis ran it: no approach, perfect sensors. The
+    current is the mean over each sample of 100 us, for both models.
     """
     actuator = SimulatedActuator(sample_period=SAMPLE_PERIOD)
     actuator.faults = fault_vector(faults)
@@ -68,28 +61,14 @@ def reference_window(faults: ArrayLike) -> Window:
 
 @cache
 def calibration(model: str) -> Calibration:
-    """Return the calibration of a model on the healthy reference.
-
-    Parameters
-    ----------
-    model
-        One of ``MODELS``.
-    """
+    """Return the calibration of one of ``MODELS`` on the healthy reference."""
     healthy = reference_window(healthy_faults())
     return calibrate([healthy], ActuatorDescription(), MODELS[model])
 
 
 @cache
 def problem(model: str, case: str) -> Problem:
-    """Return the problem of a model in a case.
-
-    Parameters
-    ----------
-    model
-        One of ``MODELS``.
-    case
-        One of ``ema_study.cases.CASES``.
-    """
+    """Return the problem of a model in one of ``CASES``."""
     truth = CASES[case].truth
     objective = Objective(reference_window(truth), calibration(model), FITNESS, cartesian=False)
     [at_truth] = objective.residuals(objective.encode(truth)[None])
@@ -98,15 +77,7 @@ def problem(model: str, case: str) -> Problem:
 
 @cache
 def truth_and_healthy_costs(model: str, case: str) -> tuple[float, float]:
-    """Return the costs of a case's true faults and of the healthy ones [A^2.s].
-
-    Parameters
-    ----------
-    model
-        One of ``MODELS``.
-    case
-        One of ``ema_study.cases.CASES``.
-    """
+    """Return the costs of a case's true faults and of the healthy ones [A^2.s]."""
     objective, _, at_truth = problem(model, case)
     [residuals] = objective.residuals(objective.encode(healthy_faults())[None])
     return at_truth, float(residuals @ residuals)

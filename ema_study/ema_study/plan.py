@@ -103,19 +103,15 @@ class Job:
 def plan(model: str, runs: int, *, with_trials: bool = True) -> list[Job]:
     """Return the jobs of the study with a model, the first run of every table first.
 
-    Parameters
-    ----------
-    model
-        Name of the monitor model.
-    runs
-        How many runs of each algorithm and case.
-    with_trials
-        Whether to include table 8.
+    ``runs`` of each algorithm and case; ``with_trials`` includes table 8.
     """
-    jobs = [
-        job for run in range(1, runs + 1) for job in (*_single(model, run), *_multiple(model, run))
+    jobs = [job for run in range(1, runs + 1) for job in _of_run(model, run)]
+    # One run of each algorithm that the printed threshold concerns.
+    jobs += [
+        replace(job, rule="printed")
+        for job in _of_run(model, 1)
+        if job.rule == "floor_corrected" and job.table in (13, 14, 56)
     ]
-    jobs += _under_the_printed_rule(model)
     if with_trials:
         jobs += [
             Job(model, 8, "ga", case, "low", number, "all_generations", population, generations)
@@ -124,7 +120,8 @@ def plan(model: str, runs: int, *, with_trials: bool = True) -> list[Job]:
     return jobs
 
 
-def _single(model: str, run: int) -> Iterator[Job]:
+def _of_run(model: str, run: int) -> Iterator[Job]:
+    """Yield the jobs of tables 9 to 57 with a running number."""
     for table, settings in _DE_TABLES.items():
         yield Job(
             model, table, "de", "friction low", "low", run, "all_generations", settings=settings
@@ -136,20 +133,10 @@ def _single(model: str, run: int) -> Iterator[Job]:
         for table, algorithm in enumerate(ALGORITHMS, first):
             for name in _with_variant(algorithm):
                 yield Job(model, table, name, case.name, case.level, run, "floor_corrected")
-
-
-def _multiple(model: str, run: int) -> Iterator[Job]:
     for table, (level, rule) in _MULTIPLE_TABLES.items():
         for algorithm in ALGORITHMS:
             for name in _with_variant(algorithm):
                 yield Job(model, table, name, MULTIPLE, level, run, rule)
-
-
-def _under_the_printed_rule(model: str) -> Iterator[Job]:
-    """Yield one run of each algorithm that the printed threshold concerns."""
-    for job in (*_single(model, 1), *_multiple(model, 1)):
-        if job.rule == "floor_corrected" and job.table in (13, 14, 56):
-            yield replace(job, rule="printed")
 
 
 def _with_variant(algorithm: str) -> tuple[str, ...]:

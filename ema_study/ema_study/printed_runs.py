@@ -17,9 +17,9 @@ PRINTED: Final = "printed"
 def _read() -> pd.DataFrame:
     with (files("ema_study") / "thesis_runs.csv").open(encoding="utf-8") as file:
         runs = pd.read_csv(file)
-    runs["note"] = runs["note"].fillna("")
     uncounted = runs["algorithm"].map(uncounted_populations)
     return runs.assign(
+        note=runs["note"].fillna(""),
         model=PRINTED,
         population=POPULATION,
         max_generations=GENERATIONS,
@@ -30,14 +30,9 @@ def _read() -> pd.DataFrame:
 def printed_runs() -> pd.DataFrame:
     """Return the thesis's runs as a table, one a row.
 
-    Returns
-    -------
-    pandas.DataFrame
-        Columns as of ``ema_study.record.as_frame``, as far as the thesis prints them: model
-        (always "printed"), table, algorithm, fault, level, run, population, max_generations,
-        true_k1 to true_k8, k1 to k8, error_percent, generations, time_s [s], and note; and
-        evaluations, which follow: populations of 50, that of the start included, which GWO alone
-        counts as a generation.
+    The columns are those of ``ema_study.result.as_frame``, as far as the thesis prints them, with
+    ``model`` "printed", and ``note``. ``evaluations`` follow: populations of 50, that of the start
+    included, which GWO alone counts as a generation.
 
     Notes
     -----

@@ -2,6 +2,7 @@
 
 from functools import cache
 from importlib.resources import files
+from itertools import product
 from typing import Any, Final
 
 import pandas as pd
@@ -36,22 +37,12 @@ def ga_trials() -> pd.DataFrame:
 
 def run_means() -> pd.DataFrame:
     """Return the means beside the runs: index table and algorithm, error [%] and time [s]."""
-    rows = {
-        (table, algorithm): means
-        for table, by_algorithm in _printed()["run_means"].items()
-        for algorithm, means in by_algorithm.items()
-    }
-    return _by_key(rows, ["table", "algorithm"], ["error_percent", "time_s"])
+    return _by_table("run_means", "algorithm", ["error_percent", "time_s"])
 
 
 def fault_means() -> pd.DataFrame:
     """Return tables 19, 28, 37, 46, 55: index table and level, time [s] and error [%]."""
-    rows = {
-        (table, level): means
-        for table, by_level in _printed()["fault_means"].items()
-        for level, means in by_level.items()
-    }
-    return _by_key(rows, ["table", "level"], ["time_s", "error_percent"])
+    return _by_table("fault_means", "level", ["time_s", "error_percent"])
 
 
 def overview(table: int) -> pd.DataFrame:
@@ -64,13 +55,12 @@ def overview(table: int) -> pd.DataFrame:
         "standard deviation".
     """
     printed = _printed()["overview"][table]
-    rows = {
-        (algorithm, level): printed[algorithm][level]
-        for algorithm in ALGORITHMS
-        for level in LEVELS
-    }
-    rows[MEAN, ""] = [*printed[MEAN], None, None]
-    return _by_key(rows, ["algorithm", "level"], [*SINGLE_FAULTS, TOTAL, SIGMA])
+    rows = [printed[algorithm][level] for algorithm in ALGORITHMS for level in LEVELS]
+    keys = [*product(ALGORITHMS, LEVELS), (MEAN, "")]
+    index = pd.MultiIndex.from_tuples(keys, names=["algorithm", "level"])
+    columns = [*SINGLE_FAULTS, TOTAL, SIGMA]
+    means = [*printed[MEAN], None, None]
+    return pd.DataFrame([*rows, means], index=index, columns=columns, dtype=float)
 
 
 def reliability_single() -> pd.DataFrame:
@@ -84,23 +74,25 @@ def reliability_single() -> pd.DataFrame:
     printed = _printed()["reliability_single"]
     columns = pd.MultiIndex.from_product([[*SINGLE_FAULTS, TOTAL], ["time x error", "RC"]])
     rows = [[x for pair in printed[algorithm] for x in pair] for algorithm in ALGORITHMS]
-    rows.append([x for product in printed[SUM] for x in (product, None)])
-    index = pd.Index([*ALGORITHMS, SUM], name="algorithm")
-    return pd.DataFrame(rows, index=index, columns=columns, dtype=float)
+    return _with_sum(rows, [x for one in printed[SUM] for x in (one, None)], columns)
 
 
 def reliability_multiple() -> pd.DataFrame:
     """Return table 61: index algorithm and "sum", time [s], error [%], product [s.%], RC [%]."""
     printed = _printed()["reliability_multiple"]
+    columns = pd.Index(["time_s", "error_percent", "time x error", "RC"])
     rows = [printed[algorithm] for algorithm in ALGORITHMS]
-    rows.append([None, None, printed[SUM], None])
-    index = pd.Index([*ALGORITHMS, SUM], name="algorithm")
-    columns = ["time_s", "error_percent", "time x error", "RC"]
-    return pd.DataFrame(rows, index=index, columns=columns, dtype=float)
+    return _with_sum(rows, [None, None, printed[SUM], None], columns)
 
 
-def _by_key(
-    rows: dict[tuple[Any, str], list[Any]], names: list[str], columns: list[str]
-) -> pd.DataFrame:
-    index = pd.MultiIndex.from_tuples(list(rows), names=names)
+def _by_table(name: str, inner: str, columns: list[str]) -> pd.DataFrame:
+    rows = {
+        (table, key): row for table, block in _printed()[name].items() for key, row in block.items()
+    }
+    index = pd.MultiIndex.from_tuples(list(rows), names=["table", inner])
     return pd.DataFrame(list(rows.values()), index=index, columns=columns, dtype=float)
+
+
+def _with_sum(rows: list[Any], last: list[Any], columns: pd.Index) -> pd.DataFrame:
+    index = pd.Index([*ALGORITHMS, SUM], name="algorithm")
+    return pd.DataFrame([*rows, last], index=index, columns=columns, dtype=float)

@@ -2,14 +2,13 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ema_study.agreement import agreement, time_per_10000_windows
 from ema_study.figures.pictures import (
-    Picture,
     bar_pictures,
     convergence_pictures,
     estimate_pictures,
@@ -53,7 +52,7 @@ def write_report(
     folder
         Folder of the report; it is made where it is missing.
     runs
-        Our runs, as of ``ema_study.record.as_frame``: one model or both, complete or not, or none.
+        Our runs, as of ``ema_study.result.as_frame``: one model or both, complete or not, or none.
     timing
         Serial and parallel execution, as of ``ema_study.execution.time_executors``; None where it
         was not measured.
@@ -65,10 +64,19 @@ def write_report(
     pathlib.Path
         The page, with its style and its pictures, without scripts.
     """
-    (folder / "figures").mkdir(parents=True, exist_ok=True)
-    pictures = _pictures(runs)
+    everything = printed_runs() if runs.empty else pd.concat([printed_runs(), runs])
+    pictures = {
+        "errors": list(bar_pictures(everything)),
+        "convergence": list(convergence_pictures(runs)),
+        "estimates": list(estimate_pictures(everything)),
+        "responses": response_pictures(),
+        "noise": noise_pictures(),
+        "monitor": monitor_pictures(),
+    }
+    figures = folder / "figures"
+    figures.mkdir(parents=True, exist_ok=True)
     for picture in (one for group in pictures.values() for one in group):
-        picture.save(folder / "figures")
+        (figures / f"{picture.name}.png").write_bytes(picture.png)
     environment = Environment(
         loader=PackageLoader("ema_study"),
         autoescape=True,
@@ -77,40 +85,20 @@ def write_report(
         lstrip_blocks=True,
     )
     environment.filters |= {"html_table": html_table, "narrowed": narrowed}
+    compared, window_times = agreement(runs), time_per_10000_windows(runs)
     text = environment.get_template("report.html.j2").render(
         sections=SECTIONS,
         settings=settings,
         pictures=pictures,
         timing=timing,
-        **_results(runs),
+        verdict=verdict(compared, window_times),
+        agreement=compared,
+        completeness=completeness(runs),
+        ranking=list(ranking_sentences(runs)),
+        printed_rule=list(printed_rule_sentences(runs)),
+        window_times=window_times,
+        study_tables=study_tables(runs),
     )
     path = folder / "report.html"
     path.write_text(text, encoding="utf-8")
     return path
-
-
-def _pictures(runs: pd.DataFrame) -> dict[str, list[Picture]]:
-    """Return the pictures by anchor of their section."""
-    everything = printed_runs() if runs.empty else pd.concat([printed_runs(), runs])
-    return {
-        "errors": list(bar_pictures(everything)),
-        "convergence": list(convergence_pictures(runs)),
-        "estimates": list(estimate_pictures(everything)),
-        "responses": list(response_pictures()),
-        "noise": list(noise_pictures()),
-        "monitor": list(monitor_pictures()),
-    }
-
-
-def _results(runs: pd.DataFrame) -> dict[str, Any]:
-    """Return the tables and sentences of the template."""
-    of_agreement, window_times = agreement(runs), time_per_10000_windows(runs)
-    return {
-        "verdict": verdict(of_agreement, window_times),
-        "agreement": of_agreement,
-        "completeness": completeness(runs),
-        "ranking": list(ranking_sentences(runs)),
-        "printed_rule": list(printed_rule_sentences(runs)),
-        "window_times": window_times,
-        "study_tables": study_tables(runs),
-    }

@@ -1,4 +1,4 @@
-"""Sentences of the report, computed from the runs."""
+"""Sentences of the report, computed from our runs, which may be empty."""
 
 from collections.abc import Iterator
 
@@ -15,12 +15,7 @@ from ema_study.stop_rules import THRESHOLD
 def verdict(agreement: pd.DataFrame, window_times: pd.DataFrame) -> list[str]:
     """Return the result of the study in three sentences: one for each model, one on time.
 
-    Parameters
-    ----------
-    agreement
-        Of ``ema_study.agreement.agreement``.
-    window_times
-        Of ``ema_study.agreement.time_per_10000_windows``.
+    ``agreement`` and ``window_times`` are those of ``ema_study.agreement``.
     """
     sentences = [_verdict_of(label, agreement) for label in MODEL_LABELS.values()]
     name = ALGORITHM_NAMES[ALGORITHM]
@@ -56,19 +51,7 @@ def _verdict_of(label: str, agreement: pd.DataFrame) -> str:
 
 
 def completeness(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the number of runs of the full study with each model.
-
-    Parameters
-    ----------
-    runs
-        Our runs; may be empty.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns "model", "runs", "of the full study" and "tables that lack runs", the latter as
-        text.
-    """
+    """Return how many runs of the full study there are with each model, and what tables lack."""
     made = set() if runs.empty else set(runs[list(KEY)].itertuples(index=False, name=None))
     rows = []
     for model, label in MODEL_LABELS.items():
@@ -86,13 +69,7 @@ def completeness(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def ranking_sentences(runs: pd.DataFrame) -> Iterator[str]:
-    """Yield how the algorithms rank over the single faults, a sentence for each source.
-
-    Parameters
-    ----------
-    runs
-        Our runs; may be empty.
-    """
+    """Yield how the algorithms rank over the single faults, a sentence for each source."""
     for label, frame in by_source(runs).items():
         single = single_fault_runs(frame)
         if single.empty:
@@ -110,13 +87,7 @@ def ranking_sentences(runs: pd.DataFrame) -> Iterator[str]:
 
 
 def printed_rule_sentences(runs: pd.DataFrame) -> Iterator[str]:
-    """Yield whether the stop rule's threshold as printed was ever reached, for each model.
-
-    Parameters
-    ----------
-    runs
-        Our runs; may be empty.
-    """
+    """Yield whether the stop rule's threshold as printed was ever reached, for each model."""
     for model, label in MODEL_LABELS.items() if not runs.empty else ():
         costs = runs.loc[(runs["model"] == model) & (runs["rule"] == "printed"), "cost"]
         if len(costs):

@@ -66,10 +66,7 @@ COMPARED: Final[dict[str, Severity]] = {
 
 
 class Currents(NamedTuple):
-    """Currents of reference and monitor in one window, each ``(n,)`` [A].
-
-    ``monitor`` holds the current by the name of the model.
-    """
+    """Currents of reference and, by name of the model, monitor in one window, ``(n,)`` [A]."""
 
     reference: NDArray[np.float64]
     monitor: dict[str, NDArray[np.float64]]
@@ -82,31 +79,15 @@ def times(samples: int) -> NDArray[np.float64]:
 
 @cache
 def reference_response(fault: str, severity: int, command: str) -> Telemetry:
-    """Run the reference from rest, the motor centred in its play.
+    """Run the reference from rest at time 0, the motor centred in its play.
 
-    Parameters
-    ----------
-    fault, severity
-        Kind of fault, and place in its ``SEVERITIES``.
-    command
-        One of ``COMMANDS``.
-
-    Returns
-    -------
-    Telemetry
-        Samples from time 0 on.
+    ``severity`` is the place in the fault's ``SEVERITIES``, ``command`` one of ``COMMANDS``.
     """
     return _run(SimulatedActuator(), SEVERITIES[fault][severity].faults, command)
 
 
 def reference_responses(fault: str, command: str) -> dict[str, Telemetry]:
-    """Return the responses to a command by the label of the fault's severity.
-
-    Parameters
-    ----------
-    fault, command
-        Kind of fault, one of ``SEVERITIES``, and one of ``COMMANDS``.
-    """
+    """Return the responses to a command by the label of the fault's severity."""
     return {
         severity.label: reference_response(fault, i, command)
         for i, severity in enumerate(SEVERITIES[fault])
@@ -117,10 +98,7 @@ def reference_responses(fault: str, command: str) -> dict[str, Telemetry]:
 def noisy_response(noise_gain: float) -> Telemetry:
     """Run the healthy reference through the chirp with white noise on its reference current.
 
-    Parameters
-    ----------
-    noise_gain
-        K_noise; the noise is held for 1 us.
+    ``noise_gain`` is K_noise; the noise is held for 1 us.
     """
     rng = np.random.default_rng(NOISE_SEED)
     return _run(SimulatedActuator(noise_gain=noise_gain, rng=rng), {}, "chirp")
@@ -130,17 +108,14 @@ def noisy_response(noise_gain: float) -> Telemetry:
 def chirp_currents(fault: str) -> Currents:
     """Return the currents of reference and calibrated monitors under the chirp.
 
-    Parameters
-    ----------
-    fault
-        One of ``COMPARED``; "none" for the healthy actuator.
+    ``fault`` is one of ``COMPARED``, or "none" for the healthy actuator.
     """
     faults = fault_vector({} if fault == "none" else COMPARED[fault].faults)
     window = reference_window(faults)
     monitor = {}
     for model in MODELS:
         objective = Objective(window, calibration(model), FITNESS, cartesian=False)
-        monitor[model] = objective.expect(faults[None], np.zeros(1)).current[0]
+        monitor[model] = objective.expect(objective.encode(faults)[None]).current[0]
     return Currents(window.current, monitor)
 
 
@@ -148,13 +123,6 @@ def chirp_currents(fault: str) -> Currents:
 def step_currents(severity: int) -> Currents:
     """Return the currents of reference and monitors under the step, with friction (figure 4.6).
 
-    Parameters
-    ----------
-    severity
-        Place in the ``SEVERITIES`` of friction.
-
-    Notes
-    -----
     The monitors have the fitted parameters of their calibration. Its row of differences belongs to
     the chirp alone and is left out.
     """

@@ -12,7 +12,7 @@ from ema_monitor.optimizers.driver import minimise
 from ema_monitor.optimizers.interface import Hints
 from ema_study.models import problem
 from ema_study.plan import Job
-from ema_study.record import Record
+from ema_study.result import RunResult
 from ema_study.stop_rules import stop_rule, uncounted_populations
 
 
@@ -20,15 +20,10 @@ class CancelledError(Exception):
     """A run was cancelled before its end."""
 
 
-def run_job(job: Job, cancelled: Callable[[], bool] = lambda: False) -> Record:
-    """Make a run.
+def run_job(job: Job, cancelled: Callable[[], bool] = lambda: False) -> RunResult:
+    """Make a run; as in the thesis, the whole starting population is random.
 
-    Parameters
-    ----------
-    job
-        The run. As in the thesis, the whole starting population is random.
-    cancelled
-        Called after every generation; the run ends when it returns True.
+    ``cancelled`` is called after every generation; where it returns True, the run is ended.
 
     Raises
     ------
@@ -38,8 +33,8 @@ def run_job(job: Job, cancelled: Callable[[], bool] = lambda: False) -> Record:
     objective, truth, floor = problem(job.model, job.case)
     rng = np.random.default_rng(job.seed)
     settings: dict[str, Any] = {"population": job.population, **job.settings}
-    start = rng.random(objective.dimension)
-    optimizer = ALGORITHMS[job.algorithm](start, rng, Hints(budget=job.budget), **settings)
+    start, hints = rng.random(objective.dimension), Hints(budget=job.budget)
+    optimizer = ALGORITHMS[job.algorithm](start, rng, hints, **settings)
     stop = stop_rule(job.rule, job.algorithm, job.level, job.budget, floor)
     uncounted = uncounted_populations(job.algorithm)
     costs, errors = [], []
@@ -56,7 +51,7 @@ def run_job(job: Job, cancelled: Callable[[], bool] = lambda: False) -> Record:
         if progress.generation - uncounted == job.max_generations:
             break
     time_s = time.perf_counter() - started
-    return Record(
+    return RunResult(
         job=job,
         estimate=faults.tolist(),
         error_percent=errors[-1],

@@ -7,6 +7,7 @@ import pandas as pd
 from ema_study.cases import SINGLE_FAULTS
 from ema_study.plan import ALGORITHMS, VARIANTS
 from ema_study.printed_runs import PRINTED, printed_runs
+from ema_study.stop_rules import family_of
 
 PRINTED_RUNS: Final = "printed runs"
 """Label of figures computed from the thesis's runs; ``PRINTED`` is that of figures it prints."""
@@ -17,18 +18,23 @@ FAST_MODEL: Final = "fast model"
 MODEL_LABELS: Final = {"thesis": THESIS_MODEL, "fast": FAST_MODEL}
 """Labels of our sources by name of the model, in the order of the tables."""
 
-ALGORITHM_NAMES: Final = {"ga": "GA", "pso": "PSO", "de": "DE", "gwo": "GWO"}
+ALGORITHM_NAMES: Final = {name: name.upper() for name in ALGORITHMS}
 """Names of the algorithms, in the order of the tables."""
 
 _FIRST_TABLE_OF_RUNS: Final = 9
 _FIRST_COMPARISON: Final = 11
-_NEEDED: Final = ("model", "table", "algorithm", "fault", "level")
-_BY_VARIANT: Final = {variant: algorithm for algorithm, variant in VARIANTS.items()}
+_COLUMNS: Final = ["model", "table", "algorithm", "fault", "level"]
 
 
 def with_own_code(label: str) -> str:
     """Return the label of a model whose DE and GWO are the thesis's own code."""
     return f"{label}, thesis's code"
+
+
+NAMES_WITH_OWN_CODE: Final = ALGORITHM_NAMES | {
+    variant: with_own_code(ALGORITHM_NAMES[name]) for name, variant in VARIANTS.items()
+}
+"""Names of the algorithms, the thesis's own code last."""
 
 
 class Source(NamedTuple):
@@ -62,8 +68,8 @@ def counted(runs: pd.DataFrame, first_table: int = _FIRST_COMPARISON) -> pd.Data
     first_table
         Another first table, e.g. 9 to include the trials of DE.
     """
-    if runs.empty or not set(_NEEDED) <= set(runs.columns):
-        return pd.DataFrame(columns=list(_NEEDED))
+    if runs.empty:
+        return pd.DataFrame(columns=_COLUMNS)
     chosen = runs["table"] >= first_table
     if "rule" in runs:
         chosen &= runs["rule"] != "printed"
@@ -78,7 +84,7 @@ def single_fault_runs(runs: pd.DataFrame) -> pd.DataFrame:
 
 def of_source(runs: pd.DataFrame, source: Source) -> pd.DataFrame:
     """Return the runs of a source."""
-    own_code = runs["algorithm"].isin(list(_BY_VARIANT))
+    own_code = runs["algorithm"] != runs["algorithm"].map(family_of)
     return runs[(runs["model"] == source.model) & (own_code == source.own_code)]
 
 
@@ -88,7 +94,7 @@ def by_source(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     Parameters
     ----------
     runs
-        Our runs, as of ``ema_study.record.as_frame``; may be empty.
+        Our runs, as of ``ema_study.result.as_frame``; may be empty.
 
     Returns
     -------
@@ -98,19 +104,16 @@ def by_source(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
         "own_code" is True for the former only.
     """
     ours = counted(runs, _FIRST_TABLE_OF_RUNS)
-    ours = ours[ours["algorithm"].isin([*ALGORITHMS, *_BY_VARIANT])]
     sources = {PRINTED: printed_runs().assign(own_code=False)}
     for source in SOURCES[1:]:
         found = of_source(ours, source)
         if found.empty:
             continue
         if source.own_code:
-            shared = (ours["model"] == source.model) & ~ours["algorithm"].isin(
-                [*VARIANTS, *_BY_VARIANT]
-            )
+            shared = (ours["model"] == source.model) & ours["algorithm"].isin(["ga", "pso"])
             found = pd.concat([found, ours[shared]]).sort_index()
+        family = found["algorithm"].map(family_of)
         sources[source.label] = found.assign(
-            algorithm=found["algorithm"].replace(_BY_VARIANT),
-            own_code=found["algorithm"].isin(list(_BY_VARIANT)),
+            algorithm=family, own_code=found["algorithm"] != family
         )
     return sources

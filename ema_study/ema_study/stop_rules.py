@@ -1,7 +1,8 @@
 """The thesis's stop rules (its section 7.1), each a `StopRule` of the optimizers' driver.
 
 Their best costs begin with that of the starting population. GA, PSO and DE do not count
-it as a generation, GWO does (appendix B evaluates it within its first iteration).
+it as a generation, GWO does (appendix B evaluates it within its first iteration). The ``budget`` of
+each is the largest number of evaluations.
 """
 
 from collections.abc import Sequence
@@ -32,7 +33,7 @@ class AllGenerations:
 
 @dataclass(frozen=True)
 class Threshold:
-    """At a cost, at once (table 56)."""
+    """At a cost [A^2.s], at once (table 56)."""
 
     budget: int
     threshold: float
@@ -46,18 +47,8 @@ class Threshold:
 class ThresholdAndStall:
     """Below a cost, once the last generation improved by less than a tolerance (DE and GWO).
 
-    Attributes
-    ----------
-    budget
-        Largest number of evaluations.
-    threshold
-        Cost to be below [A^2.s].
-    tolerance
-        Improvement of the last generation to be below [A^2.s].
-    uncounted
-        Populations at the start that are no generation.
-    patience
-        Generations before which it does not stop.
+    Threshold and tolerance in [A^2.s]; ``uncounted`` populations at the start are no generation,
+    and it does not stop in the first ``patience`` generations.
     """
 
     budget: int
@@ -79,17 +70,8 @@ class ThresholdAndStall:
 class RelativeStall:
     """When the best cost falls by less than a share of itself in some generations (GA and PSO).
 
-    Attributes
-    ----------
-    budget
-        Largest number of evaluations.
-    generations
-        Number of generations over which the fall is measured.
-    tolerance
-        Smallest fall as a share of the cost; per generation where ``averaged`` [-].
-    averaged
-        Whether the fall is divided by the number of generations, as Matlab's ``ga`` does;
-        ``particleswarm`` does not.
+    The fall is ``averaged``, divided by the number of generations, as by Matlab's ``ga``;
+    ``particleswarm`` does not.
     """
 
     budget: int

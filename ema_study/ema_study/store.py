@@ -5,26 +5,30 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from dataclasses import asdict
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final, Self
+from typing import Final
 
 import numba
 import numpy as np
 
 from ema_study.plan import Job
-from ema_study.record import Record, as_frame
+from ema_study.result import RunResult, as_frame
 
 _NUMERICS: Final = (
     "ema_core",
     "ema_sim.actuator",
+    "ema_sim.effects",
     "ema_sim.motor",
     "ema_sim.reference",
     "ema_monitor.calibration.alignment",
     "ema_monitor.calibration.calibration",
+    "ema_monitor.calibration.columns",
     "ema_monitor.model.threads",
+    "ema_monitor.model.deviations",
     "ema_monitor.model.drives",
     "ema_monitor.identification.fitness",
     "ema_monitor.calibration.fit",
@@ -37,14 +41,14 @@ _NUMERICS: Final = (
     "ema_study.cases",
     "ema_study.models",
     "ema_study.plan",
-    "ema_study.record",
+    "ema_study.result",
     "ema_study.run",
     "ema_study.stop_rules",
 )
 """Packages and modules that the result of a run depends on."""
 
 
-class RunStore:
+class RunStore(AbstractContextManager["RunStore", None]):
     """Runs of a study in a folder, for one process at a time.
 
     Each run is a line of ``runs.jsonl``, on disk before `add` returns. A line that was cut off by
@@ -75,13 +79,10 @@ class RunStore:
             self._lock.close()
             raise ValueError(f"{folder} is in use by another study") from error
         try:
-            self.records = self._read()
+            self.results = self._read()
         except BaseException:
             self.close()
             raise
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -92,36 +93,36 @@ class RunStore:
 
     def missing(self, jobs: Iterable[Job]) -> list[Job]:
         """Return the jobs without a run."""
-        made = {record.key for record in self.records}
+        made = {result.job.key for result in self.results}
         return [job for job in jobs if job.key not in made]
 
-    def add(self, record: Record) -> None:
+    def add(self, result: RunResult) -> None:
         """Write a run to disk."""
-        content = {"version": numerics_version(), **asdict(record)}
+        content = {"version": numerics_version(), **asdict(result)}
         with self._path.open("a") as file:
             file.write(json.dumps(content, allow_nan=False) + "\n")
             file.flush()
             os.fsync(file.fileno())
-        self.records.append(record)
+        self.results.append(result)
 
     def export(self) -> None:
         """Write ``runs.csv``, a row a run, and ``runs.json``, which has the curves as well."""
-        frame = as_frame(self.records)
+        frame = as_frame(self.results)
         (self.folder / "runs.json").write_text(frame.to_json(orient="records", indent=1))
         frame.drop(columns=["costs", "errors_percent"], errors="ignore").to_csv(
             self.folder / "runs.csv", index=False
         )
 
-    def _read(self) -> list[Record]:
+    def _read(self) -> list[RunResult]:
         lines = self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []
         complete = [line for line in lines if line.endswith(b"\n")]
-        records = [_record(line, f"{self._path}, line {n}") for n, line in enumerate(complete, 1)]
+        results = [_result(line, f"{self._path}, line {n}") for n, line in enumerate(complete, 1)]
         if len(complete) < len(lines):
             os.truncate(self._path, sum(map(len, complete)))
-        return records
+        return results
 
 
-def _record(line: bytes, where: str) -> Record:
+def _result(line: bytes, where: str) -> RunResult:
     try:
         content = json.loads(line)
         version = content.pop("version")
@@ -133,7 +134,7 @@ def _record(line: bytes, where: str) -> Record:
             f"{version}, expected {numerics_version()}): use another folder"
         )
     try:
-        return Record(job=Job(**content.pop("job")), **content)
+        return RunResult(job=Job(**content.pop("job")), **content)
     except (TypeError, KeyError) as error:
         raise ValueError(f"{where} is damaged: {error}") from error
 

@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 import pandas as pd
 
+from ema_study.cases import MULTIPLE
 from ema_study.means import (
     PRECISION_STUDY,
     SPEED_STUDY,
@@ -32,7 +33,7 @@ from ema_study.printed_tables import (
     reliability_single,
     run_means,
 )
-from ema_study.record import K
+from ema_study.result import K
 from ema_study.sources import (
     ALGORITHM_NAMES,
     MODEL_LABELS,
@@ -75,24 +76,16 @@ _TITLES: Final = {
 
 @dataclass(frozen=True)
 class StudyTable:
-    """A table of the thesis beside ours.
+    """A table of the thesis, by its number, beside ours.
 
-    Attributes
-    ----------
-    number
-        Of the thesis's table.
-    title
-        What it shows.
-    frame
-        Columns (source, quantity), rows as in the thesis; NaN where there is nothing.
-    notes
-        Remarks on how to read it, a sentence each.
+    ``frame`` has columns (source, quantity) and the rows of the thesis, NaN where there is nothing;
+    ``notes`` say how to read it, a sentence each.
     """
 
     number: int
     title: str
     frame: pd.DataFrame
-    notes: list[str] = field(default_factory=list)
+    notes: list[str]
 
 
 def study_tables(runs: pd.DataFrame) -> list[StudyTable]:
@@ -101,7 +94,7 @@ def study_tables(runs: pd.DataFrame) -> list[StudyTable]:
     Parameters
     ----------
     runs
-        Our runs, as of ``ema_study.record.as_frame``: one model or both, complete or not, or none.
+        Our runs, as of ``ema_study.result.as_frame``: one model or both, complete or not, or none.
     """
     sources = by_source(runs)
     tables = [
@@ -117,13 +110,6 @@ def study_tables(runs: pd.DataFrame) -> list[StudyTable]:
 
 def write_tables(tables: Iterable[StudyTable], folder: Path) -> list[Path]:
     """Write each table as ``table_<number>.csv``, and all of them as ``tables.json``.
-
-    Parameters
-    ----------
-    tables
-        The tables.
-    folder
-        Folder of the files; it is made where it is missing.
 
     Returns
     -------
@@ -219,8 +205,7 @@ def _per_run(number: int, sources: Sources) -> StudyTable:
         frame = frame.droplevel("algorithm")
     run = printed.iloc[0]
     title = f"{_in_words(run['fault'])} {run['level']}, {ALGORITHM_NAMES[run['algorithm']]}"
-    counts = "; ".join(f"{label} {len(runs)}" for label, runs in of_table.items())
-    notes = [f"Number of runs: {counts}.", *table_notes(number, of_table)]
+    notes = [_run_counts(of_table), *table_notes(number, of_table)]
     return StudyTable(number, _TITLES.get(number, title), frame, notes)
 
 
@@ -249,7 +234,7 @@ def _fault_summary(number: int, sources: Sources) -> StudyTable:
     blocks = {PRINTED: fault_means().loc[[number]].droplevel("table")}
     blocks |= {label: fault_means_of(runs, fault) for label, runs in _computed(sources).items()}
     frame = _side_by_side(blocks).rename(columns=_MEANS, level="quantity")
-    notes = [_run_counts(sources, [fault]), *summary_notes(sources, fault)]
+    notes = [_single_run_counts(sources, fault), *summary_notes(sources, fault)]
     return StudyTable(number, f"{_in_words(fault)}, mean over the algorithms", frame, notes)
 
 
@@ -261,7 +246,7 @@ def _overview(number: int, sources: Sources) -> StudyTable:
     frame = _side_by_side(blocks).rename(columns=lambda name: name.replace("_", " "), level=1)
     notes = [
         f"{TOTAL.capitalize()} and {SIGMA} are those of the five means to the left.",
-        _run_counts(sources),
+        _single_run_counts(sources),
         *summary_notes(sources),
     ]
     title = f"{_MEANS[quantity].capitalize()} by algorithm, level and fault"
@@ -278,7 +263,7 @@ def _single_fault_reliability(sources: Sources) -> StudyTable:
     for label, block in blocks.items():
         names = [f"{fault.replace('_', ' ')}, {_OF_RELIABILITY[x]}" for fault, x in block.columns]
         blocks[label] = block.set_axis(names, axis=1)
-    notes = [_run_counts(sources), *summary_notes(sources)]
+    notes = [_single_run_counts(sources), *summary_notes(sources)]
     return StudyTable(60, "Reliability coefficient, single faults", _side_by_side(blocks), notes)
 
 
@@ -292,12 +277,10 @@ def _multiple_fault_reliability(sources: Sources) -> StudyTable:
             (f"table {PRECISION_STUDY}", PRECISION_STUDY, PRECISION_STUDY),
         ):
             blocks[f"{label}, {what}"] = multiple_fault_reliability(runs, times_of, errors_of)
-    counts = "; ".join(
-        f"{label} {int((runs['fault'] == 'multiple').sum())}" for label, runs in sources.items()
-    )
+    multiple = {label: runs[runs["fault"] == MULTIPLE] for label, runs in sources.items()}
     notes = [
         f"As printed, it multiplies the {_MIXED}: no run had both.",
-        f"Number of runs: {counts}.",
+        _run_counts(multiple),
     ]
     frame = _side_by_side(blocks).rename(columns=_OF_RELIABILITY, level="quantity")
     return StudyTable(61, "Reliability coefficient, multiple fault", frame, notes)
@@ -314,15 +297,18 @@ def _side_by_side(blocks: dict[str, pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(blocks, axis=1, names=["source", "quantity"]).reindex(first.index)
 
 
-def _run_counts(sources: Sources, faults: list[str] | None = None) -> str:
-    """Return a note on the number of single-fault runs of each source."""
-    counts = []
-    for label, runs in sources.items():
-        single = single_fault_runs(runs)
-        if faults is not None:
-            single = single[single["fault"].isin(faults)]
-        counts.append(f"{label} {len(single)}")
-    return f"Number of runs: {'; '.join(counts)}. A mean over means is empty where one is missing."
+def _run_counts(sources: Sources) -> str:
+    """Return a note on the number of runs of each source."""
+    counts = "; ".join(f"{label} {len(runs)}" for label, runs in sources.items())
+    return f"Number of runs: {counts}."
+
+
+def _single_run_counts(sources: Sources, fault: str | None = None) -> str:
+    """Return the same of its runs with single faults, or one of them."""
+    single = {label: single_fault_runs(runs) for label, runs in sources.items()}
+    if fault is not None:
+        single = {label: runs[runs["fault"] == fault] for label, runs in single.items()}
+    return f"{_run_counts(single)} A mean over means is empty where one is missing."
 
 
 def _in_words(fault: str) -> str:

@@ -1,7 +1,8 @@
 """Notes on the tables in which the floor-corrected threshold has no meaning.
 
 Where the true faults cost more than the healthy ones, the threshold, 1e-3 above the cost of the
-true ones, is met by the healthy vector already: DE and GWO stop as soon as they may.
+true ones, is met by the healthy vector already: DE and GWO stop as soon as they may. ``sources``
+are runs by label of their source.
 """
 
 from collections.abc import Mapping
@@ -17,15 +18,7 @@ from ema_study.stop_rules import THRESHOLD
 
 
 def table_notes(number: int, sources: Mapping[str, pd.DataFrame]) -> list[str]:
-    """Return notes on a table of DE's or GWO's runs whose case a model does not describe.
-
-    Parameters
-    ----------
-    number
-        Of the table.
-    sources
-        Runs by source.
-    """
+    """Return notes on a table of DE's or GWO's runs whose case a model does not describe."""
     notes = []
     for model, label in MODEL_LABELS.items():
         found = [sources[one] for one in (label, with_own_code(label)) if one in sources]
@@ -50,12 +43,7 @@ def table_notes(number: int, sources: Mapping[str, pd.DataFrame]) -> list[str]:
 def summary_notes(sources: Mapping[str, pd.DataFrame], fault: str | None = None) -> list[str]:
     """Return notes on the cases that a model does not describe, for a table of means.
 
-    Parameters
-    ----------
-    sources
-        Runs by source.
-    fault
-        Kind of fault that the table is about; all single ones by default.
+    The table is about one kind of ``fault``, or all single ones.
     """
     notes = []
     for model, label in MODEL_LABELS.items():

@@ -5,6 +5,7 @@ name, and nothing is shared with the kernels but the table of parameters. One ca
 controller, drive, filter and mechanics in order, each with what the parts before it left.
 """
 
+import cmath
 import math
 from collections.abc import Callable, Mapping, Sequence
 
@@ -51,24 +52,43 @@ class MonitorTwin:
         speed: float = 0.0,
         current: float = 0.0,
         play: float = 0.0,
-        lift: float = 0.0,
         contrast: float = 0.0,
+        deviations: Mapping[str, float] | None = None,
     ) -> None:
         p = actuator
+        d = dict(deviations or {})
+        self.deviations = d
         self.actuator = p
         self.form = form
         self.dt = dt
-        self.lift = lift
+        self.lift = d.get("lift", 0)
         self.contrast = contrast
-        self.J = p.J_m + p.J_u
-        self.C = p.C_m + p.C_u
-        self.f_s = (p.f_sm + p.f_su) * (1 + 2 * faults.get("friction", 0))
+        self.J = (p.J_m + p.J_u) * (1 + d.get("inertia", 0))
+        self.C = (p.C_m + p.C_u) * (1 + d.get("viscous_friction", 0))
+        dry = (p.f_sm + p.f_su) * (1 + d.get("friction", 0))
+        self.f_s = dry * (1 + 2 * faults.get("friction", 0))
         self.f_d = self.f_s * p.f_ratio
-        self.play = p.BLK * (1 + 99 * faults.get("backlash", 0))
-        self.N = [1 - faults.get(f"short_circuit_{phase}", 0) for phase in "abc"]
-        self.zeta = faults.get("eccentricity", 0)
-        self.phi = (2 * faults.get("eccentricity_phase", 0.5) - 1) * math.pi
-        self.G_prop = p.G_prop * (0.5 + faults.get("gain", 0.5))
+        self.stribeck = d.get("stribeck", 0)
+        self.load = d.get("load_torque", 0)
+        self.stiffness = d.get("load_stiffness", 0)
+        self.play = p.BLK * (1 + 99 * faults.get("backlash", 0)) * (1 + d.get("backlash", 0))
+        self.N = [
+            (1 - faults.get(f"short_circuit_{phase}", 0)) * (1 + d.get(f"turns_{phase}", 0))
+            for phase in "abc"
+        ]
+        fault = cmath.rect(
+            faults.get("eccentricity", 0),
+            (2 * faults.get("eccentricity_phase", 0.5) - 1) * math.pi,
+        )
+        own = complex(d.get("eccentricity_cos", 0), d.get("eccentricity_sin", 0))
+        self.zeta, self.phi = cmath.polar(fault + own)
+        self.G_prop = p.G_prop * (0.5 + faults.get("gain", 0.5)) * (1 + d.get("loop_gain", 0))
+        self.GAP = p.GAP * (1 + d.get("speed_loop", 0))
+        magnets = 1 + d.get("torque_constant", 0)
+        self.k_e, self.G_M = p.k_e * magnets, p.G_M * magnets
+        # Copper.
+        self.R_s = p.R_s * (1 + 0.00393 * d.get("winding_temperature", 0))
+        self.V_max = p.V_max * (1 + d.get("supply_voltage", 0))
 
         self.theta_out = position / p.tau
         self.theta_m = self.theta_out + play * self.play / 2
@@ -79,7 +99,7 @@ class MonitorTwin:
         # The integrator holds what the current at the start cannot owe to the error.
         self.integral = 0.0
         if p.GAI > 0:
-            self.integral = (current * p.k_t - p.GAP * self.last_error) / p.GAI
+            self.integral = (current * p.k_t - self.GAP * self.last_error) / p.GAI
         self.I = self._reference_current(self.last_error)
         self.lag = [self._equivalent_current()] * 3
 
@@ -99,7 +119,21 @@ class MonitorTwin:
                 total += self.lag[2]
             means.append(total / steps)
             speeds.append(self.omega)
-        return means, speeds
+        period = steps * self.dt
+        return self._sensed("current", means, period), self._sensed("speed", speeds, period)
+
+    def _sensed(self, quantity: str, row: list[float], period: float) -> list[float]:
+        """What a sensor makes of a row; its slope at the ends is that to the only neighbour."""
+        offset, gain, delay = (
+            self.deviations.get(f"{quantity}_{name}", 0) for name in ("offset", "gain", "delay")
+        )
+        last = len(row) - 1
+        seen = []
+        for i, value in enumerate(row):
+            before, after = max(i - 1, 0), min(i + 1, last)
+            slope = (row[after] - row[before]) / ((after - before) * period)
+            seen.append(value * (1 + gain) + offset - delay * slope)
+        return seen
 
     def step(self, command: float) -> None:
         error = self._speed_error(command, self.theta_out * self.actuator.tau)
@@ -123,7 +157,7 @@ class MonitorTwin:
     def _reference_current(self, error: float) -> float:
         p = self.actuator
         slope = (error - self.last_error) / self.dt
-        torque = p.GAP * error + p.GAI * self.integral + p.GAD * slope
+        torque = self.GAP * error + p.GAI * self.integral + p.GAD * slope
         return saturate(torque / p.k_t, p.I_max)
 
     def _commutation(self) -> list[int]:
@@ -144,18 +178,18 @@ class MonitorTwin:
         s = self._commutation()
         # Behind the driven phases' plateaus the shape of the back-EMF is the sign of the current.
         k = [
-            p.k_e
+            self.k_e
             / 2
             * self.N[n]
             * s[n]
             * (1 + self.zeta * math.cos(self.theta_m + self.phi + 2 * math.pi * n / 3))
             for n in PHASES
         ]
-        R = sum(p.R_s / 2 * self.N[n] for n in PHASES if s[n])
+        R = sum(self.R_s / 2 * self.N[n] for n in PHASES if s[n])
         L = sum(p.L_s / 2 * self.N[n] ** 2 for n in PHASES if s[n])
         K = k[s.index(1)] - k[s.index(-1)]
-        highest = (p.V_max - R * self.I - K * self.omega) / L * self.dt
-        lowest = (-p.V_max - R * self.I - K * self.omega) / L * self.dt
+        highest = (self.V_max - R * self.I - K * self.omega) / L * self.dt
+        lowest = (-self.V_max - R * self.I - K * self.omega) / L * self.dt
         self.I += sorted((lowest, I_ref - self.I, highest))[1]
         self.torque = saturate(K * self.I, p.T_max)
         self.ripple = K * p.h_b
@@ -165,19 +199,22 @@ class MonitorTwin:
         s = self._commutation()
         f = sum(self.N[n] for n in PHASES if s[n]) / 2
         K = f * eccentricity_4_24(self.zeta, self.phi, p.P * self.theta_m)
-        R = p.R_s * f
+        R = self.R_s * f
         time_constant = p.L_s * sum(N**2 for N in self.N) / 3 / R
-        voltage = p.V_max * sign(I_ref - self.I) - p.k_e * K * self.omega
+        voltage = self.V_max * sign(I_ref - self.I) - self.k_e * K * self.omega
         self.I += (voltage / R - self.I) / time_constant * self.dt
-        self.torque = saturate(p.G_M * K * self.I, p.T_max)
+        self.torque = saturate(self.G_M * K * self.I, p.T_max)
 
     def _mechanics(self) -> None:
-        T = self.torque
+        # The load turns with the user shaft, behind the play.
+        T = self.torque - self.load - self.stiffness * self.theta_out * self.actuator.tau
+        half = 0.03 * self.actuator.omega_max
+        f_d = self.f_d * (1 + self.stribeck / (1 + (self.omega / half) ** 2))
         if self.omega == 0:
-            holds = abs(T) <= max(self.f_s - self.ripple, self.f_d)
-            friction = T if holds else self.f_d * sign(T)
+            holds = abs(T) <= max(self.f_s - self.ripple, f_d)
+            friction = T if holds else f_d * sign(T)
         else:
-            friction = self.f_d * sign(self.omega)
+            friction = f_d * sign(self.omega)
         omega = self.omega + (T - self.C * self.omega - friction) / self.J * self.dt
         if sign(omega) == -sign(self.omega):
             omega = 0.0

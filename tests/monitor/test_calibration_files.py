@@ -12,7 +12,8 @@ from ema_monitor.calibration.fit import calibrate
 from ema_monitor.windows.band import band_limited, rms
 
 ROWS = ("command", "correction", "speed_correction")
-EXACT = [field.name for field in fields(Calibration) if field.name not in ROWS]
+ARRAYS = (*ROWS, "unit_covariance")
+EXACT = [field.name for field in fields(Calibration) if field.name not in ARRAYS]
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +59,7 @@ def test_what_was_saved_is_loaded(calibration, path):
 
 def test_what_is_loaded_is_what_is_in_memory_to_the_last_bit(calibration, path):
     loaded = Calibration.load(path)
-    for name in ROWS:
+    for name in ARRAYS:
         assert getattr(loaded, name).tobytes() == getattr(calibration, name).tobytes()
     for name in EXACT:
         assert getattr(loaded, name) == getattr(calibration, name)
@@ -99,8 +100,10 @@ def test_builtin_calibration_is_that_of_the_built_in_actuator(healthy_windows, d
     window = healthy_windows[3]
     assert builtin.unit_mismatch(description) == ""
     assert builtin.shape_mismatch(window) == ""
-    assert builtin.command_mismatch(window) == ""
-    expected = builtin.expect(builtin.model().respond(window, healthy_faults(), window.play))
+    assert builtin.knows_command(window)
+    expected = builtin.expect(
+        builtin.model().respond(window, healthy_faults(), window.play), window
+    )
     h, speed = window.sample_period, window.telemetry.speed[1:]
     # A healthy window it has not seen leaves what healthy windows leave, with some scatter.
     residual = band_limited(window.current - expected.current[0], h)
@@ -111,10 +114,10 @@ def test_builtin_calibration_is_that_of_the_built_in_actuator(healthy_windows, d
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"just text", b"- 1\n- 2\n", b"format: 1\n", b"format: one\n", b"lift: 0.1\n"],
+    [b"", b"just text", b"- 1\n- 2\n", b"format: 2\n", b"format: one\n", b"lift: 0.1\n"],
 )
 def test_other_yaml_files_are_refused(refused, content):
-    assert "is not a calibration of format 2; make it anew" in refused(content)
+    assert "is not a calibration of format 3; make it anew" in refused(content)
 
 
 @pytest.mark.parametrize(
@@ -169,23 +172,23 @@ def test_impossible_entry_is_refused_with_the_reason(refused, content, name, val
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("lift", "high"),
-        ("lift", None),
-        ("lift", float("nan")),
         ("sample_period", "short"),
         ("sample_period", 0.0),
         ("sample_period", -1e-4),
         ("dt", None),
         ("dt", 3e-5),
-        ("friction_scale", 0.0),
-        ("friction_scale", 2.1),
-        ("friction_scale", float("nan")),
-        ("inertia_scale", -1.0),
-        ("inertia_scale", "light"),
         ("healthy_rms", "small"),
         ("healthy_rms", -0.02),
         ("healthy_speed_rms", 0.0),
         ("healthy_speed_rms", None),
+        ("model_rms", "small"),
+        ("model_rms", 0.0),
+        ("model_speed_rms", -1.0),
+        ("model_speed_rms", None),
+        ("unit_covariance", [[0.0]]),
+        ("unit_covariance", "small"),
+        ("unit", None),
+        ("unit", 0.1),
         ("windows", "five"),
         ("windows", 0),
         ("serial_number", None),
@@ -195,6 +198,17 @@ def test_impossible_entry_is_refused_with_the_reason(refused, content, name, val
 )
 def test_impossible_figure_is_refused_by_name(refused, content, name, value):
     assert name in refused({**content, name: value})
+
+
+@pytest.mark.parametrize("value", ["high", None, float("nan"), float("inf")])
+@pytest.mark.parametrize("name", ["lift", "friction", "speed_delay"])
+def test_impossible_deviation_is_refused_by_name(refused, content, name, value):
+    unit = {**content["unit"], name: value}
+    assert f"unit: {name} = {value!r}" in refused({**content, "unit": unit})
+
+
+def test_unknown_deviation_is_refused_by_name(refused, content):
+    assert "colour" in refused({**content, "unit": {**content["unit"], "colour": 0.1}})
 
 
 def test_missing_parameter_is_refused_by_name(refused, content):

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from ema_core.faults import FAULT_NAMES, FaultVector
-from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record
+from ema_monitor.identification.estimate import (
+    CauseEstimate,
+    Estimate,
+    estimate_of,
+    estimate_record,
+)
 
 from .windows import refused
 
@@ -34,6 +39,10 @@ ESTIMATE = Estimate(
     insignificant=np.arange(8) == 2,
     warm_start=True,
     calibration_windows=4,
+    verdict="degraded",
+    unexplained_share=1.0 / 7.0,
+    causes=(CauseEstimate("load_torque", 0.1 + 0.2, 1e-300), CauseEstimate("inertia", -0.05, 0.01)),
+    alternatives=(("inertia", "torque constant"), ("gain", "speed sensor gain")),
 )
 
 
@@ -53,6 +62,35 @@ def test_every_field_comes_back_to_the_last_bit(estimate: Estimate):
             assert one.dtype == other.dtype
         else:
             assert (type(one), one) == (type(other), other)
+
+
+def test_causes_are_by_name_with_value_and_sigma():
+    record = estimate_record(ESTIMATE)
+    assert record["causes"][1] == {"name": "inertia", "value": -0.05, "sigma": 0.01}
+    assert record["alternatives"][0] == ["inertia", "torque constant"]
+    again = estimate_of(record)
+    assert again.causes == ESTIMATE.causes
+    assert again.alternatives == ESTIMATE.alternatives
+
+
+def test_record_of_an_earlier_version_has_no_causes():
+    record = estimate_record(ESTIMATE)
+    for name in ("causes", "alternatives", "verdict", "unexplained_share"):
+        del record[name]
+    again = estimate_of(record)
+    assert (again.causes, again.alternatives) == ((), ())
+    assert np.isnan(again.unexplained_share)
+
+
+@pytest.mark.parametrize(
+    ("cause", "said"),
+    [
+        (CauseEstimate("inertia", -0.05, 0.01), "inertia -5 +- 1 %"),
+        (CauseEstimate("current_offset", 0.1, 0.012), "current sensor offset +0.1 +- 0.012 A"),
+    ],
+)
+def test_cause_is_told_in_its_unit_and_relative_ones_in_percent(cause, said):
+    assert str(cause) == said
 
 
 def test_faults_and_flags_are_by_name():

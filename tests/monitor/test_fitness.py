@@ -155,10 +155,15 @@ def test_pseudo_huber_is_odd_rises_and_squares_to_its_loss():
     assert values**2 == pytest.approx(loss, rel=1e-12, abs=1e-13)
 
 
+def scattering(calibration, current, speed):
+    """Calibration with scatters under a command that is not the calibrated one."""
+    return replace(calibration, model_rms=current, model_speed_rms=speed)
+
+
 @pytest.fixture
 def own(calibration):
     """Calibration with scatters that do not matter: the loss is quadratic, the speed exact."""
-    return replace(calibration, healthy_rms=100.0, healthy_speed_rms=1e-3)
+    return scattering(calibration, 100.0, 1e-3)
 
 
 def residuals_of(calibration, speed, *, current_error=0.0, speed_error=0.0):
@@ -209,7 +214,7 @@ def test_speed_counts_as_half_the_current_that_its_loop_makes_of_it(own):
 @pytest.mark.parametrize("sigma", [1.0, 10.0])
 def test_speed_that_scatters_more_than_the_current_counts_by_its_scatter(calibration, sigma):
     """One sigma of speed is worth no more than one sigma of current."""
-    noisy = replace(calibration, healthy_rms=0.02, healthy_speed_rms=sigma)
+    noisy = scattering(calibration, 0.02, sigma)
     _, of_speed = residuals_of(noisy, 20.0, speed_error=0.1 * sigma)
     of_current, _ = residuals_of(noisy, 20.0, current_error=0.1 * 0.02)
     assert of_speed == pytest.approx(of_current, rel=1e-9)
@@ -217,7 +222,7 @@ def test_speed_that_scatters_more_than_the_current_counts_by_its_scatter(calibra
 
 @pytest.mark.parametrize("scatter", [0.01, 0.1])
 def test_errors_far_beyond_the_healthy_scatter_count_linearly(calibration, scatter):
-    known = replace(calibration, healthy_rms=scatter, healthy_speed_rms=1e-6)
+    known = scattering(calibration, scatter, 1e-6)
     costs = [
         np.sum(residuals_of(known, 20.0, current_error=multiple * scatter)[0] ** 2)
         for multiple in (0.01, 0.02, 1000.0, 2000.0)
@@ -233,12 +238,12 @@ def test_errors_far_beyond_the_healthy_scatter_count_linearly(calibration, scatt
 
 @pytest.mark.parametrize("scatters", [(math.nan, math.nan), (math.nan, 0.05), (0.02, math.nan)])
 def test_unknown_scatter_is_tolerated(calibration, scatters):
-    unknown = replace(calibration, healthy_rms=scatters[0], healthy_speed_rms=scatters[1])
+    unknown = scattering(calibration, *scatters)
     assumed = fitness._UNKNOWN_SCATTER * calibration.parameters.h_b
-    known = replace(
+    known = scattering(
         calibration,
-        healthy_rms=assumed if math.isnan(scatters[0]) else scatters[0],
-        healthy_speed_rms=1e-6 if math.isnan(scatters[1]) else scatters[1],
+        assumed if math.isnan(scatters[0]) else scatters[0],
+        1e-6 if math.isnan(scatters[1]) else scatters[1],
     )
     errors = {"current_error": 0.1, "speed_error": 0.4}
     for row, expected in zip(
@@ -251,7 +256,7 @@ def test_unknown_scatter_is_tolerated(calibration, scatters):
 def test_window_that_the_calibrated_model_made_has_no_residual(calibration, healthy_windows):
     truth = fault_vector({"friction": 0.3, "short_circuit_b": 0.2})
     window = healthy_windows[0]
-    response = calibration.expect(calibration.model().respond(window, truth, 1.0))
+    response = calibration.expect(calibration.model().respond(window, truth, 1.0), window)
     made = answered(window, response.current[0], response.speed[0])
     assert np.all(BandLimited(made, calibration).residuals(response) == 0.0)
 
@@ -260,7 +265,7 @@ def test_healthy_window_costs_less_than_what_is_believed_and_a_fault_more(calibr
     window = windows_of({}, 7)[-1]
     made, model = BandLimited(window, calibration), calibration.model()
     faults = np.stack([healthy_faults(), fault_vector({"friction": 0.05})])
-    rows = made.residuals(calibration.expect(model.respond(window, faults, 1.0)))
+    rows = made.residuals(calibration.expect(model.respond(window, faults, 1.0), window))
     healthy, faulty = np.sum(rows**2, axis=1)
     # Speed and current of a healthy actuator, whose scatters make the cost up to some 2 of 8.
     assert healthy < made.good_cost / 2 < made.good_cost < faulty

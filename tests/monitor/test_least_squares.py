@@ -23,7 +23,7 @@ def valley(x):
     return (y + 0.3 * np.roll(y, 1, axis=1) ** 2) * np.geomspace(1.0, 0.1, D)
 
 
-def search(function, start=None, *, seed=0, good_cost=0.0):
+def search(function, start=None, *, seed=0, good_cost=0.0, fair_cost=0.0):
     """Batches asked for, and the progress."""
     batches = []
 
@@ -32,7 +32,8 @@ def search(function, start=None, *, seed=0, good_cost=0.0):
         return function(points)
 
     start = np.full(D, 0.5) if start is None else start
-    optimizer = ScreenedLeastSquares(start, np.random.default_rng(seed), Hints(good_cost))
+    hints = Hints(good_cost, fair_cost)
+    optimizer = ScreenedLeastSquares(start, np.random.default_rng(seed), hints)
     progress = list(minimise(watched, optimizer, PATIENT))
     assert optimizer.converged
     return batches, progress
@@ -110,6 +111,18 @@ def test_poor_optimum_leads_to_larger_screens(good_cost, expected):
     assert progress[-1].evaluations == sum(len(batch) for batch in batches)
 
 
+@pytest.mark.parametrize(("fair_cost", "expected"), [(0.3, [1, SMALL]), (0.2, [1, SMALL, LARGE])])
+def test_fair_optimum_is_accepted_once_a_second_search_finds_nothing_better(fair_cost, expected):
+    """Here there is none but one that costs 0.25, which is not good."""
+
+    def shallow(x):
+        return np.concatenate([x - CENTRE, np.full((len(x), 1), 0.5)], axis=1)
+
+    batches, progress = search(shallow, CENTRE + 0.05, good_cost=0.1, fair_cost=fair_cost)
+    assert screens(batches) == expected
+    assert progress[-1].cost == pytest.approx(0.25, rel=1e-9)
+
+
 def two_valleys(x):
     """One about the middle costs 0.25 at its bottom, a narrow one about a corner nothing."""
     to_corner = x - 0.95
@@ -130,6 +143,15 @@ def test_larger_screen_finds_what_the_start_does_not(seed):
     assert found[-1].point == pytest.approx(0.95, abs=1e-4)
     # Once there is an optimum that it believes, it does not go on.
     assert screens(batches) in ([1, SMALL], [1, SMALL, LARGE])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_fair_optimum_that_a_second_search_improves_is_searched_on(seed):
+    """To the largest screen, unless what it found is good."""
+    start = np.full(3, 0.52)
+    batches, found = search(two_valleys, start, seed=seed, good_cost=1e-15, fair_cost=0.3)
+    reached = found[-1].cost < 1e-12
+    assert screens(batches) in ([1, SMALL, LARGE] if reached else [1, SMALL], [1, SMALL])
 
 
 @pytest.mark.parametrize("component", [0, 5])

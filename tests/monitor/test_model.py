@@ -204,8 +204,8 @@ def test_speed_without_branches_is_that_with_them():
     torques = [*rng.normal(0.0, 0.3, 20), 0.0, m.f_s, -m.f_s, m.f_s * (1 + 1e-15)]
     for omega, torque in itertools.product(speeds, torques):
         for breakaway in (m.f_s, m.f_d):
-            arguments = (m, omega, torque, breakaway, 2e-5)
-            assert next_speed_of_lanes(*arguments) == next_speed(*arguments)
+            lanes = next_speed_of_lanes(m, omega, torque, breakaway, m.f_d, 2e-5)
+            assert lanes == next_speed(m, omega, torque, breakaway, 2e-5)
 
 
 def test_angle_turned_in_steps_is_the_whole_angle():

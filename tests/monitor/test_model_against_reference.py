@@ -10,6 +10,7 @@ import pytest
 from ema_core.commands import THESIS_CHIRP
 from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, constants
+from ema_monitor.model.deviations import Deviations
 from ema_monitor.model.monitor_model import MonitorModel
 from ema_monitor.windows.band import band_limited, rms
 from ema_sim.actuator import SimulatedActuator, at_rest
@@ -38,7 +39,7 @@ AGREEMENT = [
 
 
 def modelled(window, faults, lift, form="fast"):
-    model = MonitorModel(PARAMETERS, form, lift=lift)
+    model = MonitorModel(PARAMETERS, form, unit=Deviations(lift=lift))
     return model.respond(window, fault_vector(faults), window.play)
 
 
@@ -47,7 +48,7 @@ def test_smoothed_current_and_speed_are_those_of_the_actuator(
     windows_of, calibration, faults, limit
 ):
     [window] = windows_of(faults)
-    current, speed = (rows[0] for rows in modelled(window, faults, calibration.lift))
+    current, speed = (rows[0] for rows in modelled(window, faults, calibration.unit.lift))
     residual = window.current - current
     assert rms(band_limited(residual, H)) < limit
     # As against some 2.5 A of current, and what is left of the ripple before smoothing.
@@ -61,7 +62,7 @@ def test_equation_4_24_does_not_describe_an_eccentric_motor(windows_of, calibrat
     faults = {"eccentricity": 0.5, "eccentricity_phase": 0.5}
     [window] = windows_of(faults)
     source = window.current - modelled(window, faults, 0.0, "source").current[0]
-    fast = window.current - modelled(window, faults, calibration.lift).current[0]
+    fast = window.current - modelled(window, faults, calibration.unit.lift).current[0]
     assert rms(source) > 3 * rms(fast)
 
 

@@ -8,6 +8,7 @@ import pytest
 from ema_core.commands import THESIS_CHIRP
 from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_core.parameters import ActuatorParameters
+from ema_monitor.model.deviations import Deviations
 from ema_monitor.model.monitor_model import MonitorModel
 
 from .windows import window_from
@@ -41,7 +42,11 @@ def relabelled(faults, names):
 def current(form, command, faults, play, position=0.0):
     command = command[: SAMPLES[form] + 1]
     window = window_from(command, position=position)
-    return MonitorModel(PARAMETERS, form, lift=0.3).respond(window, faults, play).current[0]
+    return (
+        MonitorModel(PARAMETERS, form, unit=Deviations(lift=0.3))
+        .respond(window, faults, play)
+        .current[0]
+    )
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ def made(healthy_windows, calibration):
     def made(faults, play=1.0, known=True):
         window = healthy_windows[0]
         response = calibration.expect(
-            calibration.model().respond(window, fault_vector(faults), play)
+            calibration.model().respond(window, fault_vector(faults), play), window
         )
         window = answered(window, response.current[0], response.speed[0])
         return replace(window, play=play if known else None)
@@ -78,9 +78,7 @@ def test_residuals_are_those_of_the_fitness_in_the_calibrated_model(made, calibr
     window = made(TRUTH)
     objective = Objective(window, calibration, "least_squares")
     faults = fault_vector({"friction": 0.1})
-    model = MonitorModel(
-        calibration.model().parameters, calibration.form, calibration.dt, calibration.lift
-    )
+    model = MonitorModel(calibration.parameters, calibration.form, calibration.dt, calibration.unit)
     current = model.respond(window, faults, 1.0).current[0] + calibration.correction
     expected = np.sqrt(window.sample_period) * (window.current - current)
     [row] = objective.residuals(objective.encode(faults)[None])
@@ -91,10 +89,11 @@ def test_correction_moves_with_a_window_that_begins_later(healthy_windows, calib
     """Correction and command are laid over each other before anything is compared."""
     window, n = healthy_windows[0], len(healthy_windows[0])
     shifted = changed(window, command=np.append(window.command[3:], np.full(3, window.command[-1])))
-    faults, play = healthy_faults()[None], np.ones(1)
+    objective = Objective(shifted, calibration)
+    model = calibration.model()
     difference = (
-        Objective(shifted, calibration).expect(faults, play).current[0]
-        - calibration.model().respond(shifted, faults, play).current[0]
+        objective.expect(objective.healthy[None]).current[0]
+        - model.respond(shifted, healthy_faults(), window.play).current[0]
     )
     assert difference[: n - 3] == pytest.approx(calibration.correction[3:], abs=1e-12)
 
@@ -145,9 +144,9 @@ def test_linearisation_evaluates_as_often_as_it_says(made, calibration, monkeypa
     counted = []
     respond = MonitorModel.respond
 
-    def counting(model, window, faults, play=0.0, *corrections):
+    def counting(model, window, faults, *others):
         counted.append(len(np.atleast_2d(faults)))
-        return respond(model, window, faults, play, *corrections)
+        return respond(model, window, faults, *others)
 
     monkeypatch.setattr(MonitorModel, "respond", counting)
     objective.linearise(objective.healthy)

@@ -100,8 +100,9 @@ def test_identification_tells_what_is_known(
     settings = SearchSettings(name, budget=400)
     next(iter(Identification(window, description, calibration, settings)))
     [hints] = told
-    # Some linearisations of 17 evaluations each.
-    assert 300 <= hints.budget < 400
+    # The cost of the healthy point; three linearisations in eight faults and seven causes that
+    # change the motion; two points; and four deviations of the unit there and at the healthy one.
+    assert hints.budget == 400 - (1 + 3 * 31 + 2 + 2 * (1 + 4))
     assert hints.good_cost > 0.0
 
 

@@ -11,6 +11,7 @@ from ema_monitor.identification.uncertainty import (
     MISMATCH_SIGMA,
     SIGNIFICANT_SIGMAS,
     refitted,
+    sandwich_covariance,
     significant_components,
     uncertainty_of_faults,
 )
@@ -47,9 +48,23 @@ def estimate(model, offsets):
     return point, healthy, noise, jacobian
 
 
+def significant(point, healthy, residuals, jacobian, lags, floor):
+    """What is left of all components, each tested by the covariance that the residuals tell."""
+    return significant_components(
+        point,
+        healthy,
+        residuals,
+        jacobian,
+        lambda columns, left: sandwich_covariance(columns, left, lags),
+        floor,
+        np.ones(len(point), dtype=bool),
+        GROUPS,
+    )
+
+
 def shown(model, offsets):
     floor = np.full(len(model[0]), FLOOR)
-    result, point = significant_components(*estimate(model, offsets), 0, floor)
+    result, point = significant(*estimate(model, offsets), 0, floor)
     assert result.dtype == bool
     return set(np.flatnonzero(result[:8])), result, point
 
@@ -92,7 +107,7 @@ def test_gain_within_the_bound_by_its_reported_sigma_is_not_significant(model, s
     point[7] += sigmas * np.sqrt(reported.covariance[7, 7])
     floor = np.zeros(d)
     floor[:8] = MISMATCH_SIGMA
-    result, _ = significant_components(point, healthy, noise, sharp, 0, floor)
+    result, _ = significant(point, healthy, noise, sharp, 0, floor)
     assert not result[7]
 
 
@@ -167,9 +182,7 @@ def test_correlated_residuals_make_a_component_less_sure(model):
     point = healthy.copy()
     point[0] += 4.0 * WIDENED
     for lags, stays in ((0, True), (20, False)):
-        result, _ = significant_components(
-            point, healthy, noise, jacobian, lags, np.zeros(len(point))
-        )
+        result, _ = significant(point, healthy, noise, jacobian, lags, np.zeros(len(point)))
         assert result[0] == stays
 
 
@@ -216,6 +229,6 @@ def test_refit_of_nothing_is_healthy():
 def test_arguments_are_not_changed(model):
     arguments = estimate(model, {0: 5.0, 1: 0.5})
     before = [argument.copy() for argument in arguments]
-    significant_components(*arguments, 3, np.zeros(len(model[0])))
+    significant(*arguments, 3, np.zeros(len(model[0])))
     for argument, copy in zip(arguments, before, strict=True):
         assert np.array_equal(argument, copy)

@@ -135,7 +135,7 @@ def test_stamps_at_another_rate_are_named(two_cycles, share, accepted):
     if accepted:
         windows_in(events)
     else:
-        said = f"the stamps say one sample every {share * H:.4g} s, the blocks 0.0001 s"
+        said = f"the stamps give one sample every {share * H:.4g} s, the blocks 0.0001 s"
         assert [refusal.reason for refusal in refusals_in(events)] == [said] * 2
 
 
@@ -145,7 +145,7 @@ def test_clock_that_jumps_in_a_window_is_named(two_cycles):
     ]
     events = feed(two_cycles)
     [refusal], [window] = refusals_in(events[:1]), windows_in(events[1:])
-    assert "the stamps say one sample every" in refusal.reason
+    assert "the stamps give one sample every" in refusal.reason
     assert window.telemetry.first_index == STARTS[1]
 
 

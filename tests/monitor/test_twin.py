@@ -6,6 +6,7 @@ import pytest
 from ema_core.faults import FAULT_NAMES, fault_vector, random_faults
 from ema_core.parameters import ActuatorParameters
 from ema_core.simd import LANES
+from ema_monitor.model.deviations import NAMES, Deviations
 from ema_monitor.model.drives import IDLE_CONTRAST
 from ema_monitor.model.monitor_model import MonitorModel
 
@@ -17,7 +18,7 @@ from .windows import window_from
 # coincidence to that precision and would move a sample by at least 1e-4 A.
 TOLERANCE = 1e-9
 SPEED_TOLERANCE = 1e-7
-LIFT = {"fast": 0.3, "source": 0.0}
+LIFT = {"fast": {"lift": 0.3}, "source": {}}
 STEPS = 5000
 
 MULTIPLE = {
@@ -95,15 +96,63 @@ CASES = {
         moves_inside_its_play,
     ),
 }
+UNIT = {
+    "load_torque": 0.02,
+    "load_stiffness": 0.4,
+    "torque_constant": -0.06,
+    "winding_temperature": 60.0,
+    "supply_voltage": -0.1,
+    "viscous_friction": 2.0,
+    "inertia": 0.15,
+    "friction": -0.1,
+    "stribeck": 0.4,
+    "backlash": 0.7,
+    "loop_gain": 0.05,
+    "speed_loop": -0.04,
+    "turns_a": -0.02,
+    "turns_b": 0.03,
+    "turns_c": 0.01,
+    "eccentricity_cos": 0.03,
+    "eccentricity_sin": -0.05,
+    "current_offset": 0.1,
+    "current_gain": -0.03,
+    "speed_offset": -0.5,
+    "speed_gain": 0.02,
+    "current_delay": 2e-4,
+    "speed_delay": 5e-5,
+}
+# Deviations, and faults beside them.
+DEVIATIONS = {
+    "load_torque": ({"load_torque": 0.03}, {}),
+    "load_stiffness": ({"load_stiffness": -2.0}, {"backlash": 0.02}),
+    "stribeck": ({"stribeck": 1.5}, {"friction": 0.2}),
+    "eccentricity": (
+        {"eccentricity_cos": -0.1, "eccentricity_sin": 0.2},
+        {"eccentricity": 0.3, "eccentricity_phase": 0.7},
+    ),
+    "turns": ({"turns_b": -0.1}, {"short_circuit_b": 0.3}),
+    "all": (UNIT, {}),
+    "all_and_faults": (UNIT, MULTIPLE),
+}
 # The fast form's 100 ms hold a growing oscillation, the source form's 5 ms one that is as fast.
 FORMS = {"fast": (2e-5, 1e-4, 30.0), "source": (1e-6, 5e-5, 400.0)}
 
 
-def twin_of(actuator, faults, form, **start):
+def twin_of(actuator, faults, form, deviations=None, **start):
     dt = FORMS[form][0]
     return MonitorTwin(
-        actuator, faults, form=form, dt=dt, lift=LIFT[form], contrast=IDLE_CONTRAST, **start
+        actuator,
+        faults,
+        form=form,
+        dt=dt,
+        contrast=IDLE_CONTRAST,
+        deviations=LIFT[form] | (deviations or {}),
+        **start,
     )
+
+
+def unit(form, deviations=None) -> Deviations:
+    return Deviations(**LIFT[form] | (deviations or {}))
 
 
 @pytest.mark.slow
@@ -117,18 +166,57 @@ def test_kernel_equals_twin(case, form):
     # Small at first, so that nothing is saturated, then large enough to saturate everything.
     amplitude = np.where(t < 0.4 * t[-1], 1.5e-4, 0.02)
     command = start.get("position", 0.0) + amplitude * np.sin(2 * np.pi * frequency * t)
-    actuator = ActuatorParameters.from_mapping(values)
+    actuator = ActuatorParameters().replace(values)
     twin = twin_of(actuator, faults, form, command=float(command[0]), **start)
 
     seen = []
     current, speed = twin.samples(command.tolist(), steps, lambda twin: seen.append(happens(twin)))
     window = window_from(command, sample_period=period, **start)
-    model = MonitorModel(actuator, form, dt, LIFT[form])
+    model = MonitorModel(actuator, form, dt, unit(form))
     response = model.respond(window, fault_vector(faults), start.get("play", 0.0))
     assert response.current.shape == response.speed.shape == (1, len(t) - 1)
     assert response.current[0] == pytest.approx(current, abs=TOLERANCE, rel=0)
     assert response.speed[0] == pytest.approx(speed, abs=SPEED_TOLERANCE, rel=0)
     assert sum(seen) >= 20
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("case", DEVIATIONS)
+def test_unit_that_deviates_equals_its_twin(case, form):
+    """Whether the unit is said to deviate or an individual of it."""
+    deviations, faults = DEVIATIONS[case]
+    dt, period, frequency = FORMS[form]
+    steps = round(period / dt)
+    t = period * np.arange(2000 // steps + 1)
+    command = np.where(t < 0.4 * t[-1], 1.5e-4, 0.02) * np.sin(2 * np.pi * frequency * t)
+    actuator = ActuatorParameters()
+    twin = twin_of(actuator, faults, form, deviations, play=0.3)
+    current, speed = twin.samples(command.tolist(), steps, lambda twin: None)
+    window = window_from(command, sample_period=period)
+    k = fault_vector(faults)
+    whole = MonitorModel(actuator, form, dt, unit(form, deviations)).respond(window, k, 0.3)
+    row = np.array([[deviations.get(name, 0.0) for name in NAMES]])
+    individual = MonitorModel(actuator, form, dt, unit(form)).respond(
+        window, k, 0.3, deviations=row
+    )
+    for response in (whole, individual):
+        assert response.current[0] == pytest.approx(current, abs=TOLERANCE, rel=0)
+        assert response.speed[0] == pytest.approx(speed, abs=SPEED_TOLERANCE, rel=0)
+
+
+def test_stiffness_and_stribeck_friction_hold_and_slip():
+    """So that their twins mean something: both stop and let go."""
+    dt, period, frequency = FORMS["fast"]
+    steps = round(period / dt)
+    t = period * np.arange(5000 // steps + 1)
+    command = 1.5e-4 * np.sin(2 * np.pi * frequency * t)
+    for deviations in ({"stribeck": 1.5}, {"load_stiffness": 5.0}):
+        twin = twin_of(ActuatorParameters(), {}, "fast", deviations)
+        held, _ = seen = [], []
+        twin.samples(
+            command.tolist(), steps, lambda twin, seen=seen: seen[not sticks(twin)].append(True)
+        )
+        assert min(len(one) for one in seen) > 20, (deviations, len(held))
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -141,7 +229,7 @@ def test_every_lane_equals_its_twin(form):
     command = 0.02 * np.sin(2 * np.pi * frequency * t)
     actuator = ActuatorParameters()
     window = window_from(command, sample_period=period)
-    response = MonitorModel(actuator, form, dt, LIFT[form]).respond(window, faults, play)
+    response = MonitorModel(actuator, form, dt, unit(form)).respond(window, faults, play)
     for i in range(n):
         named = dict(zip(FAULT_NAMES, faults[i].tolist(), strict=True))
         twin = twin_of(actuator, named, form, play=float(play[i]))

@@ -29,16 +29,16 @@ def drain(queue: WindowQueue, count: int) -> list[Segment]:
 
 
 def test_any_number_waits_in_order_when_there_is_no_limit():
-    queue = WindowQueue(None)
-    assert [queue.add(found(number)) for number in range(100)] == [[]] * 100
+    queue = WindowQueue()
+    assert [queue.add(found(number), None) for number in range(100)] == [[]] * 100
     assert (len(queue), queue.dropped) == (100, 0)
     assert drain(queue, 100) == [found(number) for number in range(100)]
     assert len(queue) == 0
 
 
 def test_oldest_is_dropped_and_leaves_its_refusal_in_its_place():
-    queue = WindowQueue(2)
-    gone = [queue.add(found(number)) for number in range(5)]
+    queue = WindowQueue()
+    gone = [queue.add(found(number), 2) for number in range(5)]
     assert [[item.number for item in items] for items in gone] == [[], [], [0], [1], [2]]
     assert (len(queue), queue.dropped) == (2, 3)
     left = drain(queue, 5)
@@ -51,40 +51,39 @@ def test_oldest_is_dropped_and_leaves_its_refusal_in_its_place():
 
 
 def test_refusals_take_no_place():
-    queue = WindowQueue(1)
-    assert queue.add(found(0)) == []
-    assert [queue.add(found(number, REFUSAL)) for number in (1, 2)] == [[], []]
+    queue = WindowQueue()
+    assert queue.add(found(0), 1) == []
+    assert [queue.add(found(number, REFUSAL), 1) for number in (1, 2)] == [[], []]
     assert len(queue) == 1
-    assert queue.add(found(3)) == [found(0)]
+    assert queue.add(found(3), 1) == [found(0)]
     left = drain(queue, 4)
     assert [item.number for item in left] == [0, 1, 2, 3]
     assert left[1:3] == [found(1, REFUSAL), found(2, REFUSAL)]
 
 
 def test_limit_that_is_lowered_holds_from_the_next_window_on():
-    queue = WindowQueue(None)
+    queue = WindowQueue()
     for number in range(4):
-        queue.add(found(number))
-    queue.limit(2)
+        queue.add(found(number), None)
     assert len(queue) == 4
-    queue.add(found(4))
+    queue.add(found(4), 2)
     assert (len(queue), queue.dropped) == (2, 3)
     left = drain(queue, 5)
     assert [isinstance(item.window, Window) for item in left] == [False] * 3 + [True] * 2
 
 
 def test_consumer_waits_for_the_next_window():
-    queue, got = WindowQueue(1), []
+    queue, got = WindowQueue(), []
     getter = threading.Thread(target=lambda: got.append(queue.next()))
     getter.start()
     assert got == []
-    queue.add(found(7))
+    queue.add(found(7), 1)
     getter.join(5.0)
     assert got == [found(7)]
 
 
 def test_closing_wakes_the_consumer():
-    queue, got = WindowQueue(None), [found(0)]
+    queue, got = WindowQueue(), [found(0)]
     getter = threading.Thread(target=lambda: got.append(queue.next()))  # type: ignore[arg-type]
     getter.start()
     assert queue.close() == []
@@ -94,9 +93,9 @@ def test_closing_wakes_the_consumer():
 
 
 def test_closing_returns_the_waiting_windows_in_order():
-    queue = WindowQueue(3)
+    queue = WindowQueue()
     for number in range(3):
-        queue.add(found(number))
+        queue.add(found(number), 3)
     assert queue.close() == [found(0), found(1), found(2)]
     assert (len(queue), queue.next()) == (0, None)
 
@@ -105,7 +104,7 @@ def test_closed_queue_accepts_no_window():
     queue = WindowQueue()
     queue.close()
     with pytest.raises(QueueClosedError):
-        queue.add(found(0))
+        queue.add(found(0), None)
 
 
 @pytest.fixture
@@ -118,13 +117,13 @@ def frequent_switches() -> Iterator[None]:
 
 @pytest.mark.usefixtures("frequent_switches")
 def test_waiting_windows_are_counted_while_others_come_and_go():
-    queue, ended, failures = WindowQueue(None), threading.Event(), []
+    queue, ended, failures = WindowQueue(), threading.Event(), []
     for number in range(50):
-        queue.add(found(number))
+        queue.add(found(number), None)
 
     def come_and_go() -> None:
         while not ended.is_set():
-            queue.add(found(0))
+            queue.add(found(0), None)
             queue.next()
 
     other = threading.Thread(target=come_and_go)

@@ -40,7 +40,7 @@ def lived(
 ) -> tuple[Prognostics, list[Outlook]]:
     """A unit whose friction and backlash have grown over n tests."""
     prognostics = Prognostics(History(*UNIT, path), settings)
-    told = []
+    outlooks = []
     for number in range(n):
         valid = number not in missing
         estimate = made_test(
@@ -48,8 +48,8 @@ def lived(
         )
         outlook = prognostics.update(estimate, PARAMETERS, settings)
         assert (outlook is not None) == valid
-        told += [outlook] if outlook else []
-    return prognostics, told
+        outlooks += [outlook] if outlook else []
+    return prognostics, outlooks
 
 
 def plain(outlook: Outlook) -> str:

@@ -9,7 +9,7 @@ from ema_monitor.prognosis.growth.settings import KnownLaw
 
 LIMIT = 0.25
 HOUR = 1e-8
-"""Hours so few that growth over them tells its speed."""
+"""Hours so few that growth over them gives its speed."""
 
 
 def bend(curve):

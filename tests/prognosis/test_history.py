@@ -101,7 +101,7 @@ def test_write_ahead_log_cut_off_at_any_byte_loses_the_latest_test_at_most(path:
     assert (found[0], found[-1]) == (3, 4)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_history_survives_being_killed_again_and_again(path: Path):
     """A process that appends without end is killed; the next one finds all that was reported."""
     reported = 0

@@ -23,13 +23,13 @@ def test_damaged_figure_is_found_and_the_tests_before_it_are_kept(path: Path):
     with closing(sqlite3.connect(path)) as db, db:
         # One digit of one figure: it is JSON still.
         db.execute("UPDATE test SET record = replace(record, '0.01', '0.02') WHERE number = 2")
-    spoiled = path.read_bytes()
+    damaged = path.read_bytes()
     history = History(*UNIT, path)
     aside = path.with_name("flap.set_aside_1.sqlite")
     assert [item.hours for item in history.entries] == [0.0]
     for words in (str(path), aside.name, "test 2 is damaged", "the 1 test cycles before"):
         assert words in history.problem
-    assert aside.read_bytes() == spoiled
+    assert aside.read_bytes() == damaged
     history.append(entry(4))
     history.close()
     assert hours(path) == ([0.0, 40.0], "")
@@ -38,12 +38,12 @@ def test_damaged_figure_is_found_and_the_tests_before_it_are_kept(path: Path):
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
 def test_truncated_file_is_set_aside_whole(path: Path, share: float):
     whole = kept(path, 20)
-    spoiled = whole[: int(share * len(whole))]
-    path.write_bytes(spoiled)
+    damaged = whole[: int(share * len(whole))]
+    path.write_bytes(damaged)
     found, problem = hours(path)
     assert found == [10.0 * number for number in range(len(found))]
     assert "set aside as flap.set_aside_1.sqlite" in problem
-    assert path.with_name("flap.set_aside_1.sqlite").read_bytes() == spoiled
+    assert path.with_name("flap.set_aside_1.sqlite").read_bytes() == damaged
     # What could be read of it is in the new file.
     assert hours(path) == (found, "") if found else not path.exists()
 

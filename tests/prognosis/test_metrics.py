@@ -50,7 +50,7 @@ def test_relative_accuracy_at_a_share_is_that_of_the_prediction_then():
 
 
 def test_relative_accuracy_at_a_share_holds_the_latest_test_to_the_truth_when_it_was_made():
-    # The test at 700 h is the latest up to 790 h; 300 h remained, 330 h were told.
+    # The test at 700 h is the latest up to 790 h; 300 h remained, 330 h were predicted.
     assert metrics.relative_accuracy_at([0.0, 700.0], [1.0, 330.0], END, 0.79) == pytest.approx(0.9)
 
 

@@ -113,16 +113,16 @@ def test_lives_scale_with_one_over_duty(tracker):
 
 
 def test_overall_life_is_the_earliest_of_the_components(tracker):
-    told = tracker.predict()
-    assert told.dominant_fault == "friction"
-    known = [life for life in told.components.values() if life.known]
+    prognosis = tracker.predict()
+    assert prognosis.dominant_fault == "friction"
+    known = [life for life in prognosis.components.values() if life.known]
     assert len(known) == 2
     for quantile in ("hours_05", "hours_50", "hours_95"):
-        overall = getattr(told.overall, quantile)
+        overall = getattr(prognosis.overall, quantile)
         assert overall <= min(getattr(life, quantile) for life in known)
-    assert told.overall.hours_05 < told.overall.hours_50 < told.overall.hours_95
-    assert told.overall.criterion == "friction exceeds 0.5"
-    assert told.components["gain"].reason == "no significant growth"
+    assert prognosis.overall.hours_05 < prognosis.overall.hours_50 < prognosis.overall.hours_95
+    assert prognosis.overall.criterion == "friction exceeds 0.5"
+    assert prognosis.components["gain"].reason == "no significant growth"
 
 
 def test_overall_life_counts_a_fault_whose_growth_is_not_certain_yet():
@@ -133,28 +133,28 @@ def test_overall_life_counts_a_fault_whose_growth_is_not_certain_yet():
         "short_circuit_c": Growth("self_heating", 3.5e-4, 6.0, noise=0.3, onset=350.0),
     }
     feed(tracker, growth, 410.0, np.random.default_rng(2))
-    told = tracker.predict()
-    assert not told.components["short_circuit_c"].known
-    assert "growth is not certain yet" in told.components["short_circuit_c"].reason
-    assert told.overall.hours_50 < 0.6 * told.components["backlash"].hours_50
-    assert told.dominant_fault == "short_circuit_c"
-    assert told.overall.criterion == "short circuit C exceeds 0.25"
+    prognosis = tracker.predict()
+    assert not prognosis.components["short_circuit_c"].known
+    assert "growth is not certain yet" in prognosis.components["short_circuit_c"].reason
+    assert prognosis.overall.hours_50 < 0.6 * prognosis.components["backlash"].hours_50
+    assert prognosis.dominant_fault == "short_circuit_c"
+    assert prognosis.overall.criterion == "short circuit C exceeds 0.25"
 
 
 def test_nothing_is_told_before_any_test():
-    told = Tracker().predict()
-    assert not told.overall.known
-    assert told.overall.reason == "no test to rely on yet"
-    assert np.isnan(told.hours)
+    prognosis = Tracker().predict()
+    assert not prognosis.overall.known
+    assert prognosis.overall.reason == "fewer than two tests that agree so far"
+    assert np.isnan(prognosis.hours)
 
 
 def test_fault_beyond_its_limit_has_no_life_left():
     tracker = Tracker()
     for i in range(6):
         tracker.update(observed(10.0 * i, {"short_circuit_c": 0.4}))
-    told = tracker.predict()
-    assert told.dominant_fault == "short_circuit_c"
-    assert (told.overall.hours_05, told.overall.hours_95) == (0.0, 0.0)
+    prognosis = tracker.predict()
+    assert prognosis.dominant_fault == "short_circuit_c"
+    assert (prognosis.overall.hours_05, prognosis.overall.hours_95) == (0.0, 0.0)
 
 
 def test_life_beyond_the_horizon_is_not_told():

@@ -1,4 +1,4 @@
-"""What is said of one unit after its tests: from history, tracker, requirements and usage."""
+"""What is published of one unit after its tests: from history, tracker, requirements and usage."""
 
 import math
 from dataclasses import replace
@@ -72,8 +72,8 @@ def test_trends_are_those_of_the_laws(worn):
 
 
 def test_health_is_that_of_the_tracked_values(worn):
-    prognostics, told = worn
-    last = told[-1]
+    prognostics, outlooks = worn
+    last = outlooks[-1]
     [item] = [item for item in last.health.faults if item.name == "friction"]
     single = prognostics.history.entries[-1].estimate
     assert item.value != single.faults[0]
@@ -96,14 +96,14 @@ def test_healthy_actuator_is_told_no_life_and_no_alarm():
 
 
 @pytest.mark.slow
-def test_restart_changes_nothing(tmp_path: Path):
+def test_restart_changes_nothing(tmp_path: Path, worn):
     path = tmp_path / "history.sqlite"
-    _, expected = lived(40)
+    _, expected = worn
     first, _ = lived(25, path=path)
     # Killed: nothing is closed, but for the lock that goes with a process.
     first.history.close()
     second = Prognostics(History(*UNIT, path), TEN_HOURS)
-    told = [
+    outlooks = [
         second.update(
             made_test(number, seed=3, friction=friction(number), backlash=backlash(number)),
             PARAMETERS,
@@ -111,25 +111,25 @@ def test_restart_changes_nothing(tmp_path: Path):
         )
         for number in range(25, 40)
     ]
-    assert [plain(item) for item in told if item] == [plain(item) for item in expected[25:]]
+    assert [plain(item) for item in outlooks if item] == [plain(item) for item in expected[25:40]]
     second.history.close()
 
 
 def test_same_test_again_changes_nothing(worn):
-    prognostics, told = worn
+    prognostics, outlooks = worn
     entries = len(prognostics.history.entries)
     for number in (59, 7):
         again = prognostics.update(made_test(number, friction=0.9), PARAMETERS, TEN_HOURS)
         assert again is not None
-        assert plain(again) == plain(told[-1])
+        assert plain(again) == plain(outlooks[-1])
         assert "in the history already" in again.events[0]
     assert len(prognostics.history.entries) == entries
 
 
 def test_other_duty_is_answered_without_changing_anything(worn):
-    prognostics, told = worn
+    prognostics, outlooks = worn
     twice = prognostics.outlook(PARAMETERS, duty_of(TEN_HOURS, 2.0))
-    now = told[-1]
+    now = outlooks[-1]
     assert twice.duty == 2.0
     assert twice.lives["friction"].hours_50 == pytest.approx(now.lives["friction"].hours_50 / 2)
     assert twice.lives["free_play"].hours_50 == pytest.approx(
@@ -160,16 +160,16 @@ def test_stamps_that_go_back_are_told():
 
 def test_step_is_a_warning_at_once_and_an_error_when_it_is_confirmed():
     prognostics, _ = lived(20)
-    told = [
+    outlooks = [
         prognostics.update(made_test(n, friction=0.7, backlash=backlash(n)), PARAMETERS, TEN_HOURS)
         for n in (20, 21)
     ]
     healths = [
         next(item for item in outlook.health.faults if item.name == "friction")
-        for outlook in told
+        for outlook in outlooks
         if outlook
     ]
-    first, second = (outlook.events for outlook in told if outlook)
+    first, second = (outlook.events for outlook in outlooks if outlook)
     assert first[0].startswith("outlier: friction 0.700")
     assert (healths[0].level, healths[0].value < 0.1) == (WARN, True)
     assert any(event.startswith("step: friction") for event in second)
@@ -187,12 +187,12 @@ def test_limit_that_changes_counts_from_then_on_for_the_whole_history(worn):
 
 def test_requirement_that_a_healthy_actuator_misses_is_told():
     settings = replace(TEN_HOURS, requirements=RequirementLimits(bandwidth=60.0))
-    _, told = lived(2, settings)
-    assert told[-1].health.requirements == ()
-    assert "misses the limit of 60 Hz" in told[-1].rul_requirements.reason
-    assert told[-1].lives["bandwidth"].criterion == "bandwidth falls below 60 Hz"
+    _, outlooks = lived(2, settings)
+    assert outlooks[-1].health.requirements == ()
+    assert "misses the limit of 60 Hz" in outlooks[-1].rul_requirements.reason
+    assert outlooks[-1].lives["bandwidth"].criterion == "bandwidth falls below 60 Hz"
     above = "tracking error exceeds that of the healthy actuator by more than 0.0015 rad"
-    assert told[-1].lives["tracking_error"].criterion == above
+    assert outlooks[-1].lives["tracking_error"].criterion == above
 
 
 def test_criterion_is_the_same_be_its_life_known_or_not(worn):
@@ -218,10 +218,10 @@ def test_worst_requirement_with_a_warning_is_named_while_no_life_is_known():
 def test_set_aside_history_is_told_with_the_first_test(tmp_path: Path):
     path = tmp_path / "history.sqlite"
     path.write_text("nothing\n")
-    prognostics, told = lived(2, path=path)
+    prognostics, outlooks = lived(2, path=path)
     prognostics.history.close()
-    assert "set aside" in told[0].events[0]
-    assert told[1].events == ()
+    assert "set aside" in outlooks[0].events[0]
+    assert outlooks[1].events == ()
 
 
 def test_requirements_of_a_unit_are_made_once():
@@ -243,17 +243,17 @@ class OfWideGain(Tracker):
 def test_what_is_not_known_to_grow_ends_no_life(worn, monkeypatch: pytest.MonkeyPatch):
     expected = worn[0].outlook(PARAMETERS, TEN_HOURS)
     monkeypatch.setattr(growth_record, "Tracker", OfWideGain)
-    told = lived(60)[1][-1]
-    assert told.rul_requirements == expected.rul_requirements
+    outlook = lived(60)[1][-1]
+    assert outlook.rul_requirements == expected.rul_requirements
     # Unknown lives hold NaN, which does not equal itself.
-    assert repr(told.lives) == repr(expected.lives)
+    assert repr(outlook.lives) == repr(expected.lives)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("hidden", ["eccentricity", "backlash"])
-def test_component_that_no_test_has_told_of_ends_no_life(hidden: str):
+def test_component_that_no_test_has_shown_ends_no_life(hidden: str):
     prognostics = Prognostics(History(*UNIT), TEN_HOURS)
-    told = None
+    outlook = None
     number = FAULT_NAMES.index(hidden)
     for test in range(25):
         found = made_test(test, seed=3, friction=friction(test))
@@ -262,20 +262,20 @@ def test_component_that_no_test_has_told_of_ends_no_life(hidden: str):
         unobservable = found.unobservable.copy()
         unobservable[number] = True
         estimate = replace(found, covariance=covariance, unobservable=unobservable)
-        told = prognostics.update(estimate, PARAMETERS, TEN_HOURS)
-    assert told is not None
-    assert told.rul_faults.known
-    assert told.rul_requirements.reason == f"no test has shown {hidden} yet"
-    assert told.rul == told.rul_faults
+        outlook = prognostics.update(estimate, PARAMETERS, TEN_HOURS)
+    assert outlook is not None
+    assert outlook.rul_faults.known
+    assert outlook.rul_requirements.reason == f"no test has shown {hidden} yet"
+    assert outlook.rul == outlook.rul_faults
 
 
 def test_first_test_alone_ends_no_life():
     """However bad: it may be an outlier, and the tracker waits for a second one that agrees."""
     prognostics = Prognostics(History(*UNIT), TEN_HOURS)
-    told = prognostics.update(made_test(0, backlash=0.4), PARAMETERS, TEN_HOURS)
-    assert told is not None
-    assert not told.rul_requirements.known
-    assert "no test to rely on" in told.rul_requirements.reason
+    outlook = prognostics.update(made_test(0, backlash=0.4), PARAMETERS, TEN_HOURS)
+    assert outlook is not None
+    assert not outlook.rul_requirements.known
+    assert "fewer than two tests" in outlook.rul_requirements.reason
 
 
 def test_earlier_of_two_lives():
@@ -292,7 +292,7 @@ def test_earlier_of_two_lives():
 
 
 @pytest.mark.slow
-def test_settings_of_the_tracker_change_what_it_tells():
+def test_settings_of_the_tracker_change_its_outlook():
     short = replace(TEN_HOURS, tracker=TrackerSettings(horizon_hours=50.0))
-    _, told = lived(40, short)
-    assert "horizon of 50 h" in told[-1].lives["friction"].reason
+    _, outlooks = lived(40, short)
+    assert "horizon of 50 h" in outlooks[-1].lives["friction"].reason

@@ -55,7 +55,7 @@ def test_tests_on_one_count_are_interpolated_by_stamps_when_the_next_count_comes
     assert events == []
     assert [test.hours for test in service.used] == pytest.approx([10.0 * n for n in range(11)])
     assert [test.entry for test in service.used] == entries[:11]
-    # The tests since then wait; the hours told are those of the latest count.
+    # The tests since then wait; the hours published are those of the latest count.
     assert (service.hours, service.unknown) == (100.0, "")
     assert all(one.hours < other.hours for one, other in pairwise(service.used))
 
@@ -99,7 +99,7 @@ def test_one_wrong_count_costs_nothing_but_a_wait(wrong: float):
     assert [test.hours for test in service.used] == pytest.approx([10.0 * n for n in range(11)])
 
 
-def test_long_pause_is_believed_when_the_next_count_confirms_it():
+def test_long_pause_is_used_when_the_next_count_confirms_it():
     counts = [0.0, 10.0, 20.0, 30.0, 5000.0, 5010.0, 5020.0]
     service, events = added(counted_at(counts))
     assert events == ["service hours set from 30 h to 5010 h"]
@@ -146,7 +146,7 @@ def test_several_wrong_counts_that_agree_are_left_out_when_two_others_do():
         ((0.0, 10.0, 20.0, 121.0), True),
         # Ten times the hours of as many test cycles.
         ((0.0, 10.0, 20.0, STALE, STALE, 300.0), False),
-        # Two tests do not tell how far apart they are, nor do tests at one and the same hour.
+        # Two tests do not show how far apart they are, nor do tests at one and the same hour.
         ((0.0, 10.0, 1000.0), False),
         ((5.0, 5.0, 5.0, 5.0, 1000.0), False),
         ((5.0, 4.0), True),

@@ -58,7 +58,7 @@ def test_count_that_is_not_renewed_gives_no_growth_in_zero_time():
     assert expected is not None
     assert last.rul_faults.known
     assert last.rul_faults.hours_50 == pytest.approx(expected.rul_faults.hours_50, rel=1e-6)
-    # Between counts, life is told from the latest count on, and levels rest on the test itself.
+    # Between counts, life is given from the latest count on, and levels rest on the test itself.
     counted_last, between = outlooks[25], outlooks[28]
     assert counted_last is not None
     assert between is not None
@@ -74,7 +74,7 @@ def test_one_count_too_high_is_as_if_it_had_been_right():
     before, wrong, after, *_, last = outlooks[17:]
     assert math.isnan(wrong.hours)
     assert "went from 180 h to 50000 h" in wrong.rul.reason
-    # As one test tells it, not as growth over 50,000 h would have it: then it is 0.
+    # As one test shows it, not as growth over 50,000 h would have it: then it is 0.
     assert wrong.health.level <= WARN
     assert wrong.health.health_index == pytest.approx(before.health.health_index, abs=0.03)
     assert after.events == (
@@ -104,7 +104,7 @@ def test_one_count_too_high_raises_no_alarm(wrong: float, is_worn: bool):
     assert outlooks[20].health.health_index == single.health_index > 0.7
 
 
-def test_long_pause_is_believed_from_the_next_test_on():
+def test_long_pause_is_used_from_the_next_test_on():
     hours = [*ten_hours_a_test(20), *(5000.0 + 10.0 * n for n in range(4))]
     cycles = [worn(min(n, 20), h) for n, h in enumerate(hours)]
     # No growth in the pause: the same levels go on, as new tests.

@@ -1,4 +1,4 @@
-"""The tracker: level, rate, law, onset, and what a test does not tell of."""
+"""The tracker: level, rate, law, onset, and what a test does not show."""
 
 import math
 
@@ -99,14 +99,19 @@ def test_being_near_healthy_updates_as_bayes_rule_does(mean, two_sided):
     weight = np.exp(-0.5 * ((x - mean) / sd) ** 2) * below
     expected = np.average(x, weights=weight)
     spread = np.average((x - expected) ** 2, weights=weight)
-    means, variances, told = np.array([mean]), np.array([sd**2]), np.empty(1)
+    means, variances, log_likelihood = np.array([mean]), np.array([sd**2]), np.empty(1)
     near_healthy_update(
-        means, variances, np.array([sigma**2]), np.array([2.0]), np.array([two_sided]), told
+        means,
+        variances,
+        np.array([sigma**2]),
+        np.array([2.0]),
+        np.array([two_sided]),
+        log_likelihood,
     )
     assert means[0] == pytest.approx(expected, abs=1e-8)
     assert variances[0] == pytest.approx(spread, rel=1e-4)
     total = weight.sum() * (x[1] - x[0]) / (sd * math.sqrt(2 * math.pi))
-    assert told[0] == pytest.approx(math.log(total), abs=1e-4)
+    assert log_likelihood[0] == pytest.approx(math.log(total), abs=1e-4)
 
 
 def test_unobservable_component_stays_unknown_and_the_others_do_not_mind():
@@ -120,7 +125,7 @@ def test_unobservable_component_stays_unknown_and_the_others_do_not_mind():
     assert np.isnan(of(other, "gain").value)
     assert np.isnan(of(other, "gain").trend)
     assert of(other, "gain").tests == 0
-    assert other.predict().components["gain"].reason == "no test to rely on yet"
+    assert other.predict().components["gain"].reason == "fewer than two tests that agree so far"
     assert of(other, "friction") == of(one, "friction")
 
 
@@ -144,7 +149,7 @@ def test_component_put_back_to_healthy_is_not_taken_for_exactly_healthy():
     item = of(tracker, "friction")
     assert abs(item.value) < 2.5 * SIGMA
     assert item.sigma > 0.3 * SIGMA
-    # A value just above what is put back to healthy is then no surprise.
+    # A value just above what is set to healthy is then no surprise.
     assert tracker.update(observed(400.0, {"friction": 2.5 * SIGMA})) == []
 
 
@@ -160,8 +165,8 @@ def test_errors_in_common_are_told_from_growth():
         test = observed(10.0 * i, {"friction": 0.1 + 1e-3 * i, "backlash": 0.2})
         faults = np.where(np.arange(8) < 2, test.faults + error, test.faults)
         plain = test.covariance
-        for tracker, told in ((aware, covariance), (blind, plain)):
-            tracker.update(type(test)(test.hours, faults, told, test.unobservable))
+        for tracker, assumed in ((aware, covariance), (blind, plain)):
+            tracker.update(type(test)(test.hours, faults, assumed, test.unobservable))
     assert of(aware, "friction").sigma < 0.8 * of(blind, "friction").sigma
     assert of(aware, "friction").value == pytest.approx(0.159, abs=3e-3)
 
@@ -195,7 +200,7 @@ def test_irregular_intervals_and_missing_tests_need_no_word():
 
 def test_replay_of_the_history_restores_a_tracker():
     growth = {"eccentricity": Growth("power", 1500.0, 1.6, 0.3)}
-    one, other = Tracker(seed=9), Tracker(seed=9)
+    one, other = Tracker(), Tracker()
     for tracker in (one, other):
         feed(tracker, growth, 500.0, np.random.default_rng(9))
     assert one.components()[5] == other.components()[5]
@@ -215,7 +220,6 @@ def test_tests_must_come_in_order():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Tracker(seed=-1), "seed = -1"),
         (lambda: TrackerSettings(laws={"rust": KnownLaw()}), "unknown fault 'rust'"),
         (lambda: TrackerSettings(samples=1), "samples = 1 -"),
         (lambda: KnownLaw("constant"), "law = 'constant' is unknown"),

@@ -23,7 +23,7 @@ def observed(
     sigma: float = SIGMA,
     unobservable: Iterable[str] = (),
 ) -> Measurement:
-    """Return a test of some faults; what is not significant is put back to healthy."""
+    """Return a test of some faults; what is not significant is set to healthy."""
     faults = fault_vector(faults)
     if rng is not None:
         faults = np.clip(faults + sigma * rng.standard_normal(8), 0.0, HIGHEST)

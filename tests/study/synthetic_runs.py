@@ -5,7 +5,7 @@ import pandas as pd
 
 from ema_study.cases import CASES
 from ema_study.plan import plan
-from ema_study.record import Record, as_frame
+from ema_study.result import RunResult, as_frame
 from ema_study.stop_rules import uncounted_populations
 
 FLOOR = 0.02
@@ -15,15 +15,15 @@ THRESHOLD = 0.021
 def synthetic_runs(model: str, runs: int) -> pd.DataFrame:
     """Return runs of the whole plan whose estimates are the truth and some noise."""
     rng = np.random.default_rng(1)
-    records = []
+    results = []
     for job in plan(model, runs):
         truth = CASES[job.case].truth
         estimate = np.clip(truth + rng.normal(0.0, 0.02, truth.size), 0.0, 0.99)
         generations = int(rng.integers(5, 12))
         populations = generations + uncounted_populations(job.algorithm)
         fall = np.exp(-np.arange(populations) / 2.0)
-        records.append(
-            Record(
+        results.append(
+            RunResult(
                 job=job,
                 estimate=estimate.tolist(),
                 error_percent=float(rng.uniform(1.0, 4.0)),
@@ -37,4 +37,4 @@ def synthetic_runs(model: str, runs: int) -> pd.DataFrame:
                 errors_percent=(2.0 + 80.0 * fall).tolist(),
             )
         )
-    return as_frame(records)
+    return as_frame(results)

@@ -16,7 +16,7 @@ from ema_study.means import multiple_fault_reliability, reliability_of_overviews
 from ema_study.models import describes, problem, truth_and_healthy_costs
 from ema_study.printed_runs import printed_runs
 from ema_study.printed_tables import overview, reliability_multiple, reliability_single
-from ema_study.record import K
+from ema_study.result import K
 from ema_study.stop_rules import THRESHOLD
 
 TRUE_K = [f"true_{k}" for k in K]

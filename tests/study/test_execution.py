@@ -15,8 +15,8 @@ JOBS = [
 ]
 
 
-def results(records):
-    return {record.job.run: record.estimate for record in records}
+def results(done):
+    return {result.job.run: result.estimate for result in done}
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def test_threads_find_what_a_single_one_does(serial):
         assert results(execute(JOBS, executor)) == serial
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_processes_find_what_a_single_one_does(serial):
     with local_executor("processes", 2) as executor:
         assert results(execute(JOBS, executor)) == serial
@@ -80,7 +80,7 @@ def test_impossible_executor_is_refused(kind, workers, message):
         pass
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_timing_compares_each_mode_with_one_core():
     frame = time_executors("fast", workers=2)
     assert frame["how"].str.contains("one core|all cores|processes").tolist() == [True] * 3

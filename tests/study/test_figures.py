@@ -28,7 +28,7 @@ from ema_study.sources import SOURCES
 
 from .synthetic_runs import FLOOR, THRESHOLD, synthetic_runs
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 EMPTY = pd.DataFrame()
 

@@ -9,7 +9,7 @@ from ema_study.printed_runs import printed_runs
 
 from .optima import VARIANTS, optimum
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 @pytest.mark.parametrize("case", ["friction high", "eccentricity low", "multiple"])
@@ -46,7 +46,7 @@ def test_torque_constant_makes_the_bias_of_backlash():
 def test_last_variant_is_the_shipped_model():
     # G_M belongs to the one-phase form: the driven pair does not see it.
     assert VARIANTS[-1].structural
-    lift = calibration("fast").lift
+    lift = calibration("fast").unit.lift
     assert lift > 0.1
     without, shipped = (optimum(variant, "short circuit high") for variant in VARIANTS[2:])
     assert shipped.error_percent < without.error_percent

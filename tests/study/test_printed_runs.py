@@ -20,7 +20,7 @@ from ema_study.printed_tables import (
     reliability_single,
     run_means,
 )
-from ema_study.record import K
+from ema_study.result import K
 
 from .synthetic_runs import synthetic_runs
 

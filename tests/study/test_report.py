@@ -22,7 +22,7 @@ from ema_study.tables import study_tables
 
 from .synthetic_runs import FLOOR, synthetic_runs
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 SETTINGS = {"seed": "<script>alert(1)</script>", "machine": "x & y"}
 TIMING = pd.DataFrame(

@@ -8,7 +8,7 @@ import pytest
 from ema_core.faults import estimation_error, healthy_faults
 from ema_study.models import problem, reference_window
 from ema_study.plan import Job, plan
-from ema_study.record import K, as_frame
+from ema_study.result import K, as_frame
 from ema_study.run import CancelledError, run_job
 
 SHORT = Job(
@@ -24,8 +24,8 @@ SHORT = Job(
 )
 
 
-def fields(record):
-    return {k: v for k, v in record.__dict__.items() if k != "time_s"}
+def fields(result):
+    return {k: v for k, v in result.__dict__.items() if k != "time_s"}
 
 
 def test_same_job_makes_the_same_run():
@@ -33,29 +33,29 @@ def test_same_job_makes_the_same_run():
     assert run_job(replace(SHORT, run=2)).estimate != run_job(SHORT).estimate
 
 
-def test_record_describes_the_run():
-    record = run_job(SHORT)
-    assert record.generations == 8
-    assert record.evaluations == 20 * 9
-    assert len(record.costs) == len(record.errors_percent) == 9
-    assert record.costs == sorted(record.costs, reverse=True)
+def test_result_describes_the_run():
+    result = run_job(SHORT)
+    assert result.generations == 8
+    assert result.evaluations == 20 * 9
+    assert len(result.costs) == len(result.errors_percent) == 9
+    assert result.costs == sorted(result.costs, reverse=True)
     objective, truth, floor = problem("fast", "friction high")
-    assert record.cost_at_truth == floor
-    assert record.key == ("fast", 10, "de", 1, "all_generations")
-    assert record.error_percent == pytest.approx(estimation_error(record.estimate, truth), abs=1e-4)
-    [residuals] = objective.residuals(np.array([record.estimate]))
-    assert record.cost == pytest.approx(residuals @ residuals, rel=1e-5)
+    assert result.cost_at_truth == floor
+    assert result.job.key == ("fast", 10, "de", 1, "all_generations")
+    assert result.error_percent == pytest.approx(estimation_error(result.estimate, truth), abs=1e-4)
+    [residuals] = objective.residuals(np.array([result.estimate]))
+    assert result.cost == pytest.approx(residuals @ residuals, rel=1e-5)
 
 
 @pytest.mark.parametrize("algorithm", ["ga", "pso", "de", "gwo", "de_thesis", "gwo_thesis"])
 def test_no_algorithm_passes_its_generations(algorithm):
-    record = run_job(replace(SHORT, algorithm=algorithm))
-    assert record.generations == 8
+    result = run_job(replace(SHORT, algorithm=algorithm))
+    assert result.generations == 8
     # The thesis's grey wolves count the starting pack, the others do not.
     populations = 8 if algorithm.startswith("gwo") else 9
-    assert len(record.costs) == populations
+    assert len(result.costs) == populations
     elites = 1 if algorithm == "ga" else 0
-    assert record.evaluations == 20 * populations - elites * (populations - 1)
+    assert result.evaluations == 20 * populations - elites * (populations - 1)
 
 
 def test_starting_population_is_random_as_in_the_thesis():
@@ -69,11 +69,11 @@ def test_starting_population_is_random_as_in_the_thesis():
 
 def test_stop_rule_ends_the_run():
     job = next(j for j in plan("fast", 1) if (j.table, j.algorithm) == (56, "pso"))
-    record = run_job(job)
-    assert record.generations < 100
-    threshold = 1e-3 + record.cost_at_truth
-    assert record.threshold == pytest.approx(threshold)
-    assert record.costs[-1] <= threshold < record.costs[-2]
+    result = run_job(job)
+    assert result.generations < 100
+    threshold = 1e-3 + result.cost_at_truth
+    assert result.threshold == pytest.approx(threshold)
+    assert result.costs[-1] <= threshold < result.costs[-2]
 
 
 def test_settings_reach_the_optimizer():
@@ -100,7 +100,7 @@ def test_calibration_makes_the_healthy_cost_zero(model):
     """The static calibration of the thesis's section 6.3."""
     window = reference_window(healthy_faults())
     objective, _, _ = problem(model, "friction low")
-    expected = objective.expect(healthy_faults()[None], np.zeros(1)).current[0]
+    expected = objective.expect(objective.healthy[None]).current[0]
     measured = window.current
     # The command of all cases is the same, so the healthy response is, too.
     assert np.max(np.abs(expected - measured)) < 1e-9

@@ -19,14 +19,14 @@ JOBS = [
 
 
 @pytest.fixture(scope="module")
-def records():
+def results():
     return [run_job(job) for job in JOBS]
 
 
-def fill(folder, records):
+def fill(folder, results):
     with RunStore(folder) as store:
-        for record in records:
-            store.add(record)
+        for result in results:
+            store.add(result)
 
 
 def reopened(folder):
@@ -34,20 +34,20 @@ def reopened(folder):
         return store
 
 
-def test_runs_come_back_as_they_were(tmp_path, records):
-    fill(tmp_path, records[:2])
+def test_runs_come_back_as_they_were(tmp_path, results):
+    fill(tmp_path, results[:2])
     again = reopened(tmp_path)
-    assert again.records == records[:2]
+    assert again.results == results[:2]
     assert again.missing(JOBS) == JOBS[2:]
 
 
-def test_cut_line_is_dropped_and_run_again(tmp_path, records):
-    fill(tmp_path, records[:2])
+def test_cut_line_is_dropped_and_run_again(tmp_path, results):
+    fill(tmp_path, results[:2])
     path = tmp_path / "runs.jsonl"
     path.write_bytes(path.read_bytes()[:-40])
     assert reopened(tmp_path).missing(JOBS) == JOBS[1:]
-    fill(tmp_path, records[1:2])
-    assert reopened(tmp_path).records == records[:2]
+    fill(tmp_path, results[1:2])
+    assert reopened(tmp_path).results == results[:2]
 
 
 @pytest.mark.parametrize(
@@ -61,8 +61,8 @@ def test_cut_line_is_dropped_and_run_again(tmp_path, records):
         ('{"version": "%s", "rust": 2, "job": __JOB__}', ".* unexpected keyword argument 'rust'"),
     ],
 )
-def test_damaged_line_is_named(tmp_path, records, line, message):
-    fill(tmp_path, records[:2])
+def test_damaged_line_is_named(tmp_path, results, line, message):
+    fill(tmp_path, results[:2])
     path = tmp_path / "runs.jsonl"
     lines = path.read_text().splitlines()
     line = line.replace("%s", store_module.numerics_version())
@@ -72,7 +72,7 @@ def test_damaged_line_is_named(tmp_path, records, line, message):
         RunStore(tmp_path)
     # And the folder is free again.
     path.write_text(lines[0] + "\n")
-    assert reopened(tmp_path).records == records[:1]
+    assert reopened(tmp_path).results == results[:1]
 
 
 def test_folder_is_for_one_study_at_a_time(tmp_path):
@@ -95,20 +95,20 @@ def test_version_covers_all_that_a_run_imports():
     assert set(covered) <= imported
 
 
-def test_runs_of_other_numerics_are_refused(tmp_path, records, monkeypatch):
-    fill(tmp_path, records[:1])
+def test_runs_of_other_numerics_are_refused(tmp_path, results, monkeypatch):
+    fill(tmp_path, results[:1])
     monkeypatch.setattr(store_module, "numerics_version", lambda: "another")
     with pytest.raises(ValueError, match=r"other models or algorithms .* expected another"):
         RunStore(tmp_path)
 
 
-def test_export_has_every_run(tmp_path, records):
+def test_export_has_every_run(tmp_path, results):
     with RunStore(tmp_path) as store:
-        for record in records:
-            store.add(record)
+        for result in results:
+            store.add(result)
         store.export()
     table = pd.read_csv(tmp_path / "runs.csv")
     assert table["run"].tolist() == [1, 2, 3]
-    assert table["error_percent"].tolist() == [r.error_percent for r in records]
+    assert table["error_percent"].tolist() == [r.error_percent for r in results]
     curves = json.loads((tmp_path / "runs.json").read_text())
-    assert curves[0]["costs"] == pytest.approx(records[0].costs)
+    assert curves[0]["costs"] == pytest.approx(results[0].costs)

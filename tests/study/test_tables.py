@@ -16,7 +16,7 @@ from ema_study.tables import study_tables, write_tables
 
 from .synthetic_runs import synthetic_runs
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 NUMBERS = list(range(8, 62))
 

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 from ema_monitor.windows.band import rms
 
+COMMAND_TOLERANCE: Final = 5e-3
+"""Difference of two commands that count as the same, of their rms [-]."""
+
 MOST_SHIFT: Final = 60
 """Largest number of samples that two windows may begin apart."""
 
@@ -53,6 +56,20 @@ def difference_at(
     if shift < 0:
         command, reference, shift = reference, command, -shift
     return rms(command[: len(command) - shift] - reference[shift:])
+
+
+def same_command(command: NDArray[np.float64], reference: NDArray[np.float64]) -> bool:
+    """Return whether two commands count as the same, one laid over the other.
+
+    Parameters
+    ----------
+    command, reference
+        Commands of two windows, of any lengths [rad].
+    """
+    if len(command) != len(reference):
+        return False
+    shift = shift_between(command, reference)
+    return difference_at(command, reference, shift) <= COMMAND_TOLERANCE * rms(reference)
 
 
 def moved(row: NDArray[np.float64], shift: int) -> NDArray[np.float64]:

@@ -17,41 +17,35 @@ from ema_core.description import ActuatorDescription
 from ema_core.files import complete_file
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
-from ema_monitor.calibration.alignment import difference_at, moved, shift_between
+from ema_monitor.calibration.alignment import moved, same_command, shift_between
+from ema_monitor.model.deviations import N_DEVIATIONS, Deviations
 from ema_monitor.model.monitor_model import MonitorModel, Response
-from ema_monitor.windows.band import rms
 from ema_monitor.windows.window import Window
 
 LEAST_SCATTER: Final = 1e-6
 """Scatter below which healthy windows count as equal, so that it is unknown [A, rad/s]."""
 
-MOST_SCALE: Final = 2.0
-"""How much larger or smaller than nominal friction and inertia may be [-]."""
-
-_FORMAT = 2
-COMMAND_TOLERANCE: Final = 5e-3
-"""Difference of two commands that count as the same, of their rms [-]."""
-
+_FORMAT = 3
 _ROWS = ("command", "correction", "speed_correction")
-_SCATTERS = ("healthy_rms", "healthy_speed_rms")
+_SCATTERS = ("healthy_rms", "healthy_speed_rms", "model_rms", "model_speed_rms")
 _RANGES = {
     "dt": ("s", 1e-9, 1e-3),
     "sample_period": ("s", 1e-9, 1.0),
-    "lift": ("A", -1e3, 1e3),
-    "friction_scale": ("", 1.0 / MOST_SCALE, MOST_SCALE),
-    "inertia_scale": ("", 1.0 / MOST_SCALE, MOST_SCALE),
     "healthy_rms": ("A", LEAST_SCATTER, 1e4),
     "healthy_speed_rms": ("rad/s", LEAST_SCATTER, 1e6),
+    "model_rms": ("A", LEAST_SCATTER, 1e4),
+    "model_speed_rms": ("rad/s", LEAST_SCATTER, 1e6),
     "windows": ("", 1, 1e9),
 }
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Calibration of a monitor model for one unit, one command and one sample period.
+    """Calibration of a monitor model for one unit and one sample period.
 
-    The structural figures change the model itself, and so hold away from the healthy state; the
-    corrections are what the model still misses on healthy windows, added to every response.
+    What the unit deviates from nominal changes the model itself, and so holds away from the healthy
+    state and under any command. What the model still misses on healthy windows is a correction
+    under the command of these windows, and counts as scatter under any other.
 
     Attributes
     ----------
@@ -65,15 +59,19 @@ class Calibration:
         Period of the telemetry [s].
     command
         Command of the window including that at the start, ``(n + 1,)`` [rad].
-    lift
-        How much the idle phase lifts the equivalent current [A] (M12).
-    friction_scale, inertia_scale
-        Friction and inertia of the unit over their nominal values [-].
+    unit
+        What the unit deviates from nominal.
+    unit_covariance
+        Covariance of these, ``(24, 24)``, and of those that were not worth fitting; 0 where they
+        were kept.
     correction, speed_correction
         What the model still misses of current and speed, both ``(n,)`` [A, rad/s].
     healthy_rms, healthy_speed_rms
         Rms of the band-limited residual of current and speed that another healthy window has
-        [A, rad/s]; NaN when that is unknown: there was a single window, or all were equal.
+        [A, rad/s], after the correction; NaN when that is unknown: there was a single window, or
+        all were equal.
+    model_rms, model_speed_rms
+        The same without the correction, for other commands.
     windows
         Number of windows averaged.
 
@@ -90,13 +88,14 @@ class Calibration:
     dt: float
     sample_period: float
     command: NDArray[np.float64] = field(repr=False)
-    lift: float
-    friction_scale: float
-    inertia_scale: float
+    unit: Deviations
+    unit_covariance: NDArray[np.float64] = field(repr=False)
     correction: NDArray[np.float64] = field(repr=False)
     speed_correction: NDArray[np.float64] = field(repr=False)
     healthy_rms: float
     healthy_speed_rms: float
+    model_rms: float
+    model_speed_rms: float
     windows: int
 
     def __post_init__(self) -> None:
@@ -111,6 +110,14 @@ class Calibration:
                 raise ValueError(
                     f"{name} = {value!r}: expected a number in [{lowest:g}, {highest:g}] {unit}"
                 )
+        for name, value in self.unit._asdict().items():
+            if not isinstance(value, int | float) or not math.isfinite(value):
+                raise ValueError(f"unit: {name} = {value!r}: expected a finite number")
+        if self.unit_covariance.shape != (N_DEVIATIONS, N_DEVIATIONS):
+            raise ValueError(
+                f"unit_covariance has shape {self.unit_covariance.shape}, expected "
+                f"({N_DEVIATIONS}, {N_DEVIATIONS})"
+            )
         for name in _ROWS:
             row = getattr(self, name)
             if row.ndim != 1 or not np.all(np.isfinite(row)):
@@ -133,44 +140,71 @@ class Calibration:
         known = f"{self.healthy_rms:.4f} A" if math.isfinite(self.healthy_rms) else "unknown"
         return (
             f"calibration {self.calibration_id} of {self.actuator_id} from "
-            f"{counted(self.windows, 'window')}, lift {self.lift:.4f} A, friction "
-            f"{self.friction_scale:.3f} and inertia {self.inertia_scale:.3f} of nominal, "
+            f"{counted(self.windows, 'window')}, lift {self.unit.lift:.4f} A, friction "
+            f"{1.0 + self.unit.friction:.3f} and inertia {1.0 + self.unit.inertia:.3f} of nominal, "
             f"residual of a healthy window {known}"
         )
 
     def model(self) -> MonitorModel:
         """Return the monitor model of this unit."""
-        return unit_model(
-            self.parameters,
-            self.form,
-            self.dt,
-            self.lift,
-            self.friction_scale,
-            self.inertia_scale,
+        return MonitorModel(self.parameters, self.form, self.dt, self.unit)
+
+    @property
+    def unit_parameters(self) -> ActuatorParameters:
+        """Parameters of the unit, as far as its deviations are such."""
+        factors = {
+            "friction": ("f_sm", "f_su"),
+            "inertia": ("J_m", "J_u"),
+            "viscous_friction": ("C_m", "C_u"),
+            "backlash": ("BLK",),
+            "loop_gain": ("G_prop",),
+            "speed_loop": ("GAP",),
+        }
+        return self.parameters.replace(
+            {
+                name: getattr(self.parameters, name) * (1.0 + getattr(self.unit, deviation))
+                for deviation, names in factors.items()
+                for name in names
+            }
         )
 
-    def expect(self, response: Response, shift: int = 0) -> Response:
-        """Return what to expect to be measured where the model answers with a response.
+    def expect(self, response: Response, window: Window) -> Response:
+        """Return what to expect to be measured in a window where the model gives a response.
 
         Parameters
         ----------
         response
             Of the model.
-        shift
-            How many samples later than the calibrated window the window begins.
+        window
+            The window.
         """
-        current, speed = self.corrections(shift)
+        current, speed = self.corrections(window)
         return Response(response.current + current, response.speed + speed)
 
-    def corrections(self, shift: int = 0) -> Response:
+    def corrections(self, window: Window) -> Response:
         """Return what is added to current and speed of the model, both ``(n,)`` [A, rad/s].
 
         Parameters
         ----------
-        shift
-            How many samples later than the calibrated window the window begins.
+        window
+            The window; under another command than the calibrated one there is no correction.
         """
+        if not self.knows_command(window):
+            return Response(*np.zeros((2, len(window))))
+        shift = self.alignment(window)
         return Response(moved(self.correction, shift), moved(self.speed_correction, shift))
+
+    def scatter(self, window: Window) -> tuple[float, float]:
+        """Return the rms of the residual of current and speed when healthy [A, rad/s].
+
+        Parameters
+        ----------
+        window
+            The window; under another command than the calibrated one nothing is corrected.
+        """
+        if self.knows_command(window):
+            return self.healthy_rms, self.healthy_speed_rms
+        return self.model_rms, self.model_speed_rms
 
     def alignment(self, window: Window) -> int:
         """Return how many samples later than the calibrated window a window begins.
@@ -181,6 +215,16 @@ class Calibration:
             A window with as many samples as the calibration.
         """
         return shift_between(window.command, self.command)
+
+    def knows_command(self, window: Window) -> bool:
+        """Return whether a window has the calibrated command.
+
+        Parameters
+        ----------
+        window
+            The window.
+        """
+        return same_command(window.command, self.command)
 
     def unit_mismatch(self, description: ActuatorDescription) -> str:
         """Return why this calibration does not fit a described actuator; empty when it does.
@@ -216,25 +260,6 @@ class Calibration:
             return (
                 f"the sample period is {window.sample_period:g} s, the calibration's "
                 f"{self.sample_period:g} s"
-            )
-        if len(window) != len(self.correction):
-            return f"the window has {len(window)} samples, the calibration {len(self.correction)}"
-        return ""
-
-    def command_mismatch(self, window: Window) -> str:
-        """Return why a window's command is not the calibrated one; empty when it is.
-
-        Parameters
-        ----------
-        window
-            A window with as many samples as the calibration.
-        """
-        difference = difference_at(window.command, self.command, self.alignment(window))
-        limit = COMMAND_TOLERANCE * rms(self.command)
-        if difference > limit:
-            return (
-                f"the command differs from the calibrated one by {difference:.3g} rad rms "
-                f"(limit {limit:.3g} rad): calibrate with this command"
             )
         return ""
 
@@ -294,12 +319,15 @@ class Calibration:
         content.pop("format")
         try:
             given = content["parameters"]
-            content["parameters"] = ActuatorParameters.from_mapping(given)
+            content["parameters"] = ActuatorParameters().replace(given)
             for name in content["parameters"].as_mapping():
                 if name not in given:
                     raise ValueError(f"parameter {name} is missing")
-            for name in _ROWS:
-                content[name] = np.array(content[name], dtype=np.float64)
+            for name in (*_ROWS, "unit_covariance"):
+                content[name] = _numbers(name, content[name])
+            if not isinstance(content["unit"], dict):
+                raise ValueError(f"unit = {content['unit']!r}: expected deviations by name")
+            content["unit"] = Deviations(**content["unit"])
             return cls(**content)
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{path} is a damaged calibration: {error}") from error
@@ -307,39 +335,16 @@ class Calibration:
     def _as_mapping(self) -> dict[str, Any]:
         content = {"format": _FORMAT, **asdict(self)}
         # To the last bit: an identity stands for one set of figures.
-        for name in _ROWS:
+        for name in (*_ROWS, "unit_covariance"):
             content[name] = getattr(self, name).tolist()
+        content["unit"] = self.unit._asdict()
         for name in _SCATTERS:
             content[name] = float(getattr(self, name))
         return content
 
 
-def unit_model(
-    parameters: ActuatorParameters,
-    form: str,
-    dt: float,
-    lift: float,
-    friction_scale: float,
-    inertia_scale: float,
-) -> MonitorModel:
-    """Return the monitor model of one unit.
-
-    Parameters
-    ----------
-    parameters
-        Nominal ones of its kind.
-    form, dt
-        Form of the model, and its step [s].
-    lift
-        How much the idle phase lifts the equivalent current [A].
-    friction_scale, inertia_scale
-        Friction and inertia of the unit over the nominal ones [-].
-    """
-    scales = {
-        "f_sm": friction_scale,
-        "f_su": friction_scale,
-        "J_m": inertia_scale,
-        "J_u": inertia_scale,
-    }
-    changed = {name: scale * getattr(parameters, name) for name, scale in scales.items()}
-    return MonitorModel(parameters.replace(changed), form, dt, lift)
+def _numbers(name: str, values: Any) -> NDArray[np.float64]:
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} is not made of numbers") from None

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from functools import reduce
-from typing import Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,32 +11,28 @@ from numpy.typing import NDArray
 from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.calibration.alignment import difference_at, moved, shift_between
-from ema_monitor.calibration.calibration import (
-    COMMAND_TOLERANCE,
-    LEAST_SCATTER,
-    MOST_SCALE,
-    Calibration,
-    unit_model,
-)
+from ema_monitor.calibration.alignment import moved, same_command, shift_between
+from ema_monitor.calibration.calibration import LEAST_SCATTER, Calibration
+from ema_monitor.calibration.columns import column_defect
+from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import FORMS, MonitorModel, Response
 from ema_monitor.windows.band import band_limited, rms, speed_weight
 from ema_monitor.windows.window import Window
 
-PRIOR_SIGMA: Final = 0.1
-"""Prior standard deviation of friction and inertia from nominal [-]."""
+_ITERATIONS = 8
+_STEPS = 0.05
+_SETTLED = 0.02
+_WORTHWHILE = 0.6
+_ALWAYS_FITTED = ("lift", "friction", "inertia")
+_CORRELATION = 4.0
+_LEAST_NOISE = 1e-2
 
-_STEP = 0.02
-_ITERATIONS = 6
-_TOLERANCE = 1e-4
 
+class UnitFit(NamedTuple):
+    """Deviations of a unit, ``(24,)``, and their covariance, ``(24, 24)``."""
 
-class Structure(NamedTuple):
-    """Figures of a unit that change the model itself; see `Calibration`."""
-
-    lift: float
-    friction_scale: float
-    inertia_scale: float
+    deviations: NDArray[np.float64]
+    covariance: NDArray[np.float64]
 
 
 def calibrate(
@@ -51,38 +47,55 @@ def calibrate(
     Parameters
     ----------
     windows
-        Windows of the same command, at least one; ten or more average out the PWM's ripple. They
-        are used one at a time, several times over, so that they may be read when needed.
+        Windows of one or several commands, at least one; ten or more of the first one average out
+        the PWM's ripple. They are used one at a time, several times over, so that they may be read
+        when needed.
     description
         The unit that the windows were taken from; the built-in actuator when None.
     form
-        Form of the monitor model. The structural figures are fitted for the "fast" form only: the
+        Form of the monitor model. The deviations are fitted for the "fast" form only: the
         thesis's calibration, which goes with the "source" form, is the correction alone.
     structural
-        Whether to fit the structural figures, where the form has them; else the correction is all.
+        Whether to fit what the unit deviates from nominal, where the form has it; else the
+        correction is all.
 
     Raises
     ------
     ValueError
-        When there is no window, or one is not like the first.
+        When there is no window, one has no excitation or another sample period than the first, or
+        the unit deviates impossibly far from its description.
     """
     description = description or ActuatorDescription()
     if not windows:
         raise ValueError("calibration needs at least one healthy window, got none")
     first = windows[0]
     h = first.sample_period
+    groups: list[list[int]] = []
     for number, window in enumerate(windows):
         if reason := window.excitation_defect() or _unlike(window, first):
             raise ValueError(f"window {number}: {reason}")
+        for group in groups:
+            if same_command(window.command, windows[group[0]].command):
+                group.append(number)
+                break
+        else:
+            groups.append([number])
     # The longest step up to the form's own that divides the sample period.
     dt = h / math.ceil(h / FORMS[form] - 1e-6)
     parameters = description.parameters
-    structure = Structure(0.0, 1.0, 1.0)
+    by_command = [_Group(windows, group) for group in groups]
+    nominal = MonitorModel(parameters, form, dt)
+    for group in by_command:
+        if reason := column_defect(group[0], _healthy_response(group[0], nominal)):
+            raise ValueError(f"the windows are not those of such a healthy actuator: {reason}")
+    unit = UnitFit(np.zeros(N_DEVIATIONS), np.zeros((N_DEVIATIONS, N_DEVIATIONS)))
     if structural and form == "fast":
-        structure = _fit_structure(windows, parameters, dt)
-    model = unit_model(parameters, form, dt, *structure)
-    correction, speed_correction = mean = _mean_missed(windows, model)
-    healthy_rms, healthy_speed_rms = _scatter(windows, model, mean, h)
+        unit = _fit_unit(by_command, parameters, dt)
+    model = MonitorModel(parameters, form, dt, Deviations.of(unit.deviations))
+    of_first = by_command[0]
+    correction, speed_correction = mean = _mean_missed(of_first, model)
+    healthy_rms, healthy_speed_rms = _scatter(of_first, model, mean, h)
+    model_rms, model_speed_rms = _uncorrected(by_command, model, h)
     return Calibration(
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
@@ -91,15 +104,29 @@ def calibrate(
         dt=dt,
         sample_period=h,
         command=first.command,
-        lift=structure.lift,
-        friction_scale=structure.friction_scale,
-        inertia_scale=structure.inertia_scale,
+        unit=Deviations.of(unit.deviations),
+        unit_covariance=unit.covariance,
         correction=correction,
         speed_correction=speed_correction,
         healthy_rms=healthy_rms,
         healthy_speed_rms=healthy_speed_rms,
+        model_rms=model_rms,
+        model_speed_rms=model_speed_rms,
         windows=len(windows),
     )
+
+
+class _Group(Sequence[Window]):
+    """Windows of one command, read when needed."""
+
+    def __init__(self, windows: Sequence[Window], numbers: list[int]) -> None:
+        self._windows, self._numbers = windows, numbers
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._windows[self._numbers[index]]
 
 
 def _missed(windows: Sequence[Window], model: MonitorModel) -> Iterator[NDArray[np.float64]]:
@@ -123,50 +150,106 @@ def _mean_missed(windows: Sequence[Window], model: MonitorModel) -> NDArray[np.f
 
 
 def _healthy_response(window: Window, model: MonitorModel) -> Response:
-    return model.respond(window, healthy_faults(), 0.0 if window.play is None else window.play)
+    return model.respond(window, healthy_faults(), _play(window))
 
 
-def _fit_structure(
-    windows: Sequence[Window], parameters: ActuatorParameters, dt: float
-) -> Structure:
-    """Fit the structural figures to the mean of healthy windows.
+def _fit_unit(
+    groups: Sequence[Sequence[Window]], parameters: ActuatorParameters, dt: float
+) -> UnitFit:
+    """Fit what a unit deviates from nominal to healthy windows, the mean of each command.
 
-    Gauss-Newton on current and speed in their band. Of torque constant, friction and inertia only
-    the ratios show in a window; the torque constant is kept, and the others are held near nominal
-    by a prior, which only matters for parameters that the windows do not determine.
+    Gauss-Newton on current and speed in their band, with priors: they only matter for what the
+    windows do not determine. It begins with lift, friction and inertia; of the other deviations
+    each is fitted only when it explains most of what is left, one after the other: what the model
+    misses for other reasons would be taken for them.
     """
-    h = windows[0].sample_period
+    h = groups[0][0].sample_period
     stiffness = speed_weight(parameters)
-    # The ripple of the idle phase fills the hysteresis band, its mean magnitude is half of that,
-    # and the equivalent current counts the half of it.
-    lift = parameters.h_b / 4.0
-    x = np.array([lift, 1.0, 1.0])
-    sigma = np.array([lift, PRIOR_SIGMA, PRIOR_SIGMA])
-    for _ in range(_ITERATIONS):
-        missed = _mean_missed(windows, unit_model(parameters, "fast", dt, *x))
-        residual = _in_band(missed, stiffness, h)
-        columns = []
-        for step in _STEP * np.eye(3):
-            sides = [
-                _healthy_response(windows[0], unit_model(parameters, "fast", dt, *(x + side)))
-                for side in (step, -step)
+    priors = unit_priors(parameters, max(group[0].excitation for group in groups))
+    columns = [NAMES.index(one.name) for one in priors]
+    sigma = np.array([one.sigma for one in priors])
+    lowest, highest = (
+        np.array([getattr(one, side) for one in priors]) for side in ("lowest", "reach")
+    )
+    x = expected = np.array([one.expected for one in priors])
+    # A difference of a fraction of the prior, and enough to be seen through the friction.
+    steps = _STEPS * np.minimum(20.0 * sigma, highest)
+    normal, gradient = np.diag(1.0 / sigma**2), np.zeros(len(x))
+    active = np.array([one.name in _ALWAYS_FITTED for one in priors])
+    for _ in range(_ITERATIONS + len(x)):
+        model = MonitorModel(parameters, "fast", dt, _deviations(columns, x))
+        residual, jacobian = [], []
+        for group in groups:
+            residual.append(_in_band(_mean_missed(group, model), stiffness, h))
+            sides = np.zeros((2 * len(x), N_DEVIATIONS))
+            sides[:, columns] = np.concatenate([np.diag(steps), -np.diag(steps)])
+            faults = np.tile(healthy_faults(), (len(sides), 1))
+            response = model.respond(group[0], faults, _play(group[0]), deviations=sides)
+            rows = [
+                _in_band(np.array([current, speed]), stiffness, h)
+                for current, speed in zip(*response, strict=True)
             ]
-            above, below = (np.array([one.current[0], one.speed[0]]) for one in sides)
-            columns.append(_in_band((above - below) / (2.0 * _STEP), stiffness, h))
-        jacobian = np.array(columns).T
+            above, below = np.split(np.array(rows), 2)
+            jacobian.append(((above - below) / (2.0 * steps[:, None])).T)
+        left, slopes = np.concatenate(residual), np.concatenate(jacobian)
+        least = len(left) * _LEAST_NOISE**2
         # The residual that is left, at least a hundredth of an ampere, sets what a value weighs.
-        noise = max(rms(residual), 1e-2)
-        normal = jacobian.T @ jacobian / noise**2 + np.diag(1.0 / sigma**2)
-        slope = jacobian.T @ residual / noise**2 - (x - [lift, 1.0, 1.0]) / sigma**2
-        move = np.linalg.solve(normal, slope)
-        x = np.clip(
-            x + move,
-            [-4.0 * lift, 1.0 / MOST_SCALE, 1.0 / MOST_SCALE],
-            [4.0 * lift, MOST_SCALE, MOST_SCALE],
-        )
-        if np.max(np.abs(move)) < _TOLERANCE:
-            break
-    return Structure(*map(float, x))
+        noise = math.sqrt(_CORRELATION) * max(rms(left), _LEAST_NOISE)
+        normal = slopes.T @ slopes / noise**2 + np.diag(1.0 / sigma**2)
+        gradient = slopes.T @ left / noise**2 - (x - expected) / sigma**2
+        move = np.zeros(len(x))
+        move[active] = np.linalg.solve(normal[np.ix_(active, active)], gradient[active])
+        before, x = x, np.clip(x + move, lowest, highest)
+        if np.max(np.abs(x - before) / sigma) < _SETTLED:
+            added = _most_explaining(normal, gradient, active)
+            if added is None or added.gain < _WORTHWHILE * max(left @ left, least) / noise**2:
+                break
+            active[added.number] = True
+    for one, value in zip(priors, x, strict=True):
+        # That there is no viscous friction at all is possible.
+        if not -one.reach < value < one.reach:
+            raise ValueError(
+                f"the fit drives {one.name} of the unit to its bound {value:g}: expected about "
+                f"{one.expected:g} +- {one.sigma:g}; are the parameters those of this actuator, "
+                "and the units and signs of the columns right?"
+            )
+    # What was left out may still be there, as far as the windows and the priors let it.
+    left_out = np.where(active, 0.0, np.linalg.solve(normal, gradient))
+    covariance = np.zeros((N_DEVIATIONS, N_DEVIATIONS))
+    covariance[np.ix_(columns, columns)] = np.linalg.inv(normal) + np.diag(left_out**2)
+    return UnitFit(np.array(_deviations(columns, x)), covariance)
+
+
+class _Addition(NamedTuple):
+    """A deviation to be fitted, and by how much that lowers the normalised cost."""
+
+    number: int
+    gain: float
+
+
+def _most_explaining(
+    normal: NDArray[np.float64], gradient: NDArray[np.float64], active: NDArray[np.bool_]
+) -> _Addition | None:
+    """Return which deviation, besides those that are fitted, explains most; None when all are."""
+    best = None
+    for number in np.flatnonzero(~active):
+        trial = active.copy()
+        trial[number] = True
+        move = np.linalg.solve(normal[np.ix_(trial, trial)], gradient[trial])
+        gain = float(gradient[trial] @ move)
+        if best is None or gain > best.gain:
+            best = _Addition(int(number), gain)
+    return best
+
+
+def _deviations(columns: list[int], x: NDArray[np.float64]) -> Deviations:
+    values = np.zeros(N_DEVIATIONS)
+    values[columns] = x
+    return Deviations.of(values)
+
+
+def _play(window: Window) -> float:
+    return 0.0 if window.play is None else window.play
 
 
 def _in_band(rows: NDArray[np.float64], stiffness: float, h: float) -> NDArray[np.float64]:
@@ -185,7 +268,24 @@ def _scatter(
     band = np.array([band_limited(missed - mean, h) for missed in _missed(windows, model)])
     # Each window is itself in the mean that it is compared with; another one will not be.
     scale = math.sqrt((m + 1.0) / (m - 1.0))
-    current, speed = (rms(band[:, column]) * scale for column in (0, 1))
+    return _known(*(rms(band[:, column]) * scale for column in (0, 1)))
+
+
+def _uncorrected(
+    groups: Sequence[Sequence[Window]], model: MonitorModel, h: float
+) -> tuple[float, float]:
+    """Return the rms in current and speed that the model alone misses in its band."""
+    squares, count = np.zeros(2), 0
+    for group in groups:
+        for missed in _missed(group, model):
+            band = band_limited(missed, h)
+            squares += np.sum(np.square(band), axis=1)
+            count += band.shape[1]
+    return _known(*np.sqrt(squares / count).tolist())
+
+
+def _known(current: float, speed: float) -> tuple[float, float]:
+    """Return two scatters, NaN for one so small that it is unknown."""
     return (
         current if current > LEAST_SCATTER else float("nan"),
         speed if speed > LEAST_SCATTER else float("nan"),
@@ -193,18 +293,9 @@ def _scatter(
 
 
 def _unlike(window: Window, first: Window) -> str:
-    """Return in what a window is not like the first; empty when it is."""
-    if len(window) != len(first) or window.sample_period != first.sample_period:
+    """Return in what the samples of a window are not like those of the first; empty if alike."""
+    if window.sample_period != first.sample_period:
         return (
-            f"it has {len(window)} samples of {window.sample_period:g} s, the first "
-            f"{len(first)} of {first.sample_period:g} s"
-        )
-    shift = shift_between(window.command, first.command)
-    difference = difference_at(window.command, first.command, shift)
-    limit = COMMAND_TOLERANCE * rms(first.command)
-    if difference > limit:
-        return (
-            f"it has another command than the first: {difference:.3g} rad rms apart (limit "
-            f"{limit:.3g} rad)"
+            f"it has samples of {window.sample_period:g} s, the first of {first.sample_period:g} s"
         )
     return ""

@@ -3,11 +3,12 @@
 import math
 from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.causes import CAUSE_BY_NAME
 from ema_core.faults import FAULT_NAMES, FAULTS, N_FAULTS, FaultVector
 from ema_core.wording import text_table
 from ema_monitor.calibration.calibration import Calibration
@@ -16,6 +17,19 @@ from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 _FLAGS: Final = ("unobservable", "insignificant")
+
+
+class CauseEstimate(NamedTuple):
+    """A hidden cause that is part of what explains a window: name, value and sigma in its unit."""
+
+    name: str
+    value: float
+    sigma: float
+
+    def __str__(self) -> str:
+        cause = CAUSE_BY_NAME[self.name]
+        scale, unit = (100.0, "%") if cause.unit == "-" else (1.0, cause.unit)
+        return f"{cause.label} {scale * self.value:+.3g} +- {scale * self.sigma:.2g} {unit}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +75,15 @@ class Estimate:
         Whether the search began at the faults of an earlier window.
     calibration_windows
         Number of healthy windows that the calibration rests on; 0 when there was none.
+    verdict
+        "valid"; "degraded": usable, with standard deviations that say how far, and ``reason`` why;
+        or "refused".
+    unexplained_share
+        What is left of the window's departure from healthy at the estimate [-].
+    causes
+        Hidden causes that are part of what explains the window.
+    alternatives
+        Pairs of what is part of the explanation and what the window does not tell it from.
     """
 
     start_ns: int
@@ -83,6 +106,10 @@ class Estimate:
     insignificant: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(N_FAULTS, dtype=bool))
     warm_start: bool = False
     calibration_windows: int = 0
+    verdict: str = "valid"
+    unexplained_share: float = math.nan
+    causes: tuple[CauseEstimate, ...] = ()
+    alternatives: tuple[tuple[str, str], ...] = ()
 
     @property
     def sigma(self) -> FaultVector:
@@ -124,7 +151,7 @@ class Estimate:
         ]
         table = text_table(("fault", "estimate", "sigma", "which means"), rows)
         fit = f"goodness of fit {self.goodness_of_fit:.2f} (limit {self.goodness_limit:.2f})"
-        return "\n".join(filter(None, (table, f"valid, {fit}", self.reason)))
+        return "\n".join(filter(None, (table, f"{self.verdict}, {fit}", self.reason)))
 
 
 def refusal(
@@ -163,6 +190,7 @@ def refusal(
         valid=False,
         reason=reason,
         calibration_windows=calibration.windows if is_calibrated else 0,
+        verdict="refused",
     )
 
 
@@ -182,6 +210,8 @@ def estimate_record(estimate: Estimate) -> dict[str, Any]:
     record["covariance"] = [[plain_number(value) for value in row] for row in estimate.covariance]
     for name in _FLAGS:
         record[name] = [FAULT_NAMES[number] for number in np.flatnonzero(record[name])]
+    record["causes"] = [cause._asdict() for cause in estimate.causes]
+    record["alternatives"] = [list(pair) for pair in estimate.alternatives]
     return {
         name: plain_number(value) if isinstance(value, float | np.generic) else value
         for name, value in record.items()
@@ -205,7 +235,7 @@ def estimate_of(record: dict[str, Any]) -> Estimate:
     for item in fields(Estimate):
         if item.name not in values and item.default is item.default_factory is MISSING:
             raise ValueError(f"{item.name} is missing")
-        if item.type is float:
+        if item.type is float and item.name in values:
             values[item.name] = _number(values[item.name])
     values["faults"] = FaultVector(*(_number(record["faults"][name]) for name in FAULT_NAMES))
     values["covariance"] = np.array(
@@ -215,6 +245,8 @@ def estimate_of(record: dict[str, Any]) -> Estimate:
         raise ValueError(f"covariance has shape {values['covariance'].shape}")
     for name in _FLAGS:
         values[name] = np.isin(FAULT_NAMES, record.get(name, []))
+    values["causes"] = tuple(CauseEstimate(**cause) for cause in record.get("causes", []))
+    values["alternatives"] = tuple(tuple(pair) for pair in record.get("alternatives", []))
     return Estimate(**values)
 
 

@@ -18,6 +18,7 @@ _SLOW_SHARE = 0.5
 _ROBUST_SCALE = 2.0
 _UNKNOWN_SCATTER = 0.05
 _GOOD_COST = 3.0
+_CORRELATION = 4.0
 
 
 class Fitness(Protocol):
@@ -30,10 +31,18 @@ class Fitness(Protocol):
     good_cost
         Highest cost at which an optimum is accepted as the lowest [A^2.s]; 0 where none is
         known.
+    noise
+        Cost that the noise of a healthy window adds per effective residual [A^2.s]; 0 where it is
+        not known.
+    effective
+        Effective number of residuals: the cost of a healthy window over ``noise``; 0 where it is
+        not known.
     """
 
     spacing: float
     good_cost: float
+    noise: float
+    effective: float
 
     def __init__(self, window: Window, calibration: Calibration) -> None: ...
 
@@ -71,18 +80,22 @@ class BandLimited:
         speed = window.telemetry.speed[1:]
         self._measured = band_limited(np.stack([window.current, speed]), h)
         parameters = calibration.parameters
-        scatter = calibration.healthy_rms
+        scatter, speed_scatter = calibration.scatter(window)
         if not np.isfinite(scatter):
             scatter = _UNKNOWN_SCATTER * parameters.h_b
         self._scale = _ROBUST_SCALE * scatter
         stiffness = speed_weight(parameters)
-        excess = stiffness * calibration.healthy_speed_rms / scatter
+        excess = stiffness * speed_scatter / scatter
         self._stiffness = stiffness / max(1.0, excess) if np.isfinite(excess) else stiffness
         magnitude = np.abs(self._measured[1])
         slow = _SLOW_SHARE * rms(speed)
         self._weights = magnitude / np.hypot(magnitude, slow)
         self.spacing = h * band_samples(len(window), h)
         self.good_cost = _GOOD_COST * scatter**2 * h * len(window)
+        self.noise = _CORRELATION * self.spacing * scatter**2
+        excess = self._stiffness * speed_scatter / scatter
+        both = 1.0 + excess**2 if np.isfinite(excess) else 2.0
+        self.effective = both * float(np.sum(self._weights**2)) / _CORRELATION
 
     def residuals(self, expected: Response) -> NDArray[np.float64]:
         """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)].
@@ -133,7 +146,7 @@ class TotalLeastSquares:
         typical = rms(slope)
         relative = slope / typical if typical > 0.0 else slope
         self._weights = np.sqrt(h / np.sqrt(relative**2 + 1.0))
-        self.spacing, self.good_cost = h, 0.0
+        self.spacing, self.good_cost, self.noise, self.effective = h, 0.0, 0.0, 0.0
 
     def residuals(self, expected: Response) -> NDArray[np.float64]:
         """Return the residuals of each individual, ``(m, n)``; see :meth:`Fitness.residuals`."""
@@ -146,6 +159,7 @@ class LeastSquares:
     def __init__(self, window: Window, calibration: Calibration) -> None:
         self._measured = window.current
         self.spacing, self.good_cost = window.sample_period, 0.0
+        self.noise, self.effective = 0.0, 0.0
 
     def residuals(self, expected: Response) -> NDArray[np.float64]:
         """Return the residuals of each individual, ``(m, n)``; see :meth:`Fitness.residuals`."""

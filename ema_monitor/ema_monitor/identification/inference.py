@@ -17,23 +17,23 @@ from ema_core.faults import (
     healthy_faults,
 )
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.objective import Linearisation, Objective
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.estimate import CauseEstimate, Estimate
+from ema_monitor.identification.explanation import Explainer, Explanation
+from ema_monitor.identification.fitness import DEFAULT_FITNESS
+from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
 from ema_monitor.identification.uncertainty import (
     CORRELATION_S,
+    MISMATCH_FACTOR,
     MISMATCH_SIGMA,
-    refitted,
-    sandwich_covariance,
-    significant_components,
     uncertainty_of_faults,
 )
+from ema_monitor.model.deviations import hidden_causes
 from ema_monitor.model.monitor_model import Response
-from ema_monitor.windows.band import band_limited, rms
+from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
 _STRONG_CORRELATION = 0.95
-_MOST_LOSS = 1.1
 
 
 class Inference:
@@ -53,17 +53,27 @@ class Inference:
         self._window = window
         self._calibration = calibration
         self._settings = settings
-        self._objective = Objective(window, calibration, settings.fitness, cartesian=True)
+        # The other measures of distance know no noise that priors could be weighed against; and
+        # what is never put back to healthy leaves nothing for causes to stand in for.
+        causes = ()
+        in_band = settings.fitness == DEFAULT_FITNESS and calibration.form == "fast"
+        if in_band and settings.parsimonious:
+            causes = hidden_causes(calibration.parameters, window.excitation)
+        self._objective = Objective(
+            window, calibration, settings.fitness, cartesian=True, causes=causes
+        )
         self._lags = max(1, round(CORRELATION_S / self._objective.spacing))
-        # Two units of a point are one of zeta cos(phi), zeta sin(phi) and of the play.
+        # Of one unit of a point: zeta cos(phi), zeta sin(phi) and the play change by 2.
         self._span = np.ones(len(self._objective.healthy))
         self._span[[ECCENTRICITY, ECCENTRICITY_PHASE]] = 2.0
-        self._span[N_FAULTS:] = 2.0
+        if window.play is None:
+            self._span[N_FAULTS] = 2.0
 
     @property
     def most_evaluations(self) -> int:
-        """Largest number of model evaluations that an estimate needs."""
-        return 3 * self._objective.linearisation_evaluations + 1
+        """Number of model evaluations that an estimate needs where no hidden cause is suspected."""
+        objective = self._objective
+        return 3 * objective.linearisation_evaluations + objective.unit_evaluations + 2
 
     def estimate(
         self,
@@ -96,26 +106,48 @@ class Inference:
             When the covariance cannot be computed.
         """
         objective, window = self._objective, self._window
-        at, kept, rounds = self._without_insignificant(objective.encode(faults, play))
+        floor = np.zeros(objective.dimension)
+        floor[:N_FAULTS] = MISMATCH_SIGMA
+        explainer = Explainer(
+            objective,
+            self._lags,
+            floor / self._span,
+            parsimonious=self._settings.parsimonious,
+            most_evaluations=(
+                self._settings.termination.budget - evaluations - objective.unit_evaluations - 2
+            ),
+        )
+        explanation = explainer.explain(objective.encode(faults, play))
+        at, kept = explanation.at, explanation.kept
         optimum, plays = objective.decode(at.point[None])
         faults = optimum[0]
-        covariance = sandwich_covariance(at.jacobian / self._span, at.residuals, self._lags)
-        goodness = self._goodness_of_fit(objective.expect(optimum, plays))
-        covariance, unobservable = uncertainty_of_faults(faults, covariance, goodness)
+        goodness, share = self._goodness_of_fit(
+            objective.expect(np.stack([at.point, objective.healthy]))
+        )
+        known = explainer.uncertainty(explanation) * np.outer(self._span, self._span)
+        covariance, unobservable = uncertainty_of_faults(faults, known, goodness)
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
-        caveats = [*caveats, *_correlated(covariance)]
+        causes = self._causes(explanation, known)
+        limit = goodness_limit(faults, self._settings.goodness_limit)
+        reservations = [*caveats, *_correlated(covariance, kept)]
         if np.isnan(goodness):
-            caveats.append(
+            reservations.append(
                 "the fit cannot be judged: the healthy windows of the calibration "
                 f"({self._calibration.windows}) do not give their scatter"
             )
-        limit = goodness_limit(faults, self._settings.goodness_limit)
+        reservations += [str(cause) for cause in causes]
+        doubts = _confusions(explanation.alternatives)
         defects = []
         if goodness > limit:
-            defects.append(
-                f"none of the eight faults explains the window: the residual is {goodness:.1f} "
-                f"times that of a healthy actuator, at most {limit:.1f} is expected"
+            misfit = (
+                f"the residual is {goodness:.1f} times that of a healthy actuator, at most "
+                f"{limit:.1f} is expected, and {100.0 * share:.0f} % of the departure from healthy "
+                "is unexplained"
             )
+            if share > MOST_UNEXPLAINED:
+                defects.append(f"neither faults nor known causes explain the window: {misfit}")
+            else:
+                doubts.append(f"standard deviations are widened: {misfit}")
         if np.all(unobservable | (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)):
             defects.append("no excitation: the window determines no fault better than its range")
         return Estimate(
@@ -132,69 +164,82 @@ class Inference:
             goodness_of_fit=goodness,
             goodness_limit=limit,
             excitation=window.excitation,
-            evaluations=evaluations + rounds * objective.linearisation_evaluations + 1,
+            evaluations=evaluations + objective.evaluations,
             computing_time_s=time.perf_counter() - started,
             valid=not defects,
-            reason="; ".join([*caveats, *defects]),
+            reason="; ".join([*reservations, *doubts, *defects]),
             insignificant=~kept[:N_FAULTS],
             warm_start=warm_start,
             calibration_windows=self._calibration.windows,
+            verdict="refused" if defects else "degraded" if doubts else "valid",
+            unexplained_share=share,
+            causes=causes,
+            alternatives=tuple(explanation.alternatives),
         )
 
-    def _goodness_of_fit(self, expected: Response) -> float:
-        """Return how many times larger than when healthy the residual of current or speed is."""
+    def _causes(
+        self, explanation: Explanation, covariance: NDArray[np.float64]
+    ) -> tuple[CauseEstimate, ...]:
+        """Return the hidden causes that are part of the explanation."""
+        objective, at = self._objective, explanation.at
+        first = objective.dimension - len(objective.hidden_causes)
+        return tuple(
+            CauseEstimate(
+                one.cause.name,
+                float(value),
+                # Two reaches are one unit of a point.
+                MISMATCH_FACTOR * 2.0 * one.reach * math.sqrt(covariance[first + i, first + i]),
+            )
+            for i, (one, value) in enumerate(
+                zip(objective.hidden_causes, objective.causes(at.point), strict=True)
+            )
+            if explanation.kept[first + i]
+        )
+
+    def _goodness_of_fit(self, expected: Response) -> tuple[float, float]:
+        """Return how many times larger than when healthy the residual is, and what is unexplained.
+
+        The first is that of current or speed, whichever is larger. The second is the share of the
+        departure from healthy that the estimate leaves: the square root of the excess of the
+        residual's power over that of a healthy window, at the estimate over at the healthy point.
+
+        Parameters
+        ----------
+        expected
+            Response at the estimate and at the healthy point, ``(2, n)`` each.
+        """
         window, calibration = self._window, self._calibration
         missed = np.array(
-            [window.current - expected.current[0], window.telemetry.speed[1:] - expected.speed[0]]
+            [window.current - expected.current, window.telemetry.speed[1:] - expected.speed]
         )
-        current, speed = band_limited(missed, window.sample_period)
+        in_band = np.sqrt(np.mean(band_limited(missed, window.sample_period) ** 2, axis=-1))
+        scatters = np.array(calibration.scatter(window))
+        ratios = in_band / scatters[:, None]
+        excess = np.maximum(np.nansum(np.square(ratios) - 1.0, axis=0), 0.0)
         # Where one scatter is unknown, the other judges.
-        return float(
-            np.fmax(
-                rms(current) / calibration.healthy_rms,
-                rms(speed) / calibration.healthy_speed_rms,
-            )
-        )
-
-    def _without_insignificant(
-        self, point: NDArray[np.float64]
-    ) -> tuple[Linearisation, NDArray[np.bool_], int]:
-        """Set insignificant components to healthy and fit the others anew.
-
-        Return the linearisation there, the components kept, and the number of linearisations.
-        """
-        objective = self._objective
-        at = objective.linearise(point)
-        if not self._settings.parsimonious:
-            return at, np.ones(len(point), dtype=bool), 1
-        floor = np.zeros(len(point))
-        floor[:N_FAULTS] = MISMATCH_SIGMA
-        kept, point = significant_components(
-            at.point,
-            objective.healthy,
-            at.residuals,
-            at.jacobian,
-            self._lags,
-            floor / self._span,
-        )
-        if np.all(kept):
-            return at, kept, 1
-        optimum, at = at, objective.linearise(point)
-        if at.cost > _MOST_LOSS * optimum.cost:
-            return optimum, np.ones(len(point), dtype=bool), 2
-        point = refitted(at.point, objective.healthy, at.residuals, at.jacobian, kept)
-        again = objective.linearise(point)
-        return (again if again.cost < at.cost else at), kept, 3
+        goodness = float(np.fmax(*ratios[:, 0]))
+        share = math.sqrt(excess[0] / excess[1]) if excess[1] > 0.0 else float(excess[0] > 0.0)
+        return goodness, share
 
 
-def _correlated(covariance: NDArray[np.float64]) -> list[str]:
+def _confusions(alternatives: list[tuple[str, str]]) -> list[str]:
+    """Return in words what the window does not tell apart, a text for each part."""
+    others: dict[str, list[str]] = {}
+    for one, other in alternatives:
+        others.setdefault(one, []).append(other)
+    return [
+        f"this window cannot tell {one} from {' or '.join(found)}" for one, found in others.items()
+    ]
+
+
+def _correlated(covariance: NDArray[np.float64], kept: NDArray[np.bool_]) -> list[str]:
     """Return in words which components of an estimate are strongly correlated."""
     sigma = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(sigma, sigma)
     return [
         f"{FAULTS[i].label} and {FAULTS[j].label} are strongly correlated ({correlation[i, j]:.2f})"
         for i, j in combinations(range(N_FAULTS), 2)
-        if abs(correlation[i, j]) > _STRONG_CORRELATION
+        if kept[i] and kept[j] and abs(correlation[i, j]) > _STRONG_CORRELATION
     ]
 
 

@@ -1,6 +1,8 @@
 """What an optimizer minimises: the distance of the model from a window, over the unit box."""
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -9,10 +11,15 @@ from numpy.typing import NDArray
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, HIGHEST, N_FAULTS, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.fitness import DEFAULT_FITNESS, FITNESS
+from ema_monitor.model.deviations import N_DEVIATIONS, N_SENSOR, NAMES, Prior, sensed
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.optimizers.least_squares import DIFFERENCE
 from ema_monitor.windows.window import Window
 
+_UNEXPLAINED_POWER = 0.05
+# The fit of the unit takes the model's mismatch under the calibrated command for noise, which makes
+# its covariance too wide there: judged on drawn plants.
+_CALIBRATED_SHARE = 0.3
 _PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
 
 
@@ -28,10 +35,13 @@ class Coordinates:
     cartesian
         Whether eccentricity and phase are searched for as ``zeta cos(phi)`` and ``zeta sin(phi)``,
         which are smooth at zero eccentricity, where the phase is undefined.
+    hidden
+        Hidden causes that are searched for as further components; ``causes`` returns them.
     """
 
     play: float | None
     cartesian: bool
+    hidden: tuple[Prior, ...] = ()
 
     def decode(
         self, points: NDArray[np.float64]
@@ -48,16 +58,30 @@ class Coordinates:
             x, y = (2.0 * points[:, _PLANE] - 1.0).T
             faults[:, ECCENTRICITY] = np.minimum(np.hypot(x, y), 1.0)
             faults[:, ECCENTRICITY_PHASE] = (np.arctan2(y, x) / np.pi + 1.0) / 2.0
-        play = np.full(len(points), self.play) if self.play is not None else 2 * points[:, -1] - 1.0
+        if self.play is None:
+            play = 2.0 * points[:, N_FAULTS] - 1.0
+        else:
+            play = np.full(len(points), self.play)
         return np.minimum(faults, HIGHEST), play
 
+    def causes(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the hidden causes of points in their units, ``(m, n_causes)``."""
+        reach = np.array([one.reach for one in self.hidden])
+        lowest = np.array([one.lowest for one in self.hidden])
+        first = points.shape[1] - len(self.hidden)
+        return np.maximum(reach * (2.0 * points[:, first:] - 1.0), lowest)
+
     def encode(self, faults: NDArray[np.float64], play: float = 0.0) -> NDArray[np.float64]:
-        """Return the point, ``(d,)``, of a fault vector, ``(8,)``, and a place in the play."""
+        """Return the point, ``(d,)``, of a fault vector, ``(8,)``, and a place in the play.
+
+        Hidden causes are absent there.
+        """
         point = faults.copy()
         if self.cartesian:
             zeta, phi = faults[ECCENTRICITY], (2.0 * faults[ECCENTRICITY_PHASE] - 1.0) * np.pi
             point[_PLANE] = (1.0 + zeta * np.array([np.cos(phi), np.sin(phi)])) / 2.0
-        return point if self.play is not None else np.append(point, (play + 1.0) / 2.0)
+        place = [] if self.play is not None else [(play + 1.0) / 2.0]
+        return np.concatenate([point, place, np.full(len(self.hidden), 0.5)])
 
 
 class Linearisation(NamedTuple):
@@ -86,6 +110,8 @@ class Objective:
         Name of the distance that is minimised.
     cartesian
         Whether eccentricity and phase are searched for as ``zeta cos(phi)``, ``zeta sin(phi)``.
+    causes
+        Hidden causes that are further components; their priors are further residuals.
 
     Attributes
     ----------
@@ -93,6 +119,10 @@ class Objective:
         The healthy point, ``(d,)``.
     good_cost
         Highest cost at which an optimum is accepted as the lowest [A^2.s].
+    hidden_causes
+        Hidden causes that are components.
+    evaluations
+        Windows of the model that were computed so far.
     """
 
     def __init__(
@@ -102,14 +132,32 @@ class Objective:
         fitness: str = DEFAULT_FITNESS,
         *,
         cartesian: bool = True,
+        causes: tuple[Prior, ...] = (),
     ) -> None:
         self._window = window
+        self._calibration = calibration
+        # Laying one command over another takes time: once a window.
+        self._knows = calibration.knows_command(window)
         self._model = calibration.model()
-        self._corrections = calibration.corrections(calibration.alignment(window))
+        self._corrections = calibration.corrections(window)
         self._fitness = FITNESS[fitness](window, calibration)
-        self._coordinates = Coordinates(window.play, cartesian=cartesian)
+        self._coordinates = Coordinates(window.play, cartesian, causes)
+        self.hidden_causes = causes
+        self._columns = [NAMES.index(one.name) for one in causes]
+        self.evaluations = 0
+        self._priors = math.sqrt(self._fitness.noise) * np.array(
+            [2.0 * one.reach / one.sigma for one in causes]
+        )
         self.healthy = self._coordinates.encode(healthy_faults())
         self.good_cost = self._fitness.good_cost
+
+    def fair_cost(self) -> float:
+        """Return the cost of an optimum that explains most of the departure from healthy [A^2.s].
+
+        Where the model does not match the unit, no optimum is a good one.
+        """
+        [at_healthy] = self.residuals(self.healthy[None])
+        return max(self.good_cost, _UNEXPLAINED_POWER * float(at_healthy @ at_healthy))
 
     @property
     def dimension(self) -> int:
@@ -124,7 +172,15 @@ class Objective:
     @property
     def linearisation_evaluations(self) -> int:
         """Number of model evaluations that `linearise` takes."""
-        return 2 * self.dimension + 1
+        sensors = sum(column >= N_DEVIATIONS - N_SENSOR for column in self._columns)
+        return 2 * (self.dimension - sensors) + 1
+
+    @property
+    def unit_evaluations(self) -> int:
+        """Number of model evaluations that `unit_effects` takes."""
+        steps = len(self._unit_steps)
+        bases = 2 if self._knows else 1
+        return bases * (1 + steps) if steps else 0
 
     def encode(self, faults: NDArray[np.float64], play: float = 0.0) -> NDArray[np.float64]:
         """Return the point of a fault vector, ``(8,)``, and a place in the play."""
@@ -136,9 +192,93 @@ class Objective:
         """Return fault vectors, ``(m, 8)``, and places in the play, ``(m,)``, of points."""
         return self._coordinates.decode(points)
 
-    def expect(self, faults: NDArray[np.float64], play: NDArray[np.float64]) -> Response:
-        """Return the calibrated response to faults, ``(m, 8)``, and play positions, ``(m,)``."""
-        return self._model.respond(self._window, faults, play, self._corrections)
+    @property
+    def effective(self) -> float:
+        """Effective number of residuals: the cost of a healthy window over ``noise``."""
+        return self._fitness.effective
+
+    @property
+    def noise(self) -> float:
+        """Cost that the noise of a healthy window adds per effective residual [A^2.s]."""
+        return self._fitness.noise
+
+    def causes(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the hidden causes of a point in their units, ``(n_causes,)``."""
+        return self._coordinates.causes(point[None])[0]
+
+    def expect(self, points: NDArray[np.float64]) -> Response:
+        """Return the calibrated response at points of the unit box, ``(m, d)``."""
+        faults, play = self.decode(points)
+        deviations = np.zeros((len(points), N_DEVIATIONS))
+        deviations[:, self._columns] = self._coordinates.causes(points)
+        # A sensor's error takes no run of the model of its own.
+        of_sensors = deviations[:, -N_SENSOR:].copy()
+        deviations[:, -N_SENSOR:] = 0.0
+        runs, run_of = np.arange(len(points)), np.arange(len(points))
+        if np.any(of_sensors):
+            moving = np.concatenate([faults, play[:, None], deviations], axis=1)
+            _, runs, run_of = np.unique(moving, axis=0, return_index=True, return_inverse=True)
+            run_of = run_of.reshape(-1)
+        self.evaluations += len(runs)
+        response = self._model.respond(
+            self._window, faults[runs], play[runs], self._corrections, deviations[runs]
+        )
+        if not np.any(of_sensors):
+            return response
+        rows = (response.current[run_of], response.speed[run_of])
+        return Response(*sensed(rows, of_sensors, self._window.sample_period))
+
+    def unit_effects(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the uncertainty of the unit's deviations does to the residuals, ``(r, k)``.
+
+        A column is the effect of one standard deviation along a principal axis of their covariance.
+        Under the calibrated command, a deviation does not change the healthy response, which is
+        measured: its effect there is taken off.
+
+        Parameters
+        ----------
+        point
+            Where, ``(d,)``.
+        """
+        steps = self._unit_steps
+        knows = self._knows
+        bases = np.stack([point, self.healthy]) if knows else point[None]
+        faults, play = self.decode(bases)
+        deviations = np.zeros((1, N_DEVIATIONS))
+        deviations[:, self._columns] = self._coordinates.causes(point[None])
+        effects = []
+        for k, place in zip(faults, play, strict=True):
+            m = 1 + len(steps)
+            varied = np.concatenate([np.zeros((1, N_DEVIATIONS)), steps])
+            rows = self._fitness.residuals(
+                self._model.respond(
+                    self._window,
+                    np.tile(k, (m, 1)),
+                    place,
+                    self._corrections,
+                    (deviations if not effects else 0.0) + varied,
+                )
+            )
+            self.evaluations += m
+            effects.append(rows[1:] - rows[0])
+        result = effects[0] - effects[1] if knows else effects[0]
+        return np.pad(result.T, ((0, len(self.hidden_causes)), (0, 0)))
+
+    @cached_property
+    def _unit_steps(self) -> NDArray[np.float64]:
+        """Return a standard deviation of the unit along each principal axis, ``(k, 24)``."""
+        covariance = self._calibration.unit_covariance
+        if self._knows:
+            # What was not worth fitting is in the correction, but for the play, which hardly shows
+            # when healthy and of which a fault is a multiple.
+            shares = np.where(self._calibration.unit, _CALIBRATED_SHARE, 0.0)
+            shares[NAMES.index("backlash")] = 1.0
+            covariance = covariance * np.outer(shares, shares)
+        fitted = np.flatnonzero(np.diag(covariance))
+        variances, axes = np.linalg.eigh(covariance[np.ix_(fitted, fitted)])
+        steps = np.zeros((len(fitted), N_DEVIATIONS))
+        steps[:, fitted] = (axes * np.sqrt(np.maximum(variances, 0.0))).T
+        return steps
 
     def residuals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the residuals at points, ``(m, r)`` [A.s^(1/2)]; the cost is the sum of squares.
@@ -148,14 +288,33 @@ class Objective:
         points
             Points of the unit box, ``(m, d)``.
         """
-        return self._fitness.residuals(self.expect(*self.decode(points)))
+        rows = self._fitness.residuals(self.expect(points))
+        if not len(self._priors):
+            return rows
+        priors = self._priors * (points[:, -len(self._priors) :] - 0.5)
+        return np.concatenate([rows, priors], axis=1)
 
-    def linearise(self, point: NDArray[np.float64]) -> Linearisation:
-        """Return residuals and their central differences at a point, ``(d,)``."""
-        d = len(point)
-        below = np.maximum(point - DIFFERENCE * np.eye(d), 0.0)
-        above = np.minimum(point + DIFFERENCE * np.eye(d), 1.0)
+    def linearise(
+        self, point: NDArray[np.float64], free: NDArray[np.bool_] | None = None
+    ) -> Linearisation:
+        """Return residuals and their central differences at a point, ``(d,)``.
+
+        Parameters
+        ----------
+        point
+            The point.
+        free
+            Components whose derivatives are wanted, ``(d,)``; those of the others are 0.
+        """
+        steps = DIFFERENCE * np.eye(len(point))
+        steps = steps if free is None else steps[free]
+        below, above = np.maximum(point - steps, 0.0), np.minimum(point + steps, 1.0)
         rows = self.residuals(np.concatenate([point[None], below, above]))
-        at_point, at_below, at_above = np.split(rows, [1, 1 + d])
-        steps = np.sum(above - below, axis=1)
-        return Linearisation(point, at_point[0], (at_above - at_below).T / steps)
+        at_point, at_below, at_above = np.split(rows, [1, 1 + len(steps)])
+        widths = np.sum(above - below, axis=1)
+        columns = (at_above - at_below).T / widths
+        if free is not None:
+            jacobian = np.zeros((len(columns), len(point)))
+            jacobian[:, free] = columns
+            columns = jacobian
+        return Linearisation(point, at_point[0], columns)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.defects import drive_defect
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.inference import Inference
 from ema_monitor.identification.objective import Objective
@@ -98,19 +99,21 @@ class Identification:
         start = objective.healthy if self._previous is None else objective.encode(self._previous)
         inference = Inference(window, calibration, settings)
         termination = settings.termination
-        budget = termination.budget - inference.most_evaluations
-        optimizer = optimizer_class(
-            start, np.random.default_rng(settings.seed), Hints(objective.good_cost, budget)
-        )
+        fair_cost, before = objective.fair_cost(), objective.evaluations
+        reserve = inference.most_evaluations + before
+        hints = Hints(objective.good_cost, fair_cost, termination.budget - reserve)
+        optimizer = optimizer_class(start, np.random.default_rng(settings.seed), hints)
         progress = None
         for progress in minimise(
             objective.residuals,
             optimizer,
             termination,
-            reserve=inference.most_evaluations,
+            reserve=reserve,
         ):
             faults, _ = objective.decode(progress.point[None])
-            yield Generation(progress.generation, progress.evaluations, progress.cost, faults[0])
+            yield Generation(
+                progress.generation, before + progress.evaluations, progress.cost, faults[0]
+            )
         if progress is None or not np.isfinite(progress.cost):
             self.estimate = self._refuse("no fault vector gave a finite cost")
             return
@@ -119,23 +122,26 @@ class Identification:
             caveats.append("the search was stopped before it converged")
         try:
             self.estimate = inference.estimate(
-                faults[0], float(play[0]), progress.evaluations, caveats, started, warm_start=warm
+                faults[0],
+                float(play[0]),
+                before + progress.evaluations,
+                caveats,
+                started,
+                warm_start=warm,
             )
         except np.linalg.LinAlgError as error:
             self.estimate = self._refuse(f"the uncertainty cannot be computed: {error}")
 
     def _mismatches(self, window: Window, calibration: Calibration) -> tuple[str, list[str]]:
         """Return why no estimate can be made, and reservations about one that can."""
+        if defect := drive_defect(window, self._description.parameters):
+            return defect, []
         if reason := calibration.shape_mismatch(window) or window.excitation_defect():
             return reason, []
-        mismatches = [
-            calibration.unit_mismatch(self._description),
-            calibration.command_mismatch(window),
-        ]
-        mismatches = [mismatch for mismatch in mismatches if mismatch]
-        if mismatches and not self._force:
-            return "the calibration does not fit: " + "; ".join(mismatches), []
-        return "", [f"forced although {mismatch}" for mismatch in mismatches]
+        mismatch = calibration.unit_mismatch(self._description)
+        if mismatch and not self._force:
+            return f"the calibration does not fit: {mismatch}", []
+        return "", [f"forced although {mismatch}"] if mismatch else []
 
     def _refuse(self, reason: str) -> Estimate:
         return refusal(self._window, self._calibration, self._settings, reason)

@@ -11,6 +11,9 @@ from ema_monitor.optimizers.driver import StopRule, Termination
 GOODNESS_LIMIT: Final = 3.5
 """Calibrated on simulated windows: a few in 1,000 with faults pass it, and those are wrong [-]."""
 
+MOST_UNEXPLAINED: Final = 0.4
+"""Share of the departure from healthy that may be left unexplained in a window that fits badly."""
+
 
 @dataclass(frozen=True)
 class SearchSettings:

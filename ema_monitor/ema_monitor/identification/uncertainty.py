@@ -1,6 +1,7 @@
 """Covariance and significance of the components of an estimate."""
 
 import math
+from collections.abc import Callable, Sequence
 from statistics import NormalDist
 from typing import Final, NamedTuple
 
@@ -37,6 +38,9 @@ below healthy (2.44), two-sided for the gain (2.68), and a circle for the eccent
 vector in the plane (3.14, Rayleigh); its direction is significant where its amount is.
 """
 
+SIGNIFICANT_CAUSE: Final = 3.0
+"""Standard deviations beyond which a hidden cause is significant [-]."""
+
 SMALLEST_ECCENTRICITY: Final = 0.005
 """Below this the mismatch of the model outweighs the eccentricity, and its phase is noise [-]."""
 
@@ -67,7 +71,11 @@ class Uncertainty(NamedTuple):
 
 
 def sandwich_covariance(
-    jacobian: NDArray[np.float64], residuals: NDArray[np.float64], lags: int
+    jacobian: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    lags: int,
+    priors: int = 0,
+    noise: float = 0.0,
 ) -> NDArray[np.float64]:
     """Return the covariance of a least-squares estimate under correlated residuals.
 
@@ -79,6 +87,10 @@ def sandwich_covariance(
         The residuals there, ``(n,)``.
     lags
         Number of samples over which they are correlated.
+    priors
+        How many of the last rows are priors, which are independent.
+    noise
+        Variance of the residual of a prior.
 
     Returns
     -------
@@ -89,17 +101,47 @@ def sandwich_covariance(
     -----
     Newey and West (1987), Econometrica 55(3), with Bartlett weights.
     """
-    scores = jacobian * residuals[:, None]
-    centre = scores.T @ scores
+    n = len(residuals) - priors
+    prior = jacobian[n:]
+    scores = jacobian[:n] * residuals[:n, None]
+    centre = scores.T @ scores + noise * (prior.T @ prior)
     for lag in range(1, lags + 1):
         product = scores[lag:].T @ scores[:-lag]
         centre += (1.0 - lag / (lags + 1.0)) * (product + product.T)
+    bread, ridge = _inverse_normal(jacobian)
+    covariance = bread @ (centre + ridge * np.eye(len(bread))) @ bread
+    return (covariance + covariance.T) / 2.0
+
+
+def covariance_of_effects(
+    jacobian: NDArray[np.float64], effects: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the covariance that effects on the residuals give to a least-squares estimate.
+
+    Parameters
+    ----------
+    jacobian
+        Derivatives of the residuals at the estimate, ``(n, d)``.
+    effects
+        Changes of the residuals by independent causes, one standard deviation each, ``(n, k)``.
+
+    Returns
+    -------
+    numpy.ndarray
+        Covariance, ``(d, d)``.
+    """
+    bread, _ = _inverse_normal(jacobian)
+    shifts = bread @ (jacobian.T @ effects)
+    return shifts @ shifts.T
+
+
+def _inverse_normal(jacobian: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Return the inverse of the normal matrix, and the ridge that it was given."""
     normal = jacobian.T @ jacobian
     # A ridge far below what any visible component has keeps an invisible one finite.
     ridge = 1e-9 * max(np.max(np.diag(normal)), 1e-200)
-    bread = np.linalg.inv(normal + ridge * np.eye(len(normal)))
-    covariance = bread @ (centre + ridge * np.eye(len(normal))) @ bread
-    return (covariance + covariance.T) / 2.0
+    inverse: NDArray[np.float64] = np.linalg.inv(normal + ridge * np.eye(len(normal)))  # pyright: ignore[reportAssignmentType]
+    return inverse, ridge
 
 
 def with_mismatch(
@@ -158,8 +200,10 @@ def significant_components(
     healthy: NDArray[np.float64],
     residuals: NDArray[np.float64],
     jacobian: NDArray[np.float64],
-    lags: int,
+    covariance_of: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
     floor: NDArray[np.float64],
+    fitted: NDArray[np.bool_],
+    groups: Sequence[list[int]],
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Return which components differ from healthy, ``(d,)``, and the point without the others.
 
@@ -175,17 +219,21 @@ def significant_components(
         Residuals at the estimate, ``(n,)``.
     jacobian
         Their derivatives, ``(n, d)``.
-    lags
-        Number of residuals over which they are correlated.
+    covariance_of
+        Returns the covariance for some columns of the Jacobian and the residuals.
     floor
         Standard deviation that the mismatch of the model adds to each coordinate, ``(d,)``.
+    fitted
+        Components that may differ from healthy, ``(d,)``.
+    groups
+        Those of them that are tested, together where they are healthy together.
     """
-    shown = np.ones(len(point), dtype=bool)
-    groups = list(GROUPS)
+    shown = fitted.copy()
+    groups = list(groups)
     current = point.copy()
     while groups:
         left = residuals + jacobian @ (current - point)
-        known = sandwich_covariance(jacobian[:, shown], left, lags)
+        known = covariance_of(jacobian[:, shown], left)
         covariance = np.zeros((len(point), len(point)))
         covariance[np.ix_(shown, shown)] = with_mismatch(known, floor[shown])
         least, group = min(
@@ -232,4 +280,6 @@ def _distance(
     """Return the squared distance from healthy over that from which it is significant."""
     part = offset[group]
     squared = part @ np.linalg.solve(covariance[np.ix_(group, group)], part)
-    return float(squared / SIGNIFICANT_SIGMAS[group[0]] ** 2)
+    first = group[0]
+    limit = SIGNIFICANT_SIGMAS[first] if first < N_FAULTS else SIGNIFICANT_CAUSE
+    return float(squared / limit**2)

@@ -26,6 +26,20 @@ from ema_monitor.model.drives import (
 )
 
 
+class ShaftConstants(NamedTuple):
+    """What acts on the motor shaft besides the nominal mechanics.
+
+    ``torque`` [N.m] and ``stiffness`` per user angle [N.m/rad] are those of a load; ``stribeck``
+    is the rise of the friction at standstill over the dynamic friction [-], of which half is left
+    at ``stribeck_speed`` [rad/s].
+    """
+
+    torque: Any
+    stiffness: Any
+    stribeck: Any
+    stribeck_speed: Any
+
+
 class ModelState(NamedTuple):
     """State of the monitor model between two steps, a vector of lanes each.
 
@@ -62,11 +76,15 @@ def advance(
     x: ModelState,
     proportional,
     command,
+    opposing,
+    friction,
     dt,
 ):
     """Return the state one step of ``dt`` [s] later, under a ``command`` [rad].
 
-    ``proportional`` computes the reference current of a speed loop whose other gains are 0.
+    ``opposing`` is the torque of the load against positive motion and ``friction`` the dry friction
+    in motion [N.m]. ``proportional`` computes the reference current of a speed loop whose other
+    gains are 0.
     """
     error = speed_error(c, command, x.theta_b * mech.tau, x.omega)
     if proportional:
@@ -76,8 +94,8 @@ def advance(
     position = pair_position(drive.half_turns * x.theta_m)
     I, torque, ripple = drive_current(drive, position, x.cos, x.sin, x.I, I_ref, x.omega)
     # The ripple of the PWM breaks the motor away below its static friction (M12).
-    breakaway = max(mech.f_s - ripple, mech.f_d)
-    omega = next_speed_of_lanes(mech, x.omega, torque, breakaway, dt)
+    breakaway = max(mech.f_s - ripple, friction)
+    omega = next_speed_of_lanes(mech, x.omega, torque - opposing, breakaway, friction, dt)
     theta_m = x.theta_m + dt * omega
     omega = select(abs(theta_m) > mech.theta_stop, 0.0, omega)
     theta_m = clip(theta_m, mech.theta_stop)
@@ -91,6 +109,7 @@ def run_lanes(
     control: ControlConstants,
     drive_of_lanes: FastDrive | SourceDrive,
     mechanics: MechanicalConstants,
+    shaft_of_lanes: ShaftConstants,
     play,
     first,
     command,
@@ -114,6 +133,8 @@ def run_lanes(
     ``speed_0`` [rad/s] and ``current_0`` [A] of the motor.
     """
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
+    shaft = load(shaft_of_lanes, first)
+    stiffness = shaft.stiffness * mech.tau
     theta_b = broadcast(position_0 / mech.tau)
     theta_m = theta_b + load(play, first) * mech.half_backlash
     angle = drive.waves * theta_m
@@ -134,7 +155,11 @@ def run_lanes(
         for j in range(steps):
             position = pair_position(drive.half_turns * x.theta_m)
             # An Euler step responds half a step too early: the command is read half a step later.
-            x = advance(c, drive, mech, x, proportional, command[k] + (j - 0.5) * slope, dt)
+            delayed = command[k] + (j - 0.5) * slope
+            opposing = shaft.torque + stiffness * x.theta_b
+            ratio = x.omega / shaft.stribeck_speed
+            friction = mech.f_d * (1.0 + shaft.stribeck / (1.0 + ratio * ratio))
+            x = advance(c, drive, mech, x, proportional, delayed, opposing, friction, dt)
             lag_1 += lag * (equivalent_current(drive, position, x.I) - lag_1)
             lag_2 += lag * (lag_1 - lag_2)
             lag_3 += lag * (lag_2 - lag_3)

@@ -11,8 +11,16 @@ from ema_core.faults import degrade, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.simd import LANES
 from ema_core.telemetry import COLUMNS, Telemetry
+from ema_monitor.model.deviations import (
+    N_SENSOR,
+    STRIBECK_SHARE,
+    Deviations,
+    deviating,
+    sensed,
+    with_own_eccentricity,
+)
 from ema_monitor.model.drives import fast_constants, source_constants
-from ema_monitor.model.kernel import run_lanes
+from ema_monitor.model.kernel import ShaftConstants, run_lanes
 from ema_monitor.model.threads import run_in_threads
 from ema_monitor.windows.window import Window
 
@@ -39,9 +47,8 @@ class MonitorModel:
         sign-switched current with its eq. 4.24 (M11).
     dt
         Integration step [s], by default that of the form.
-    lift
-        Contribution of a healthy motor's idle phase to the equivalent current [A] (M12); the
-        source form has none.
+    unit
+        In what the unit deviates from them; the source form has no lift.
 
     Raises
     ------
@@ -54,7 +61,7 @@ class MonitorModel:
         parameters: ActuatorParameters,
         form: str = "fast",
         dt: float | None = None,
-        lift: float = 0.0,
+        unit: Deviations | None = None,
     ) -> None:
         if form not in FORMS:
             raise ValueError(f"monitor form {form!r} is unknown; known: {', '.join(FORMS)}")
@@ -63,7 +70,7 @@ class MonitorModel:
         self.dt = FORMS[form] if dt is None else float(dt)
         if not 0.0 < self.dt <= 1e-3:
             raise ValueError(f"monitor step dt = {self.dt:g} s is outside (0, 0.001] s")
-        self.lift = lift
+        self.unit = unit or Deviations()
         self._plant = constants(parameters)
 
     def respond(
@@ -72,6 +79,7 @@ class MonitorModel:
         faults: ArrayLike,
         play: ArrayLike | float = 0.0,
         corrections: Response | None = None,
+        deviations: NDArray[np.float64] | None = None,
     ) -> Response:
         """Return equivalent current and motor speed of each individual in a window.
 
@@ -86,6 +94,8 @@ class MonitorModel:
             [half-widths, -1 to 1].
         corrections
             Added to current and speed of all individuals, ``(n,)`` each; None for zeros.
+        deviations
+            In what each individual deviates from the unit, ``(m, 24)``; None for nothing.
 
         Returns
         -------
@@ -103,24 +113,34 @@ class MonitorModel:
         groups = -(-m // LANES)
         # Copies of the last individual fill the last group.
         lane_of = np.minimum(np.arange(groups * LANES), m - 1)
-        control, motor, mechanics = degrade(self._plant, faults[lane_of])
+        own = np.tile(self.unit, (m, 1))
+        own = (own if deviations is None else own + deviations)[lane_of]
+        d = Deviations(*own.T.copy())  # pyright: ignore[reportArgumentType]
+        plant = degrade(self._plant, with_own_eccentricity(faults[lane_of], own))
+        control, motor, mechanics = deviating(plant, own)
+        stribeck_speed = STRIBECK_SHARE * self.parameters.omega_max
+        shaft = ShaftConstants(d.load_torque, d.load_stiffness, d.stribeck, stribeck_speed)
         if self.form == "fast":
-            drive = fast_constants(motor, self.dt, self.lift)
+            drive = fast_constants(motor, self.dt, d.lift)
         else:
             drive = source_constants(motor, self.dt)
         steps, lag = self.steps(window.sample_period), lag_factor(self.dt)
         play_of_lane = np.full(m, play, dtype=np.float64)[lane_of]
         start = window.telemetry
         current, speed = np.empty((2, len(lane_of), len(window)))
+        of_sensors = own[:m, -N_SENSOR:]
+        senses = bool(np.any(of_sensors))
         if corrections is None:
             corrections = Response(*np.zeros((2, len(window))))
-        current_correction, speed_correction = corrections
+        # They are of what the sensors show.
+        current_correction, speed_correction = np.zeros((2, len(window))) if senses else corrections
 
         def run(group: int) -> None:
             run_lanes(
                 control,
                 drive,
                 mechanics,
+                shaft,
                 play_of_lane,
                 group * LANES,
                 window.command,
@@ -137,7 +157,11 @@ class MonitorModel:
             )
 
         run_in_threads(run, groups)
-        return Response(current[:m], speed[:m])
+        rows = (current[:m], speed[:m])
+        if not senses:
+            return Response(*rows)
+        seen = sensed(rows, of_sensors, window.sample_period)
+        return Response(*(row + added for row, added in zip(seen, corrections, strict=True)))
 
     def steps(self, sample_period: float) -> int:
         """Return the number of integration steps per sample.

@@ -20,12 +20,14 @@ from ema_monitor.calibration.store import CalibrationStore
 from ema_monitor.identification.search import Identification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node.messages import estimate_to_message
+from ema_monitor.node.settings import Operation
 from ema_monitor.node.unit import Unit
+from ema_monitor.node.units import Units
 from ema_monitor.windows.finder import Segment
-from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.faults import faults_to_message
+from ema_ros.settings import LiveSettings
 
 _POLL_S = 0.1
 _MOST_GOALS = 2
@@ -38,16 +40,10 @@ class MonitorCalls:
 
     Parameters
     ----------
-    node
-        Gets service and action.
-    store
-        Calibrations of the actuators.
-    find
-        Gives the unit of a name, and its description.
-    search
-        Gives how to search where a goal does not say.
-    timeout_s
-        Gives how long to wait for a window [s].
+    node, store, units
+        Node of the service and the action, calibrations of the actuators, and the actuators.
+    search, operation
+        Settings of a search where a goal gives none, and timeout for a window.
     is_active
         Gives whether the monitor looks for windows.
     calibrated
@@ -58,29 +54,25 @@ class MonitorCalls:
         self,
         node: Node,
         store: CalibrationStore,
-        find: Callable[[str], tuple[Unit, ActuatorDescription]],
-        search: Callable[[], SearchSettings],
-        timeout_s: Callable[[], float],
+        units: Units,
+        search: LiveSettings[SearchSettings],
+        operation: LiveSettings[Operation],
         is_active: Callable[[], bool],
         calibrated: Callable[[ActuatorDescription], None],
     ) -> None:
         self._node = node
         self._store = store
-        self._find = find
+        self._units = units
         self._search = search
-        self._timeout_s = timeout_s
+        self._operation = operation
         self._is_active = is_active
         self._calibrated = calibrated
         self._log = node.get_logger()
         self._queues: list[SimpleQueue[Segment]] = []
         self._queues_lock = threading.Lock()
-        self._goals = 0
-        self._goal_lock = threading.Lock()
+        self._free_goals = threading.Semaphore(_MOST_GOALS)
         self._service = node.create_service(
-            Calibrate,
-            "~/calibrate",
-            self._calibrate,
-            callback_group=WaitingCallbackGroup(),
+            Calibrate, "~/calibrate", self._calibrate, callback_group=WaitingCallbackGroup()
         )
         self._action = ActionServer(
             node,
@@ -91,19 +83,17 @@ class MonitorCalls:
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
 
+    @property
+    def _timeout_s(self) -> float:
+        return self._operation.value.calibration_timeout_s
+
     def destroy(self) -> None:
         """End service and action."""
         self._node.destroy_service(self._service)
         self._action.destroy()
 
     def add(self, segment: Segment) -> None:
-        """Give a new window to the calls that wait for one.
-
-        Parameters
-        ----------
-        segment
-            The window.
-        """
+        """Give a new window to the calls that wait for one."""
         with self._queues_lock:
             for queue in self._queues:
                 queue.put(segment)
@@ -124,7 +114,7 @@ class MonitorCalls:
         self, request: Calibrate.Request, response: Calibrate.Response
     ) -> Calibrate.Response:
         try:
-            _, description = self._find(request.actuator_id)
+            _, description = self._units.find(request.actuator_id)
             self._log.info(f"{description.actuator_id}: calibration is requested")
             if request.load:
                 calibration, path = self._store.load(description, request.file)
@@ -141,7 +131,7 @@ class MonitorCalls:
             self._calibrated(description)
             response.success, response.calibration_id = True, calibration.calibration_id
         except (ValueError, OSError) as error:
-            response.success, response.message = False, str(error)
+            response.message = str(error)
         self._log.info(f"calibration: {response.message}")
         return response
 
@@ -151,19 +141,18 @@ class MonitorCalls:
             raise ValueError(f"windows = {number}: expected at least 1 healthy window")
         with self._windows() as windows:
             for made in range(number):
-                deadline = time.monotonic() + self._timeout_s()
-                window, refused = None, ""
-                while not isinstance(window, Window):
-                    segment = self._next(windows, actuator_id, deadline)
-                    if segment is None:
-                        raise ValueError(
-                            f"no healthy window came for {self._timeout_s():g} s after {made} of "
-                            f"{number}{refused}"
-                        )
-                    window = segment.window
-                    if isinstance(window, Refusal):
-                        refused = f"; the latest was refused: {window.reason}"
-                yield window
+                deadline = time.monotonic() + self._timeout_s
+                refused = ""
+                while segment := self._next(windows, actuator_id, deadline):
+                    if isinstance(segment.window, Window):
+                        yield segment.window
+                        break
+                    refused = f"; the latest was refused: {segment.window.reason}"
+                else:
+                    raise ValueError(
+                        f"no healthy window came for {self._timeout_s:g} s after {made} of "
+                        f"{number}{refused}"
+                    )
 
     def _next(
         self, windows: SimpleQueue[Segment], actuator_id: str, deadline: float, goal: Any = None
@@ -182,36 +171,31 @@ class MonitorCalls:
 
     def _accept_or_reject(self, _: Any) -> GoalResponse:
         """Reject goals that would take the processor from the windows of the telemetry."""
-        with self._goal_lock:
-            if self._goals >= _MOST_GOALS:
-                self._log.warning(
-                    f"a goal of identify_faults is rejected: {_MOST_GOALS} run already"
-                )
-                return GoalResponse.REJECT
-            self._goals += 1
-        return GoalResponse.ACCEPT
+        if self._free_goals.acquire(blocking=False):
+            return GoalResponse.ACCEPT
+        self._log.warning(f"a goal of identify_faults is rejected: {_MOST_GOALS} run already")
+        return GoalResponse.REJECT
 
     def _identify(self, goal: Any) -> IdentifyFaults.Result:
         result = IdentifyFaults.Result()
         try:
             self._identify_for(goal, result)
         except ValueError as error:
-            result.success, result.message = False, str(error)
+            result.message = str(error)
         finally:
-            with self._goal_lock:
-                self._goals -= 1
-        if goal.is_cancel_requested and not result.success:
+            self._free_goals.release()
+        if result.success:
+            goal.succeed()
+        elif goal.is_cancel_requested:
             result.message = "cancelled"
             goal.canceled()
-        elif result.success:
-            goal.succeed()
         else:
             goal.abort()
         return result
 
     def _identify_for(self, goal: Any, result: IdentifyFaults.Result) -> None:
         """Identify the window that a goal asks for, unless it is cancelled."""
-        unit, _ = self._find(goal.request.actuator_id)
+        unit, _ = self._units.find(goal.request.actuator_id)
         search = self._search_for(goal.request)
         segment = self._window(unit, goal)
         if segment is None:
@@ -237,12 +221,13 @@ class MonitorCalls:
             result.success, result.message = run.estimate.valid, run.estimate.reason
 
     def _search_for(self, request: IdentifyFaults.Goal) -> SearchSettings:
-        wanted: dict[str, Any] = {"seed": request.seed}
-        if request.algorithm:
-            wanted["algorithm"] = request.algorithm
-        if request.budget:
-            wanted["budget"] = request.budget
-        return replace(self._search(), **wanted)
+        default = self._search.value
+        return replace(
+            default,
+            seed=request.seed,
+            algorithm=request.algorithm or default.algorithm,
+            budget=request.budget or default.budget,
+        )
 
     def _window(self, unit: Unit, goal: Any) -> Segment | None:
         """Return the window of a goal; None when it is cancelled before there is one."""
@@ -251,8 +236,8 @@ class MonitorCalls:
                 raise ValueError(f"actuator {unit.actuator_id!r} has had no complete window so far")
             return unit.latest
         with self._windows() as windows:
-            deadline = time.monotonic() + self._timeout_s()
+            deadline = time.monotonic() + self._timeout_s
             segment = self._next(windows, unit.actuator_id, deadline, goal)
         if segment is None and not goal.is_cancel_requested:
-            raise ValueError(f"no window came for {self._timeout_s():g} s")
+            raise ValueError(f"no window came for {self._timeout_s:g} s")
         return segment

@@ -1,16 +1,18 @@
 """Estimates and health as messages."""
 
 import math
+from dataclasses import asdict
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.causes import CAUSE_BY_NAME
 from ema_core.description import ActuatorDescription
-from ema_interfaces.msg import FaultEstimate, RemainingUsefulLife
+from ema_interfaces.msg import FaultEstimate, HiddenCause, RemainingUsefulLife
 from ema_interfaces.msg import FaultHealth as FaultHealthMessage
 from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.health import FaultHealth
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate import CauseEstimate, Estimate
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
@@ -18,20 +20,17 @@ from ema_monitor.windows.window import MIN_TRAVEL
 from ema_ros.faults import faults_to_message
 from ema_ros.stamps import stamp_to_message
 
+_VERDICTS = {
+    "valid": FaultEstimate.VALID,
+    "degraded": FaultEstimate.DEGRADED,
+    "refused": FaultEstimate.REFUSED,
+}
+
 
 def estimate_to_message(
     estimate: Estimate, window: int, description: ActuatorDescription
 ) -> FaultEstimate:
-    """Return an estimate as a message.
-
-    Parameters
-    ----------
-    estimate
-        The estimate.
-    window
-        Running number of the window.
-    description
-        The actuator.
+    """Return the estimate of a window of a running number as a message.
 
     Raises
     ------
@@ -42,6 +41,9 @@ def estimate_to_message(
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
         window=int(window),
+        window_start=stamp_to_message(estimate.start_ns),
+        window_end=stamp_to_message(estimate.end_ns),
+        covariance=estimate.covariance.astype(np.float64).ravel(),
         faults=faults_to_message(estimate.faults),
         unobservable=_bits(estimate.unobservable),
         insignificant=_bits(estimate.insignificant),
@@ -49,6 +51,10 @@ def estimate_to_message(
         fitness=float(estimate.fitness),
         goodness_of_fit=float(estimate.goodness_of_fit),
         goodness_limit=float(estimate.goodness_limit),
+        unexplained_share=float(estimate.unexplained_share),
+        hidden_causes=[_hidden_cause(cause, estimate) for cause in estimate.causes],
+        confusions=[" or ".join(pair) for pair in estimate.alternatives],
+        verdict=_VERDICTS[estimate.verdict],
         excitation=float(estimate.excitation),
         excitation_limit=MIN_TRAVEL,
         algorithm=estimate.algorithm,
@@ -61,11 +67,16 @@ def estimate_to_message(
         valid=bool(estimate.valid),
         reason=estimate.reason,
     )
-    message.window_start = stamp_to_message(estimate.start_ns)
-    message.window_end = stamp_to_message(estimate.end_ns)
     message.header.stamp = message.window_end
-    message.covariance = estimate.covariance.astype(np.float64).ravel()
     return message
+
+
+def _hidden_cause(one: CauseEstimate, estimate: Estimate) -> HiddenCause:
+    cause = CAUSE_BY_NAME[one.name]
+    others = [other for label, other in estimate.alternatives if label == cause.label]
+    return HiddenCause(
+        name=one.name, value=one.value, sigma=one.sigma, unit=cause.unit, alternatives=others
+    )
 
 
 def _bits(components: NDArray[np.bool_]) -> int:
@@ -74,13 +85,6 @@ def _bits(components: NDArray[np.bool_]) -> int:
 
 def health_to_message(outlook: Outlook, description: ActuatorDescription) -> HealthMessage:
     """Return health and remaining life as a message.
-
-    Parameters
-    ----------
-    outlook
-        Health and remaining life.
-    description
-        The actuator.
 
     Raises
     ------
@@ -133,13 +137,8 @@ def _life(life: RemainingLife, outlook: Outlook) -> RemainingUsefulLife:
     """Return a remaining life as a message, in flight hours and in test cycles."""
     per_cycle = outlook.hours_per_cycle
     return RemainingUsefulLife(
-        known=life.known,
-        hours_05=life.hours_05,
-        hours_50=life.hours_50,
-        hours_95=life.hours_95,
+        **asdict(life),
         cycles_05=life.hours_05 / per_cycle,
         cycles_50=life.hours_50 / per_cycle,
         cycles_95=life.hours_95 / per_cycle,
-        criterion=life.criterion,
-        reason=life.reason,
     )

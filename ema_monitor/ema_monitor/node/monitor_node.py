@@ -1,6 +1,5 @@
 """The monitor node: telemetry in, estimates and health out."""
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +16,7 @@ from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node.calls import MonitorCalls
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.node.prognosis import MonitorPrognosis
-from ema_monitor.node.settings import Files, Operation
+from ema_monitor.node.settings import Files, Operation, folder_of
 from ema_monitor.node.units import Units
 from ema_monitor.node.worker import IdentificationWorker
 from ema_monitor.prognosis.outlook import Outlook
@@ -71,17 +70,16 @@ class MonitorNode(ManagedNode):
     def configure(self) -> None:
         """Read the files, and create what publishes and serves."""
         files = read(self, Files)
-        own_folder = Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser() / "ema"
-        self._store = CalibrationStore(files.calibration_file, own_folder)
+        self._store = CalibrationStore(files.calibration_file, folder_of("$ROS_HOME/ema"))
         described = load_description(Path(files.actuator_file)) if files.actuator_file else None
         message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
         self._estimates = self.add_publisher(message_class, topics.FAULT_ESTIMATE, qos)
         self._calls = MonitorCalls(
             self,
             self._store,
-            self._units.find,
-            lambda: self._search.value,
-            lambda: self._operation.value.calibration_timeout_s,
+            self._units,
+            self._search,
+            self._operation,
             lambda: self._is_active and not self.stopping.is_set(),
             self._prognosis.refresh,
         )
@@ -191,9 +189,11 @@ class MonitorNode(ManagedNode):
 
     def _resume(self, description: ActuatorDescription, outlook: Outlook) -> None:
         with self._units.lock:
-            if not self._is_active:
+            unit = self._units.get(description.actuator_id)
+            if unit is None or not self._is_active:
                 return
-            self._units.resume(description, outlook, self._operation.value.expected_period_s)
+            period_s = self._operation.value.expected_period_s
+            unit.resume(description, outlook, period_s, self._now_ns())
         self.report()
 
     def _check_staleness(self) -> None:

@@ -1,6 +1,5 @@
 """The prognosis of each unit that is monitored: settings, histories, usage and service."""
 
-import os
 import threading
 import traceback
 from collections.abc import Callable
@@ -20,6 +19,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.messages import health_to_message
+from ema_monitor.node.settings import folder_of
 from ema_monitor.node.units import Units
 from ema_monitor.prognosis.growth.known_laws import KnownLawTexts
 from ema_monitor.prognosis.growth.settings import TrackerSettings
@@ -54,6 +54,8 @@ class MonitorHistories:
     ----------
     counts
         Counts of service life, whether or not the history of the unit is open.
+    is_serving
+        Whether histories are opened.
     """
 
     def __init__(self, requirements_of: RequirementsOf = FITTED.of) -> None:
@@ -62,36 +64,29 @@ class MonitorHistories:
         # A lock for each unit: reading a long history must not delay the others.
         self._opening: dict[UnitKey, threading.Lock] = {}
         self._units: dict[UnitKey, Prognostics] = {}
-        self.counts = CountLog()
         self._folder: Path | None = None
-        self._is_serving = False
+        self.counts = CountLog()
+        self.is_serving = False
 
     def begin(self, folder: Path | None) -> None:
-        """Open histories from now on.
-
-        Parameters
-        ----------
-        folder
-            Where they are stored; None for memory alone.
-        """
+        """Open histories in a folder from now on; in memory alone when it is None."""
         self._folder = folder
-        self._is_serving = True
+        self.is_serving = True
 
     def end(self) -> None:
         """Close the histories, and open no more."""
         with self._lock:
-            self._is_serving = False
+            self.is_serving = False
             opening = list(self._opening.values())
         for lock in opening:
             # A history that is being opened comes first.
             with lock:
                 pass
-        with self._lock:
-            for prognostics in self._units.values():
-                prognostics.history.close()
-            self._opening.clear()
-            self._units.clear()
-            self.counts = CountLog()
+        for _, prognostics in self.items():
+            prognostics.history.close()
+        self._opening.clear()
+        self._units.clear()
+        self.counts = CountLog()
 
     def items(self) -> list[tuple[UnitKey, Prognostics]]:
         """Return the units with open histories."""
@@ -117,20 +112,15 @@ class MonitorHistories:
             opening = self._opening.setdefault(unit, threading.Lock())
         with opening:
             if unit not in self._units:
-                self._open(unit, settings)
+                # They may have ended while another thread opened this one.
+                self._require_serving()
+                path = history_path(self._folder, *unit) if self._folder else None
+                history = History(*unit, path)
+                self._units[unit] = Prognostics(history, settings, self._requirements_of)
             return self._units[unit]
 
-    def _open(self, unit: UnitKey, settings: PrognosisSettings) -> None:
-        path = history_path(self._folder, *unit) if self._folder else None
-        prognostics = Prognostics(History(*unit, path), settings, self._requirements_of)
-        with self._lock:
-            if not self._is_serving:
-                prognostics.history.close()
-            self._require_serving()
-            self._units[unit] = prognostics
-
     def _require_serving(self) -> None:
-        if not self._is_serving:
+        if not self.is_serving:
             raise ValueError("the monitor is not configured")
 
 
@@ -146,7 +136,7 @@ class MonitorPrognosis:
     units
         The actuators.
     resume
-        Called with a unit, once its history is read, and the health and life that follow from it.
+        Called with a unit, once its history is read, and its outlook.
     """
 
     def __init__(
@@ -167,8 +157,7 @@ class MonitorPrognosis:
         self._service = LiveSettings(node, Service)
         self._histories = MonitorHistories(self._requirements_of)
         self._to_refresh: SimpleQueue[ActuatorDescription] = SimpleQueue()
-        self._logged: dict[tuple[str, str], str] = {}
-        self._is_serving = False
+        self._logged: dict[UnitKey, str] = {}
         self._resuming = threading.Lock()
 
     @property
@@ -184,16 +173,12 @@ class MonitorPrognosis:
     def begin(self, history_folder: str) -> None:
         """Store histories in a folder from now on, and offer the service.
 
-        Parameters
-        ----------
-        history_folder
-            The folder; empty for memory alone, as always in simulated time: a bag that is
-            replayed must not mix with tests of the actuator itself.
+        They are in memory alone when the folder is empty, and always in simulated time: a bag that
+        is replayed must not mix with tests of the actuator itself.
         """
         in_sim_time = bool(self._node.get_parameter("use_sim_time").value)
         is_kept = bool(history_folder) and not in_sim_time
-        self._histories.begin(_folder(history_folder) if is_kept else None)
-        self._is_serving = True
+        self._histories.begin(folder_of(history_folder) if is_kept else None)
         self._refresh_soon = self._node.create_guard_condition(
             self._refresh_all, callback_group=WaitingCallbackGroup()
         )
@@ -208,43 +193,24 @@ class MonitorPrognosis:
         """End the service, and close the histories."""
         # A health that is being published comes first.
         with self._resuming:
-            self._is_serving = False
+            self._histories.end()
         self._node.destroy_service(self._call)
         self._node.destroy_guard_condition(self._refresh_soon)
-        self._histories.end()
         self._logged.clear()
         self._to_refresh = SimpleQueue()
 
     def describe(self, description: ActuatorDescription) -> None:
-        """Prepare for a unit that has just been described, as ``refresh`` does.
-
-        Parameters
-        ----------
-        description
-            The unit.
-        """
-        self._histories.counts.assign((description.actuator_id, description.serial_number))
+        """Prepare for a unit that has just been described, as ``refresh`` does."""
+        self._histories.counts.assign(_key(description))
         self.refresh(description)
 
     def refresh(self, description: ActuatorDescription) -> None:
-        """Have requirements fitted, the history opened and health published, in another thread.
-
-        Parameters
-        ----------
-        description
-            The unit.
-        """
+        """Have requirements fitted, the history opened and health published, in another thread."""
         self._to_refresh.put(description)
         self._refresh_soon.trigger()
 
     def receive_usage(self, message: Any) -> None:
-        """Record counted use.
-
-        Parameters
-        ----------
-        message
-            ``ema_interfaces/msg/Usage``; it may be impossible.
-        """
+        """Record counted use from ``ema_interfaces/msg/Usage``, which may be impossible."""
         actuator_id = message.actuator_id
         if not actuator_id:
             self._units.add_defect("", "usage without actuator_id")
@@ -265,13 +231,7 @@ class MonitorPrognosis:
         self._histories.counts.add((actuator_id, serial_number), count)
 
     def latest(self, description: ActuatorDescription) -> Estimate | None:
-        """Return the latest valid estimate in the history of a unit; None when there is none.
-
-        Parameters
-        ----------
-        description
-            The unit.
-        """
+        """Return the latest valid estimate in the history of a unit; None when there is none."""
         try:
             entries = self._of(description).history.entries
         except Exception as error:
@@ -281,20 +241,11 @@ class MonitorPrognosis:
         return entries[-1].estimate if entries else None
 
     def record(self, segment: Segment, estimate: Estimate) -> Outlook | None:
-        """Record a test; return health and life after it, None when it is not valid.
-
-        Parameters
-        ----------
-        segment
-            Its window.
-        estimate
-            Its estimate.
-        """
+        """Record a test; return health and life after it, None when it is not valid."""
         description, settings = segment.description, self.settings
         try:
             prognostics = self._of(description)
-            unit = (description.actuator_id, description.serial_number)
-            count = self._histories.counts.latest(unit, estimate.end_ns)
+            count = self._histories.counts.latest(_key(description), estimate.end_ns)
             outlook = prognostics.update(estimate, self._parameters(description), settings, count)
         except Exception as error:
             # A failure here must prevent neither the estimate nor the alarm.
@@ -333,7 +284,7 @@ class MonitorPrognosis:
                 if parameters is not None:
                     FITTED.of(parameters, self._requirements.value)
                 with self._resuming:
-                    if not self._is_serving:
+                    if not self._histories.is_serving:
                         return
                     outlook = self._of(description).resume(parameters, self.settings)
                     if outlook is not None:
@@ -352,20 +303,18 @@ class MonitorPrognosis:
         return (FITTED.of if in_sim_time else FITTED.if_ready)(parameters, limits)
 
     def _of(self, description: ActuatorDescription) -> Prognostics:
-        unit = (description.actuator_id, description.serial_number)
-        prognostics = self._histories.of(unit, self.settings)
+        prognostics = self._histories.of(_key(description), self.settings)
         self._log_problem(description, prognostics)
         return prognostics
 
     def _parameters(self, description: ActuatorDescription) -> ActuatorParameters | None:
         calibration = self._calibration_of(description)
-        return None if isinstance(calibration, str) else calibration.model().parameters
+        return None if isinstance(calibration, str) else calibration.unit_parameters
 
     def _log_problem(self, description: ActuatorDescription, prognostics: Prognostics) -> None:
-        problem, actuator_id = prognostics.history.problem, description.actuator_id
-        unit = (actuator_id, description.serial_number)
+        problem, unit = prognostics.history.problem, _key(description)
         if problem and self._logged.get(unit) != problem:
-            self._node.get_logger().error(f"{actuator_id}: {problem}")
+            self._node.get_logger().error(f"{description.actuator_id}: {problem}")
         self._logged[unit] = problem
 
     def _predict(
@@ -377,28 +326,20 @@ class MonitorPrognosis:
             prognostics = self._of(description)
             outlook = prognostics.outlook(self._parameters(description), settings)
             response.health = health_to_message(outlook, description)
-            response.success, response.message = True, ""
+            response.success = True
         except ValueError as error:
-            response.success, response.message = False, str(error)
+            response.message = str(error)
         except Exception as error:
             # A service that raises would end the node.
-            response.success = False
             response.message = self.report_failure(request.actuator_id, error)
         return response
 
     def report_failure(
         self, actuator_id: str, error: Exception, what: str = "the prognosis"
     ) -> str:
-        """Log what has just failed, and return it in words.
+        """Log that something has just failed, and return the reason.
 
-        Parameters
-        ----------
-        actuator_id
-            Of which actuator; empty when that is not known.
-        error
-            What was raised.
-        what
-            What failed.
+        The ``actuator_id`` is empty when it is not known.
         """
         reason = f"{what} failed: {error!r}"
         self._node.get_logger().error(
@@ -407,6 +348,5 @@ class MonitorPrognosis:
         return reason
 
 
-def _folder(text: str) -> Path:
-    ros_home = os.environ.get("ROS_HOME") or "~/.ros"
-    return Path(os.path.expandvars(text.replace("$ROS_HOME", ros_home))).expanduser()
+def _key(description: ActuatorDescription) -> UnitKey:
+    return description.actuator_id, description.serial_number

@@ -1,6 +1,8 @@
 """Settings of the monitor node beside those of trigger, identification and health."""
 
+import os
 from dataclasses import dataclass
+from pathlib import Path
 
 from ema_core.quantity import check_quantities, quantity, text
 
@@ -56,3 +58,9 @@ class Operation:
 
     def __post_init__(self) -> None:
         check_quantities(self)
+
+
+def folder_of(text: str) -> Path:
+    """Return the folder that a parameter names, with variables and ``~`` replaced."""
+    ros_home = os.environ.get("ROS_HOME") or "~/.ros"
+    return Path(os.path.expandvars(text.replace("$ROS_HOME", ros_home))).expanduser()

@@ -71,19 +71,15 @@ class Unit:
         return self.description.serial_number if self.description else self.actuator_id
 
     @property
-    def defects(self) -> str:
+    def _defects(self) -> str:
         """What was wrong since the window of the latest valid estimate; empty when nothing was."""
         return "; ".join(reason for _, reason in self._open_defects)
 
     def add_defect(self, reason: str, before_window: int | None = None) -> bool:
         """Record a defect; return whether it is the only one at present.
 
-        Parameters
-        ----------
-        reason
-            What is wrong.
-        before_window
-            Number of the first window that it does not affect; that of the next one when None.
+        ``before_window`` is the number of the first window that it does not affect; that of the
+        next one when None.
         """
         is_first = not self._open_defects
         number = self.finder.windows if before_window is None else before_window
@@ -94,19 +90,7 @@ class Unit:
     def record(
         self, segment: Segment, estimate: Estimate, outlook: Outlook | None, now_ns: int
     ) -> None:
-        """Record an estimate, and publish the health after it if it is valid.
-
-        Parameters
-        ----------
-        segment
-            The window.
-        estimate
-            Its estimate.
-        outlook
-            Health and remaining life after it; None when it is not valid.
-        now_ns
-            Time of the node's clock [ns].
-        """
+        """Record an estimate, and publish the outlook after it; None when it is not valid."""
         if outlook is None:
             self._invalid += 1
             self.add_defect(f"window {segment.number}: {estimate.reason}", segment.number + 1)
@@ -125,13 +109,7 @@ class Unit:
         self._publish_health()
 
     def reset_health(self, now_ns: int) -> None:
-        """Forget the health, as another unit is mounted.
-
-        Parameters
-        ----------
-        now_ns
-            Time of the node's clock [ns].
-        """
+        """Reset the health, as another unit is mounted."""
         self._fresh_ns = now_ns
         self._stale_published = False
         self._assessed: ActuatorDescription | None = None
@@ -146,24 +124,19 @@ class Unit:
     ) -> None:
         """Publish the health after the latest test in the history, unless that was done already.
 
-        It is published again when the requirements have become known.
-
-        Parameters
-        ----------
-        description
-            The unit of the history.
-        outlook
-            Health and remaining life after that test.
-        expected_period_s
-            Expected time between valid estimates [s].
-        now_ns
-            Time of the node's clock [ns].
+        It is published again when the requirements have become known. ``expected_period_s`` is the
+        expected time between valid estimates [s].
         """
         if not self._is_mounted(description):
             return
+        before = self._outlook
         if self._assessed is None:
             self._fresh_ns = outlook.stamp_ns
-        elif not _adds_requirements(self._outlook, outlook):
+        elif (
+            before.stamp_ns != outlook.stamp_ns
+            or before.health.requirements
+            or not outlook.health.requirements
+        ):
             return
         self._assessed, self._outlook = description, outlook
         self._stale_published = False
@@ -171,15 +144,7 @@ class Unit:
             self._publish_health()
 
     def publish_if_stale(self, expected_period_s: float, now_ns: int) -> HealthMessage | None:
-        """Publish the health if it has just become stale; return it if it was published.
-
-        Parameters
-        ----------
-        expected_period_s
-            Expected time between valid estimates [s].
-        now_ns
-            Time of the node's clock [ns].
-        """
+        """Publish the health if it has just become stale; return it if it was published."""
         if not self._fresh_ns or now_ns < self._fresh_ns:
             self._fresh_ns = now_ns  # simulated time has begun, or gone back
         limit_s = _STALE_PERIODS * expected_period_s
@@ -187,26 +152,20 @@ class Unit:
             return None
         reason = f"no valid estimate for more than {limit_s:g} s"
         if self._open_defects:
-            reason += f"; {self.defects}"
+            reason += f"; {self._defects}"
         health = replace(self._outlook.health, level=STALE, confidence=0.0, reason=reason)
         self._outlook = replace(self._outlook, health=health)
         self._stale_published = True
         return self._publish_health()
 
     def tasks(self, waiting: int) -> list[Task]:
-        """Return the status of telemetry and health of the actuator.
-
-        Parameters
-        ----------
-        waiting
-            Windows of all actuators that wait for identification.
-        """
+        """Return the status of telemetry and health; ``waiting`` windows of all actuators wait."""
         finder, health, life = self.finder, self._outlook.health, self._outlook.rul
         if self.description is None:
             level, message = ERROR, "no description of the actuator: the telemetry has to wait"
-            message += f"; {self.defects}" if self._open_defects else ""
+            message += f"; {self._defects}" if self._open_defects else ""
         elif self._open_defects:
-            level, message = WARN, self.defects
+            level, message = WARN, self._defects
         elif not finder.blocks:
             level, message = WARN, "no telemetry so far"
         else:
@@ -255,9 +214,3 @@ class Unit:
         self._outlook = replace(self._outlook, events=())
         self._publish(health)
         return health
-
-
-def _adds_requirements(before: Outlook, after: Outlook) -> bool:
-    """Return whether an outlook after the same test is the first that knows the requirements."""
-    is_same = before.stamp_ns == after.stamp_ns
-    return is_same and bool(after.health.requirements) and not before.health.requirements

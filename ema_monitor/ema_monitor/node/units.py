@@ -1,7 +1,6 @@
 """The actuators that a monitor receives messages of, and the messages that belong to none."""
 
 import threading
-from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -21,7 +20,7 @@ from ema_ros.status import Task
 from ema_ros.telemetry import telemetry_from_message
 
 _UNNAMED = "messages without actuator_id"
-_UNKNOWN = "wrong messages of actuators that are not watched"
+_UNKNOWN = "wrong messages of actuators that are not monitored"
 
 
 class Units(dict[str, Unit]):
@@ -34,13 +33,13 @@ class Units(dict[str, Unit]):
     now_ns
         Gives the time of the node's clock [ns].
     add_publisher
-        Gives what publishes the health of another actuator; called at its first message.
+        Gives the publisher of an actuator's health; called at its first message.
     describe
-        Called with each description that is another than before.
+        Called with each description that differs from the one before.
     queue_window
         Called with each window, or its refusal.
     warn
-        Called with what is wrong, in words, and whether the status has to be published at once.
+        Called with what is wrong, and whether the status has to be published at once.
 
     Attributes
     ----------
@@ -60,9 +59,8 @@ class Units(dict[str, Unit]):
     ) -> None:
         super().__init__()
         self.lock = threading.RLock()
-        # Wrong messages that belong to none of them, and the latest of each kind in words.
-        self._unmatched: Counter[str] = Counter()
-        self._latest_unmatched: dict[str, str] = {}
+        # Wrong messages that belong to none of them: how many of each kind, and the latest.
+        self._unmatched: dict[str, tuple[int, str]] = {}
         self._settings = settings
         self._now_ns = now_ns
         self._add_publisher = add_publisher
@@ -76,13 +74,7 @@ class Units(dict[str, Unit]):
         self._unmatched.clear()
 
     def receive_description(self, message: Any) -> None:
-        """Apply a description that was received.
-
-        Parameters
-        ----------
-        message
-            ``ema_interfaces/msg/ActuatorDescription``; it may be impossible.
-        """
+        """Apply ``ema_interfaces/msg/ActuatorDescription``, which may be impossible."""
         try:
             self.describe(description_from_message(message))
         except ValueError as error:
@@ -90,13 +82,7 @@ class Units(dict[str, Unit]):
             self.add_defect(message.actuator_id, reason)
 
     def describe(self, description: ActuatorDescription) -> None:
-        """Apply the description of an actuator.
-
-        Parameters
-        ----------
-        description
-            The actuator.
-        """
+        """Apply the description of an actuator."""
         with self.lock:
             unit = self._get_or_add(description.actuator_id)
             before = unit.description
@@ -107,13 +93,7 @@ class Units(dict[str, Unit]):
             self._describe(description)
 
     def receive_telemetry(self, message: Any) -> None:
-        """Look for windows in the next block of an actuator.
-
-        Parameters
-        ----------
-        message
-            ``ema_interfaces/msg/TelemetryBlock``; it may be impossible.
-        """
+        """Look for windows in ``ema_interfaces/msg/TelemetryBlock``, which may be impossible."""
         if not message.actuator_id:
             self.add_defect("", "telemetry without actuator_id")
             return
@@ -128,13 +108,7 @@ class Units(dict[str, Unit]):
                 self._handle(unit, unit.finder.feed(block))
 
     def restart(self, settings: TriggerSettings) -> None:
-        """Look for windows with other settings from now on.
-
-        Parameters
-        ----------
-        settings
-            When a window begins and how long it is.
-        """
+        """Look for windows with other settings from now on."""
         with self.lock:
             self._settings = settings
             for unit in self.values():
@@ -164,9 +138,9 @@ class Units(dict[str, Unit]):
                 is_first = self._get_or_add(actuator_id).add_defect(reason)
             else:
                 kind = _UNKNOWN if actuator_id else _UNNAMED
-                self._unmatched[kind] += 1
-                self._latest_unmatched[kind] = f"{actuator_id!r}: {reason}"
-                is_first = self._unmatched[kind] == 1
+                number = self._unmatched.get(kind, (0, ""))[0] + 1
+                self._unmatched[kind] = (number, f"{actuator_id!r}: {reason}")
+                is_first = number == 1
         self._warn(f"{actuator_id or 'input'}: {reason}", is_first)
 
     def find(self, actuator_id: str) -> tuple[Unit, ActuatorDescription]:
@@ -183,12 +157,16 @@ class Units(dict[str, Unit]):
             When it is not known, not described, or there is a choice.
         """
         with self.lock:
-            watched = ", ".join(self) or "none"
+            monitored = ", ".join(self) or "none"
             if not actuator_id and len(self) != 1:
-                raise ValueError(f"actuator_id is empty: expected one of those watched: {watched}")
-            unit = self.get(actuator_id) if actuator_id else next(iter(self.values()))
+                raise ValueError(
+                    f"actuator_id is empty: expected one of those monitored: {monitored}"
+                )
+            unit = self.get(actuator_id or next(iter(self)))
         if unit is None:
-            raise ValueError(f"actuator_id = {actuator_id!r} is not watched; watched: {watched}")
+            raise ValueError(
+                f"actuator_id = {actuator_id!r} is not monitored; monitored: {monitored}"
+            )
         if unit.description is None:
             raise ValueError(f"actuator {unit.actuator_id!r} has not been described")
         return unit, unit.description
@@ -196,61 +174,29 @@ class Units(dict[str, Unit]):
     def record(
         self, segment: Segment, estimate: Estimate, outlook: Outlook | None, now_ns: int
     ) -> None:
-        """Record an estimate, and publish the health after it.
-
-        Parameters
-        ----------
-        segment, estimate, outlook, now_ns
-            As of ``Unit.record``.
-        """
+        """Record an estimate, and publish the outlook after it; None when it is not valid."""
         with self.lock:
             self[segment.description.actuator_id].record(segment, estimate, outlook, now_ns)
 
-    def resume(
-        self, description: ActuatorDescription, outlook: Outlook, expected_period_s: float
-    ) -> None:
-        """Publish the health of a unit according to its history, until its next test.
-
-        Parameters
-        ----------
-        description, outlook, expected_period_s
-            As of ``Unit.resume``.
-        """
-        with self.lock:
-            if unit := self.get(description.actuator_id):
-                unit.resume(description, outlook, expected_period_s, self._now_ns())
-
     def publish_stale(self, expected_period_s: float) -> list[HealthMessage]:
-        """Publish, and return, the health of the units whose health has just become stale.
-
-        Parameters
-        ----------
-        expected_period_s
-            Expected time between valid estimates [s].
-        """
+        """Publish, and return, the health of the units whose health has just become stale."""
         with self.lock:
             now_ns = self._now_ns()
             published = [unit.publish_if_stale(expected_period_s, now_ns) for unit in self.values()]
         return [health for health in published if health is not None]
 
     def tasks(self, waiting: int) -> list[Task]:
-        """Return the status of each.
-
-        Parameters
-        ----------
-        waiting
-            Windows of all actuators that wait for identification.
-        """
+        """Return the status of each; ``waiting`` windows of all actuators wait."""
         with self.lock:
             return [task for unit in self.values() for task in unit.tasks(waiting)]
 
     def input_status(self) -> tuple[int, str]:
-        """Return level and words on what is received of all."""
+        """Return level and message on what is received of all."""
         with self.lock:
             remarks = [] if self else ["no message of an actuator so far"]
             remarks += [
-                f"ignored: {number} {kind}, the latest of {self._latest_unmatched[kind]}"
-                for kind, number in self._unmatched.items()
+                f"ignored: {number} {kind}, the latest of {latest}"
+                for kind, (number, latest) in self._unmatched.items()
             ]
         if remarks:
             return WARN, "; ".join(remarks)

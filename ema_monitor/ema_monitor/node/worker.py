@@ -34,20 +34,14 @@ class WindowQueue:
     of that one stays in its place, so that order and numbers are kept and every window gets an
     estimate. An actuator never drops the windows of another.
 
-    Parameters
-    ----------
-    most_waiting
-        How many windows of an actuator may wait; None for any number.
-
     Attributes
     ----------
     dropped
         Number of windows dropped.
     """
 
-    def __init__(self, most_waiting: int | None = None) -> None:
+    def __init__(self) -> None:
         self.dropped = 0
-        self._most_waiting = most_waiting
         self._queue: deque[Segment] = deque()
         self._changed = threading.Condition()
         self._closed = False
@@ -63,23 +57,15 @@ class WindowQueue:
         """Whether no more windows are accepted."""
         return self._closed
 
-    def limit(self, most_waiting: int | None) -> None:
-        """Change how many windows of an actuator may wait, from the next one on.
-
-        Parameters
-        ----------
-        most_waiting
-            As at construction.
-        """
-        self._most_waiting = most_waiting
-
-    def add(self, segment: Segment) -> list[Segment]:
+    def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
         """Add a window, or the refusal of one, at the end.
 
         Parameters
         ----------
         segment
             The window.
+        most_waiting
+            How many windows of its actuator may wait; None for any number.
 
         Returns
         -------
@@ -91,15 +77,24 @@ class WindowQueue:
         QueueClosedError
             When the queue is closed.
         """
+        actuator_id, dropped = segment.description.actuator_id, []
         with self._changed:
             if self._closed:
                 raise QueueClosedError
             self._queue.append(segment)
-            dropped = []
-            if self._most_waiting is not None:
-                places = self._places_of(segment.description.actuator_id)
-                surplus = max(0, len(places) - self._most_waiting)
-                dropped = [self._drop(place, self._most_waiting) for place in places[:surplus]]
+            places = [
+                place
+                for place, item in enumerate(self._queue)
+                if item.description.actuator_id == actuator_id and isinstance(item.window, Window)
+            ]
+            if most_waiting is not None:
+                limit = counted(most_waiting, "window")
+                reason = f"dropped: more than {limit} waited for identification"
+                for place in places[: max(0, len(places) - most_waiting)]:
+                    dropped.append(oldest := self._queue[place])
+                    refusal = Refusal(oldest.window.start_ns, oldest.window.end_ns, reason)
+                    self._queue[place] = replace(oldest, window=refusal)
+                self.dropped += len(dropped)
             self._changed.notify_all()
         return dropped
 
@@ -112,12 +107,9 @@ class WindowQueue:
 
     @contextmanager
     def publishing(self, segment: Segment) -> Iterator[bool]:
-        """Yield whether the estimate of a window is to be published, in this context alone.
+        """Yield whether the estimate of the window that ``next`` returned last is to be published.
 
-        Parameters
-        ----------
-        segment
-            The window that ``next`` returned last; not to be published once it is abandoned.
+        It is, in this context alone, unless the window was abandoned.
         """
         with self._changed:
             self._is_publishing = self._current is segment
@@ -148,22 +140,6 @@ class WindowQueue:
             current, self._current = self._current, None
         return current
 
-    def _places_of(self, actuator_id: str) -> list[int]:
-        """Return where windows of an actuator stand in the queue, the oldest first."""
-        return [
-            place
-            for place, item in enumerate(self._queue)
-            if item.description.actuator_id == actuator_id and isinstance(item.window, Window)
-        ]
-
-    def _drop(self, place: int, most_waiting: int) -> Segment:
-        self.dropped += 1
-        dropped = self._queue[place]
-        reason = f"dropped: more than {counted(most_waiting, 'window')} waited for identification"
-        refusal = Refusal(dropped.window.start_ns, dropped.window.end_ns, reason)
-        self._queue[place] = replace(dropped, window=refusal)
-        return dropped
-
 
 class IdentificationWorker:
     """Identifies windows one after the other; every window gets an estimate or a refusal.
@@ -178,7 +154,7 @@ class IdentificationWorker:
         Gives the latest valid estimate in the history of an actuator, if any: its first search
         begins there.
     settings
-        Gives how to search in the next window.
+        Gives the settings of the next search.
     publish
         Called with each window and its estimate.
     log_error
@@ -227,14 +203,12 @@ class IdentificationWorker:
         return self._queue.dropped
 
     def status(self) -> tuple[int, str]:
-        """Return level and words for ``/diagnostics``."""
+        """Return level and message for ``/diagnostics``."""
         if self.failure:
             return ERROR, self.failure
-        return (
-            (OK, f"waiting: {counted(self.waiting, 'window')}")
-            if self.is_running
-            else (WARN, "not active")
-        )
+        if not self.is_running:
+            return WARN, "not active"
+        return OK, f"waiting: {counted(self.waiting, 'window')}"
 
     def start(self) -> None:
         """Begin to identify, with a new thread and queue."""
@@ -247,28 +221,14 @@ class IdentificationWorker:
         self._thread.start()
 
     def forget(self) -> None:
-        """Forget where searches begin."""
+        """Begin later searches anew."""
         self._last_faults.clear()
         self._searched.clear()
 
     def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
-        """Queue a window, or the refusal of one; it is refused if the thread does not run.
-
-        Parameters
-        ----------
-        segment
-            The window.
-        most_waiting
-            How many windows of an actuator may wait; None for any number.
-
-        Returns
-        -------
-        list of Segment
-            The windows that were dropped for it.
-        """
-        self._queue.limit(most_waiting)
+        """Queue a window as ``WindowQueue.add`` does; refuse it if the thread does not run."""
         try:
-            return self._queue.add(segment)
+            return self._queue.add(segment, most_waiting)
         except QueueClosedError:
             self.refuse(segment, self.failure or "the monitor is not active")
             return []
@@ -289,15 +249,7 @@ class IdentificationWorker:
             self.refuse(segment, "the monitor was stopped before the window was identified")
 
     def refuse(self, segment: Segment, reason: str) -> None:
-        """Publish that a window is not identified.
-
-        Parameters
-        ----------
-        segment
-            The window, or its refusal.
-        reason
-            Why; that of the refusal when empty.
-        """
+        """Publish why a window is not identified; its own refusal when the reason is empty."""
         self._publish(segment, self._refusal(segment, reason))
 
     def _run(self, queue: WindowQueue) -> None:
@@ -318,19 +270,19 @@ class IdentificationWorker:
         try:
             estimate = self._identify(segment, queue)
         except Exception as error:
-            estimate = self._refusal(segment, self._failed(segment, error))
-        with queue.publishing(segment) as is_wanted:
-            if not is_wanted:
+            estimate = self._refusal(segment, self._log_failure(segment, error))
+        with queue.publishing(segment) as may_publish:
+            if not may_publish:
                 return
             self._last_faults.record(segment.description, estimate)
             try:
                 self._publish(segment, estimate)
             except Exception as error:
-                reason = self._failed(segment, error)
+                reason = self._log_failure(segment, error)
                 try:
                     self.refuse(segment, reason)
                 except Exception as second:
-                    self._failed(segment, second)
+                    self._log_failure(segment, second)
 
     def _identify(self, segment: Segment, queue: WindowQueue) -> Estimate:
         description = segment.description
@@ -353,7 +305,7 @@ class IdentificationWorker:
             raise RuntimeError("the identification ended without an estimate")
         return run.estimate
 
-    def _failed(self, segment: Segment, error: Exception) -> str:
+    def _log_failure(self, segment: Segment, error: Exception) -> str:
         reason = f"the identification failed: {error!r}"
         self._log_error(f"window {segment.number}: {reason}\n{traceback.format_exc()}")
         return reason

@@ -84,7 +84,7 @@ class GeneticAlgorithm:
         costs: NDArray[np.float64],
         residuals: NDArray[np.float64],
     ) -> None:
-        """Take the costs of the children, ``(m,)``, and make the next ones."""
+        """Process the costs of the children, ``(m,)``, and make the next ones."""
         if len(self._elite_costs):
             improved = np.min(costs) < self._elite_costs[0]
             factor = _STEP_GROWTH if improved else _STEP_DECAY
@@ -128,8 +128,9 @@ def expected_children(population: int, parents: int) -> NDArray[np.float64]:
 def stochastic_uniform(expected: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.intp]:
     """Draw individuals, each as often as expected, rounded up or down.
 
-    The expectations are laid end to end; steps of 1 from a random place in the first one tell
-    who is drawn (Baker 1987, "Reducing bias and inefficiency in the selection algorithm").
+    The expectations are laid end to end; marks at a distance of 1, from a random place in the first
+    on, determine who is drawn (Baker 1987, "Reducing bias and inefficiency in the selection
+    algorithm").
 
     Parameters
     ----------

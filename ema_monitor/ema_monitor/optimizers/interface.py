@@ -13,11 +13,14 @@ class Hints(NamedTuple):
     ----------
     good_cost
         Highest cost at which an optimum can be accepted as the global one.
+    fair_cost
+        Highest cost at which it can be accepted once a second search has found nothing better.
     budget
         Largest number of evaluations, over which a schedule extends. The driver ends the search.
     """
 
     good_cost: float = 0.0
+    fair_cost: float = 0.0
     budget: int = 10_000
 
 

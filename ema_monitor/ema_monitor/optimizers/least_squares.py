@@ -1,4 +1,4 @@
-"""Bounded least squares, from as many starts and as global a screen as it takes."""
+"""Bounded least squares, from as many starts and as global a screen as a good fit needs."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,6 +18,7 @@ _SCREENS: Final = ((1, 1), (96, 4), (600, 12))
 _DAMPINGS: Final = np.array([1e-6, 1e-3, 1e-1, 10.0])
 _STEP_TOLERANCE: Final = 2e-4
 _GAIN_TOLERANCE: Final = 1e-4
+_AGREEMENT: Final = 0.02
 _ITERATIONS: Final = 25
 
 
@@ -42,7 +43,8 @@ class ScreenedLeastSquares:
     as the step would leave the box.
 
     A descent from the start comes first. As long as what was found costs more than a good fit, a
-    small screen with a few starts follows, then a large one with many.
+    small screen with a few starts follows, then a large one with many. The large one is left out
+    where the cost is fair and the small one found nothing better.
 
     Parameters
     ----------
@@ -51,7 +53,7 @@ class ScreenedLeastSquares:
     rng
         Source of random numbers.
     hints
-        An optimum is believed if it costs no more than the good cost; at 0 all screens are made.
+        An optimum is accepted if it costs no more than the good cost; at 0 all screens are made.
     """
 
     uses_residuals = True
@@ -65,11 +67,11 @@ class ScreenedLeastSquares:
         self.converged = False
         self._start = np.asarray(start, dtype=np.float64)
         self._rng = rng
-        self._good_cost = hints.good_cost
+        self._hints = hints
         self._best_cost = np.inf
         self._steps = self._search()
         self._asked = next(self._steps)
-        self._told: tuple[NDArray[np.float64], ...] = ()
+        self._evaluated: tuple[NDArray[np.float64], ...] = ()
 
     def ask(self) -> NDArray[np.float64]:
         """Return the screen, the difference columns or the trial steps, ``(m, d)``."""
@@ -81,8 +83,8 @@ class ScreenedLeastSquares:
         costs: NDArray[np.float64],
         residuals: NDArray[np.float64],
     ) -> None:
-        """Take the costs, ``(m,)``, and residuals, ``(m, n)``, of the points asked for."""
-        self._told = (points, costs, residuals)
+        """Process the costs, ``(m,)``, and residuals, ``(m, n)``, of the points asked for."""
+        self._evaluated = (points, costs, residuals)
         self._best_cost = min(self._best_cost, float(np.min(costs)))
         asked = next(self._steps, None)
         if asked is None:
@@ -91,10 +93,11 @@ class ScreenedLeastSquares:
             self._asked = asked
 
     def _search(self) -> Iterator[NDArray[np.float64]]:
-        """Yield what to evaluate next; the answers are in ``_told`` thereafter."""
+        """Yield the points to evaluate next; the results are in ``_evaluated`` thereafter."""
         for size, starts in _SCREENS:
+            before = self._best_cost
             yield self._screen(size)
-            points, costs, residuals = self._told
+            points, costs, residuals = self._evaluated
             descents = [
                 _Descent(points[i], float(costs[i]), residuals[i])
                 for i in np.argsort(costs)[:starts]
@@ -104,17 +107,19 @@ class ScreenedLeastSquares:
                 yield self._difference_points(descents)
                 jacobians = self._jacobians(descents)
                 yield self._trial_points(descents, jacobians)
-                self._take_trials(descents)
+                self._accept_best_trials(descents)
                 descents.sort(key=lambda descent: descent.cost)
                 del descents[max(1, (len(descents) + 1) // 2) :]
-            if self._best_cost <= self._good_cost:
+            agrees = self._best_cost > (1.0 - _AGREEMENT) * before
+            enough = max(self._hints.good_cost, self._hints.fair_cost if agrees else 0.0)
+            if self._best_cost <= enough:
                 return
 
     def _screen(self, size: int) -> NDArray[np.float64]:
         d = len(self._start)
         cells = self._rng.permuted(np.tile(np.arange(size), (d, 1)), axis=1).T
         points = (cells + self._rng.random((size, d))) / size
-        # Faults are mostly few and small: half of the screen looks mainly there.
+        # Faults are mostly few and small: half of the screen lies mainly there.
         reach = self._rng.random((size // 2, d)) ** 3
         points[: size // 2] = self._start + reach * (points[: size // 2] - self._start)
         points[0] = self._start
@@ -128,7 +133,7 @@ class ScreenedLeastSquares:
         return np.concatenate(batch)
 
     def _jacobians(self, descents: list[_Descent]) -> list[NDArray[np.float64]]:
-        points, _, residuals = self._told
+        points, _, residuals = self._evaluated
         d = len(self._start)
         jacobians = []
         for i, descent in enumerate(descents):
@@ -150,8 +155,8 @@ class ScreenedLeastSquares:
             ]
         )
 
-    def _take_trials(self, descents: list[_Descent]) -> None:
-        points, costs, residuals = self._told
+    def _accept_best_trials(self, descents: list[_Descent]) -> None:
+        points, costs, residuals = self._evaluated
         m = len(_DAMPINGS)
         for i, descent in enumerate(descents):
             rows = slice(i * m, (i + 1) * m)

@@ -45,7 +45,7 @@ class GrowthRecord:
         self.service = ServiceHours()
         for entry in entries:
             self.service.add(entry)
-        self._begin_anew()
+        self._restart()
         self._update()
 
     @property
@@ -54,16 +54,10 @@ class GrowthRecord:
         return bool(self._fed) and self._fed[-1].entry is self.service.latest
 
     def add(self, entry: Entry) -> list[str]:
-        """Add the next test; return its events, in words.
-
-        Parameters
-        ----------
-        entry
-            The test.
-        """
+        """Add the next test; return its events, in words."""
         return [*self.service.add(entry), *self._update()]
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
         self.tracker = Tracker(self._limits, self._settings)
         self.phase = (math.nan, math.nan)
         self.doubtful = frozenset[str]()
@@ -74,12 +68,13 @@ class GrowthRecord:
         used = self.service.used
         known = {test.entry.stamp_ns for test in self._fed}
         if used[: len(self._fed)] != self._fed:
-            self._begin_anew()
-        events = []
-        for test in used[len(self._fed) :]:
-            found = self._feed(test)
-            if test.entry.stamp_ns not in known:
-                events += found
+            self._restart()
+        events = [
+            event
+            for test in used[len(self._fed) :]
+            for event in self._feed(test)
+            if test.entry.stamp_ns not in known
+        ]
         self._fed = list(used)
         if not self.latest_is_used:
             self.doubtful = frozenset()

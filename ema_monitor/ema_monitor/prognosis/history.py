@@ -6,6 +6,8 @@ import sqlite3
 import threading
 import zlib
 from collections.abc import Sequence
+from contextlib import closing
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -49,6 +51,8 @@ class History:
         How many test cycles since the latest of them had no valid estimate.
     imported
         What was imported from a file of an earlier version; empty when nothing.
+    path
+        The file in use; None when the history is in memory alone.
     """
 
     def __init__(self, actuator_id: str, serial_number: str, path: Path | None = None) -> None:
@@ -58,7 +62,7 @@ class History:
         self._unit = (actuator_id, serial_number)
         self._tests: list[Entry | UnusedCycle] = []
         self._stamps_ns: set[int] = set()
-        self._path = path
+        self.path = path
         self._lock = threading.Lock()
         self._db: sqlite3.Connection | None = None
         self._file_id = (0, 0)
@@ -71,11 +75,6 @@ class History:
                 self._open(path)
             except (sqlite3.Error, OSError) as error:
                 self._read_copy(path, error)
-
-    @property
-    def path(self) -> Path | None:
-        """The file in use; None when the history is in memory alone."""
-        return self._path
 
     @property
     def problem(self) -> str:
@@ -91,37 +90,33 @@ class History:
         return any(entry.stamp_ns == stamp_ns for entry in reversed(self.entries))
 
     def append(self, test: Entry | UnusedCycle) -> None:
-        """Add a test, and wait until the disk has it.
-
-        Parameters
-        ----------
-        test
-            The test.
-        """
+        """Add a test, and wait until the disk has it."""
         with self._lock:
             self._add(test)
-            if self._path is None:
+            if self.path is None:
                 return
             try:
-                self._write_pending(self._path)
+                self._write_pending(self.path)
             except (sqlite3.Error, OSError) as error:
                 self._trouble = (
-                    f"the history {self._path} cannot be written: {_reason(error)}; "
+                    f"the history {self.path} cannot be written: {_reason(error)}; "
                     "tests since then are in memory only"
                 )
             except ValueError:
                 self._trouble = (
-                    f"the history {self._path} was written by another monitor since this one "
+                    f"the history {self.path} was written by another monitor since this one "
                     "began; this one's is in memory only until it starts again"
                 )
-                self._path = None
-                self._release()
+                self._keep_to_memory()
 
     def close(self) -> None:
         """Release the file; what is added from now on is in memory only."""
         with self._lock:
-            self._path = None
-            self._release()
+            self._keep_to_memory()
+
+    def _keep_to_memory(self) -> None:
+        self.path = None
+        self._release()
 
     def _add(self, test: Entry | UnusedCycle) -> None:
         self._tests.append(test)
@@ -210,32 +205,32 @@ class History:
 
     def _read_copy(self, path: Path, error: Exception) -> None:
         """Read a file that cannot be opened for writing, as on read-only media; keep to memory."""
-        self.close()
+        self._keep_to_memory()
         if _code(error) == sqlite3.SQLITE_BUSY:
             self._trouble = (
                 f"the history {path} is in use by another monitor; this one's is in memory only"
             )
             return
-        self._trouble = f"the history {path} cannot be written: {_reason(error)}"
-        if not self._tests:
-            self._trouble += self._read_in_copy(path)
-        self._trouble += "; tests from now on are in memory only"
-
-    def _read_in_copy(self, path: Path) -> str:
-        """Read a copy of a file, with its log; return why it cannot be, empty when it can."""
+        unread = ""
         try:
-            with TemporaryDirectory() as folder:
-                copy = Path(folder) / path.name
-                for suffix in ("", "-wal"):
-                    if (source := _with(path, suffix)).exists():
-                        shutil.copyfile(source, _with(copy, suffix))
-                if copy.exists():
-                    self._read(self._connect(copy))
-                self._release()
+            if not self._tests:
+                self._read_in_copy(path)
         except (sqlite3.Error, OSError, ValueError, KeyError, TypeError) as damage:
-            self._release()
-            return f"; nor read: {_reason(damage)}"
-        return ""
+            unread = f"; nor read: {_reason(damage)}"
+        self._trouble = (
+            f"the history {path} cannot be written: {_reason(error)}{unread}; "
+            "tests from now on are in memory only"
+        )
+
+    def _read_in_copy(self, path: Path) -> None:
+        """Read a copy of a file and its log, if there is one."""
+        with TemporaryDirectory() as folder, closing(self):
+            copy = Path(folder) / path.name
+            for suffix in ("", "-wal"):
+                if (source := _with(path, suffix)).exists():
+                    shutil.copyfile(source, _with(copy, suffix))
+            if copy.exists():
+                self._read(self._connect(copy))
 
     def _set_aside(self, path: Path, error: Exception) -> None:
         self._release()
@@ -268,26 +263,16 @@ class History:
 
     def _insert(self, db: sqlite3.Connection, tests: Sequence[Entry | UnusedCycle]) -> None:
         """Add tests to the file in one transaction."""
-        rows = [(number, as_text(test)) for number, test in enumerate(tests, self._written + 1)]
+        texts = enumerate(map(as_text, tests), self._written + 1)
+        rows = [(number, text, zlib.crc32(text.encode())) for number, text in texts]
         db.execute("BEGIN IMMEDIATE")
         with db:
-            for number, text in rows:
-                db.execute(
-                    "INSERT INTO test VALUES (?, ?, ?)", (number, text, zlib.crc32(text.encode()))
-                )
+            db.executemany("INSERT INTO test VALUES (?, ?, ?)", rows)
         self._written += len(rows)
 
 
 def history_path(folder: Path, actuator_id: str, serial_number: str) -> Path:
-    """Return where in a folder the history of a unit is.
-
-    Parameters
-    ----------
-    folder
-        The folder.
-    actuator_id, serial_number
-        The unit.
-    """
+    """Return where in a folder the history of a unit is."""
     return folder / f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}.sqlite"
 
 
@@ -310,12 +295,8 @@ def _with(path: Path, suffix: str) -> Path:
 
 def _free_name(path: Path) -> Path:
     """Return a name beside a file that nothing has yet."""
-    number = 1
-    while True:
-        name = path.with_name(f"{path.stem}.set_aside_{number}{path.suffix}")
-        if not name.exists():
-            return name
-        number += 1
+    names = (path.with_name(f"{path.stem}.set_aside_{n}{path.suffix}") for n in count(1))
+    return next(name for name in names if not name.exists())
 
 
 def _file_id(path: Path) -> tuple[int, int]:

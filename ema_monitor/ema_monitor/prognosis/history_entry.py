@@ -104,13 +104,7 @@ class UnusedCycle:
 
 
 def as_text(test: Entry | UnusedCycle) -> str:
-    """Return a test as JSON.
-
-    Parameters
-    ----------
-    test
-        The test.
-    """
+    """Return a test as JSON."""
     if isinstance(test, UnusedCycle):
         return json.dumps({"end_ns": test.stamp_ns})
     record = {
@@ -124,12 +118,7 @@ def as_text(test: Entry | UnusedCycle) -> str:
 
 
 def entry_of(text: str) -> Entry | UnusedCycle:
-    """Return the test that a text describes.
-
-    Parameters
-    ----------
-    text
-        As of ``as_text``.
+    """Return the test that a text of ``as_text`` describes.
 
     Raises
     ------
@@ -153,14 +142,8 @@ def import_lines(
 ) -> tuple[list[Entry | UnusedCycle], str]:
     """Return the tests in a file of an earlier version, and the result of the import in words.
 
-    The file is left as it is. Of a damaged one, the tests before the damage are returned.
-
-    Parameters
-    ----------
-    path
-        The file.
-    actuator_id, serial_number
-        The unit that it must be of.
+    The file is left as it is. Of a damaged one, or one of another unit, the tests before the damage
+    are returned.
 
     Raises
     ------
@@ -170,17 +153,20 @@ def import_lines(
     # What follows the last line break is a line that a kill cut off.
     header, *lines = path.read_bytes().split(b"\n")[:-1] or [b""]
     tests: list[Entry | UnusedCycle] = []
-    is_of_unit = False
+    number, result = 1, "which stays as it is"
     try:
-        _check_header(_values(header), actuator_id, serial_number)
-        is_of_unit = True
+        values = _values(header)
+        if values.get("format") not in _FORMATS:
+            raise ValueError(f"format {values.get('format')!r} is none of {', '.join(_FORMATS)}")
+        unit = (values.get("actuator_id"), values.get("serial_number"))
+        if unit != (actuator_id, serial_number):
+            raise ValueError(f"it is of unit {unit}, not {(actuator_id, serial_number)}")
         for line in lines:
+            number += 1
             tests.append(_test(_values(line)))
     except (ValueError, KeyError, TypeError) as error:
-        number = len(tests) + 1 + is_of_unit
-        reason = f"line {number} is damaged or of another kind: {error}"
-        return tests, f"{len(tests)} test cycles are imported from {path.name}, not all: {reason}"
-    return tests, f"{len(tests)} test cycles are imported from {path.name}, which stays as it is"
+        result = f"not all: line {number} is damaged or of another kind: {error}"
+    return tests, f"{len(tests)} test cycles are imported from {path.name}, {result}"
 
 
 def _values(line: bytes) -> dict[str, Any]:
@@ -188,14 +174,6 @@ def _values(line: bytes) -> dict[str, Any]:
     if not mark or checksum != f'{zlib.crc32(body):08x}"}}'.encode():
         raise ValueError("its checksum is wrong")
     return json.loads(body + b"}")
-
-
-def _check_header(values: dict[str, Any], actuator_id: str, serial_number: str) -> None:
-    if values.get("format") not in _FORMATS:
-        raise ValueError(f"format {values.get('format')!r} is none of {', '.join(_FORMATS)}")
-    unit = (values.get("actuator_id"), values.get("serial_number"))
-    if unit != (actuator_id, serial_number):
-        raise ValueError(f"it is of unit {unit}, not {(actuator_id, serial_number)}")
 
 
 def _test(values: dict[str, Any]) -> Entry | UnusedCycle:

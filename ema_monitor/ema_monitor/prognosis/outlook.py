@@ -12,7 +12,7 @@ from ema_core.levels import ERROR, STALE, WARN
 from ema_monitor.health import Health, HealthLimits, Tracked, assess, with_requirements
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife, assumption_of
-from ema_monitor.prognosis.growth.tracker import TrackedFault, Tracker
+from ema_monitor.prognosis.growth.tracker import TrackedFault
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.requirements.required_life import RequiredLife, required_life
 from ema_monitor.prognosis.requirements.requirements import Requirements
@@ -71,13 +71,7 @@ class Outlook:
 
 
 def unknown_outlook(reason: str) -> Outlook:
-    """Return what is said before any test.
-
-    Parameters
-    ----------
-    reason
-        Why nothing is known.
-    """
+    """Return what is published before any test, with the reason why nothing is known."""
     life = RemainingLife.unknown("", reason)
     return Outlook(
         stamp_ns=0,
@@ -98,17 +92,7 @@ def unknown_outlook(reason: str) -> Outlook:
 
 
 def outlook_of_one(estimate: Estimate, limits: HealthLimits, reason: str) -> Outlook:
-    """Return health by one valid estimate alone, without a prognosis.
-
-    Parameters
-    ----------
-    estimate
-        Estimate of a window.
-    limits
-        Where life ends.
-    reason
-        Why nothing more is known.
-    """
+    """Return health by one valid estimate alone, with the reason why there is no prognosis."""
     health = assess(estimate, limits)
     return replace(
         unknown_outlook(reason),
@@ -118,16 +102,11 @@ def outlook_of_one(estimate: Estimate, limits: HealthLimits, reason: str) -> Out
     )
 
 
-def worst_with_warning(health: Health) -> str:
-    """Return the fault or requirement that is worst, by level and then by the way to its limit.
-
-    Parameters
-    ----------
-    health
-        As to faults and requirements. Empty is returned when none of them gives a warning.
-    """
-    items = (*health.faults, *health.requirements)
-    alarmed = [item for item in items if item.level in (WARN, ERROR)]
+def _worst_with_warning(health: Health) -> str:
+    """Return what is worst by level and share of the way to its limit; empty without a warning."""
+    alarmed = [
+        item for item in (*health.faults, *health.requirements) if item.level in (WARN, ERROR)
+    ]
     worst = max(alarmed, key=lambda item: (item.level, item.share), default=None)
     return worst.name if worst else ""
 
@@ -171,7 +150,7 @@ def outlook_of(
     settings
         Limits, horizon and duty.
     requirements
-        Those of the unit, or why they cannot be watched.
+        Those of the unit, or why they cannot be monitored.
 
     Raises
     ------
@@ -181,27 +160,23 @@ def outlook_of(
     service, limits, duty = growth.service, settings.limits, settings.service.duty
     entry = service.latest
     if entry is None:
-        raise ValueError("an outlook needs a test")
+        raise ValueError("there is no history yet: no valid test so far")
     if service.unknown:
         tracked: tuple[TrackedFault, ...] = ()
-        prognosis = _nothing(service.unknown, limits, duty)
+        prognosis = Prognosis.unknown(service.unknown, limits, duty)
     else:
         tracked = tuple(item for item in growth.tracker.components() if item.tests)
         prognosis = growth.tracker.predict(duty)
     # Alarms do not wait for a count.
-    judged = tracked if growth.latest_is_used else ()
-    health = assess(
-        entry.estimate,
-        limits,
-        {
-            item.name: Tracked(item.value, item.sigma, item.name in growth.doubtful)
-            for item in judged
-        },
-    )
+    judged = {
+        item.name: Tracked(item.value, item.sigma, item.name in growth.doubtful)
+        for item in (tracked if growth.latest_is_used else ())
+    }
+    health = assess(entry.estimate, limits, judged)
     required = _required(growth, entry.estimate, tracked, prognosis, settings, requirements)
     health = with_requirements(health, required.healths)
     rul = earlier(prognosis.overall, required.overall, required.with_limits)
-    dominant = worst_with_warning(health)
+    dominant = _worst_with_warning(health)
     if rul.known:
         by_fault = rul.criterion == prognosis.overall.criterion
         dominant = prognosis.dominant_fault if by_fault else required.dominant
@@ -252,8 +227,7 @@ def _required(
     )
     if growth.latest_is_used:
         return required
-    faults, covariance = _latest_faults(growth, estimate, ())
-    alone = requirements.judge(faults, covariance, warn_share=limits.warn_share)
+    alone = requirements.judge(estimate.faults, estimate.covariance, warn_share=limits.warn_share)
     return replace(required, healths=alone.healths)
 
 
@@ -284,14 +258,3 @@ def _hours_per_cycle(growth: GrowthRecord, settings: PrognosisSettings) -> float
         if (mean := (used[-1].hours - used[0].hours) / cycles) > 0.0:
             return mean
     return settings.service.hours_per_cycle or math.nan
-
-
-def _nothing(reason: str, limits: HealthLimits, duty: float) -> Prognosis:
-    """Return the prognosis of which no figure can be given."""
-    blank = Tracker(limits).predict(duty)
-    components = {
-        name: RemainingLife.unknown(life.criterion, reason)
-        for name, life in blank.components.items()
-    }
-    overall = RemainingLife.unknown(blank.overall.criterion, reason)
-    return replace(blank, components=components, overall=overall, assumption=assumption_of(duty))

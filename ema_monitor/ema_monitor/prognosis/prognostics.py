@@ -30,7 +30,12 @@ class Prognostics:
     settings
         Those used first.
     requirements_of
-        Gives the requirements of a unit, or why they cannot be watched.
+        Gives the requirements of a unit, or why they cannot be monitored.
+
+    Attributes
+    ----------
+    growth
+        What is known of growth, and by which tests.
     """
 
     def __init__(
@@ -42,15 +47,10 @@ class Prognostics:
         self.history = history
         self._requirements_of = requirements_of
         self._lock = threading.RLock()
-        self._settings = settings or PrognosisSettings()
-        self._growth = self._growth_of_history()
+        self._settings = settings = settings or PrognosisSettings()
+        self.growth = GrowthRecord(settings.limits, settings.tracker, history.entries)
         self._events = tuple(filter(None, (history.imported, history.problem)))
         self._ignores_usage = False
-
-    @property
-    def growth(self) -> GrowthRecord:
-        """What is known of growth, and by which tests."""
-        return self._growth
 
     def update(
         self,
@@ -91,7 +91,7 @@ class Prognostics:
             else:
                 cycles = self.history.unused_cycles + is_new
                 entry, ignored = self._entry(estimate, cycles, count)
-                events = [*ignored, *self._oddities(entry), *self._growth.add(entry)]
+                events = [*ignored, *self._oddities(entry), *self.growth.add(entry)]
                 self.history.append(entry)
                 self._events = (*self._events, *events)
             return self._outlook_with_events(parameters)
@@ -99,28 +99,15 @@ class Prognostics:
     def resume(
         self, parameters: ActuatorParameters | None, settings: PrognosisSettings
     ) -> Outlook | None:
-        """Return the outlook after the latest test so far; None when there was none.
-
-        Parameters
-        ----------
-        parameters, settings
-            As of ``update``.
-        """
+        """Return the outlook after the latest test so far; None when there was none."""
         with self._lock:
             self._apply(settings)
             return self._outlook_with_events(parameters) if self.history.entries else None
 
     def outlook(
-        self,
-        parameters: ActuatorParameters | None,
-        settings: PrognosisSettings,
+        self, parameters: ActuatorParameters | None, settings: PrognosisSettings
     ) -> Outlook:
         """Return the outlook under other settings, a duty above all, and record nothing.
-
-        Parameters
-        ----------
-        parameters, settings
-            As of ``update``.
 
         Raises
         ------
@@ -128,8 +115,6 @@ class Prognostics:
             When there is no history.
         """
         with self._lock:
-            if not self.history.entries:
-                raise ValueError("there is no history yet: no valid test so far")
             self._apply(settings)
             return self._outlook(parameters)
 
@@ -137,10 +122,7 @@ class Prognostics:
         """Use settings from now on; a tracker that assumes other things begins anew."""
         old, self._settings = self._settings, settings
         if (old.limits, old.tracker) != (settings.limits, settings.tracker):
-            self._growth = self._growth_of_history()
-
-    def _growth_of_history(self) -> GrowthRecord:
-        return GrowthRecord(self._settings.limits, self._settings.tracker, self.history.entries)
+            self.growth = GrowthRecord(settings.limits, settings.tracker, self.history.entries)
 
     def _outlook_with_events(self, parameters: ActuatorParameters | None) -> Outlook:
         outlook = self._outlook(parameters)
@@ -149,31 +131,29 @@ class Prognostics:
         return outlook
 
     def _outlook(self, parameters: ActuatorParameters | None) -> Outlook:
-        requirements = "requirements cannot be watched without a calibration"
+        requirements = "requirements cannot be monitored without a calibration"
         if parameters is not None:
             requirements = self._requirements_of(parameters, self._settings.requirements)
-        outlook = outlook_of(self._growth, self._settings, requirements)
+        outlook = outlook_of(self.growth, self._settings, requirements)
         return replace(outlook, events=self._events)
 
     def _entry(
         self, estimate: Estimate, new_cycles: int, count: Count | None
     ) -> tuple[Entry, list[str]]:
         """Return a test as it is kept, and an event when the first count is ignored."""
-        latest, hours_per_cycle = (
-            self._growth.service.latest,
-            self._settings.service.hours_per_cycle,
-        )
+        latest = self.growth.service.latest
+        hours_per_cycle = self._settings.service.hours_per_cycle
         cycles = new_cycles + (latest.cycles if latest else 0)
         if hours_per_cycle > 0.0:
-            hours = self._growth.service.after(cycles, hours_per_cycle)
-            ignored = []
-            if count is not None and not self._ignores_usage:
-                self._ignores_usage = True
-                ignored = [
-                    f"usage is ignored, {count.hours:g} h: hours_per_cycle = {hours_per_cycle:g} h "
-                    "is set"
-                ]
-            return Entry(estimate, hours, cycles), ignored
+            hours = self.growth.service.after(cycles, hours_per_cycle)
+            entry = Entry(estimate, hours, cycles)
+            if count is None or self._ignores_usage:
+                return entry, []
+            self._ignores_usage = True
+            return entry, [
+                f"usage is ignored, {count.hours:g} h: "
+                f"hours_per_cycle = {hours_per_cycle:g} h is set"
+            ]
         before = latest.count if latest else None
         # After a restart, the latest count may be in the history alone.
         read = [item for item in (count, before) if item and item.stamp_ns <= estimate.end_ns]
@@ -184,15 +164,13 @@ class Prognostics:
 
     def _oddities(self, entry: Entry) -> list[str]:
         """Return what is odd about the stamp and cycle of a test after the latest one, in words."""
-        latest = self._growth.service.latest
+        latest = self.growth.service.latest
         if latest is None:
             return []
         oddities = []
-        missed = entry.cycles - latest.cycles - 1
-        if missed > 0:
+        if (missed := entry.cycles - latest.cycles - 1) > 0:
             oddities.append(f"missed tests: {missed} without a valid estimate before this one")
-        back_ns = latest.stamp_ns - entry.stamp_ns
-        if back_ns > 0:
+        if (back_ns := latest.stamp_ns - entry.stamp_ns) > 0:
             oddities.append(
                 f"the stamp of the test is {back_ns * 1e-9:g} s before that of the latest one"
             )

@@ -2,7 +2,6 @@
 
 import math
 import threading
-from collections import OrderedDict
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import Final, NamedTuple
@@ -104,10 +103,8 @@ class ServiceHours:
 
         Parameters
         ----------
-        cycles
-            Test cycles up to it.
-        hours_per_cycle
-            Flight hours that a test cycle stands for [h].
+        cycles, hours_per_cycle
+            Test cycles up to it, and flight hours that a test cycle stands for [h].
         """
         if not self.used:
             # A unit whose service hours were never known counts as new.
@@ -116,17 +113,12 @@ class ServiceHours:
         return known.hours + hours_per_cycle * max(cycles - known.entry.cycles, 0)
 
     def add(self, entry: Entry) -> list[str]:
-        """Add the next test; return the events about its hours, in words.
-
-        Parameters
-        ----------
-        entry
-            The test.
-        """
+        """Add the next test; return the events about its hours, in words."""
         self.latest = entry
         if entry.count is None:
-            self.unknown = UNKNOWN_HOURS if math.isnan(entry.hours) else ""
-            if not self.unknown:
+            if math.isnan(entry.hours):
+                self.unknown = UNKNOWN_HOURS
+            else:
                 least = self.used[-1].hours if self.used else 0.0
                 self._accept(TimedTest(entry, max(entry.hours, least)))
             return []
@@ -134,9 +126,8 @@ class ServiceHours:
             self._waiting.append(entry)
             tests = entry.cycles - self._counted.cycles + 1
             if self._held is None:
-                self.unknown = ""
-                if tests > MOST_TESTS:
-                    self.unknown = f"{_STOPPED} is {counted(tests, 'test')} old"
+                is_old = tests > MOST_TESTS
+                self.unknown = f"{_STOPPED} is {counted(tests, 'test')} old" if is_old else ""
             return []
         self._counted = entry
         return self._drop_uncounted() + self._check(TimedTest(entry, entry.count.hours))
@@ -216,44 +207,32 @@ class CountLog:
     """Counts by unit, the first of each second; any thread may call.
 
     A count without serial number that comes before the actuator is described belongs to the unit
-    that is described first. Of more than a thousand units, those not heard of for longest are
+    that is described first. Of more than a thousand units, those without a count for longest are
     dropped; of more than a thousand counts of a unit, those that came first.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._counts: OrderedDict[UnitKey, dict[int, Count]] = OrderedDict()
+        # The units, that of the latest count last.
+        self._counts: dict[UnitKey, dict[int, Count]] = {}
 
     def add(self, unit: UnitKey, count: Count) -> None:
-        """Keep a count.
+        """Keep a count of a unit, whose serial number is empty as long as that is not known.
 
-        Parameters
-        ----------
-        unit
-            The unit; its serial number is empty as long as that is not known.
-        count
-            The count; one of the very same stamp as an earlier one replaces it.
+        One of the very same stamp as an earlier one replaces it.
         """
         with self._lock:
-            by_second = self._counts.setdefault(unit, {})
-            self._counts.move_to_end(unit)
+            by_second = self._counts[unit] = self._counts.pop(unit, {})
             second = count.stamp_ns // _NS_PER_S
-            kept = by_second.get(second)
-            if kept is None or count.stamp_ns <= kept.stamp_ns:
+            if count.stamp_ns <= by_second.get(second, count).stamp_ns:
                 by_second[second] = count
             if len(by_second) > _MOST_COUNTS:
                 del by_second[next(iter(by_second))]
             if len(self._counts) > _MOST_UNITS:
-                self._counts.popitem(last=False)
+                del self._counts[next(iter(self._counts))]
 
     def assign(self, unit: UnitKey) -> None:
-        """Move counts of an actuator that was not described yet to the unit that it is.
-
-        Parameters
-        ----------
-        unit
-            The unit.
-        """
+        """Move counts of an actuator that was not described yet to the unit that it is."""
         with self._lock:
             early = self._counts.pop((unit[0], _UNNAMED), {})
             named = self._counts.pop(unit, {})
@@ -262,15 +241,7 @@ class CountLog:
             self.add(unit, count)
 
     def latest(self, unit: UnitKey, stamp_ns: int) -> Count | None:
-        """Return the latest count of a unit that was read by a time; None when there is none.
-
-        Parameters
-        ----------
-        unit
-            The unit.
-        stamp_ns
-            The time [ns].
-        """
+        """Return the latest count of a unit by a stamp [ns]; None when there is none."""
         with self._lock:
             read = [c for c in self._counts.get(unit, {}).values() if c.stamp_ns <= stamp_ns]
         return max(read, key=lambda count: count.stamp_ns, default=None)

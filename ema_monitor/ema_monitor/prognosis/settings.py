@@ -31,18 +31,5 @@ class PrognosisSettings:
 
 
 def duty_of(settings: PrognosisSettings, duty: float) -> PrognosisSettings:
-    """Return settings with another duty.
-
-    Parameters
-    ----------
-    settings
-        The others.
-    duty
-        Growth of the faults in a future flight hour, relative to a past one [-].
-
-    Raises
-    ------
-    ValueError
-        When the duty is outside its range; the message names it.
-    """
+    """Return settings with another duty of ``Service``; ValueError when it is out of range."""
     return replace(settings, service=replace(settings.service, duty=duty))

@@ -181,7 +181,7 @@ class WindowFinder:
             events.append(
                 Defect(
                     block.stamp_ns,
-                    f"the description says one sample every {period:g} s, the telemetry "
+                    f"the description gives one sample every {period:g} s, the telemetry "
                     f"{block.sample_period:g} s, which is used",
                 )
             )

@@ -210,7 +210,7 @@ class WindowTrigger:
             period = np.ptp(stamps[inside]) * 1e-9 / np.ptp(indices[inside])
             if abs(period / telemetry.sample_period - 1.0) > _RATE_TOLERANCE:
                 reason = (
-                    f"the stamps say one sample every {period:.4g} s, the blocks "
+                    f"the stamps give one sample every {period:.4g} s, the blocks "
                     f"{telemetry.sample_period:.4g} s"
                 )
                 return [Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), reason)]

@@ -10,17 +10,17 @@ from matplotlib.patches import Patch
 
 from ema_study.cases import LEVELS, MULTIPLE, SINGLE_FAULTS
 from ema_study.figures.style import (
-    ALGORITHM_NAMES,
     FAULT_NAMES,
     LEVEL_NAMES,
     STYLES,
+    legend_below,
     present_sources,
     say_no_runs,
     tidy,
     with_family,
 )
 from ema_study.plan import ALGORITHMS
-from ema_study.sources import of_source
+from ema_study.sources import NAMES_WITH_OWN_CODE, of_source, single_fault_runs
 
 _WHISKERS: Final = {"fmt": "none", "ecolor": "0.15", "elinewidth": 0.8, "capsize": 1.5,
                     "capthick": 0.8}  # fmt: skip
@@ -42,17 +42,10 @@ def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
     """Return bars of the mean by fault, a row an algorithm and a column a level.
 
     Whiskers are a standard deviation up and down, where there are several runs; on a logarithmic
-    axis they are not drawn below a tenth of the mean.
-
-    Parameters
-    ----------
-    runs
-        Runs of all sources, the printed ones with ``model`` "printed".
-    quantity
-        ``ERROR`` or ``TIME``.
+    axis they are not drawn below a tenth of the mean. ``quantity`` is ``ERROR`` or ``TIME``, the
+    runs are those of all sources.
     """
-    chosen = with_family(runs)
-    chosen = chosen[chosen.fault.isin(SINGLE_FAULTS)]
+    chosen = with_family(single_fault_runs(runs))
     figure = Figure(figsize=(9.0, 10.0), layout="constrained")
     panels = figure.subplots(len(ALGORITHMS), 2, sharex=True, sharey="row", squeeze=False)
     labels = {name: FAULT_NAMES[name].replace(" ", "\n") for name in SINGLE_FAULTS}
@@ -60,25 +53,19 @@ def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
         for axes, level in zip(row, LEVELS, strict=True):
             part = chosen[(chosen.family == algorithm) & (chosen.level == level)]
             _draw(axes, part, "fault", labels, quantity)
-            axes.set_title(f"{ALGORITHM_NAMES[algorithm]}, {level}", fontsize="medium")
+            axes.set_title(f"{NAMES_WITH_OWN_CODE[algorithm]}, {level}", fontsize="medium")
         row[0].set_ylabel(quantity.label)
     _legend(figure, chosen)
     return figure
 
 
 def draw_multiple_fault(runs: pd.DataFrame) -> Figure:
-    """Return bars of mean error and time in the multiple fault by algorithm, a column a study.
-
-    Parameters
-    ----------
-    runs
-        As for `draw_single_faults`.
-    """
+    """Return bars of mean error and time in the multiple fault by algorithm, a column a study."""
     chosen = with_family(runs)
     chosen = chosen[chosen.fault == MULTIPLE]
     figure = Figure(figsize=(9.0, 5.6), layout="constrained")
     panels = figure.subplots(2, 2, sharex=True, sharey="row", squeeze=False)
-    labels = {name: ALGORITHM_NAMES[name] for name in ALGORITHMS}
+    labels = {name: NAMES_WITH_OWN_CODE[name] for name in ALGORITHMS}
     for row, quantity in zip(panels, (ERROR, TIME), strict=True):
         for axes, level in zip(row, ("fast_stop", "stall_stop"), strict=True):
             _draw(axes, chosen[chosen.level == level], "family", labels, quantity)
@@ -127,4 +114,4 @@ def _legend(figure: Figure, runs: pd.DataFrame) -> None:
         handles.append(
             figure.axes[0].errorbar([], [], [], label="one standard deviation", **_WHISKERS)
         )
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    legend_below(figure, handles)

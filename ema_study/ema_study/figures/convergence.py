@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 
 from ema_study.cases import LEVELS, MULTIPLE, SINGLE_FAULTS
 from ema_study.figures.style import (
-    ALGORITHM_NAMES,
     COLOURS,
     DASHES,
     FAULT_NAMES,
     LEVEL_NAMES,
     in_order,
+    legend_below,
     say_no_runs,
     tidy,
 )
-from ema_study.sources import counted
+from ema_study.sources import NAMES_WITH_OWN_CODE, counted
 
 _RUN: Final[dict[str, Any]] = {"lw": 0.6, "alpha": 0.4}
 _THRESHOLD: Final = {"color": "0.6", "lw": 0.8, "alpha": 0.7}
@@ -46,16 +46,8 @@ ERRORS: Final = Course("errors_percent", "error of the best [%]")
 def draw_convergence(runs: pd.DataFrame, model: str, course: Course) -> Figure:
     """Return the courses of all runs with a model, thin, and their median by algorithm.
 
-    A run that has stopped keeps its last value.
-
-    Parameters
-    ----------
-    runs
-        Our runs.
-    model
-        Name of the model.
-    course
-        ``COSTS``, with a band from the cost at the truth to the threshold, or ``ERRORS``.
+    A run that has stopped keeps its last value. Of ``course``, ``COSTS`` has a band from the cost
+    at the truth to the threshold, ``ERRORS`` has none.
     """
     chosen = counted(runs)
     chosen = chosen[chosen.model == model]
@@ -77,13 +69,7 @@ def draw_convergence(runs: pd.DataFrame, model: str, course: Course) -> Figure:
 
 
 def median_course(courses: list[list[float]]) -> NDArray[np.float64]:
-    """Return the median over runs after each generation; stopped runs keep their last value.
-
-    Parameters
-    ----------
-    courses
-        Values of each run, from the start on; at least one run, none of them empty.
-    """
+    """Return the median over runs after each generation; stopped runs keep their last value."""
     longest = max(len(course) for course in courses)
     rows = [np.pad(course, (0, longest - len(course)), mode="edge") for course in courses]
     return np.median(rows, axis=0)
@@ -99,7 +85,7 @@ def _draw(axes: Axes, runs: pd.DataFrame, course: Course) -> None:
     if runs.empty:
         say_no_runs(axes)
         return
-    for algorithm in in_order(runs.algorithm, ALGORITHM_NAMES):
+    for algorithm in in_order(runs.algorithm, NAMES_WITH_OWN_CODE):
         rows = runs.loc[runs.algorithm == algorithm, course.column].tolist()
         colour = COLOURS[algorithm]
         if len(rows) > 1:
@@ -113,13 +99,12 @@ def _draw(axes: Axes, runs: pd.DataFrame, course: Course) -> None:
 
 def _legend(figure: Figure, runs: pd.DataFrame, course: Course) -> None:
     handles: list[object] = [
-        Line2D([], [], color=COLOURS[name], ls=DASHES[name], lw=1.8, label=ALGORITHM_NAMES[name])
-        for name in in_order(runs.algorithm, ALGORITHM_NAMES)
+        Line2D([], [], color=COLOURS[name], ls=DASHES[name], lw=1.8, label=label)
+        for name, label in NAMES_WITH_OWN_CODE.items()
+        if name in set(runs.algorithm)
     ]
     if runs.groupby(["algorithm", "table"]).size().max() > 1:
         handles.append(Line2D([], [], color="0.3", label="single runs", **_RUN))
     if course is COSTS:
         handles.append(Patch(label="cost of the true faults to threshold", **_THRESHOLD))
-    figure.legend(
-        handles=handles, loc="outside lower center", ncols=4, frameon=False, handlelength=3.5
-    )
+    legend_below(figure, handles, columns=4, handlelength=3.5)

@@ -8,30 +8,23 @@ from matplotlib.figure import Figure
 
 from ema_study.cases import CASES, SINGLE_FAULTS
 from ema_study.figures.style import (
-    ALGORITHM_NAMES,
     FAULT_NAMES,
     STYLES,
+    legend_below,
     present_sources,
     tidy,
     with_family,
 )
 from ema_study.plan import ALGORITHMS
-from ema_study.record import K
-from ema_study.sources import of_source
+from ema_study.result import K
+from ema_study.sources import NAMES_WITH_OWN_CODE, of_source, single_fault_runs
 
 _BINS: Final = 20
 
 
 def draw_estimates(runs: pd.DataFrame) -> Figure:
-    """Return the estimates of the faulty component of all single faults, a dot a run.
-
-    Parameters
-    ----------
-    runs
-        Runs of all sources.
-    """
-    chosen = with_family(runs)
-    chosen = chosen[chosen.fault.isin(SINGLE_FAULTS)]
+    """Return the estimates of the faulty component of all single faults, a dot a run."""
+    chosen = with_family(single_fault_runs(runs))
     sources = present_sources(chosen)
     figure = Figure(figsize=(9.0, 11.0), layout="constrained")
     panels = figure.subplots(len(SINGLE_FAULTS), 2, sharex=True, squeeze=False)
@@ -51,22 +44,15 @@ def draw_estimates(runs: pd.DataFrame) -> Figure:
                       color=style.colour, mfc="white" if style.hatch else style.colour,
                       label=source.label)  # fmt: skip
         axes.set_xlim(-0.5, len(ALGORITHMS) - 0.5)
-        axes.set_xticks(range(len(ALGORITHMS)), [ALGORITHM_NAMES[name] for name in ALGORITHMS])
+        axes.set_xticks(range(len(ALGORITHMS)), [NAMES_WITH_OWN_CODE[name] for name in ALGORITHMS])
         axes.set_title(f"{FAULT_NAMES[case.fault]}, {case.level}", fontsize="medium")
         axes.set_ylabel(f"estimated {K[case.component]}")
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    legend_below(figure, figure.axes[0].get_legend_handles_labels()[0])
     return figure
 
 
 def draw_phases_of_gwo(runs: pd.DataFrame) -> Figure:
-    """Return histograms of GWO's estimates of k7, with a bar of its own for exact zeros.
-
-    Parameters
-    ----------
-    runs
-        Runs of all sources.
-    """
+    """Return histograms of GWO's estimates of k7, with a bar of its own for exact zeros."""
     chosen = with_family(runs)
     chosen = chosen[chosen.family == "gwo"]
     sources = present_sources(chosen)
@@ -92,5 +78,5 @@ def draw_phases_of_gwo(runs: pd.DataFrame) -> Figure:
         axes.tick_params(labelbottom=True)
         axes.set_ylabel("runs")
     if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+        legend_below(figure, handles)
     return figure

@@ -4,7 +4,6 @@ import base64
 import io
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 from typing import Final, NamedTuple
 
 import pandas as pd
@@ -26,24 +25,13 @@ from ema_study.sources import MODEL_LABELS, counted, of_source, single_fault_run
 
 _DPI: Final = 150
 
-_RESPONSE_FIGURES: Final = {
-    ("friction", "step"): "4.3 to 4.5",
-    ("friction", "chirp"): "4.7 to 4.9",
-    ("backlash", "step"): "4.14 and 4.15",
-    ("backlash", "chirp"): "4.16 to 4.18",
-    ("short_circuit", "step"): "4.22 to 4.24",
-    ("short_circuit", "chirp"): "4.26 to 4.28",
-    ("eccentricity", "step"): "4.35 to 4.37",
-    ("eccentricity", "chirp"): "4.38 and 4.39",
-    ("gain", "step"): "4.43",
-    ("gain", "chirp"): "4.44 to 4.46",
-}
-_MONITOR_FIGURES: Final = {
-    "friction": "4.10",
-    "backlash": "4.19",
-    "short_circuit": "4.29",
-    "eccentricity": "4.40",
-    "gain": "4.47",
+# Of the thesis, by fault: under the step, under the chirp, and beside the monitor.
+_THESIS_FIGURES: Final = {
+    "friction": ("4.3 to 4.5", "4.7 to 4.9", "4.10"),
+    "backlash": ("4.14 and 4.15", "4.16 to 4.18", "4.19"),
+    "short_circuit": ("4.22 to 4.24", "4.26 to 4.28", "4.29"),
+    "eccentricity": ("4.35 to 4.37", "4.38 and 4.39", "4.40"),
+    "gain": ("4.43", "4.44 to 4.46", "4.47"),
 }
 
 
@@ -59,21 +47,9 @@ class Picture(NamedTuple):
         """The PNG as a data URI."""
         return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
 
-    def save(self, folder: Path) -> Path:
-        """Write the PNG to a folder."""
-        path = folder / f"{self.name}.png"
-        path.write_bytes(self.png)
-        return path
-
 
 def bar_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
-    """Yield mean error and time by algorithm and fault.
-
-    Parameters
-    ----------
-    runs
-        Runs of all sources, the printed ones with ``model`` "printed".
-    """
+    """Yield mean error and time by algorithm and fault, of the runs of all sources."""
     single = _run_numbers(single_fault_runs(runs))
     multiple = counted(runs)
     multiple = _run_numbers(multiple[multiple["fault"] == MULTIPLE])
@@ -96,13 +72,7 @@ def bar_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
 
 
 def convergence_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
-    """Yield the courses of cost and error with each model that has runs.
-
-    Parameters
-    ----------
-    runs
-        Our runs.
-    """
+    """Yield the courses of cost and error with each of our models that has runs."""
     runs = counted(runs)
     for model, label in MODEL_LABELS.items():
         of_model = runs[runs["model"] == model]
@@ -128,13 +98,7 @@ def convergence_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
 
 
 def estimate_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
-    """Yield the estimates.
-
-    Parameters
-    ----------
-    runs
-        Runs of all sources.
-    """
+    """Yield the estimates of the runs of all sources."""
     yield _picture(
         "estimates",
         f"Estimate of the faulty component, a dot a run. {_run_numbers(single_fault_runs(runs))}",
@@ -149,31 +113,32 @@ def estimate_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
 
 
 @cache
-def response_pictures() -> tuple[Picture, ...]:
+def response_pictures() -> list[Picture]:
     """Return the responses to step and chirp for each fault."""
-    return tuple(
+    return [
         _picture(
             f"{fault}_{command}",
-            f"{FAULT_NAMES[fault].capitalize()}, {command} (figures {figures}). Right: a stretch "
+            f"{FAULT_NAMES[fault].capitalize()}, {command} (figures {number}). Right: a stretch "
             "enlarged.",
             draw_responses(fault, command),
         )
-        for (fault, command), figures in _RESPONSE_FIGURES.items()
-    )
+        for fault, numbers in _THESIS_FIGURES.items()
+        for command, number in zip(("step", "chirp"), numbers, strict=False)
+    ]
 
 
 @cache
-def noise_pictures() -> tuple[Picture, ...]:
+def noise_pictures() -> list[Picture]:
     """Return the responses with noise."""
     caption = (
         "Current under the chirp with white noise on the reference current, its gain K above each "
         "row (figure 4.50); the noise is held for 1 µs, its seed is fixed."
     )
-    return (_picture("noise", caption, draw_noise()),)
+    return [_picture("noise", caption, draw_noise())]
 
 
 @cache
-def monitor_pictures() -> tuple[Picture, ...]:
+def monitor_pictures() -> list[Picture]:
     """Return the currents of reference and monitors."""
     calibration = _picture(
         "calibration",
@@ -181,21 +146,21 @@ def monitor_pictures() -> tuple[Picture, ...]:
         "(figure 6.4). Differences are shown without the ripple above 1 kHz.",
         draw_calibration(),
     )
-    by_fault = (
+    by_fault = [
         _picture(
             f"{fault}_monitor",
-            f"Reference and monitor, {FAULT_NAMES[fault]} (figure {figure}).",
+            f"Reference and monitor, {FAULT_NAMES[fault]} (figure {number}).",
             draw_monitor(fault),
         )
-        for fault, figure in _MONITOR_FIGURES.items()
-    )
+        for fault, (*_, number) in _THESIS_FIGURES.items()
+    ]
     step = _picture(
         "step_monitor",
         "Reference and monitor under the step, for which the monitors are not calibrated "
         "(figure 4.6).",
         draw_monitor_step(),
     )
-    return (calibration, *by_fault, step)
+    return [calibration, *by_fault, step]
 
 
 def _run_numbers(runs: pd.DataFrame) -> str:

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from ema_core.description import SAMPLE_PERIOD
 from ema_monitor.windows.band import BAND_S, band_limited
-from ema_study.figures.style import FAULT_NAMES, severity_colours, tidy
+from ema_study.figures.style import FAULT_NAMES, legend_below, severity_colours, tidy
 from ema_study.responses import (
     COMMANDS,
     COMPARED,
@@ -41,15 +41,7 @@ _COMMAND: Final = {"color": "0.45", "lw": 1.0, "ls": (0, (2, 2))}
 
 
 def draw_responses(fault: str, command: str) -> Figure:
-    """Return position, speed and current for growing severities of a fault.
-
-    Parameters
-    ----------
-    fault
-        One of ``ema_study.responses.SEVERITIES``.
-    command
-        One of ``ema_study.responses.COMMANDS``.
-    """
+    """Return position, speed and current for growing severities of a fault."""
     responses = reference_responses(fault, command)
     colours = severity_colours(len(responses))
     figure = Figure(figsize=(9.0, 7.5), layout="constrained")
@@ -82,7 +74,7 @@ def draw_responses(fault: str, command: str) -> Figure:
     if is_chirp:
         handles.append(Line2D([], [], label="command", **_COMMAND))
     figure.suptitle(f"{FAULT_NAMES[fault].capitalize()}, {command}", fontsize="large")
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    legend_below(figure, handles)
     return figure
 
 
@@ -104,13 +96,7 @@ def draw_noise() -> Figure:
 
 
 def draw_monitor(fault: str) -> Figure:
-    """Return the currents of reference and monitors, healthy and faulty, and their differences.
-
-    Parameters
-    ----------
-    fault
-        One of ``ema_study.responses.COMPARED``.
-    """
+    """Return the currents of reference and monitors, healthy and faulty, and their differences."""
     title = f"{FAULT_NAMES[fault]}, {COMPARED[fault].label}"
     return _draw_currents({"healthy": chirp_currents("none"), title: chirp_currents(fault)})
 
@@ -158,7 +144,7 @@ def _draw_currents(by_title: Mapping[str, Currents]) -> Figure:
         axes.set_ylim(-widest, widest)
     panels[-1].set_xlabel("time [s]")
     handles, _ = panels[0].get_legend_handles_labels()
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    legend_below(figure, handles)
     return figure
 
 

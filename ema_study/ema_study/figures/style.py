@@ -1,23 +1,17 @@
 """Names, colours and axes that all figures of the study share."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Final, NamedTuple
 
 import pandas as pd
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ema_study.cases import LEVELS, MULTIPLE, SINGLE_FAULTS
-from ema_study.plan import VARIANTS
 from ema_study.printed_runs import PRINTED
-from ema_study.sources import ALGORITHM_NAMES as PLAIN_NAMES
-from ema_study.sources import SOURCES, Source, counted, of_source, with_own_code
+from ema_study.sources import SOURCES, Source, counted, of_source
 from ema_study.stop_rules import family_of
-
-ALGORITHM_NAMES: Final = PLAIN_NAMES | {
-    variant: with_own_code(PLAIN_NAMES[name]) for name, variant in VARIANTS.items()
-}
-"""Names of the algorithms, the thesis's own code last."""
 
 FAULT_NAMES: Final = {name: name.replace("_", " ") for name in SINGLE_FAULTS} | {
     MULTIPLE: "multiple fault"
@@ -67,13 +61,7 @@ STYLES: Final = {
 
 
 def with_family(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs that statistics are made of, with the ``family`` of their algorithm.
-
-    Parameters
-    ----------
-    runs
-        Runs of any models; may be empty, even of columns.
-    """
+    """Return the runs that statistics are made of, with the ``family`` of their algorithm."""
     chosen = counted(runs)
     return chosen.assign(family=chosen["algorithm"].map(family_of))
 
@@ -101,6 +89,15 @@ def tidy(axes: Axes) -> None:
     axes.grid(color="0.5", alpha=0.2, lw=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize="small")
+
+
+def legend_below(
+    figure: Figure, handles: Sequence[Any], columns: int = 3, **options: float
+) -> None:
+    """Draw one legend for all panels."""
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=columns, frameon=False, **options
+    )
 
 
 def say_no_runs(axes: Axes) -> None:

@@ -39,6 +39,8 @@ class Bank:
         Signed distance from healthy in each cell [-].
     members
         Numbers of the cells of each component.
+    noise_hours
+        Variance of the effective time of growth per hour in service [h].
     """
 
     def __init__(self, cells: Cells, settings: TrackerSettings) -> None:
@@ -52,7 +54,7 @@ class Bank:
         # Cells of a component lie side by side in each law.
         self._runs = np.flatnonzero(np.diff(cells.component, prepend=-1))
         self._constant = cells.slices["constant"]
-        self._noise_hours = np.expm1(settings.process_noise**2) * settings.process_noise_hours
+        self.noise_hours = float(np.expm1(settings.process_noise**2) * settings.process_noise_hours)
         # A change leads to growth of any kind, and seldom to none: a component seen to grow that
         # never did must find back, but not by the few tests that its growth does not show in.
         arriving = cells.prior.copy()
@@ -60,19 +62,8 @@ class Bank:
         self._arriving = arriving / self.sums(arriving)[cells.component]
         self._two_sided = (self.sums((cells.side < 0.0).astype(float)) > 0.0)[cells.component]
 
-    @property
-    def noise_hours(self) -> float:
-        """Variance of the effective time of growth per hour in service [h]."""
-        return float(self._noise_hours)
-
     def sums(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the sums over each component's cells, ``(7,)``.
-
-        Parameters
-        ----------
-        values
-            One of each cell.
-        """
+        """Return the sums of values of the cells over each component, ``(7,)``."""
         owner = self.cells.component[self._runs]
         total = np.bincount(owner, np.add.reduceat(values, self._runs), self._n)
         return total.astype(np.float64, copy=False)
@@ -102,7 +93,7 @@ class Bank:
             low, high = points + steps
             step = 0.5 * (steps[0] + steps[1])
             self.mean[part] = side * 0.5 * (low + high)
-            self.variance[part] = (0.5 * (high - low)) ** 2 + step**2 * self._noise_hours / hours
+            self.variance[part] = (0.5 * (high - low)) ** 2 + step**2 * self.noise_hours / hours
 
     def change(self) -> None:
         """Let growth begin, or become another, with the probabilities of the settings."""
@@ -110,8 +101,7 @@ class Bank:
         leaving = np.full_like(self.weight, settings.change_probability)
         leaving[self._constant] = settings.onset_probability
         out = leaving * self.weight
-        mass = self.sums(out)
-        mass = np.maximum(mass, _LEAST)
+        mass = np.maximum(self.sums(out), _LEAST)
         mean = self.sums(out * self.mean) / mass
         away = self.mean - mean[cells.component]
         variance = self.sums(out * (self.variance + away**2)) / mass
@@ -136,21 +126,16 @@ class Bank:
 
         Parameters
         ----------
-        value
-            Signed distances from healthy, ``(7,)``.
-        noise
-            Variances of their errors, ``(7,)``.
-        used
-            Components that the test shows, ``(7,)``.
-        near_healthy
-            Those of them that were put back to healthy, ``(7,)``.
+        value, noise
+            Signed distances from healthy and variances of their errors, ``(7,)``.
+        used, near_healthy
+            Components that the test shows, and those of them that were set to healthy, ``(7,)``.
         """
         component = self.cells.component
         log_likelihood = np.zeros_like(self.weight)
         plain = np.flatnonzero((used & ~near_healthy)[component])
-        self._measure_values(
-            plain, value[component[plain]], noise[component[plain]], log_likelihood
-        )
+        own = component[plain]
+        log_likelihood[plain] = self._measure_values(plain, value[own], noise[own])
         near = np.flatnonzero((used & near_healthy)[component])
         mean, variance = self.mean[near], self.variance[near]
         log_p = np.empty(near.size)
@@ -167,9 +152,11 @@ class Bank:
         at: NDArray[np.intp],
         value: NDArray[np.float64],
         noise: NDArray[np.float64],
-        log_likelihood: NDArray[np.float64],
-    ) -> None:
-        """Update by values whose error is at times larger: a mixture of two Gaussians, merged."""
+    ) -> NDArray[np.float64]:
+        """Update cells by values with occasional errors: a mixture of two Gaussians, merged.
+
+        Returns the logarithm of the likelihood of each value.
+        """
         settings = self._settings
         innovation, variance = value - self.mean[at], self.variance[at]
         usual, large = variance + noise, variance + noise + settings.occasional_error**2
@@ -177,23 +164,22 @@ class Bank:
         rare = settings.occasional_probability
         log_usual = np.log1p(-rare) - 0.5 * (squared / usual + np.log(usual))
         log_large = np.log(max(rare, _LEAST)) - 0.5 * (squared / large + np.log(large))
-        log_likelihood[at] = np.logaddexp(log_usual, log_large)
-        share = np.exp(log_large - log_likelihood[at])
+        log_likelihood = np.logaddexp(log_usual, log_large)
+        share = np.exp(log_large - log_likelihood)
         gain_usual, gain_large = variance / usual, variance / large
         gain = gain_usual + share * (gain_large - gain_usual)
         self.mean[at] += gain * innovation
         spread = share * (1.0 - share) * (gain_usual - gain_large) ** 2 * squared
         self.variance[at] = variance * (1.0 - gain) + spread
+        return log_likelihood
 
     def restart(self, component: int, value: float, variance: float, *, keep: float) -> None:
         """Start a component's level anew.
 
         Parameters
         ----------
-        component
-            Number of the component.
-        value, variance
-            New signed distance from healthy and its variance [-].
+        component, value, variance
+            Number of the component, its new signed distance from healthy, and its variance [-].
         keep
             Power to which the cells' probabilities are kept, relative to the prior: 0 reopens
             the prior, 1 keeps all that is known of the growth [-].

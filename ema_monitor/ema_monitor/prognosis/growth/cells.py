@@ -156,30 +156,17 @@ class Cells:
 
 
 def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
-    """Return the cells for all components.
-
-    Parameters
-    ----------
-    limits
-        Where life ends.
-    settings
-        Laws that are known.
-    """
+    """Return the cells for all components, by their limits and by the laws that are known."""
     by_law: dict[str, list[NDArray[np.float64]]] = {law: [] for law in LAWS}
     for number, name in enumerate(COMPONENTS):
         limit, known = limits.of(name), settings.laws.get(name)
-        still = [number, 1.0, 0.0, 0.0, 0.0, limit, CONSTANT_PRIOR]
-        by_law["constant"].append(np.array([still]).T)
+        still = [[number], [1.0], [0.0], [0.0], [0.0], [limit], [CONSTANT_PRIOR]]
+        by_law["constant"].append(np.array(still))
         for curve in curves_of(limit, known, two_sided=_is_two_sided(number)):
             by_law[curve.law].append(_cells_of(curve, number, limit, known))
-    slices: dict[str, slice] = {}
-    parts: list[NDArray[np.float64]] = []
-    n = 0
-    for law, of_it in by_law.items():
-        size = sum(part.shape[1] for part in of_it)
-        slices[law] = slice(n, n + size)
-        parts += of_it
-        n += size
+    stops = np.cumsum([0, *(sum(part.shape[1] for part in of_it) for of_it in by_law.values())])
+    slices = {law: slice(*stops[i : i + 2].tolist()) for i, law in enumerate(by_law)}
+    parts = [part for of_it in by_law.values() for part in of_it]
     component, side, rate, shape, diffusion, limit, prior = np.concatenate(parts, axis=1)
     number = component.astype(np.intp)
     prior /= np.bincount(number, prior)[number]
@@ -195,13 +182,10 @@ def _cells_of(
     rate = LIFE_HOURS / at_one if curve.law == "power" else at_one / LIFE_HOURS
     sides = (-1.0, 1.0) if _is_two_sided(number) else (1.0,)
     prior = _rate_prior(rate, known) * (1.0 - CONSTANT_PRIOR) * curve.share / len(sides)
-    parts = []
-    for side in sides:
-        row = np.empty((7, N_RATES))
-        row[:] = np.array([[number, side, 0.0, curve.shape, curve.diffusion, limit, 0.0]]).T
-        row[2], row[6] = rate, prior
-        parts.append(row)
-    return np.concatenate(parts, axis=1)
+    figures = (curve.shape, curve.diffusion, limit, prior)
+    return np.concatenate(
+        [np.stack(np.broadcast_arrays(number, side, rate, *figures)) for side in sides], axis=1
+    )
 
 
 def _is_two_sided(number: int) -> bool:

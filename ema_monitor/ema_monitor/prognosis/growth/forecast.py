@@ -23,8 +23,8 @@ class Draw:
 
     Attributes
     ----------
-    law
-        Name of the law by range of cell numbers.
+    cells, noise_hours
+        The grid, and the bank's variance of the effective time per hour [h].
     cell
         Cell number.
     x
@@ -41,17 +41,7 @@ class Draw:
 
 
 def draw(bank: Bank, n: int, rng: np.random.Generator) -> Draw:
-    """Return samples of a bank.
-
-    Parameters
-    ----------
-    bank
-        What is known.
-    n
-        Number of samples of each component.
-    rng
-        Random numbers.
-    """
+    """Return n samples of each component of a bank."""
     cells = bank.cells
     cell = np.empty((len(bank.members), n), dtype=np.intp)
     for number, of_it in enumerate(bank.members):
@@ -74,15 +64,13 @@ def lives(sample: Draw, rng: np.random.Generator) -> NDArray[np.float64]:
     for law, part in cells.slices.items():
         at = (cell >= part.start) & (cell < part.stop)
         own = cell[at]
-        x, limit = sample.x[at], cells.limit[own]
-        if law == "drift":
+        is_drift, limit = law == "drift", cells.limit[own]
+        x = sample.x[at] if is_drift else np.maximum(sample.x[at], 0.0)
+        hours[at] = hours_until(law, x, sample.rate[at], cells.shape[own], limit)
+        if is_drift:
             scale[at] = ((limit - x) / cells.diffusion[own]) ** 2
         else:
-            x = np.maximum(x, 0.0)
-        until = hours_until(law, x, sample.rate[at], cells.shape[own], limit)
-        hours[at] = until
-        if law != "drift":
-            scale[at] = until**2 / max(sample.noise_hours, 1e-12)
+            scale[at] = hours[at] ** 2 / max(sample.noise_hours, 1e-12)
     passing = np.isfinite(hours) & (hours > 0.0) & (scale > 0.0)
     hours[passing] = rng.wald(hours[passing], scale[passing])
     return hours

@@ -16,7 +16,7 @@ INDICES: Final = [FAULT_NAMES.index(name) for name in COMPONENTS]
 """Where the tracked components are in a fault vector."""
 HEALTHY: Final = healthy_faults()[INDICES]
 REACH: Final = SIGNIFICANT_SIGMAS[INDICES]
-"""Standard deviations within which an estimate is put back to healthy, ``(7,)`` [-]."""
+"""Standard deviations within which an estimate is set to healthy, ``(7,)`` [-]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,12 +47,12 @@ _PATIENCE: Final = 4
 class OutlierDetector:
     """Decides what a test means whose values growth does not explain.
 
-    A test with such a value is held back as a whole, for what spoils one component's estimate
-    spoils the others. If the next test is off in the same components and agrees with it in all of
-    them, their level has changed; if it is as expected, the test held back is never used. A jump
-    that two errors of the occasional size can feign must show in three tests, and before that is
-    no event, for such errors are frequent. Whatever is off in
-    four tests in a row has changed as well.
+    A test with such a value is held back as a whole, for what falsifies one component's estimate
+    falsifies the others. If the next test is off in the same components and agrees with it in all
+    of them, their level has changed; if it is as expected, the test held back is never used. A
+    jump that two errors of the occasional size can feign must show in three tests, and before that
+    is no event, for such errors are frequent. Whatever is off in four tests in a row has changed
+    as well.
     """
 
     def __init__(self, settings: TrackerSettings) -> None:
@@ -90,12 +90,10 @@ class OutlierDetector:
         if self._held is not None:
             since = self._held.hours
             again = odd & self._odd
-            same = np.array_equal(odd, self._odd)
-            same &= bool(np.all(self._agrees(measurement, self._held, mean)[odd]))
-            self._agreed = self._agreed + 1 if same else 0
-            changed = again & (self._agreed >= np.where(large, 1, 2))
-            if self._patience >= _PATIENCE - 1:
-                changed = again
+            agrees = self._agrees(measurement, self._held, mean)[odd].all()
+            self._agreed = self._agreed + 1 if np.array_equal(odd, self._odd) and agrees else 0
+            is_long = self._patience >= _PATIENCE - 1
+            changed = again & (is_long | (self._agreed >= np.where(large, 1, 2)))
         for number in np.flatnonzero(odd & (large | changed)):
             events.append(_event(int(number), measurement, mean, variance, changed[number], since))
         left = odd & ~changed
@@ -122,45 +120,33 @@ class OutlierDetector:
 
 
 class Opening:
-    """Finds the first two tests that agree, for either of two that do not may be spoiled."""
+    """Finds the first two tests that agree, for either of two that do not may be wrong."""
 
     def __init__(self, settings: TrackerSettings) -> None:
         self._settings = settings
         self._waiting: list[Measurement] = []
 
     def judge(self, measurement: Measurement) -> tuple[Measurement | None, list[Event]]:
-        """Return the earlier of two tests that agree, if there are such, and events.
-
-        Parameters
-        ----------
-        measurement
-            The latest test.
-        """
+        """Return the earlier test that agrees with this one, if there is one, and events."""
         events: list[Event] = []
         for earlier in self._waiting:
             variance = earlier.noise + 2.0 * self._settings.occasional_error**2
             innovation = np.where(
                 earlier.seen, measurement.normalized_innovation(earlier.value, variance), 0.0
             )
-            odd = innovation > self._settings.event_sigmas
-            if not odd.any():
+            odd = np.flatnonzero(innovation > self._settings.event_sigmas)
+            if not odd.size:
                 return earlier, []
             events = [
                 Event(
                     OUTLIER,
-                    name,
+                    COMPONENTS[i],
                     measurement.hours,
-                    f"{name} {was:.3f} at {earlier.hours:.1f} h and {now:.3f} at "
-                    f"{measurement.hours:.1f} h disagree; waiting for the next test",
+                    f"{COMPONENTS[i]} {HEALTHY[i] + earlier.value[i]:.3f} at {earlier.hours:.1f} h "
+                    f"and {HEALTHY[i] + measurement.value[i]:.3f} at {measurement.hours:.1f} h "
+                    "disagree; waiting for the next test",
                 )
-                for name, was, now in (
-                    (
-                        COMPONENTS[i],
-                        HEALTHY[i] + earlier.value[i],
-                        HEALTHY[i] + measurement.value[i],
-                    )
-                    for i in np.flatnonzero(odd)
-                )
+                for i in odd
             ]
         self._waiting.append(measurement)
         return None, events

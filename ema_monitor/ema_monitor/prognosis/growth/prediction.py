@@ -1,7 +1,7 @@
 """Remaining useful life: its quantiles, and whether they can be given."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.wording import text_table
-from ema_monitor.health import ONE_SIDED_95, HealthLimits
-from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.health import HealthLimits
 
-_LIKELY: Final = 0.5
+_ANY_LIMIT: Final = "first fault limit"
 
 
 @dataclass(frozen=True)
@@ -81,6 +80,16 @@ class Prognosis:
     duty: float
     assumption: str
 
+    @classmethod
+    def unknown(cls, reason: str, limits: HealthLimits, duty: float) -> "Prognosis":
+        """Return the prognosis of which no figure can be given."""
+        components = {
+            name: RemainingLife.unknown(_criterion(name, limits.of(name)), reason)
+            for name in COMPONENTS
+        }
+        overall = RemainingLife.unknown(_ANY_LIMIT, reason)
+        return cls(math.nan, components, overall, "", np.empty(0), duty, assumption_of(duty))
+
     def as_rows(self) -> list[dict[str, Any]]:
         """Return a table of plain values: a row a component, and one for the first of them."""
         return [asdict(life) for life in (*self.components.values(), self.overall)]
@@ -126,40 +135,12 @@ def assumption_of(duty: float) -> str:
     return f"faults grow {duty:g} times as fast in each future flight hour as in the past"
 
 
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What a prognosis is judged by, ``(7,)`` each.
-
-    Attributes
-    ----------
-    hours
-        Service hour of the latest test [h], a number.
-    tests
-        Number of tests.
-    span
-        Hours over which the component has been observed [h].
-    mean, sigma
-        Signed distance from healthy [-].
-    growing
-        Whether it counts as growing.
-    growing_probability
-        Probability that it grows [-].
-    """
-
-    hours: float
-    tests: NDArray[np.intp]
-    span: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    sigma: NDArray[np.float64]
-    growing: NDArray[np.bool_]
-    growing_probability: NDArray[np.float64]
-
-
 def prognosis_of(
-    hours: NDArray[np.float64],
-    evidence: Evidence,
+    at_hours: float,
+    samples: NDArray[np.float64],
+    is_shown: NDArray[np.bool_],
+    reasons: Sequence[str],
     limits: HealthLimits,
-    settings: TrackerSettings,
     duty: float,
 ) -> Prognosis:
     """Return the prognosis by samples of lives, with quantiles where they can be given.
@@ -169,49 +150,33 @@ def prognosis_of(
 
     Parameters
     ----------
-    hours
+    at_hours
+        Service hour of the latest test [h].
+    samples
         Samples of each component's life under the duty [h], ``(7, n)``.
-    evidence
-        What they rest on.
-    limits
-        Where life ends.
-    settings
-        Horizon.
-    duty
-        Future use relative to that of the past [-].
+    is_shown
+        Components that a test has shown, ``(7,)``.
+    reasons
+        Why the life of each component cannot be given; empty when it can.
+    limits, duty
+        Where life ends, and future use relative to that of the past [-].
     """
-    components: dict[str, RemainingLife] = {}
-    every = hours.copy()
-    for number, name in enumerate(COMPONENTS):
-        limit = limits.of(name)
-        criterion = _criterion(name, limit)
-        own = hours[number]
-        lower = abs(evidence.mean[number]) - ONE_SIDED_95 * evidence.sigma[number]
-        if evidence.tests[number] and lower > limit:
-            own = np.zeros_like(own)
-            reason = ""
-        else:
-            reason = _reason_unknown(number, own * duty, evidence, settings)
-        known = not reason
-        components[name] = (
-            RemainingLife.of_samples(own, criterion)
-            if known
-            else RemainingLife.unknown(criterion, reason)
-        )
-        every[number] = own if evidence.tests[number] else np.inf
-    first = every.min(axis=0)
-    known_names = [name for name, life in components.items() if life.known]
-    if known_names:
+    components = {
+        name: RemainingLife.unknown(criterion, reason)
+        if reason
+        else RemainingLife.of_samples(own, criterion)
+        for name, own, reason in zip(COMPONENTS, samples, reasons, strict=True)
+        for criterion in [_criterion(name, limits.of(name))]
+    }
+    every = np.where(is_shown[:, None], samples, np.inf)
+    if not all(reasons):
         counts = np.bincount(every.argmin(axis=0), minlength=len(COMPONENTS))
-        dominant = COMPONENTS[int(counts.argmax())]
+        dominant, first = COMPONENTS[int(counts.argmax())], every.min(axis=0)
         overall = RemainingLife.of_samples(first, components[dominant].criterion)
     else:
-        dominant, first = "", np.full_like(first, np.inf)
-        reasons = sorted({life.reason for life in components.values()})
-        overall = RemainingLife.unknown("first fault limit", "; ".join(reasons))
-    return Prognosis(
-        evidence.hours, components, overall, dominant, first, duty, assumption_of(duty)
-    )
+        dominant, first = "", np.full(samples.shape[1], np.inf)
+        overall = RemainingLife.unknown(_ANY_LIMIT, "; ".join(sorted(set(reasons))))
+    return Prognosis(at_hours, components, overall, dominant, first, duty, assumption_of(duty))
 
 
 def _criterion(name: str, limit: float) -> str:
@@ -220,20 +185,3 @@ def _criterion(name: str, limit: float) -> str:
     if fault.is_two_sided:
         return f"{fault.label} differs from {fault.healthy:g} by more than {limit:g}"
     return f"{fault.label} exceeds {limit:g}"
-
-
-def _reason_unknown(
-    number: int, past_hours: NDArray[np.float64], evidence: Evidence, settings: TrackerSettings
-) -> str:
-    """Return why no life of a component can be given; empty when one can."""
-    if not evidence.tests[number]:
-        return "no test to rely on yet"
-    if not evidence.growing[number]:
-        probability = float(evidence.growing_probability[number])
-        if probability > _LIKELY:
-            return f"growth is not certain yet: its probability is {probability:.3f}"
-        return "no significant growth"
-    horizon = min(settings.horizon_hours, settings.horizon_factor * float(evidence.span[number]))
-    if np.median(past_hours) > horizon:
-        return f"limit not within the horizon of {horizon:.0f} h"
-    return ""

@@ -9,6 +9,7 @@ a prediction draws from it. A single extended Kalman filter would hold neither t
 many-peaked distribution of the rates nor several laws.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
@@ -18,13 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULTS, HIGHEST, healthy_faults
 from ema_core.growth_laws import increment
-from ema_monitor.health import HealthLimits
+from ema_monitor.health import ONE_SIDED_95, HealthLimits
 from ema_monitor.prognosis.growth.bank import Bank
 from ema_monitor.prognosis.growth.cells import grid
 from ema_monitor.prognosis.growth.forecast import draw, futures, lives
 from ema_monitor.prognosis.growth.measurement import HEALTHY, INDICES, Measurement
 from ema_monitor.prognosis.growth.outliers import Event, Opening, OutlierDetector
-from ema_monitor.prognosis.growth.prediction import Evidence, Fan, Prognosis, prognosis_of
+from ema_monitor.prognosis.growth.prediction import Fan, Prognosis, prognosis_of
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 
@@ -60,48 +61,6 @@ class TrackedFault:
     growing_probability: float
 
 
-def tracked_faults(bank: Bank, tests: NDArray[np.intp]) -> tuple[TrackedFault, ...]:
-    """Return what is known of each component.
-
-    Parameters
-    ----------
-    bank
-        The filters.
-    tests
-        Number of tests that showed each component, ``(7,)``.
-    """
-    cells, weight = bank.cells, bank.weight
-    mean, variance = bank.moments()
-    rates = np.zeros_like(weight)
-    for law, part in cells.slices.items():
-        x = np.clip(cells.side[part] * bank.mean[part], 0.0, 1.0)
-        an_hour = increment(law, x, cells.rate[part], cells.shape[part], 1.0)
-        rates[part] = np.minimum(an_hour, 1.0)
-    rates *= cells.side
-    trend = bank.sums(weight * rates)
-    trend_sigma = np.sqrt(bank.sums(weight * (rates - trend[cells.component]) ** 2))
-    laws = {
-        law: np.bincount(cells.component[part], weight[part], len(COMPONENTS))
-        for law, part in cells.slices.items()
-    }
-    unknown = tests == 0
-    figures = (HEALTHY + mean, np.sqrt(variance), trend, trend_sigma)
-    value, sigma, trend, trend_sigma = (np.where(unknown, np.nan, item) for item in figures)
-    return tuple(
-        TrackedFault(
-            name,
-            int(tests[number]),
-            float(np.clip(value[number], 0.0, HIGHEST[INDICES[number]])),
-            float(sigma[number]),
-            float(trend[number]),
-            float(trend_sigma[number]),
-            {law: float(share[number]) for law, share in laws.items()},
-            1.0 - float(laws["constant"][number]),
-        )
-        for number, name in enumerate(COMPONENTS)
-    )
-
-
 KEPT_AFTER_STEP: Final = 0.5
 """Power to which the probabilities of laws and rates are kept after a step fault [-]."""
 
@@ -111,10 +70,11 @@ BEGINS_BELOW: Final = 1e-4
 """Probability of no growth below which a component counts as growing [-].
 
 Of a component that does not grow, the probability that this ever happens is of the same size,
-however long it is watched (Ville's inequality for likelihood ratios).
+however long it is monitored (Ville's inequality for likelihood ratios).
 """
 ENDS_ABOVE: Final = 0.2
 """Probability of no growth above which it no longer is [-]."""
+_LIKELY: Final = 0.5
 
 
 class Tracker:
@@ -126,27 +86,25 @@ class Tracker:
         Where life ends.
     settings
         What is assumed of growth; by default that no law is known.
-    seed
-        Seed of the samples of predictions, at least 0. The same measurements with the same seed
-        give the same figures, so that a replay of the history restores a tracker.
 
-    Raises
-    ------
-    ValueError
-        When the seed is negative.
+    Attributes
+    ----------
+    hours
+        Service hour of the latest test [h]; NaN before any.
+    updates
+        Number of measurements so far.
+
+    Notes
+    -----
+    The samples of a prediction are seeded with the number of measurements: a replay of the history
+    restores a tracker and its figures.
     """
 
     def __init__(
-        self,
-        limits: HealthLimits | None = None,
-        settings: TrackerSettings | None = None,
-        seed: int = 0,
+        self, limits: HealthLimits | None = None, settings: TrackerSettings | None = None
     ) -> None:
-        if seed < 0:
-            raise ValueError(f"seed = {seed}: expected a whole number of at least 0")
         self._limits = limits or HealthLimits()
         self._settings = settings or TrackerSettings()
-        self._seed = seed
         self._bank = Bank(grid(self._limits, self._settings), self._settings)
         self._opening = Opening(self._settings)
         self._outliers = OutlierDetector(self._settings)
@@ -154,18 +112,8 @@ class Tracker:
         self._first_hours = np.full(len(COMPONENTS), np.nan)
         self._growing = np.zeros(len(COMPONENTS), dtype=bool)
         self._phase = float(FAULTS[ECCENTRICITY_PHASE].healthy)
-        self._updates = 0
-        self._hours = np.nan
-
-    @property
-    def hours(self) -> float:
-        """Service hour of the latest test [h]; NaN before any."""
-        return float(self._hours)
-
-    @property
-    def updates(self) -> int:
-        """Number of measurements so far."""
-        return self._updates
+        self.updates = 0
+        self.hours = math.nan
 
     def update(self, measurement: Measurement) -> list[Event]:
         """Update by a test.
@@ -185,14 +133,14 @@ class Tracker:
         ValueError
             When the test was before the latest one.
         """
-        if measurement.hours < self._hours:
+        if measurement.hours < self.hours:
             raise ValueError(
                 f"hours = {measurement.hours:g} h: expected at least those of the latest test, "
-                f"{self._hours:g} h"
+                f"{self.hours:g} h"
             )
-        elapsed = measurement.hours - self._hours
-        self._hours = measurement.hours
-        self._updates += 1
+        elapsed = measurement.hours - self.hours
+        self.hours = measurement.hours
+        self.updates += 1
         if not measurement.unobservable[ECCENTRICITY_PHASE]:
             self._phase = float(measurement.faults[ECCENTRICITY_PHASE])
         measurement = replace(measurement, sigma_floor=self._settings.sigma_floor)
@@ -217,21 +165,22 @@ class Tracker:
     def _use(
         self,
         measurement: Measurement,
-        changed: NDArray[np.bool_] | None = None,
-        held: NDArray[np.bool_] | None = None,
+        changed: NDArray[np.bool_] | bool = False,
+        held: NDArray[np.bool_] | bool = False,
     ) -> None:
         """Update by a test, but for components whose level it has set and those held back."""
-        none = np.zeros(len(COMPONENTS), dtype=bool)
-        changed, held = (none if item is None else item for item in (changed, held))
-        fresh = self._begin(measurement, ~changed & ~held)
-        used = measurement.seen & ~changed & ~held & ~fresh
+        used = measurement.seen & ~np.logical_or(changed, held)
+        first = used & (self._tests == 0)
+        for number in np.flatnonzero(first):
+            self._restart(int(number), measurement, keep=0.0)
+        used &= ~first
         self._bank.change()
         mean, variance = self._bank.moments()
         value, noise = measurement.without_common_errors(
             mean, variance, used & ~measurement.near_healthy
         )
         self._bank.measure(value, noise, used, used & measurement.near_healthy)
-        self._tests += measurement.seen & ~held
+        self._tests += measurement.seen & np.logical_not(held)
         constant = self._constant()
         begins = (constant < BEGINS_BELOW) & (self._tests >= LEAST_TESTS)
         self._growing = np.where(self._growing, constant < ENDS_ABOVE, begins)
@@ -239,13 +188,6 @@ class Tracker:
     def _constant(self) -> NDArray[np.float64]:
         """Return the probability that each component does not grow, ``(7,)``."""
         return self._bank.weight[self._bank.cells.slices["constant"]]
-
-    def _begin(self, measurement: Measurement, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return components whose level this test sets, being the first of them, ``(7,)``."""
-        first = measurement.seen & used & (self._tests == 0)
-        for number in np.flatnonzero(first):
-            self._restart(int(number), measurement, keep=0.0)
-        return first
 
     def _restart(self, number: int, measurement: Measurement, keep: float) -> None:
         # The one test that a level starts from may have an occasional error.
@@ -258,10 +200,41 @@ class Tracker:
 
     def components(self) -> tuple[TrackedFault, ...]:
         """Return what is known of each component."""
-        return tracked_faults(self._bank, self._tests)
+        bank, cells, weight = self._bank, self._bank.cells, self._bank.weight
+        mean, variance = bank.moments()
+        rates = np.zeros_like(weight)
+        for law, part in cells.slices.items():
+            x = np.clip(cells.side[part] * bank.mean[part], 0.0, 1.0)
+            an_hour = increment(law, x, cells.rate[part], cells.shape[part], 1.0)
+            rates[part] = np.minimum(an_hour, 1.0)
+        rates *= cells.side
+        trend = bank.sums(weight * rates)
+        trend_sigma = np.sqrt(bank.sums(weight * (rates - trend[cells.component]) ** 2))
+        figures = np.array([HEALTHY + mean, np.sqrt(variance), trend, trend_sigma])
+        figures[:, self._tests == 0] = np.nan
+        figures[0] = np.clip(figures[0], 0.0, HIGHEST[INDICES])
+        laws = {
+            law: np.bincount(cells.component[part], weight[part], len(COMPONENTS)).tolist()
+            for law, part in cells.slices.items()
+        }
+        return tuple(
+            TrackedFault(
+                name,
+                int(self._tests[i]),
+                value,
+                sigma,
+                trend,
+                trend_sigma,
+                {law: share[i] for law, share in laws.items()},
+                1.0 - laws["constant"][i],
+            )
+            for i, (name, (value, sigma, trend, trend_sigma)) in enumerate(
+                zip(COMPONENTS, figures.T.tolist(), strict=True)
+            )
+        )
 
     def _rng(self) -> np.random.Generator:
-        return np.random.default_rng([self._seed, self._updates])
+        return np.random.default_rng([0, self.updates])
 
     def predict(self, duty: float = 1.0) -> Prognosis:
         """Return the remaining useful life from the latest test on.
@@ -279,23 +252,32 @@ class Tracker:
         """
         _check_duty(duty)
         rng = self._rng()
-        sample = draw(self._bank, self._settings.samples, rng)
+        hours = lives(draw(self._bank, self._settings.samples, rng), rng) / duty
         mean, variance = self._bank.moments()
-        return prognosis_of(
-            lives(sample, rng) / duty,
-            Evidence(
-                self._hours,
-                self._tests,
-                self._hours - self._first_hours,
-                mean,
-                np.sqrt(variance),
-                self._growing,
-                1.0 - self._constant(),
-            ),
-            self._limits,
-            self._settings,
-            duty,
-        )
+        limits = [self._limits.of(name) for name in COMPONENTS]
+        is_shown = self._tests > 0
+        is_over = is_shown & (np.abs(mean) - ONE_SIDED_95 * np.sqrt(variance) > limits)
+        hours[is_over] = 0.0
+        reasons = [
+            "" if is_over[number] else self._reason_unknown(number, own * duty)
+            for number, own in enumerate(hours)
+        ]
+        return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty)
+
+    def _reason_unknown(self, number: int, past_hours: NDArray[np.float64]) -> str:
+        """Return why no life of a component can be given; empty when one can."""
+        if not self._tests[number]:
+            return "fewer than two tests that agree so far"
+        if not self._growing[number]:
+            probability = 1.0 - float(self._constant()[number])
+            if probability > _LIKELY:
+                return f"growth is not certain yet: its probability is {probability:.3f}"
+            return "no significant growth"
+        settings, span = self._settings, self.hours - float(self._first_hours[number])
+        horizon = min(settings.horizon_hours, settings.horizon_factor * span)
+        if np.median(past_hours) > horizon:
+            return f"limit not within the horizon of {horizon:.0f} h"
+        return ""
 
     def futures(self, hours: ArrayLike, n: int = 500, duty: float = 1.0) -> NDArray[np.float64]:
         """Return samples of the fault vector in the future.

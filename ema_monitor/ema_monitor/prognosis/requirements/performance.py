@@ -84,7 +84,7 @@ def run_test(
         worst, used, in_phase, in_quadrature = zero, zero, zero, zero
         for k in range(edges[b], edges[b + 1]):
             before = x
-            x = advance(c, drive, mech, before, False, delayed_command[k], dt)
+            x = advance(c, drive, mech, before, False, delayed_command[k], 0.0, mech.f_d, dt)
             available = available_current(drive, before, x.I, c.I_max)
             used = max(used, select(abs(x.I) < available, abs(x.I) / available, 1.0))
             user = x.theta_b * mech.tau
@@ -221,35 +221,23 @@ class PerformanceModel:
         self, figures: "_Figures", faults: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128]]:
         known = np.flatnonzero(np.isfinite(faults).all(axis=1))
-        bins = len(figures.edges) - 1
-        error, used, real, imaginary = np.full((4, len(faults), bins), np.nan)
+        results = np.full((4, len(faults), len(figures.frequencies)), np.nan)
         if known.size:
             groups = -(-known.size // LANES)
             # Copies of the last actuator fill the last group.
             lane_of = known[np.minimum(np.arange(groups * LANES), known.size - 1)]
             control, motor, mechanics = degrade(self._plant, faults[lane_of])
             drive = fast_constants(motor, self.dt, 0.0)
-            of_lanes = np.empty((4, len(lane_of), bins))
+            of_lanes = np.empty((4, len(lane_of), results.shape[2]))
 
             def run(group: int) -> None:
-                run_test(
-                    control,
-                    drive,
-                    mechanics,
-                    group * LANES,
-                    figures.delayed_command,
-                    figures.command,
-                    figures.cos_phase,
-                    figures.sin_phase,
-                    figures.edges,
-                    self.dt,
-                    *of_lanes,
-                )
+                first = group * LANES
+                run_test(control, drive, mechanics, first, *figures.signals, self.dt, *of_lanes)
 
             run_in_threads(run, groups)
-            for array, lanes in zip((error, used, real, imaginary), of_lanes, strict=True):
-                array[known] = lanes[: known.size]
-        return error, used, 2.0 * (real + 1j * imaginary) / np.diff(figures.edges)
+            results[:, known] = of_lanes[:, : known.size]
+        error, used, real, imaginary = results
+        return error, used, 2.0 * (real + 1j * imaginary) / np.diff(figures.signals[-1])
 
 
 class _Figures:
@@ -264,15 +252,20 @@ class _Figures:
         def turns(t: NDArray[np.float64]) -> NDArray[np.float64]:
             return t * (f0 + rate * t / 2.0)
 
-        self.command = command.amplitude * np.sin(2 * np.pi * turns(t))
         # An Euler step responds half a step too early: the command is read half a step later.
-        delayed = np.maximum(t - 1.5 * dt, 0.0)
-        self.delayed_command = command.amplitude * np.sin(2 * np.pi * turns(delayed))
+        delayed = 2 * np.pi * turns(np.maximum(t - 1.5 * dt, 0.0))
         phase = 2 * np.pi * turns(t)
-        self.cos_phase, self.sin_phase = np.cos(phase), np.sin(phase)
         whole = np.arange(math.ceil(turns(t)[-1] - 0.01))
-        self.edges = np.append(np.searchsorted(turns(t), whole), n)
-        self.frequencies = f0 + rate * dt * (self.edges[1:] + self.edges[:-1]) / 2.0
+        edges = np.append(np.searchsorted(turns(t), whole), n)
+        self.frequencies = f0 + rate * dt * (edges[1:] + edges[:-1]) / 2.0
+        # As `run_test` reads them, from the delayed command to the edges.
+        self.signals = (
+            command.amplitude * np.sin(delayed),
+            command.amplitude * np.sin(phase),
+            np.cos(phase),
+            np.sin(phase),
+            edges,
+        )
 
 
 def as_faults(faults: ArrayLike) -> NDArray[np.float64]:

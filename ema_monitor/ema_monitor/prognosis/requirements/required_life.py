@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULTS, healthy_faults
 from ema_monitor.health import ONE_SIDED_95, FaultHealth, HealthLimits
@@ -23,261 +23,16 @@ from ema_monitor.prognosis.requirements.requirements import (
 from ema_monitor.prognosis.requirements.surrogate import Surrogate
 
 OVERALL: Final = "any requirement"
-"""Criterion of the earliest of the requirements."""
+"""Criterion of the earliest of the requirements, as long as none is known to fail."""
 
 NODES: Final = 9
-"""Times at which every trajectory is looked at before the crossing is bisected."""
+"""Times at which every trajectory is evaluated before the crossing is bisected."""
 
 ROUNDS: Final = 2
 POINTS: Final = 32
 """Crossings of a requirement that the model checks after each round but the last."""
 
-_SAFE = 4.0
-
-_Reserve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-
-
-@dataclass(frozen=True, eq=False)
-class RequirementLives:
-    """Remaining life until required performance fails.
-
-    Attributes
-    ----------
-    lives
-        Life under each requirement, by name.
-    overall
-        Life until the first of them fails.
-    dominant
-        Requirement that fails first most often; empty when none is known to fail.
-    samples
-        Life of each sample by requirement [h], ``(n,)`` each; infinite where it does not fail
-        within the hours given.
-    overall_samples
-        The earliest of them [h], ``(n,)``.
-    """
-
-    lives: Mapping[str, RemainingLife]
-    overall: RemainingLife
-    dominant: str
-    samples: Mapping[str, NDArray[np.float64]]
-    overall_samples: NDArray[np.float64]
-
-
-def life_by_requirements(
-    requirements: Requirements, future: ArrayLike, hours: ArrayLike
-) -> RequirementLives:
-    """Return when each requirement fails first.
-
-    Parameters
-    ----------
-    requirements
-        What the actuator must perform.
-    future
-        Samples of the faults to come, ``(n, t, 8)``, with the direction of the eccentricity; a
-        sample with NaN is left out. What grows beyond its range stays at its end.
-    hours
-        Their hours from the latest test on, rising, ``(t,)`` [h]; between them faults grow
-        linearly.
-
-    Returns
-    -------
-    RequirementLives
-        A life is known when at least half of the samples fail within the hours.
-
-    Raises
-    ------
-    ValueError
-        When shapes do not agree, or the hours do not rise.
-
-    Notes
-    -----
-    The first of ``NODES`` times at which a sample fails is found, then the crossing before it is
-    bisected: a failure between two nodes that mends itself again is not seen. Free play has a
-    closed form at all times. The others are judged by the trend of the reserves; that alone errs
-    by several percent of the way to the limit. So the model is run at crossings so found, spread
-    over the samples, what the trend misses there is kriged, and the crossings are sought anew, as
-    in active learning of limit states (Echard, Gayton and Lemaire 2011, AK-MCS, Structural
-    Safety 33). A requirement whose reserve stays above four times the trend's error is not
-    checked. That runs the model some 40 times for each requirement in question, where a bisection
-    of each sample would take thousands; the hours so found differ from those of the model at all
-    times by 1 % rms in most cases, 2 % where a reserve falls slowly.
-    """
-    faults, times = _checked(future, hours)
-    whole = ~np.isnan(faults).any(axis=(1, 2))
-    if not whole.any():
-        reason = "the faults to come are unknown"
-        return _lives(
-            {name: np.full(len(faults), np.nan) for name in REQUIREMENTS},
-            reason,
-            requirements,
-            times,
-        )
-    paths = _Paths(faults[whole])
-    indices = _modelled_crossings(requirements, paths)
-    indices["free_play"] = _free_play_crossings(requirements, paths)
-    samples = {}
-    for name in REQUIREMENTS:
-        life = np.full(len(faults), np.nan)
-        life[whole] = np.interp(indices[name], np.arange(len(times)), times)
-        life[whole] = np.where(np.isinf(indices[name]), np.inf, life[whole])
-        samples[name] = life
-    return _lives(samples, "", requirements, times)
-
-
-class _Paths:
-    """Trajectories of fault vectors, ``(n, t, 8)``."""
-
-    def __init__(self, faults: NDArray[np.float64]) -> None:
-        self.faults = faults
-        self.n, self.t, _ = faults.shape
-
-    def at(self, rows: NDArray[np.intp], index: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return fault vectors at fractions of the time's index, ``(m, 8)``."""
-        before = np.minimum(index.astype(np.intp), self.t - 1)
-        after = np.minimum(before + 1, self.t - 1)
-        share = (index - before)[:, None]
-        # A law may have run to infinity.
-        start, end = (np.clip(self.faults[rows, i], 0.0, 1.0) for i in (before, after))
-        return (1.0 - share) * start + share * end
-
-
-def _modelled_crossings(
-    requirements: Requirements, paths: _Paths
-) -> dict[str, NDArray[np.float64]]:
-    nodes = np.unique(np.linspace(0, paths.t - 1, NODES).round().astype(np.intp))
-    coarse_faults = paths.faults[:, nodes].reshape(-1, N_FAULTS)
-    doubt = {name: _SAFE * requirements.trend_error[name] for name in MODELLED}
-    found: dict[str, NDArray[np.float64]] = {name: np.full(paths.n, np.inf) for name in MODELLED}
-    # What the trend misses is asked first along the median of the trajectories.
-    median = np.median(paths.faults[:, nodes], axis=0)
-    wanted = {
-        name: median
-        for name in MODELLED
-        if Surrogate(requirements.trend[name]).at(coarse_faults).min() < doubt[name]
-    }
-    known: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {
-        name: (np.empty((0, N_FAULTS)), np.empty(0)) for name in wanted
-    }
-    for _ in range(ROUNDS):
-        _learn(requirements, wanted, known)
-        for name in known:
-            surrogate = Surrogate(requirements.trend[name], *known[name])
-            coarse = surrogate.at(coarse_faults).reshape(paths.n, -1)
-            found[name] = _first_crossing(surrogate.at, coarse, nodes, paths)
-            wanted[name] = _doubtful(found[name], coarse, nodes, paths, doubt[name])
-    return found
-
-
-def _doubtful(
-    crossing: NDArray[np.float64],
-    coarse: NDArray[np.float64],
-    nodes: NDArray[np.intp],
-    paths: _Paths,
-    doubt: float,
-) -> NDArray[np.float64]:
-    """Return where to run the model: faults at crossings, or at the least reserve if in doubt."""
-    lowest = nodes[coarse.argmin(axis=1)].astype(float)
-    place = np.where(np.isinf(crossing), lowest, crossing)
-    order = np.lexsort((place, np.isinf(crossing)))
-    order = order[coarse.min(axis=1)[order] < doubt]
-    if not len(order):
-        return np.empty((0, N_FAULTS))
-    spread = np.unique(np.linspace(0, len(order) - 1, POINTS).round().astype(np.intp))
-    return paths.at(order[spread], place[order[spread]])
-
-
-def _learn(
-    requirements: Requirements,
-    wanted: Mapping[str, NDArray[np.float64]],
-    known: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]],
-) -> None:
-    """Run the model at the faults wanted, and add its reserves there to what is known."""
-    for names in (("tracking_error", "torque_margin"), ("bandwidth",)):
-        names = tuple(name for name in names if len(wanted.get(name, ())))
-        if not names:
-            continue
-        faults = np.concatenate([wanted[name] for name in names])
-        exact = np.clip(requirements.exact_reserves(names, faults), *SEEN)
-        start = 0
-        for column, name in enumerate(names):
-            own = slice(start, start + len(wanted[name]))
-            start = own.stop
-            old_faults, old_exact = known[name]
-            known[name] = (
-                np.concatenate([old_faults, faults[own]]),
-                np.concatenate([old_exact, exact[own, column]]),
-            )
-
-
-def _first_crossing(
-    reserve: _Reserve, coarse: NDArray[np.float64], nodes: NDArray[np.intp], paths: _Paths
-) -> NDArray[np.float64]:
-    """Return the index of the time at which each reserve first reaches 0, or infinity, ``(n,)``."""
-    failed = coarse < 0.0
-    first = failed.argmax(axis=1)
-    crossing = np.where(failed[:, 0], 0.0, np.inf)
-    rows = np.flatnonzero(failed.any(axis=1) & ~failed[:, 0])
-    low, high = nodes[first[rows] - 1], nodes[first[rows]]
-    above, below = coarse[rows, first[rows] - 1], coarse[rows, first[rows]]
-    while np.any(high - low > 1):
-        middle = (low + high) // 2
-        value = reserve(paths.faults[rows, middle])
-        fails = value < 0.0
-        high, below = np.where(fails, middle, high), np.where(fails, value, below)
-        low, above = np.where(fails, low, middle), np.where(fails, above, value)
-    crossing[rows] = low + (high - low) * above / (above - below)
-    return crossing
-
-
-def _free_play_crossings(requirements: Requirements, paths: _Paths) -> NDArray[np.float64]:
-    left = requirements.reserve("free_play", requirements.model.free_play(paths.faults))
-    return _first_crossing(lambda _: left[:, 0], left, np.arange(paths.t), paths)
-
-
-def _lives(
-    samples: dict[str, NDArray[np.float64]],
-    reason: str,
-    requirements: Requirements,
-    hours: NDArray[np.float64],
-) -> RequirementLives:
-    earliest = np.min([samples[name] for name in REQUIREMENTS], axis=0)
-    lives = {
-        name: _life(samples[name], requirements.criterion(name), reason, hours)
-        for name in REQUIREMENTS
-    }
-    overall = _life(earliest, OVERALL, reason, hours)
-    dominant = ""
-    if overall.known:
-        ends = [np.sum((samples[name] == earliest) & np.isfinite(earliest)) for name in lives]
-        dominant = REQUIREMENTS[int(np.argmax(ends))]
-    return RequirementLives(lives, overall, dominant, samples, earliest)
-
-
-def _life(
-    samples: NDArray[np.float64], criterion: str, reason: str, hours: NDArray[np.float64]
-) -> RemainingLife:
-    valid = samples[~np.isnan(samples)]
-    if not len(valid):
-        return RemainingLife.unknown(criterion, reason)
-    life = RemainingLife.of_samples(valid, criterion)
-    if np.isinf(life.hours_50):
-        return RemainingLife.unknown(criterion, f"not within the {hours[-1]:.0f} h looked ahead")
-    return life
-
-
-def _checked(
-    future: ArrayLike, hours: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    faults, times = np.asarray(future, dtype=np.float64), np.asarray(hours, dtype=np.float64)
-    if faults.ndim != 3 or 0 in faults.shape or faults.shape[2] != N_FAULTS:
-        raise ValueError(f"future has shape {faults.shape}, expected (samples, times, {N_FAULTS})")
-    if times.shape != faults.shape[1:2]:
-        raise ValueError(f"hours has shape {times.shape}, expected ({faults.shape[1]},)")
-    if not (np.isfinite(times).all() and np.all(np.diff(times) > 0.0)):
-        raise ValueError("hours do not rise, or are not finite")
-    return faults, times
-
-
+_SAFE: Final = 4.0
 _SAMPLES: Final = 200
 _TIMES: Final = 33
 # How far to look beyond the life that the fault limits leave.
@@ -291,7 +46,7 @@ class RequiredLife:
     Attributes
     ----------
     healths
-        As to each requirement; empty when none can be watched.
+        As to each requirement; empty when none can be monitored.
     trends
         Growth of each performance by name [its unit per flight hour].
     lives
@@ -299,7 +54,7 @@ class RequiredLife:
     overall
         Until the first of them fails.
     dominant
-        That requirement; empty when none is known to fail.
+        Requirement that fails first most often; empty when none is known to fail.
     with_limits
         Until the first of them fails or the first fault reaches its limit, in the same samples.
     """
@@ -346,25 +101,21 @@ def required_life(
 
     Parameters
     ----------
-    requirements
-        What is required.
-    judgement
-        How far it is met now.
+    requirements, judgement
+        What is required, and how far it is met now.
     faults
         Fault vector now, ``(8,)``.
     tracker, tracked, prognosis
         The growth, each component that a test has shown, and the life by fault limits.
-    limits
-        Those of the faults.
-    settings
-        Horizon.
+    limits, settings
+        Limits of the faults, and the horizon.
     observed_hours
         Hours over which the actuator has been observed [h].
     """
     healths = judgement.healths
     grows = any(life.known for life in prognosis.components.values())
     if not tracked:
-        return RequiredLife.unknown("no test to rely on yet", requirements, healths)
+        return RequiredLife.unknown("fewer than two tests that agree so far", requirements, healths)
     seen = {item.name for item in tracked}
     if unseen := [name for name in COMPONENTS if name not in seen]:
         reason = f"no test has shown {', '.join(unseen)} yet"
@@ -382,21 +133,160 @@ def required_life(
     if not grows:
         paths[:] = paths[:, :1]
     paths[..., ECCENTRICITY_PHASE] = faults[ECCENTRICITY_PHASE]
-    found = life_by_requirements(requirements, paths, hours)
-    overall = found.overall
-    if found.dominant:
-        overall = replace(overall, criterion=found.lives[found.dominant].criterion)
-    return RequiredLife(
-        healths,
-        _trends(judgement, tracked) if grows else {},
-        found.lives,
-        overall,
-        found.dominant,
-        _earliest(
-            np.minimum(found.overall_samples, limit_passage(paths, hours, limits)),
-            overall,
-        ),
-    )
+    failures = failure_hours(requirements, paths, hours)
+    lives, overall, dominant = lives_by_requirements(failures, requirements, hours[-1])
+    first = np.min(list(failures.values()), axis=0)
+    together = np.minimum(first, limit_passage(paths, hours, limits))
+    with_limits = RemainingLife.unknown(overall.criterion, overall.reason)
+    if np.median(together) < np.inf:
+        with_limits = RemainingLife.of_samples(together, overall.criterion)
+    trends = _trends(judgement, tracked) if grows else {}
+    return RequiredLife(healths, trends, lives, overall, dominant, with_limits)
+
+
+def lives_by_requirements(
+    failures: Mapping[str, NDArray[np.float64]],
+    required: Requirements | RequirementLimits,
+    horizon_hours: float,
+) -> tuple[dict[str, RemainingLife], RemainingLife, str]:
+    """Return the life under each requirement, that until the first fails, and which that is.
+
+    Parameters
+    ----------
+    failures
+        As of ``failure_hours``.
+    required
+        What the actuator must perform.
+    horizon_hours
+        Hours looked ahead [h]: a life is known when at least half of the samples end within them.
+    """
+
+    def life(samples: NDArray[np.float64], criterion: str) -> RemainingLife:
+        found = RemainingLife.of_samples(samples, criterion)
+        if np.isinf(found.hours_50):
+            reason = f"not within the {horizon_hours:.0f} h looked ahead"
+            return RemainingLife.unknown(criterion, reason)
+        return found
+
+    first = np.min(list(failures.values()), axis=0)
+    lives = {name: life(failures[name], required.criterion(name)) for name in REQUIREMENTS}
+    overall = life(first, OVERALL)
+    if not overall.known:
+        return lives, overall, ""
+    ends = [np.sum((failures[name] == first) & np.isfinite(first)) for name in REQUIREMENTS]
+    dominant = REQUIREMENTS[int(np.argmax(ends))]
+    return lives, replace(overall, criterion=lives[dominant].criterion), dominant
+
+
+def failure_hours(
+    requirements: Requirements, paths: NDArray[np.float64], hours: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """Return when each sample of the faults to come first fails each requirement.
+
+    Parameters
+    ----------
+    requirements
+        What the actuator must perform.
+    paths
+        Fault vectors within their range, ``(n, t, 8)``; between the hours they grow linearly.
+    hours
+        Their hours from the latest test on, rising, ``(t,)`` [h].
+
+    Returns
+    -------
+    dict
+        Hours by requirement [h], infinite where it does not fail within those given, ``(n,)``.
+
+    Notes
+    -----
+    The first of ``NODES`` times at which a sample fails is found, then the crossing before it is
+    bisected: a failure between two nodes that mends itself again is not found. Free play has a
+    closed form at all times. The others are judged by the trend of the reserves; that alone errs
+    by several percent of the way to the limit. So the model is run at crossings so found, spread
+    over the samples, what the trend misses there is kriged, and the crossings are sought anew, as
+    in active learning of limit states (Echard, Gayton and Lemaire 2011, AK-MCS, Structural
+    Safety 33). A requirement whose reserve stays above four times the trend's error is not
+    checked. That runs the model some 40 times for each requirement in question, where a bisection
+    of each sample would take thousands; the hours so found differ from those of the model at all
+    times by 1 % rms in most cases, 2 % where a reserve falls slowly.
+    """
+    play = requirements.reserve("free_play", requirements.model.free_play(paths))
+    index = {name: _modelled_crossings(requirements, name, paths) for name in MODELLED}
+    index["free_play"] = _first_crossing(lambda _: play[:, 0], play, np.arange(len(hours)), paths)
+    number = np.arange(len(hours))
+    return {
+        name: np.where(np.isinf(index[name]), np.inf, np.interp(index[name], number, hours))
+        for name in REQUIREMENTS
+    }
+
+
+def _modelled_crossings(
+    requirements: Requirements, name: str, paths: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the index of the time at which each sample fails a requirement, or infinity."""
+    n, t, _ = paths.shape
+    nodes = np.unique(np.linspace(0, t - 1, NODES).round().astype(np.intp))
+    faults_at_nodes = paths[:, nodes].reshape(-1, N_FAULTS)
+    trend, doubt = requirements.trend[name], _SAFE * requirements.trend_error[name]
+    crossing = np.full(n, np.inf)
+    if Surrogate(trend).at(faults_at_nodes).min() >= doubt:
+        return crossing
+    faults, exact = np.empty((0, N_FAULTS)), np.empty(0)
+    # What the trend misses is evaluated first along the median of the trajectories.
+    wanted = np.median(paths[:, nodes], axis=0)
+    for _ in range(ROUNDS):
+        if len(wanted):
+            reserves = np.clip(requirements.exact_reserves((name,), wanted)[:, 0], *SEEN)
+            faults, exact = np.concatenate([faults, wanted]), np.append(exact, reserves)
+        surrogate = Surrogate(trend, faults, exact)
+        coarse = surrogate.at(faults_at_nodes).reshape(n, -1)
+        crossing = _first_crossing(surrogate.at, coarse, nodes, paths)
+        wanted = _doubtful(crossing, coarse, nodes, paths, doubt)
+    return crossing
+
+
+def _doubtful(
+    crossing: NDArray[np.float64],
+    coarse: NDArray[np.float64],
+    nodes: NDArray[np.intp],
+    paths: NDArray[np.float64],
+    doubt: float,
+) -> NDArray[np.float64]:
+    """Return where to run the model: faults at crossings, or at the least reserve if in doubt."""
+    lowest = nodes[coarse.argmin(axis=1)].astype(float)
+    place = np.where(np.isinf(crossing), lowest, crossing)
+    order = np.lexsort((place, np.isinf(crossing)))
+    order = order[coarse.min(axis=1)[order] < doubt]
+    if not len(order):
+        return np.empty((0, N_FAULTS))
+    rows = order[np.unique(np.linspace(0, len(order) - 1, POINTS).round().astype(np.intp))]
+    before = place[rows].astype(np.intp)
+    after = np.minimum(before + 1, paths.shape[1] - 1)
+    share = (place[rows] - before)[:, None]
+    return (1.0 - share) * paths[rows, before] + share * paths[rows, after]
+
+
+def _first_crossing(
+    reserve: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    coarse: NDArray[np.float64],
+    nodes: NDArray[np.intp],
+    paths: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the index of the time at which each reserve first reaches 0, or infinity, ``(n,)``."""
+    failed = coarse < 0.0
+    first = failed.argmax(axis=1)
+    crossing = np.where(failed[:, 0], 0.0, np.inf)
+    rows = np.flatnonzero(failed.any(axis=1) & ~failed[:, 0])
+    low, high = nodes[first[rows] - 1], nodes[first[rows]]
+    above, below = coarse[rows, first[rows] - 1], coarse[rows, first[rows]]
+    while np.any(high - low > 1):
+        middle = (low + high) // 2
+        value = reserve(paths[rows, middle])
+        fails = value < 0.0
+        high, below = np.where(fails, middle, high), np.where(fails, value, below)
+        low, above = np.where(fails, low, middle), np.where(fails, above, value)
+    crossing[rows] = low + (high - low) * above / (above - below)
+    return crossing
 
 
 def limit_passage(
@@ -428,12 +318,6 @@ def limit_passage(
     share = np.where(first > 0, (1.0 - start) / np.where(first > 0, end - start, 1.0), 0.0)
     passed = hours[before] + share * (hours[first] - hours[before])
     return np.where(way[rows, first] >= 1.0, passed, np.inf)
-
-
-def _earliest(samples: NDArray[np.float64], like: RemainingLife) -> RemainingLife:
-    if not np.median(samples) < np.inf:
-        return RemainingLife.unknown(like.criterion, like.reason)
-    return RemainingLife.of_samples(samples, like.criterion)
 
 
 def _surely_fails(item: FaultHealth) -> bool:

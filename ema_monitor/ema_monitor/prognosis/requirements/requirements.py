@@ -17,7 +17,7 @@ from ema_monitor.prognosis.requirements.performance import (
     PerformanceModel,
     as_faults,
 )
-from ema_monitor.prognosis.requirements.surrogate import Surrogate, Trend, training_faults
+from ema_monitor.prognosis.requirements.surrogate import Surrogate, training_faults, trend_weights
 
 REQUIREMENTS: Final = Performance._fields
 """Names of the requirements, in the order of `Performance`."""
@@ -40,6 +40,7 @@ BEING_COMPUTED: Final = "requirements are being computed"
 _SMALLEST_STEP = 0.01
 _NEGLIGIBLE = 0.05
 _ROUNDED_ZETA = 0.02
+_MOST_FITTED = 256
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ class Requirements:
     limit
         Value at which each requirement fails, by name; that of the tracking error is absolute.
     trend
-        Weights of the `Trend` of the reserve of each of the ``MODELLED`` requirements, by name.
+        Weights of `trend_weights` of the reserve of each of the ``MODELLED`` requirements, by name.
     trend_error
         Its rms error on other faults than it was fitted to, by name [-].
 
@@ -142,24 +143,21 @@ class Requirements:
                     f"the limit of {self.limit[name]:.4g} {unit}; set one that it meets"
                 )
         faults = training_faults(TRAINING_SIZE + TRAINING_SIZE // 4, seed=0)
-        values = np.clip(self._modelled_reserves(faults), *SEEN)
-        trend = Trend(faults[:TRAINING_SIZE], values[:TRAINING_SIZE])
-        self.trend: dict[str, NDArray[np.float64]] = dict(zip(MODELLED, trend.weights, strict=True))
+        values = np.clip(self.exact_reserves(MODELLED, faults), *SEEN)
+        weights = trend_weights(faults[:TRAINING_SIZE], values[:TRAINING_SIZE])
+        self.trend: dict[str, NDArray[np.float64]] = {}
         self.trend_error: dict[str, float] = {}
-        for number, name in enumerate(MODELLED):
-            predicted = Surrogate(self.trend[name]).at(faults[TRAINING_SIZE:])
-            error = predicted - values[TRAINING_SIZE:, number]
-            self.trend_error[name] = float(np.sqrt(np.mean(error**2)))
+        for name, weight, exact in zip(MODELLED, weights, values[TRAINING_SIZE:].T, strict=True):
+            error = Surrogate(weight).at(faults[TRAINING_SIZE:]) - exact
+            self.trend[name], self.trend_error[name] = weight, float(np.sqrt(np.mean(error**2)))
 
     def reserve(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how much is left of the way from healthy to the limit: 1 when healthy, 0 there.
 
         Parameters
         ----------
-        name
-            Requirement.
-        values
-            Performance in its unit, of any shape.
+        name, values
+            Requirement, and performance in its unit, of any shape.
         """
         return (self.limit[name] - values) / self._scale[name]
 
@@ -172,10 +170,8 @@ class Requirements:
 
         Parameters
         ----------
-        names
-            Requirements.
-        faults
-            Fault vectors, ``(m, 8)``.
+        names, faults
+            Requirements, and fault vectors, ``(m, 8)``.
         """
         faults = as_faults(faults)
         found: dict[str, NDArray[np.float64]] = {}
@@ -191,8 +187,7 @@ class Requirements:
         self,
         faults: ArrayLike,
         covariance: ArrayLike,
-        unobservable: ArrayLike | None = None,
-        warn_share: float | None = None,
+        warn_share: float = HealthLimits().warn_share,
     ) -> Judgement:
         """Return how far each requirement is met, and how that changes with the faults.
 
@@ -202,11 +197,8 @@ class Requirements:
             Estimated fault vector, ``(8,)``.
         covariance
             Its covariance, ``(8, 8)``; NaN rows and columns count as unobservable.
-        unobservable
-            Components about which nothing is known, ``(8,)``; None for none.
         warn_share
-            Share of the way to a limit that the lower 95 % bound passes at a warning [-]; that of
-            ``HealthLimits`` by default.
+            Share of the way to a limit that the lower 95 % bound passes at a warning [-].
 
         Notes
         -----
@@ -218,13 +210,8 @@ class Requirements:
         """
         k = as_faults(faults)[0]
         P = np.array(covariance, dtype=np.float64)
-        if P.shape != (N_FAULTS, N_FAULTS):
-            raise ValueError(f"covariance has shape {P.shape}, expected ({N_FAULTS}, {N_FAULTS})")
         hidden = ~np.isfinite(np.diag(P))
-        if unobservable is not None:
-            hidden = hidden | np.asarray(unobservable, dtype=bool)
-        P[hidden] = 0.0
-        P[:, hidden] = 0.0
+        P[hidden], P[:, hidden] = 0.0, 0.0
         step = np.maximum(np.sqrt(np.maximum(np.diag(P), 0.0)), _SMALLEST_STEP)
         up = np.where(hidden, HIGHEST, np.minimum(k + step, HIGHEST))
         down = np.where(hidden, 0.0, np.maximum(k - step, 0.0))
@@ -233,9 +220,8 @@ class Requirements:
             down[ECCENTRICITY_PHASE] = k[ECCENTRICITY_PHASE]
             up[ECCENTRICITY_PHASE] = (k[ECCENTRICITY_PHASE] + 0.5) % 1.0
         points = np.tile(k, (1 + 2 * N_FAULTS, 1))
-        component = np.arange(N_FAULTS)
-        points[1 + component, component] = up
-        points[1 + N_FAULTS + component, component] = down
+        np.fill_diagonal(points[1 : 1 + N_FAULTS], up)
+        np.fill_diagonal(points[1 + N_FAULTS :], down)
         if k[ECCENTRICITY] < _ROUNDED_ZETA:
             points[1 + ECCENTRICITY_PHASE] = points[1 + N_FAULTS + ECCENTRICITY_PHASE] = k
         # The points around a vector with NaN are as unknown as itself.
@@ -243,7 +229,6 @@ class Requirements:
         # A component at the end of its range goes one way only: half of its points are no others.
         distinct, which = np.unique(points, axis=0, return_inverse=True)
         performance = self.model.performance(distinct)
-        share = HealthLimits().warn_share if warn_share is None else warn_share
         healths, gradients = [], {}
         for name in REQUIREMENTS:
             values = getattr(performance, name)[which]
@@ -251,7 +236,7 @@ class Requirements:
             gradient = np.where(hidden, 0.0, change / (up - down))
             blind = np.any(hidden & (np.abs(change / self._scale[name]) > _NEGLIGIBLE))
             sigma = np.nan if blind else float(np.sqrt(max(gradient @ P @ gradient, 0.0)))
-            healths.append(self._health(name, float(values[0]), sigma, share))
+            healths.append(self._health(name, float(values[0]), sigma, warn_share))
             gradients[name] = gradient
         return Judgement(tuple(healths), gradients)
 
@@ -266,57 +251,34 @@ class Requirements:
             level = WARN if bound > warn_share else OK
         return FaultHealth(name, level, value, sigma, self.limit[name], name in BELOW, share)
 
-    def _modelled_reserves(self, faults: NDArray[np.float64]) -> NDArray[np.float64]:
-        return self.exact_reserves(MODELLED, faults)
-
 
 class FittedRequirements:
-    """The requirements of units, fitted once for each; any thread may call.
+    """The requirements of units, fitted once for each; any thread may call."""
 
-    Parameters
-    ----------
-    most
-        How many to keep.
-    """
-
-    def __init__(self, most: int = 256) -> None:
-        self._most = most
+    def __init__(self) -> None:
         self._fitted: dict[tuple[ActuatorParameters, RequirementLimits], Requirements | str] = {}
         self._fitting = threading.Lock()
 
     def of(self, parameters: ActuatorParameters, limits: RequirementLimits) -> Requirements | str:
-        """Return the requirements of a unit, or why they cannot be watched.
+        """Return the requirements of a unit, or why they cannot be monitored.
 
         The first call for a unit takes about a second on two cores, others none.
-
-        Parameters
-        ----------
-        parameters
-            Those of the unit.
-        limits
-            What is required.
         """
         with self._fitting:
             key = parameters, limits
             if key not in self._fitted:
-                while len(self._fitted) >= self._most:
+                while len(self._fitted) >= _MOST_FITTED:
                     del self._fitted[next(iter(self._fitted))]
                 try:
                     self._fitted[key] = Requirements(parameters, limits)
                 except ValueError as error:
-                    self._fitted[key] = f"requirements cannot be watched: {error}"
+                    self._fitted[key] = f"requirements cannot be monitored: {error}"
             return self._fitted[key]
 
     def if_ready(
         self, parameters: ActuatorParameters, limits: RequirementLimits
     ) -> Requirements | str:
-        """Return the same without waiting: ``BEING_COMPUTED`` where ``of`` has not been called.
-
-        Parameters
-        ----------
-        parameters, limits
-            As of ``of``.
-        """
+        """Return the same without waiting: ``BEING_COMPUTED`` where ``of`` has not been called."""
         return self._fitted.get((parameters, limits), BEING_COMPUTED)
 
     def clear(self) -> None:

@@ -29,11 +29,12 @@ CORRELATION_LENGTH: Final = 0.5
 NUGGET: Final = 1e-3
 """Share of that error's variance that is not smooth [-]."""
 
-_SMALLESTBACKLASH = 0.005
+_SMALLEST_BACKLASH = 0.005
 _WIDEST_SHORT_CIRCUIT = 0.5
 _RIDGE = 1e-9
 
 _WIDTH = N_FAULTS + 1
+_NO_FAULTS, _NO_VALUES = np.empty((0, N_FAULTS)), np.empty(0)
 _CUBIC = np.array(list(combinations_with_replacement(range(_WIDTH), 3)))
 
 
@@ -47,22 +48,14 @@ def coordinates(faults: NDArray[np.float64]) -> NDArray[np.float64]:
     phi = (2.0 * x[:, ECCENTRICITY_PHASE] - 1.0) * np.pi
     zeta = x[:, ECCENTRICITY].copy()
     x[:, ECCENTRICITY], x[:, ECCENTRICITY_PHASE] = zeta * np.cos(phi), zeta * np.sin(phi)
-    x[:, BACKLASH] = np.sqrt(x[:, BACKLASH] + _SMALLESTBACKLASH)
+    x[:, BACKLASH] = np.sqrt(x[:, BACKLASH] + _SMALLEST_BACKLASH)
     x[:, SHORT_CIRCUITS] = np.minimum(x[:, SHORT_CIRCUITS], _WIDEST_SHORT_CIRCUIT)
     x[:, GAIN] = 2.0 * x[:, GAIN] - 1.0
     return x
 
 
 def training_faults(n: int, seed: int) -> NDArray[np.float64]:
-    """Draw fault vectors, ``(n, 8)``, that fill the range, more densely near the healthy state.
-
-    Parameters
-    ----------
-    n
-        How many.
-    seed
-        Seed of the draw.
-    """
+    """Draw fault vectors, ``(n, 8)``, that fill the range, more densely near the healthy state."""
     r = np.random.default_rng(seed).random((n, N_FAULTS))
     k = r**3 * HIGHEST
     k[:, SHORT_CIRCUITS] = r[:, SHORT_CIRCUITS] ** 3 * _WIDEST_SHORT_CIRCUIT
@@ -107,26 +100,14 @@ def evaluate_surrogate(points, weights, known, known_weights, per_length, values
         store(values, first, 0, total)
 
 
-class Trend:
-    """Cubic polynomials in the coordinates of the faults.
+def trend_weights(faults: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Fit cubic polynomials in the coordinates of fault vectors, ``(n, 8)``, to values, ``(n, q)``.
 
-    Parameters
-    ----------
-    faults
-        Fault vectors, ``(n, 8)``.
-    values
-        Values there, ``(n, q)``.
-
-    Attributes
-    ----------
-    weights
-        Of the products of three coordinates or ones, ``(q, 165)``.
+    Returns the weights of the products of three coordinates or ones, ``(q, 165)``.
     """
-
-    def __init__(self, faults: NDArray[np.float64], values: NDArray[np.float64]) -> None:
-        design = _with_ones(faults).T[_CUBIC].prod(axis=1)
-        normal = design @ design.T + _RIDGE * len(faults) * np.eye(len(_CUBIC))
-        self.weights = np.ascontiguousarray(np.linalg.solve(normal, design @ values).T)
+    design = _with_ones(faults).T[_CUBIC].prod(axis=1)
+    normal = design @ design.T + _RIDGE * len(faults) * np.eye(len(_CUBIC))
+    return np.ascontiguousarray(np.linalg.solve(normal, design @ values).T)
 
 
 class Surrogate:
@@ -145,12 +126,12 @@ class Surrogate:
     def __init__(
         self,
         weights: NDArray[np.float64],
-        faults: NDArray[np.float64] | None = None,
-        exact: NDArray[np.float64] | None = None,
+        faults: NDArray[np.float64] = _NO_FAULTS,
+        exact: NDArray[np.float64] = _NO_VALUES,
     ) -> None:
         self._weights = weights.copy()
         self._known, self._known_weights = np.empty((0, _WIDTH)), np.empty(0)
-        if faults is not None and exact is not None and len(faults):
+        if len(faults):
             missed = exact - self.at(faults)
             mean = float(missed.mean())
             # The first product of the trend is that of three ones.
@@ -167,14 +148,8 @@ class Surrogate:
         points = np.ones((_WIDTH, -(-m // LANES) * LANES))
         points[1:, :m] = coordinates(faults).T
         values = np.empty((points.shape[1], 1))
-        evaluate_surrogate(
-            points,
-            self._weights,
-            self._known,
-            self._known_weights,
-            1.0 / CORRELATION_LENGTH,
-            values,
-        )
+        surrogate = (self._weights, self._known, self._known_weights, 1.0 / CORRELATION_LENGTH)
+        evaluate_surrogate(points, *surrogate, values)
         return values[:m, 0]
 
 

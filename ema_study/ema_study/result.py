@@ -1,8 +1,8 @@
-"""The result of a run, and runs as a table."""
+"""The result of a run, and results as a table."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,7 @@ K: Final = [f"k{i}" for i in range(1, N_FAULTS + 1)]
 
 
 @dataclass(frozen=True)
-class Record:
+class RunResult:
     """A run and its result.
 
     Attributes
@@ -52,25 +52,20 @@ class Record:
     costs: list[float]
     errors_percent: list[float]
 
-    @property
-    def key(self) -> tuple[object, ...]:
-        """What identifies the run within a study."""
-        return self.job.key
 
-
-def as_frame(records: Iterable[Record]) -> pd.DataFrame:
+def as_frame(results: Iterable[RunResult]) -> pd.DataFrame:
     """Return runs as a table, one a row, with the columns of the thesis's runs and more.
 
     Those of the job come first, its case as ``fault``; the truth is in ``true_k1`` to ``true_k8``,
     the estimate in ``k1`` to ``k8``.
     """
-    rows: list[dict[str, Any]] = []
-    for record in records:
-        row = asdict(record)
+    rows = []
+    for result in results:
+        row = asdict(result)
         job, estimate = row.pop("job"), row.pop("estimate")
         case = CASES[job["case"]]
-        job |= {"case": case.fault, "seed": record.job.seed}
-        row["threshold"] = np.nan if record.threshold is None else record.threshold
-        truth = dict(zip([f"true_{k}" for k in K], case.truth.tolist(), strict=True))
-        rows.append(job | row | truth | dict(zip(K, estimate, strict=True)))
+        job |= {"case": case.fault, "seed": result.job.seed}
+        row["threshold"] = np.nan if result.threshold is None else result.threshold
+        truth = zip([f"true_{k}" for k in K], case.truth.tolist(), strict=True)
+        rows.append(job | row | dict(truth) | dict(zip(K, estimate, strict=True)))
     return pd.DataFrame(rows).rename(columns={"case": "fault"})

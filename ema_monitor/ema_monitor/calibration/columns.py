@@ -1,0 +1,61 @@
+"""Columns of healthy telemetry that cannot be what they are called: sign, unit or order."""
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_monitor.model.monitor_model import Response
+from ema_monitor.windows.band import band_limited
+from ema_monitor.windows.window import Window
+
+_LOWEST_CORRELATION: Final = 0.5
+_NEAR: Final = 0.3
+_KNOWN_FACTORS: Final = {
+    1.0: "",
+    180.0 / math.pi: "degrees in place of radians",
+    30.0 / math.pi: "rpm in place of rad/s",
+    1000.0: "thousandths of the unit",
+}
+
+
+def column_defect(window: Window, expected: Response) -> str:
+    """Return which column of a healthy window is wrong, and how probably; empty when none is.
+
+    Parameters
+    ----------
+    window
+        The healthy window.
+    expected
+        Response of the nominal model to its command, ``(1, n)`` each.
+    """
+    measured = window.telemetry
+    travel = window.command - window.command[0]
+    pairs = {
+        "position": (measured.position - measured.position[0], travel),
+        "speed": (measured.speed[1:], expected.speed[0]),
+        "current": (measured.current[1:], expected.current[0]),
+    }
+    for name, (row, model) in pairs.items():
+        h = window.sample_period
+        if reason := _difference(band_limited(row, h), band_limited(model, h)):
+            return f"{name}: {reason}"
+    return ""
+
+
+def _difference(row: NDArray[np.float64], model: NDArray[np.float64]) -> str:
+    """Return how a row differs from what it should be about; empty when it does not."""
+    size = float(np.linalg.norm(row) * np.linalg.norm(model))
+    correlation = float(row @ model) / size if size > 0.0 else 0.0
+    if abs(correlation) < _LOWEST_CORRELATION:
+        return (
+            f"it has little to do with what the model expects (correlation {correlation:.2f}): "
+            "is it another column?"
+        )
+    ratio = float(row @ model) / float(model @ model)
+    sign = "the sign is reversed" if ratio < 0.0 else ""
+    for factor, unit in _KNOWN_FACTORS.items():
+        if abs(abs(ratio) / factor - 1.0) < _NEAR:
+            return " and ".join(filter(None, [sign, unit and f"it seems to be in {unit}"]))
+    return f"it is {ratio:.3g} times what the model expects: is its unit, or the gear ratio, right?"

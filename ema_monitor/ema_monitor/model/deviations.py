@@ -1,0 +1,256 @@
+"""In what a unit, or one window of it, deviates from the nominal model and is none of the faults.
+
+A calibration fits the deviations of a unit on healthy windows. Some may come and go between two
+windows: these are the hidden causes that compete with faults to explain a window.
+"""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ema_core.causes import CAUSE_BY_NAME, COPPER, Cause
+from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE
+from ema_core.parameters import ActuatorParameters, PlantConstants
+
+STRIBECK_SHARE: Final = 0.03
+"""Speed at which half of the Stribeck friction is left, over the limit of the speed [-]."""
+
+
+class Deviations(NamedTuple):
+    """Deviations by name; each is 0 for the nominal model.
+
+    The first seven, and the last six, are hidden causes (`ema_core.causes`). ``lift`` is that of
+    the idle phase (M12) [A]; ``friction``, ``stribeck``, ``backlash``, ``loop_gain`` and
+    ``speed_loop`` are relative to the dry friction, the dynamic friction, the play, ``G_prop`` and
+    ``GAP``; ``turns`` are those of the phases; the eccentricity is a vector.
+    """
+
+    load_torque: float = 0.0
+    load_stiffness: float = 0.0
+    torque_constant: float = 0.0
+    winding_temperature: float = 0.0
+    supply_voltage: float = 0.0
+    viscous_friction: float = 0.0
+    inertia: float = 0.0
+    lift: float = 0.0
+    friction: float = 0.0
+    stribeck: float = 0.0
+    backlash: float = 0.0
+    loop_gain: float = 0.0
+    speed_loop: float = 0.0
+    turns_a: float = 0.0
+    turns_b: float = 0.0
+    turns_c: float = 0.0
+    eccentricity_cos: float = 0.0
+    eccentricity_sin: float = 0.0
+    current_offset: float = 0.0
+    current_gain: float = 0.0
+    speed_offset: float = 0.0
+    speed_gain: float = 0.0
+    current_delay: float = 0.0
+    speed_delay: float = 0.0
+
+    @classmethod
+    def of(cls, values: ArrayLike) -> Self:
+        """Return the deviations of an array, ``(24,)``."""
+        return cls(*np.asarray(values, dtype=np.float64).tolist())
+
+
+NAMES: Final = Deviations._fields
+N_DEVIATIONS: Final = len(NAMES)
+N_SENSOR: Final = 6
+"""How many deviations, the last ones, are those of sensors: they do not change the motion."""
+
+HIDDEN_CAUSES: Final = (*NAMES[:7], *NAMES[-N_SENSOR:])
+"""Deviations that may come and go between two windows."""
+
+
+class Prior(NamedTuple):
+    """A deviation as a parameter of a fit.
+
+    What is ``expected`` of it, with which standard deviation ``sigma``, and the bounds ``lowest``
+    and ``reach``, in its unit.
+    """
+
+    name: str
+    expected: float
+    sigma: float
+    reach: float
+    lowest: float
+
+    @property
+    def cause(self) -> Cause:
+        """The hidden cause that it is."""
+        return CAUSE_BY_NAME[self.name]
+
+
+def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior, ...]:
+    """Return all hidden causes that the model knows, with what may be expected of them.
+
+    Parameters
+    ----------
+    parameters
+        The actuator; load and current scale with its limits.
+    travel
+        Travel of the command in the window [rad]; a load that follows the position is judged by
+        the torque that it reaches in it.
+
+    Notes
+    -----
+    The priors are what occurs on healthy units between two tests: loads up to a third of the
+    torque limit, magnets and inertia within some 5 %, a winding 100 K warmer, a viscous friction
+    that doubles in the cold, sensors within their data sheets.
+    """
+    T, I, omega = parameters.T_max, parameters.I_max, parameters.omega_max
+    priors = {
+        "load_torque": (0.2 * T, 0.8 * T),
+        "load_stiffness": (0.2 * T / travel, 0.8 * T / travel),
+        "torque_constant": (0.05, 0.3),
+        "winding_temperature": (50.0, 200.0),
+        "supply_voltage": (0.1, 0.5),
+        "viscous_friction": (1.0, 10.0),
+        "inertia": (0.1, 0.6),
+        "current_offset": (0.005 * I, 0.1 * I),
+        "current_gain": (0.02, 0.3),
+        "speed_offset": (0.005 * omega, 0.1 * omega),
+        "speed_gain": (0.01, 0.2),
+        "current_delay": (1e-4, 3e-3),
+        "speed_delay": (1e-4, 3e-3),
+    }
+    return tuple(_prior(name, *priors[name]) for name in HIDDEN_CAUSES)
+
+
+def unit_priors(parameters: ActuatorParameters, travel: float) -> tuple[Prior, ...]:
+    """Return the deviations that a calibration fits, with what may be expected of a unit.
+
+    Parameters
+    ----------
+    parameters, travel
+        As of `hidden_causes`.
+
+    Notes
+    -----
+    Of torque constant, friction, inertia and current sensor only the ratios show in the motion; the
+    first and the last are kept. Resistance and supply show where the voltage limits the current,
+    which no healthy test does.
+    """
+    T, I, omega = parameters.T_max, parameters.I_max, parameters.omega_max
+    lift = parameters.h_b / 4.0
+    priors = {
+        "load_torque": (0.01 * T, 0.8 * T),
+        "load_stiffness": (0.01 * T / travel, 0.8 * T / travel),
+        "viscous_friction": (0.5, 20.0),
+        "inertia": (0.1, 0.5),
+        "lift": (lift, 4.0 * lift),
+        "friction": (0.1, 1.0),
+        "stribeck": (0.2, 2.0),
+        "backlash": (0.03, 0.9),
+        "loop_gain": (0.05, 0.5),
+        "speed_loop": (0.05, 0.5),
+        "turns_a": (0.02, 0.2),
+        "turns_b": (0.02, 0.2),
+        "turns_c": (0.02, 0.2),
+        "eccentricity_cos": (0.02, 0.3),
+        "eccentricity_sin": (0.02, 0.3),
+        "current_offset": (0.005 * I, 0.1 * I),
+        "speed_offset": (0.005 * omega, 0.1 * omega),
+        "speed_gain": (0.005, 0.2),
+        "current_delay": (5e-5, 3e-3),
+        "speed_delay": (5e-5, 3e-3),
+    }
+    return tuple(_prior(name, *priors[name]) for name in NAMES if name in priors)
+
+
+def _prior(name: str, sigma: float, reach: float) -> Prior:
+    cause = CAUSE_BY_NAME.get(name)
+    lowest = max(-reach, cause.lowest) if cause and cause.unit == "-" else -reach
+    # The ripple of the idle phase fills the hysteresis band, its mean magnitude is half of that,
+    # and the equivalent current counts the half of it.
+    return Prior(name, sigma if name == "lift" else 0.0, sigma, reach, lowest)
+
+
+def deviating(plant: PlantConstants, deviations: NDArray[np.float64]) -> PlantConstants:
+    """Return the constants of plants that deviate, but for load, lift and Stribeck friction.
+
+    Parameters
+    ----------
+    plant
+        Nominal constants, a value or ``(m,)`` each.
+    deviations
+        In the order of `NAMES`, ``(m, 24)``.
+    """
+    d = Deviations(*deviations.T)  # pyright: ignore[reportArgumentType]
+    control, motor, mechanics = plant
+    friction = 1.0 + d.friction
+    return PlantConstants(
+        control._replace(
+            G_prop=control.G_prop * (1.0 + d.loop_gain), GAP=control.GAP * (1.0 + d.speed_loop)
+        ),
+        motor._replace(
+            k_e=motor.k_e * (1.0 + d.torque_constant),
+            G_M=motor.G_M * (1.0 + d.torque_constant),
+            R_s=motor.R_s * (1.0 + COPPER * d.winding_temperature),
+            V_max=motor.V_max * (1.0 + d.supply_voltage),
+            N_a=motor.N_a * (1.0 + d.turns_a),
+            N_b=motor.N_b * (1.0 + d.turns_b),
+            N_c=motor.N_c * (1.0 + d.turns_c),
+        ),
+        mechanics._replace(
+            C=mechanics.C * (1.0 + d.viscous_friction),
+            J=mechanics.J * (1.0 + d.inertia),
+            f_s=mechanics.f_s * friction,
+            f_d=mechanics.f_d * friction,
+            half_backlash=mechanics.half_backlash * (1.0 + d.backlash),
+        ),
+    )
+
+
+def with_own_eccentricity(
+    faults: NDArray[np.float64], deviations: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return fault vectors, ``(m, 8)``, with the eccentricity of healthy units added as a vector.
+
+    Parameters
+    ----------
+    faults
+        The faults, ``(m, 8)``.
+    deviations
+        In the order of `NAMES`, ``(m, 24)``.
+    """
+    d = Deviations(*deviations.T)  # pyright: ignore[reportArgumentType]
+    own = np.stack([d.eccentricity_cos, d.eccentricity_sin])
+    if not np.any(own):
+        return faults
+    zeta, phi = faults[:, ECCENTRICITY], (2.0 * faults[:, ECCENTRICITY_PHASE] - 1.0) * np.pi
+    x, y = zeta * np.stack([np.cos(phi), np.sin(phi)]) + own
+    total = faults.copy()
+    total[:, ECCENTRICITY] = np.minimum(np.hypot(x, y), 1.0)
+    total[:, ECCENTRICITY_PHASE] = (np.arctan2(y, x) / np.pi + 1.0) / 2.0
+    return total
+
+
+def sensed(
+    rows: Sequence[NDArray[np.float64]], deviations: NDArray[np.float64], h: float
+) -> list[NDArray[np.float64]]:
+    """Return what sensors that deviate make of current and speed, ``(m, n)`` each.
+
+    Parameters
+    ----------
+    rows
+        True current and speed, ``(m, n)`` each [A, rad/s].
+    deviations
+        Those of the sensors, ``(m, 6)``, the last in the order of `NAMES`; a delay, to first order.
+    h
+        Sample period [s].
+    """
+    offsets, gains, delays = deviations[:, 0:4:2], deviations[:, 1:4:2], deviations[:, 4:]
+    result = []
+    for number, row in enumerate(rows):
+        offset, gain, delay = (part[:, number, None] for part in (offsets, gains, delays))
+        seen = row * (1.0 + gain) + offset
+        if np.any(delay):
+            seen = seen - delay * np.gradient(row, h, axis=-1)
+        result.append(seen)
+    return result

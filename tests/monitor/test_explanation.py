@@ -1,0 +1,303 @@
+"""What explains a window: faults, hidden causes, or what it does not tell apart."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, fault_vector, healthy_faults
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.identification.estimate import CauseEstimate, Estimate
+from ema_monitor.identification.inference import MOST_UNEXPLAINED
+from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.search import identify
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, hidden_causes
+from ema_monitor.windows.trigger import WindowTrigger
+from ema_monitor.windows.window import Window
+from ema_sim.api import simulate
+
+from .windows import answered, changed
+
+PARAMETERS = ActuatorParameters()
+# Hidden causes, and a value beyond what noise or the PWM could make.
+CAUSES = {
+    "load_torque": 0.01,
+    "load_stiffness": -2.0,
+    "viscous_friction": 2.0,
+    "inertia": 0.25,
+    "current_offset": 0.1,
+    "current_gain": -0.05,
+    "speed_offset": 1.0,
+    "speed_gain": 0.01,
+    "current_delay": 3e-4,
+    # To first order: twice that leaves a gain of 0.001, 2 sigma.
+    "speed_delay": 1e-4,
+}
+SHORTS = ("short_circuit_a", "short_circuit_b", "short_circuit_c")
+NOISE = 0.05
+
+
+@pytest.fixture(scope="module")
+def modelled(healthy_windows, calibration):
+    """Window that the calibrated model makes with faults and deviations, with noisy current."""
+    window = healthy_windows[0]
+
+    def modelled(deviations, faults=None, seed=0) -> Window:
+        row = np.array([[deviations.get(name, 0.0) for name in NAMES]])
+        response = calibration.expect(
+            calibration.model().respond(
+                window, fault_vector(faults or {}), window.play, deviations=row
+            ),
+            window,
+        )
+        noise = np.random.default_rng(seed).normal(0.0, NOISE, len(window))
+        return answered(window, response.current[0] + noise, response.speed[0])
+
+    return modelled
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    """Window of the simulated actuator with faults and hidden causes."""
+
+    def simulated(causes, faults=None) -> Window:
+        telemetry = simulate(faults or {}, causes=causes, seed=3)
+        [window] = WindowTrigger(PARAMETERS).feed(telemetry)
+        assert isinstance(window, Window)
+        return window
+
+    return simulated
+
+
+def check_named(estimate: Estimate, name: str, value: float, sigmas: float = 3.0) -> CauseEstimate:
+    found = {cause.name: cause for cause in estimate.causes}
+    assert name in found, estimate.reason
+    cause = found[name]
+    assert abs(cause.value - value) < sigmas * cause.sigma
+    assert str(cause) in estimate.reason
+    return cause
+
+
+def check_no_fault(estimate: Estimate):
+    assert estimate.valid
+    assert np.array_equal(estimate.faults, healthy_faults())
+    assert np.all(estimate.insignificant)
+
+
+def check_faults(estimate: Estimate, faults, tolerance=0.006):
+    off = np.delete(estimate.faults - fault_vector(faults), ECCENTRICITY_PHASE)
+    assert np.max(np.abs(off)) < tolerance
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CAUSES)
+def test_cause_that_the_model_made_is_named_and_no_fault(modelled, calibration, description, name):
+    estimate = identify(modelled({name: CAUSES[name]}), description, calibration)
+    check_no_fault(estimate)
+    cause = check_named(estimate, name, CAUSES[name])
+    assert len(estimate.causes) == 1
+    # So that being within 3 sigma means something.
+    assert 10.0 * cause.sigma < abs(CAUSES[name])
+    assert estimate.verdict == "valid"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CAUSES)
+def test_cause_in_the_simulator_is_named_and_no_fault(simulated, calibration, description, name):
+    estimate = identify(simulated({name: CAUSES[name]}), description, calibration)
+    check_no_fault(estimate)
+    check_named(estimate, name, CAUSES[name])
+    assert len(estimate.causes) == 1
+    assert estimate.unexplained_share < 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("causes", "faults"),
+    [({"torque_constant": -0.08}, {}), ({}, dict.fromkeys(SHORTS, 0.08))],
+)
+def test_torque_constant_and_three_equal_shorts_are_not_told_apart(
+    simulated, calibration, description, causes, faults
+):
+    """Whichever it is: one is named, the other as what it may be, and neither with confidence."""
+    estimate = identify(simulated(causes, faults), description, calibration)
+    assert estimate.valid
+    assert estimate.verdict == "degraded"
+    cause = check_named(estimate, "torque_constant", -0.08, sigmas=0.2)
+    assert cause.sigma > 0.05
+    assert estimate.alternatives == (("torque constant", "equal short circuits of all phases"),)
+    assert (
+        "this window cannot tell torque constant from equal short circuits of all phases"
+        in estimate.reason
+    )
+    shorted = [estimate.faults[FAULTS.index(f)] for f in FAULTS if f.name in SHORTS]
+    sigma = [estimate.sigma[FAULTS.index(f)] for f in FAULTS if f.name in SHORTS]
+    truth = [faults.get(name, 0.0) for name in SHORTS]
+    assert np.all(np.abs(np.subtract(shorted, truth)) < 3.0 * np.array(sigma))
+    assert min(sigma) > 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("load", [0.02, -0.05])
+@pytest.mark.parametrize(
+    "faults",
+    [
+        {"friction": 0.2},
+        {"short_circuit_a": 0.15},
+        {"eccentricity": 0.3, "eccentricity_phase": 0.3},
+        {"gain": 0.65, "backlash": 0.05},
+    ],
+    ids=lambda faults: next(iter(faults)),
+)
+def test_faults_beside_a_load_are_right(simulated, calibration, description, faults, load):
+    """Measured up to 0.0036 of the range."""
+    estimate = identify(simulated({"load_torque": load}, faults), description, calibration)
+    assert estimate.valid
+    check_faults(estimate, faults)
+    assert "load_torque" in {cause.name for cause in estimate.causes}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["load_torque", "current_offset", "speed_gain"])
+def test_fault_and_cause_of_the_model_are_both_found(modelled, calibration, description, name):
+    faults = {"friction": 0.15, "gain": 0.6}
+    estimate = identify(modelled({name: CAUSES[name]}, faults), description, calibration)
+    check_named(estimate, name, CAUSES[name])
+    check_faults(estimate, faults)
+
+
+def test_healthy_window_has_no_cause(windows_of, calibration, description):
+    estimate = identify(windows_of({}, 7)[-1], description, calibration)
+    assert estimate.causes == ()
+    assert estimate.alternatives == ()
+    assert (estimate.verdict, estimate.reason) == ("valid", "")
+
+
+def test_causes_compete_only_where_they_can_be_weighed(simulated, calibration, description):
+    """The thesis's distances know no noise; without parsimony every fault keeps what it took."""
+    window = simulated({"current_offset": 0.1})
+    for settings in (
+        SearchSettings(fitness="total_least_squares"),
+        SearchSettings(parsimonious=False),
+    ):
+        assert identify(window, description, calibration, settings).causes == ()
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "verdict"), [(0.02, "valid"), (0.3, "degraded"), (1.0, "refused")]
+)
+def test_verdict_follows_goodness_and_unexplained_share(
+    windows_of, calibration, description, amplitude, verdict
+):
+    """Of a fault beside slow noise of the current that nothing explains."""
+    [window] = windows_of({"friction": 0.25})
+    n = len(window) + 1
+    knots = np.arange(0, n + 40, 40)
+    noise = np.interp(np.arange(n), knots, np.random.default_rng(1).normal(size=len(knots)))
+    current = window.telemetry.current + amplitude * noise
+    estimate = identify(changed(window, current=current), description, calibration)
+    assert estimate.verdict == verdict
+    assert estimate.valid == (verdict != "refused")
+    assert (estimate.goodness_of_fit > estimate.goodness_limit) == (verdict != "valid")
+    share = f"{100.0 * estimate.unexplained_share:.0f} % of the departure from healthy"
+    assert (estimate.unexplained_share > MOST_UNEXPLAINED) == (verdict == "refused")
+    assert (share in estimate.reason) == (verdict != "valid")
+    assert ("standard deviations are widened" in estimate.reason) == (verdict == "degraded")
+    refused = "neither faults nor known causes explain the window" in estimate.reason
+    assert refused == (verdict == "refused")
+    assert verdict == "refused" or (
+        abs(estimate.faults.friction - 0.25) < 3.0 * estimate.sigma.friction
+    )
+
+
+@pytest.mark.parametrize(("samples", "effects"), [(5001, 2 * (1 + 4)), (4501, 1 + 20)])
+def test_uncertainty_of_the_unit_widens_sigma(
+    windows_of, calibration, description, samples, effects
+):
+    """A large backlash is a multiple of the unit's own, which healthy windows hardly tell.
+
+    Under the calibrated command and under another.
+    """
+    [window] = windows_of({"backlash": 0.5})
+    window = replace(window, telemetry=window.telemetry.part(0, samples))
+    certain = replace(calibration, unit_covariance=np.zeros((N_DEVIATIONS, N_DEVIATIONS)))
+    own, other = (identify(window, description, one) for one in (calibration, certain))
+    assert own.faults.backlash == pytest.approx(other.faults.backlash, abs=1e-12)
+    index = NAMES.index("backlash")
+    of_unit = np.sqrt(calibration.unit_covariance[index, index])
+    # A play of 1 + 99 k, of which a relative error is one of k + 1/99; other deviations show, too.
+    expected = (own.faults.backlash + 1.0 / 99.0) * of_unit
+    widened = np.sqrt(own.sigma.backlash**2 - other.sigma.backlash**2)
+    assert widened == pytest.approx(expected, rel=0.3)
+    assert own.evaluations == other.evaluations + effects
+
+
+def test_uncertainty_of_fitted_deviations_widens_sigma(windows_of, calibration, description):
+    """Under the calibrated command: that of the friction, beside a friction."""
+    [window] = windows_of({"friction": 0.3})
+    certain = replace(calibration, unit_covariance=np.zeros((N_DEVIATIONS, N_DEVIATIONS)))
+    own, other = (identify(window, description, one) for one in (calibration, certain))
+    assert own.faults.friction == other.faults.friction
+    index = NAMES.index("friction")
+    of_unit = np.sqrt(calibration.unit_covariance[index, index])
+    # What is not known of the healthy friction is in the correction; its multiple is not, of which
+    # that command's share is 0.3.
+    expected = 0.3 * own.faults.friction * of_unit
+    widened = np.sqrt(own.sigma.friction**2 - other.sigma.friction**2)
+    assert widened == pytest.approx(expected, rel=0.3)
+    assert own.evaluations == other.evaluations + 2 * (1 + 4)
+
+
+def test_effects_of_the_unit_vanish_at_the_healthy_point(healthy_windows, calibration):
+    """There the calibration measured the response, under its own command."""
+    window = healthy_windows[0]
+    causes = hidden_causes(PARAMETERS, window.excitation)
+    objective = Objective(window, calibration, causes=causes)
+    effects = objective.unit_effects(objective.healthy)
+    residuals = objective.residuals(objective.healthy[None])
+    # Of lift, friction and inertia, and of the play; the others are in the correction.
+    assert effects.shape == (residuals.shape[1], 4)
+    assert np.max(np.abs(effects)) == pytest.approx(0.0, abs=1e-15)
+    faulty = objective.encode(fault_vector({"friction": 0.3}))
+    assert np.linalg.norm(objective.unit_effects(faulty)) > 1e-3
+    # Under another command nothing was measured.
+    shorter = replace(window, telemetry=window.telemetry.part(0, 4001))
+    other = Objective(shorter, calibration, causes=causes)
+    of_other = other.unit_effects(other.healthy)
+    assert of_other.shape[1] == 20
+    assert np.linalg.norm(of_other) > 1e-3
+    assert (objective.unit_evaluations, other.unit_evaluations) == (2 * (1 + 4), 1 + 20)
+
+
+def test_priors_of_causes_are_residuals(healthy_windows, calibration):
+    """One sigma of a cause costs what the noise of one effective residual does."""
+    window = healthy_windows[0]
+    causes = hidden_causes(PARAMETERS, window.excitation)
+    objective = Objective(window, calibration, causes=causes)
+    n = len(causes)
+    point = objective.healthy.copy()
+    assert np.array_equal(objective.causes(point), np.zeros(n))
+    assert np.array_equal(objective.residuals(point[None])[0, -n:], np.zeros(n))
+    sigmas = np.array([one.sigma for one in causes])
+    point[-n:] += sigmas / np.array([2.0 * one.reach for one in causes])
+    assert objective.causes(point) == pytest.approx(sigmas)
+    priors = objective.residuals(point[None])[0, -n:]
+    assert priors**2 == pytest.approx(np.full(n, objective.noise))
+
+
+def test_healthy_window_costs_its_effective_residuals(windows_of, calibration):
+    """So that differences of n ln(cost) are those of a likelihood."""
+    window = windows_of({}, 7)[-1]
+    objective = Objective(window, calibration)
+    cost = np.sum(objective.residuals(objective.healthy[None]) ** 2)
+    # Measured 0.65; of some hundred values, and the loss is less than quadratic.
+    assert 0.4 < cost / (objective.noise * objective.effective) < 1.3
+
+
+def test_fair_cost_is_a_share_of_the_departure_from_healthy(windows_of, calibration):
+    for faults, departs in (({}, False), ({"friction": 0.75}, True)):
+        objective = Objective(windows_of(faults, 1)[0], calibration)
+        healthy = float(np.sum(objective.residuals(objective.healthy[None]) ** 2))
+        assert objective.fair_cost() == pytest.approx(max(objective.good_cost, 0.05 * healthy))
+        assert (objective.fair_cost() > objective.good_cost) == departs

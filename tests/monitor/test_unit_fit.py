@@ -1,0 +1,182 @@
+"""What healthy windows, of one command or several, tell of a unit's deviations."""
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+from ema_core.commands import THESIS_CHIRP
+from ema_core.faults import healthy_faults
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.calibration.fit import calibrate
+from ema_monitor.model.deviations import NAMES, Deviations, unit_priors
+from ema_monitor.model.monitor_model import MonitorModel
+from ema_monitor.windows.band import rms
+
+from .windows import answered, changed, window_from
+
+PARAMETERS = ActuatorParameters()
+H = 1e-4
+T = H * np.arange(5001)
+CHIRP = np.concatenate([[0.0], THESIS_CHIRP.sample(H)])
+SINE = 5e-3 * np.sin(2 * np.pi * 7.0 * T)
+# A ramp there and back with dwells, at a tenth of the highest speed.
+RAMP = np.interp(T, [0.0, 0.05, 0.2, 0.25, 0.4, 0.5], [0.0, 0.0, 0.03, 0.03, 0.0, 0.0])
+
+# Some two sigma of what may be expected of a unit each.
+UNITS = {
+    "load_torque": 0.01,
+    "viscous_friction": 0.8,
+    "inertia": 0.1,
+    "friction": -0.1,
+    "stribeck": 0.3,
+    "backlash": 0.05,
+    "loop_gain": 0.04,
+    "speed_loop": -0.06,
+    "turns_b": -0.03,
+    "eccentricity_cos": 0.04,
+    "current_offset": 0.1,
+    "speed_offset": 0.5,
+    "speed_gain": 0.005,
+    "current_delay": 1e-4,
+    "speed_delay": 5e-5,
+}
+
+
+def moved_by(model, command, noise: ArrayLike = 0.0):
+    """Window of what a healthy model makes of a command, the position being that of its speed."""
+    window = window_from(command)
+    [current], [speed] = model.respond(window, healthy_faults())
+    position = PARAMETERS.tau * H * np.cumsum(np.append(0.0, speed))
+    return changed(answered(window, current + np.asarray(noise), speed), position=position)
+
+
+def made_by(unit, command, sigma=0.01, seed=0):
+    """Window of a unit under a command, with noise of the current."""
+    noise = np.random.default_rng(seed).normal(0.0, sigma, len(command) - 1)
+    return moved_by(MonitorModel(PARAMETERS, unit=unit), command, noise)
+
+
+def sigma_of(calibration, name):
+    index = NAMES.index(name)
+    return np.sqrt(calibration.unit_covariance[index, index])
+
+
+@pytest.fixture(scope="module")
+def of_several(description):
+    unit = Deviations(lift=0.15, friction=0.06, inertia=-0.05, stribeck=0.2)
+    commands = (CHIRP, CHIRP, SINE, RAMP, SINE)
+    windows = [made_by(unit, command, 0.02, seed) for seed, command in enumerate(commands)]
+    return unit, windows, calibrate(windows, description)
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_deviation_of_a_unit_is_found(description, name):
+    """Within its reported sigma, on windows of three commands.
+
+    Where it is not worth fitting, sigma has what was left out beside the prior.
+    """
+    unit = Deviations(lift=0.125, **{name: UNITS[name]})
+    windows = [made_by(unit, command) for command in (CHIRP, SINE, RAMP)]
+    calibration = calibrate(windows, description)
+    prior = next(one for one in unit_priors(PARAMETERS, 0.03) if one.name == name)
+    sigma = sigma_of(calibration, name)
+    found = getattr(calibration.unit, name)
+    assert abs(found - UNITS[name]) < 3.0 * sigma
+    left_out = 0.0 if found else UNITS[name]
+    assert sigma <= 1.001 * np.hypot(prior.sigma, left_out)
+    # What is left for the corrections, in the band: noise.
+    assert calibration.model_rms < 0.01
+
+
+def test_several_commands_make_one_unit(of_several):
+    unit, windows, calibration = of_several
+    assert calibration.windows == 5
+    for name in ("lift", "friction", "inertia", "stribeck"):
+        error = getattr(calibration.unit, name) - getattr(unit, name)
+        assert abs(error) < 3.0 * sigma_of(calibration, name), name
+    # The correction is that of the first command; the scatter under any other has none.
+    assert np.array_equal(calibration.command, windows[0].command)
+    known = [calibration.knows_command(window) for window in windows]
+    assert known == [True, True, False, False, False]
+    for window in windows:
+        response = calibration.expect(
+            calibration.model().respond(window, healthy_faults(), 0.0), window
+        )
+        assert rms(window.current - response.current[0]) < 0.025
+
+
+def test_another_command_narrows_what_the_first_leaves_open(of_several, description):
+    """A ramp tells the friction of low speeds from that of high ones."""
+    _, windows, calibration = of_several
+    chirp_alone = calibrate(windows[:2], description)
+    for name in ("friction", "stribeck", "viscous_friction"):
+        assert sigma_of(calibration, name) < 0.9 * sigma_of(chirp_alone, name), name
+
+
+def test_covariance_is_symmetric_and_zero_where_nothing_is_fitted(of_several):
+    _, _, calibration = of_several
+    covariance = calibration.unit_covariance
+    assert covariance == pytest.approx(covariance.T, rel=1e-6, abs=1e-18)
+    fitted = {one.name for one in unit_priors(PARAMETERS, 0.03)}
+    for i, name in enumerate(NAMES):
+        assert np.any(covariance[i]) == (name in fitted)
+        assert (covariance[i, i] > 0.0) == (name in fitted)
+
+
+def test_command_given_in_another_order_gives_the_same_unit(of_several, description):
+    _, windows, calibration = of_several
+    other = calibrate(windows[::-1], description)
+    for name, one, two in zip(NAMES, calibration.unit, other.unit, strict=True):
+        # Where the iteration ends is a hundredth of what may be expected.
+        sigma = sigma_of(calibration, name)
+        assert one == pytest.approx(two, abs=0.2 * sigma + 1e-12), name
+    assert not np.array_equal(other.command, calibration.command)
+
+
+def test_what_the_windows_do_not_tell_keeps_its_prior(description):
+    """A ramp of one speed does not tell viscous from dry friction, and hardly the play."""
+    calibration = calibrate([made_by(Deviations(lift=0.125), RAMP)], description)
+    priors = {one.name: one for one in unit_priors(PARAMETERS, 0.03)}
+    for name in ("backlash", "viscous_friction"):
+        assert sigma_of(calibration, name) > 0.5 * priors[name].sigma, name
+    for name, prior in priors.items():
+        assert abs(getattr(calibration.unit, name) - prior.expected) < prior.sigma, name
+        assert sigma_of(calibration, name) <= 1.001 * prior.sigma, name
+
+
+def test_fit_driven_to_a_bound_is_refused_with_name_and_value(description):
+    """Of another actuator, whose friction is three times as high."""
+    window = moved_by(MonitorModel(PARAMETERS.replace({"f_sm": 3.0 * PARAMETERS.f_sm})), CHIRP)
+    with pytest.raises(ValueError, match="drives friction of the unit to its bound 1: ") as error:
+        calibrate([window], description)
+    message = str(error.value)
+    assert "expected about 0 +- 0.1" in message
+    assert "are the parameters those of this actuator" in message
+    assert "the units and signs of the columns right?" in message
+
+
+@pytest.mark.parametrize(("name", "scale"), [("J_m", 5.0), ("f_sm", 4.0)])
+def test_description_of_another_actuator_is_refused(description, name, scale):
+    """Before anything is fitted, where the current is beyond what a unit deviates by."""
+    p = PARAMETERS.replace({name: scale * getattr(PARAMETERS, name)})
+    with pytest.raises(ValueError, match=r"current: it is [12]\.\d+ times what the model expects"):
+        calibrate([moved_by(MonitorModel(p), CHIRP)], description)
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "said"),
+    [
+        ("current", -1.0, "the sign is reversed"),
+        ("speed", 30.0 / np.pi, "it seems to be in rpm in place of rad/s"),
+        ("position", 180.0 / np.pi, "it seems to be in degrees in place of radians"),
+        ("current", -1000.0, "the sign is reversed and it seems to be in thousandths of the unit"),
+        ("speed", PARAMETERS.tau, "is its unit, or the gear ratio, right?"),
+        ("current", 0.0, "is it another column?"),
+    ],
+)
+def test_wrong_column_is_refused_with_what_is_wrong(description, column, factor, said):
+    window = made_by(Deviations(lift=0.125), CHIRP)
+    wrong = changed(window, **{column: factor * getattr(window.telemetry, column)})
+    with pytest.raises(ValueError, match=f"such a healthy actuator: {column}: ") as error:
+        calibrate([wrong], description)
+    assert str(error.value).endswith(said)
