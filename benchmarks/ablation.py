@@ -14,6 +14,7 @@ from ema_monitor.calibration.alignment import moved
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.model.deviations import NAMES
 from ema_monitor.windows.window import Window
 
 
@@ -38,7 +39,7 @@ def _with_structure(**structure: float) -> Callable[[Calibration, list[Window]],
     """Return a calibration with some structural figures given and its rows taken anew."""
 
     def calibrated(calibration: Calibration, windows: list[Window]) -> Calibration:
-        changed = replace(calibration, **structure)
+        changed = replace(calibration, unit=calibration.unit._replace(**structure))
         model, missed = changed.model(), []
         for window in windows:
             response = model.respond(window, healthy_faults(), window.play or 0.0)
@@ -58,12 +59,12 @@ STEPS: Final = (
     Step("without the lift of the idle phase", _with_structure(lift=0.0)),
     Step(
         "without the unit's own friction and inertia",
-        _with_structure(friction_scale=1.0, inertia_scale=1.0),
+        _with_structure(friction=0.0, inertia=0.0),
     ),
     Step("without the correction rows", _without_rows),
     Step(
         "correction rows only (the thesis's calibration)",
-        _with_structure(lift=0.0, friction_scale=1.0, inertia_scale=1.0),
+        _with_structure(**dict.fromkeys(NAMES, 0.0)),
     ),
     Step("fitness: total least squares", _as_it_is, SearchSettings(fitness="total_least_squares")),
     Step("fitness: least squares", _as_it_is, SearchSettings(fitness="least_squares")),

@@ -49,7 +49,11 @@ class Sample:
         estimate = estimate_of(self.case, window, self.calibration)
         if estimate is None:
             raise RuntimeError(f"{self.case}: no window")
-        return {"spoiled": self.spoiled, "truth": rounded(self.case.faults), **told(estimate)}
+        return {
+            "spoiled": self.spoiled,
+            "truth": rounded(self.case.faults),
+            **figures_of(estimate),
+        }
 
 
 def rounded(values: Any, digits: int = 5) -> list[float | None]:
@@ -57,7 +61,7 @@ def rounded(values: Any, digits: int = 5) -> list[float | None]:
     return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in values]
 
 
-def told(estimate: Estimate) -> dict[str, Any]:
+def figures_of(estimate: Estimate) -> dict[str, Any]:
     """Return what an estimate says: faults, sigmas, correlations of the upper triangle."""
     sigma = estimate.sigma
     correlation = np.nan_to_num(estimate.covariance / np.outer(sigma, sigma))[_UPPER]

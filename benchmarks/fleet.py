@@ -152,7 +152,7 @@ def simulated_tests() -> list[list[TelemetryBlock]]:
     return tests
 
 
-def publish(actuators: int, bursts: int, together: bool, told: "SimpleQueue[float]") -> None:
+def publish(actuators: int, bursts: int, together: bool, times: "SimpleQueue[float]") -> None:
     """Publish the tests of all actuators in real time.
 
     Tells when the first period began [s since the epoch], and in the end how late a block was
@@ -172,7 +172,7 @@ def publish(actuators: int, bursts: int, together: bool, told: "SimpleQueue[floa
         time.sleep(0.05)
     time.sleep(_DISCOVERY_S)
     began_ns, latest_ns = time.time_ns(), 0
-    told.put(began_ns * 1e-9)
+    times.put(began_ns * 1e-9)
     size, h_ns = round(BLOCK_S / units[0].sample_period), round(units[0].sample_period * 1e9)
     for due_ns, number, burst, block in schedule(actuators, bursts, together):
         time.sleep(max(0, began_ns + due_ns - time.time_ns()) * 1e-9)
@@ -183,7 +183,7 @@ def publish(actuators: int, bursts: int, together: bool, told: "SimpleQueue[floa
         message.first_index = due_ns // h_ns - size + 1
         telemetry.publish(message)
     time.sleep(_DISCOVERY_S)  # a reader may still ask for what it missed
-    told.put(latest_ns * 1e-9)
+    times.put(latest_ns * 1e-9)
     rclpy.shutdown()
 
 
@@ -205,7 +205,7 @@ class Observer:
         self.latencies_s: dict[tuple[str, int], float] = {}
         self.invalid: set[tuple[str, int]] = set()
         self.reasons: set[str] = set()
-        self.told: dict[str, dict[str, str]] = {}
+        self.statuses: dict[str, dict[str, str]] = {}
         self._node = rclpy.create_node("observer", namespace="/benchmark")
         self._node.create_subscription(
             FaultEstimate, f"{NAMESPACE}/{FAULT_ESTIMATE}", self._note_estimate, 1000
@@ -233,27 +233,27 @@ class Observer:
 
     def _note_status(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            self.told[status.name] = {pair.key: pair.value for pair in status.values}
+            self.statuses[status.name] = {pair.key: pair.value for pair in status.values}
 
 
 def measure(actuators: int, together: bool, duration_s: float) -> Row:
     """Let a monitor follow a number of actuators, and return how it fares."""
     bursts = _SETTLING + max(1, round(duration_s / PERIOD_S))
     context = multiprocessing.get_context("spawn")
-    told: SimpleQueue[float] = context.SimpleQueue()
+    times: SimpleQueue[float] = context.SimpleQueue()
     observer = Observer()
     monitor = subprocess.Popen([program("monitor")], stderr=subprocess.DEVNULL)
-    publisher = context.Process(target=publish, args=(actuators, bursts, together, told))
+    publisher = context.Process(target=publish, args=(actuators, bursts, together, times))
     publisher.start()
     try:
-        observer.listen_until(lambda: not told.empty())
-        began_s = told.get()
+        observer.listen_until(lambda: not times.empty())
+        began_s = times.get()
         observer.listen_until(lambda: time.time() > began_s + _SETTLING * PERIOD_S)
         cpu_s, at_s = cpu_time_s(monitor.pid), time.time()
         observer.listen_until(lambda: time.time() > began_s + bursts * PERIOD_S)
         cores = (cpu_time_s(monitor.pid) - cpu_s) / (time.time() - at_s)
-        observer.listen_until(lambda: not told.empty())
-        late_s = told.get()
+        observer.listen_until(lambda: not times.empty())
+        late_s = times.get()
         deadline_s = time.time() + _LAST_S
         expected = {
             (f"flap_{number}", window)
@@ -270,13 +270,13 @@ def measure(actuators: int, together: bool, duration_s: float) -> Row:
         monitor.wait(_LAST_S)
         observer.close()
     latencies_s = [observer.latencies_s[key] for key in expected & observer.latencies_s.keys()]
-    heard = [int(values["blocks"]) for values in observer.told.values() if "blocks" in values]
+    heard = [int(values["blocks"]) for values in observer.statuses.values() if "blocks" in values]
     return Row(
         actuators=actuators,
         together=together,
         windows=len(expected),
         missing=len(expected) - len(latencies_s),
-        dropped=int(observer.told["monitor: input"]["windows dropped"]),
+        dropped=int(observer.statuses["monitor: input"]["windows dropped"]),
         invalid=len(observer.invalid & expected),
         blocks_lost=actuators * bursts * round(TEST_S / BLOCK_S) - sum(heard),
         latency_median_s=float(np.median(latencies_s)),

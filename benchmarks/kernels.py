@@ -75,7 +75,7 @@ def monitor_seconds(cores: int) -> dict[str, float]:
 
 
 def best_time(work: Callable[[], object]) -> float:
-    """Time of the fastest of some calls after a first one [s], as the yardstick tells its own."""
+    """Time of the fastest of some calls after a first one [s], as the yardstick reports its own."""
     work()
     times = []
     for _ in range(CALLS):

@@ -31,7 +31,7 @@ _STATUS: Final = "/diagnostics"
 
 @dataclass(frozen=True)
 class Demo:
-    """What the bag of a demo tells.
+    """What the bag of a demo contains.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Demo:
 
 
 def read(path: Path) -> Demo:
-    """Return what a demo's bag tells."""
+    """Return what a demo's bag contains."""
     bag = Bag(path)
     blocks = [
         (item.message.first_index, len(item.message.command)) for item in bag.messages([_TELEMETRY])

@@ -5,13 +5,13 @@
 
 Eight dimensions, populations of 50, 20,000 evaluations. Counted are the evaluations up to the
 first at the target; a run without one counts as infinitely late in the median. A cell is this
-median and the share of the runs that got there.
+median and the share of the runs that reached it.
 
-Comparable is what gets there at most 0.25 less often (with 20 seeds, one and a half standard
+Comparable is what reaches it at most 0.25 less often (with 20 seeds, one and a half standard
 deviations of the difference of two shares of a half), and needs at most 1.5 times the evaluations
 of each peer with the same rules and settings. No peer follows Matlab's genetic algorithm or
 particle swarm: these are held to the median of the peers, with twice its evaluations allowed.
-Where half of a peer's runs get to the target, half of ours must.
+Where half of a peer's runs reach the target, half of ours must.
 
 Prints tables, writes JSON and fails unless ours is comparable.
 """
@@ -54,12 +54,12 @@ RULES: Final = {
 
 @dataclass(frozen=True)
 class Figures:
-    """How a method fared on a function."""
+    """Evaluations and successful runs of a method on a function."""
 
     median_evaluations: float | None
-    """Up to the target; None where half of the runs or more did not get there."""
+    """Up to the target; None where half of the runs or more did not reach it."""
     share: float
-    """Of the runs that got there."""
+    """Of the runs that reached it."""
 
     @classmethod
     def of(cls, evaluations: list[float]) -> "Figures":
@@ -74,8 +74,8 @@ class Figures:
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """A family on a function."""
+class FamilyComparison:
+    """Our method of a family and its peers on one function."""
 
     family: str
     function: str
@@ -109,7 +109,7 @@ class Comparison:
         return found
 
 
-def compare(family: str, function: str, seeds: int) -> Comparison:
+def compare(family: str, function: str, seeds: int) -> FamilyComparison:
     """Run ours and the peers of a family on a function."""
 
     def figures(run: Any) -> Figures:
@@ -117,10 +117,10 @@ def compare(family: str, function: str, seeds: int) -> Comparison:
         return Figures.of([evaluations_to_target(run, target, seed) for seed in range(seeds)])
 
     peers = {name: figures(peer.run) for name, peer in FAMILIES[family].items()}
-    return Comparison(family, function, figures(ours(family)), peers)
+    return FamilyComparison(family, function, figures(ours(family)), peers)
 
 
-def table_of(family: str, comparisons: list[Comparison]) -> Table:
+def table_of(family: str, comparisons: list[FamilyComparison]) -> Table:
     """Return the table of a family."""
     table = Table(box=box.SIMPLE_HEAD, title=f"{family}: evaluations to the target, share of runs")
     table.add_column("function", no_wrap=True)
@@ -165,7 +165,7 @@ def functions_named(_: click.Context, __: click.Parameter, names: str) -> list[s
 )
 @click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
 def main(seeds: int, functions: list[str], output: Path | None) -> None:
-    """Print a table for each family, write the JSON file and judge."""
+    """Print a table for each family, write the JSON file and fail unless ours is comparable."""
     console = Console(width=140)
     pairs = [(family, function) for family in FAMILIES for function in functions]
     progress = track(pairs, "families and functions", console=Console(stderr=True))

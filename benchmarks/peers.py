@@ -4,7 +4,7 @@
 
 Half of the cases are the thesis's single faults, half are drawn by its law; the sensors are noisy.
 Every window of the model that a method evaluates is counted, those of its difference quotients
-too, and its best point by cost is kept after every batch. Afterwards the true faults tell when
+too, and its best point by cost is kept after every batch. Afterwards the true faults show when
 that point first had an error of at most 5, 2 and 1 % of the range: no method knows, and none would
 stop there. All of them know the healthy point except the random starts, and each population is one
 batch, as ours is. Medians are over all cases; a case that did not get there counts as infinitely

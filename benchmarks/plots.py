@@ -127,7 +127,7 @@ def ellipses_figure(
     covariance: np.ndarray,
     bound_covariance: np.ndarray,
 ) -> Figure:
-    """Draw the estimates of repeated windows over the covariance that they tell.
+    """Draw the estimates of repeated windows over the covariance that they report.
 
     Parameters
     ----------
@@ -146,14 +146,14 @@ def ellipses_figure(
         axes = figure.add_subplot(2, 3, number + 1)
         [dots] = axes.plot(*found[:, (i, j)].T, ".", color=_OURS, ms=5, alpha=0.7)
         centre = (faults[i], faults[j])
-        told = _ellipse(axes, centre, covariance[np.ix_((i, j), (i, j))], _OURS)
+        reported = _ellipse(axes, centre, covariance[np.ix_((i, j), (i, j))], _OURS)
         best = _ellipse(axes, centre, bound_covariance[np.ix_((i, j), (i, j))], _BOUND)
         [truth] = axes.plot(*centre, "+", color="black", ms=12, mew=1.5)
         axes.set(xlabel=f"k, {FAULTS[i].label}", ylabel=f"k, {FAULTS[j].label}")
         axes.autoscale_view()
         axes.margins(0.1)
         axes.grid(alpha=0.3)
-        handles = [dots, told, best, truth]
+        handles = [dots, reported, best, truth]
     labels = ("estimates", "90 % region reported", "90 % region of the bound", "truth")
     figure.suptitle(f"Estimates of {len(found)} noisy windows of the same wide fault")
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
@@ -164,8 +164,10 @@ def residual_figure(window: Window, calibration: Calibration) -> Figure:
     """Draw the current and its residual, as of a healthy actuator and with the faults found."""
     estimate = identify(window, ACTUATOR, calibration)
     objective = Objective(window, calibration)
-    vectors = np.array([healthy_faults(), estimate.faults])
-    healthy, fitted = objective.expect(vectors, np.full(2, estimate.play)).current
+    points = [
+        objective.encode(np.array(k), estimate.play) for k in (healthy_faults(), estimate.faults)
+    ]
+    healthy, fitted = objective.expect(np.array(points)).current
     h = window.sample_period
     times_ms = 1e3 * h * np.arange(1, len(window) + 1)
     figure = Figure((10.0, 6.5), layout="constrained")

@@ -6,10 +6,11 @@
 Lives have estimates drawn with the measured errors of the estimator (estimator_errors.jsonl); those
 of --real are simulated and identified test by test. Their seeds are fixed, and nothing was tuned on
 them. The tracker knows the laws and typical rates, or no law at all; over lives of --otherwise,
-whose laws are not those of the type, what it is told is wrong. Beside it, on the same estimates and
-in the same process, stand a linear trend through the latest of them, NASA's progpy, and an oracle
-to which only the noise of the future is unknown: more than that nobody can predict. Lives of
---whole are scored as health messages tell them, by fault limit or requirement, whichever is first.
+whose laws are not those of the type, the law it is given is wrong. It is compared, on the same
+estimates and in the same process, with a linear trend through the latest of them, NASA's progpy,
+and an oracle to which only the noise of the future is unknown: more than that nobody can predict.
+Lives of --whole are scored by their health messages, by fault limit or requirement, whichever is
+first.
 Prints tables and writes JSON.
 """
 
@@ -122,14 +123,14 @@ def score_repaired(scored: ScoredLife) -> Scores:
 
 
 def score_otherwise(scored: ScoredLife) -> Scores:
-    """Score a life whose laws are not those of the type: what is told of them is wrong."""
+    """Score a life whose laws are not those of the type: the known law is wrong."""
     life = scored.life()
     made = _scores(scored, life, drawn(scored, life), PREDICTORS)
     return {"wrong law" if name == "law known" else name: score for name, score in made.items()}
 
 
 def trend_reports(scored: ScoredLife) -> Reports:
-    """Return what the linear trend tells of a constant life."""
+    """Return what the linear trend reports of a constant life."""
     life = scored.life()
     made = linear_trend(life, drawn(scored, life))
     return Reports(len(made.hours), int(np.sum(np.isfinite(made.median))), 0, 0)
@@ -175,10 +176,12 @@ def measure(pool: Workers, sizes: Sizes) -> dict[str, Any]:
         figures["drawn"], figures["drawn_lives"] = _figures(scores)
     with _timed("constant", durations):
         lives = constant(sizes.constant)
-        told = pool.map("constant lives", reports, lives)
+        of_lives = pool.map("constant lives", reports, lives)
         trends = pool.map("their linear trends", trend_reports, lives)
         figures["constant"] = {
-            name: constant_figures([meets for meets, _ in told], [one[name] for _, one in told])
+            name: constant_figures(
+                [meets for meets, _ in of_lives], [by_case[name] for _, by_case in of_lives]
+            )
             for name in SETTINGS
         }
         figures["constant"]["linear trend"] = constant_figures([True] * len(lives), trends)
@@ -216,24 +219,24 @@ def measure(pool: Workers, sizes: Sizes) -> dict[str, Any]:
     return figures
 
 
-def constant_figures(meets: Sequence[bool], told: Sequence[Reports]) -> dict[str, Any]:
-    """Return what was told of constant lives, each of which meets all requirements or not."""
-    wrong = [good and one.failing > 0 for good, one in zip(meets, told, strict=True)]
+def constant_figures(meets: Sequence[bool], made: Sequence[Reports]) -> dict[str, Any]:
+    """Return what was reported of constant lives, each of which meets all requirements or not."""
+    wrong = [good and one.failing > 0 for good, one in zip(meets, made, strict=True)]
     return {
-        "lives": len(told),
+        "lives": len(made),
         "reported": sum(
             one.by_faults + one.by_requirements > 0 or failing
-            for one, failing in zip(told, wrong, strict=True)
+            for one, failing in zip(made, wrong, strict=True)
         ),
-        "by_faults": sum(one.by_faults > 0 for one in told),
-        "by_requirements": sum(one.by_requirements > 0 for one in told),
-        "wrongly_told_failing": sum(wrong),
+        "by_faults": sum(one.by_faults > 0 for one in made),
+        "by_requirements": sum(one.by_requirements > 0 for one in made),
+        "wrongly_reported_failing": sum(wrong),
         "failing": sum(not good for good in meets),
-        "rightly_told_failing": sum(
-            one.failing > 0 and not good for good, one in zip(meets, told, strict=True)
+        "rightly_reported_failing": sum(
+            one.failing > 0 and not good for good, one in zip(meets, made, strict=True)
         ),
-        "tests": sum(one.tests for one in told),
-        "tests_with_report": sum(one.by_faults + one.by_requirements for one in told),
+        "tests": sum(one.tests for one in made),
+        "tests_with_report": sum(one.by_faults + one.by_requirements for one in made),
     }
 
 

@@ -3,7 +3,7 @@
 A test takes sigmas and correlations from one of the measured windows whose faults are nearest to
 its own, and errors, in units of sigma, from any: with their tails, and correlated as they were.
 Errors are pooled from windows that show the component clearly; where they do not, an estimate is
-healthy and tells nothing of the error. Afterwards what differs from healthy by less than the
+healthy and says nothing of the error. Afterwards what differs from healthy by less than the
 estimator's own test asks for is put back to healthy, as it does.
 """
 

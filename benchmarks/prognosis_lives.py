@@ -1,4 +1,4 @@
-"""The lives that prognosis is scored on, and what the real estimator tells of their tests."""
+"""The lives that prognosis is scored on, and what the real estimator finds in their tests."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import identify
 from ema_monitor.windows.trigger import WindowTrigger
 from ema_monitor.windows.window import Window
-from ema_sim.lives import NOISE_OF_SPOILED, SimulatedLife, constant_life, run_to_failure
+from ema_sim.lives import NOISE_OF_DISTURBED, SimulatedLife, constant_life, run_to_failure
 from ema_sim.sensors import Sensors
 
 SEED: Final = 20_231
@@ -116,7 +116,7 @@ def estimate_of(
     """
     if window in ("missing", "gap"):
         return None
-    noise = NOISE_OF_SPOILED if window == "noisy" else CURRENT_NOISE
+    noise = NOISE_OF_DISTURBED if window == "noisy" else CURRENT_NOISE
     rng = np.random.default_rng([*case.seed, 1])
     telemetry = Sensors(noise, RESOLUTIONS, rng).measure(case.telemetry())
     [found] = WindowTrigger(ACTUATOR.parameters).feed(telemetry)

@@ -18,12 +18,15 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from prognosis_estimates import drawn
 from prognosis_lives import LIMITS, ScoredLife, growing
 from prognosis_metrics import ALPHA
 from prognosis_predictors import PREDICTORS, SETTINGS, Predictions
 from prognosis_scores import SHARES
 
+from ema_cli.show.style import BLUE, ORANGE, VERMILION, draw_estimates, tidy
 from ema_core.faults import FAULT_NAMES, FAULTS, healthy_faults
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.measurement import Measurement
@@ -39,16 +42,15 @@ FORESEEN_FROM: Final = 0.6
 # Of the palette of Okabe and Ito, which colour-blind people tell apart.
 _COLOURS: Final = {
     "law known": "#009e73",
-    "law unknown": "#0072b2",
+    "law unknown": BLUE,
     "linear trend": "#cc79a7",
-    "progpy": "#d55e00",
+    "progpy": VERMILION,
     "oracle": "0.35",
 }
 _LINES: Final = {"linear trend": "-.", "oracle": ":"}
 _BANDS: Final = tuple(SETTINGS)
-_CONE: Final = "#e69f00"
+_CONE: Final = ORANGE
 _TRUTH: Final = {"color": "0.1", "lw": 1.5, "ls": (0, (6, 2))}
-_SIGMAS_OF_90_PERCENT: Final = 1.645
 _FAN_LEVELS: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
 _FAN_TIMES: Final = 60
 _LOWEST_ACCURACY: Final = -1.0
@@ -56,7 +58,7 @@ _LOWEST_ACCURACY: Final = -1.0
 
 @dataclass(frozen=True, eq=False)
 class ShownLife:
-    """A life, what its tests told, and what was predicted after each."""
+    """A life, its measurements, and what was predicted after each."""
 
     scored: ScoredLife
     life: SimulatedLife
@@ -100,12 +102,10 @@ def lives_figure(lives: Sequence[ShownLife]) -> Figure:
         _draw_growth(right, shown)
         for axes in (left, right):
             axes.set_xlim(0.0, 1.1 * shown.life.end_hours)
-            axes.grid(color="0.5", alpha=0.2)
-            axes.spines[["top", "right"]].set_visible(False)
+            tidy(axes)
     rows[0, 0].set_title("remaining useful life", fontsize="medium")
     rows[0, 1].set_title(
-        f"growth, and as foreseen at {100 * FORESEEN_FROM:.0f} % of life "
-        "(5 to 95 %, 25 to 75 %, median)",
+        f"growth, and as foreseen at {100 * FORESEEN_FROM:.0f} % of life",
         fontsize="medium",
     )
     for axes in rows[-1]:
@@ -113,7 +113,7 @@ def lives_figure(lives: Sequence[ShownLife]) -> Figure:
     figure.align_ylabels(rows[:, 0])
     figure.align_ylabels(rows[:, 1])
     handles = _legend(list(rows.flat))
-    figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=5, frameon=False)
     return figure
 
 
@@ -146,10 +146,11 @@ def _draw_growth(axes: Axes, shown: ShownLife) -> None:
     value = np.array([measurement.faults[number] for measurement in shown.measurements])
     variance = np.array([measurement.variance[number] for measurement in shown.measurements])
     seen = np.isfinite(variance)
-    axes.errorbar(
+    draw_estimates(
+        axes,
         hours[seen],
         value[seen],
-        _SIGMAS_OF_90_PERCENT * np.sqrt(variance[seen]),
+        np.sqrt(variance[seen]),
         fmt="o",
         ms=2.5,
         color="0.6",
@@ -162,12 +163,13 @@ def _draw_growth(axes: Axes, shown: ShownLife) -> None:
         low, lower, median, upper, high = fan.values[life.dominant]
         colour = _COLOURS[case]
         axes.fill_between(fan.hours, low, high, color=colour, alpha=0.15, lw=0)
-        axes.fill_between(fan.hours, lower, upper, color=colour, alpha=0.2, lw=0)
+        middle = axes.fill_between(fan.hours, lower, upper, color=colour, alpha=0.2, lw=0)
+        middle.set_label(f"{case}, 25 to 75 %")
         axes.plot(fan.hours, median, color=colour, lw=1.5)
     healthy = float(healthy_faults()[number])
     side = np.sign(life.faults[-1, number] - healthy)
     limit = healthy + side * LIMITS[life.dominant]
-    axes.axhline(limit, color="#d55e00", ls=(0, (4, 3)), lw=1.2, label="limit")
+    axes.axhline(limit, color=VERMILION, ls=(0, (4, 3)), lw=1.2, label="limit")
     axes.axvline(life.end_hours, color="0.4", ls=":", lw=1.1, label="end of life")
     bottom, top = sorted((healthy, limit))
     room = 0.15 * (top - bottom)
@@ -200,11 +202,16 @@ def accuracy_figure(lives: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
         panels[-1].plot(
             percent, median, _LINES.get(name, "-"), color=_COLOURS[name], lw=1.8, label=name
         )
+    marks = [
+        Line2D([], [], color="0.35", lw=1.8, label="median"),
+        Patch(color="0.35", alpha=0.2, lw=0, label="5 to 95 % of lives"),
+        Line2D([], [], color=_CONE, ls=(0, (4, 3)), lw=1.2, label=f"{1.0 - ALPHA:g}"),
+    ]
+    figure.legend(handles=marks, loc="outside lower center", ncols=3, frameon=False)
     panels[-1].set_title("medians", fontsize="medium")
     panels[-1].legend(loc="lower right", frameon=False)
     for axes in panels:
-        axes.grid(color="0.5", alpha=0.2)
-        axes.spines[["top", "right"]].set_visible(False)
+        tidy(axes)
     panels[0].set_ylim(_LOWEST_ACCURACY, 1.02)
     panels[0].set_xlim(percent[0], percent[-1])
     for axes in panels[3:]:
@@ -213,8 +220,7 @@ def accuracy_figure(lives: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
         axes.set_ylabel("relative accuracy [-]")
     count = len(next(iter(lives.values())))
     figure.suptitle(
-        f"Relative accuracy of the remaining life over {count} lives: median, and 5 to 95 % of "
-        f"lives (dashed: {1.0 - ALPHA:g}); no prediction counts 0",
+        f"Relative accuracy of the remaining life over {count} lives; no prediction counts 0",
         fontsize="medium",
     )
     return figure

@@ -1,4 +1,4 @@
-"""What is scored: the tracker with laws known and unknown, beside a linear trend and an oracle."""
+"""What is scored: the tracker with laws known and unknown, a linear trend and an oracle."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -102,7 +102,7 @@ def _tracked(measurements: Sequence[Measurement], settings: TrackerSettings) -> 
 
 
 def law_known(_: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:
-    """Return what the tracker predicts that is told laws and typical rates."""
+    """Return what a tracker with known laws and typical rates predicts."""
     return _tracked(measurements, SETTINGS["law known"])
 
 

@@ -1,6 +1,6 @@
 """Remaining useful life by NASA's progpy: its particle filter and Monte Carlo prediction.
 
-It is told more than our tracker: which component dominates and to which side it goes, its law, and
+It is given more than our tracker: which component dominates and to which side it goes, its law, and
 the hours up to which growth may begin. It looks at that component alone, with its rate and its
 onset as further states. Tests in which the component was put back to healthy are kept from it:
 taken for a measured zero they made it believe in rates that its particles never came back from.
@@ -78,7 +78,7 @@ class FaultGrowth(PrognosticsModel):
         return x
 
     def output(self, x: Any) -> Any:
-        """Return what a test tells."""
+        """Return what a test measures."""
         return self.OutputContainer({"x": x["x"]})
 
     def event_state(self, x: Any) -> dict[str, Any]:

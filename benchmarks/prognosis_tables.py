@@ -31,7 +31,7 @@ _ALPHA_LAMBDA: Final = f"alpha-lambda (20 %) at {JUDGED_LAMBDA:g}, pass rate"
 
 
 def rows(figures: Mapping[str, Any]) -> list[Row]:
-    """Return what was measured beside its targets.
+    """Return what was measured with its targets.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def _whole_rows(one: Mapping[str, Any], name: str) -> list[Row]:
     lives, failing = one["lives"], one["by_requirement"]
     return [
         Row(
-            f"{lives} lives, {failing} ended by a requirement, {name}: accuracy of the life told",
+            f"{lives} lives, {failing} ended by a requirement, {name}: accuracy",
             "",
             f"{one['cra']:.3f}",
             None,
@@ -134,13 +134,13 @@ def _constant_rows(one: Mapping[str, Any], name: str) -> list[Row]:
         Row(
             "  by a fault limit, by a requirement, by one wrongly said to fail",
             "",
-            f"{one['by_faults']}, {one['by_requirements']}, {one['wrongly_told_failing']}",
+            f"{one['by_faults']}, {one['by_requirements']}, {one['wrongly_reported_failing']}",
             None,
         ),
         Row(
-            "  so faulty that a requirement fails from the first test on: so told",
+            "  so faulty that a requirement fails from the first test on: so reported",
             "",
-            f"{one['rightly_told_failing']} of {one['failing']}",
+            f"{one['rightly_reported_failing']} of {one['failing']}",
             None,
         ),
     ]

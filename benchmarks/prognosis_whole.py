@@ -35,16 +35,16 @@ _NS_PER_HOUR = 3_600_000_000_000
 
 @dataclass(frozen=True)
 class Reports:
-    """What is told of a life in which nothing grows.
+    """What is reported of a life in which nothing grows.
 
     Attributes
     ----------
     tests
         Number of tests.
     by_faults, by_requirements
-        After how many of them a remaining life is told, by fault limits and by requirements.
+        After how many of them a remaining life is reported, by fault limits and by requirements.
     failing
-        After how many a requirement is said to fail already: the constant faults may be so large.
+        After how many a requirement is reported to fail already: constant faults may be so large.
     """
 
     tests: int
@@ -55,7 +55,7 @@ class Reports:
 
 @dataclass(frozen=True)
 class WholeScore:
-    """How well it is told when a life ends, by a fault limit or by a requirement.
+    """Score of the reported end of life, by a fault limit or by a requirement.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class WholeScore:
     cra
         Cumulative relative accuracy over the second half of life [-].
     inside, below, intervals
-        How many 90 % intervals hold the truth, lie wholly beyond it, and are told.
+        How many 90 % intervals hold the truth, lie wholly beyond it, and are reported.
     """
 
     kind: str
@@ -81,7 +81,7 @@ class WholeScore:
 
 
 def score_whole(scored: ScoredLife) -> dict[str, WholeScore]:
-    """Score the remaining life that health messages tell over a life with drawn estimates."""
+    """Score the remaining life in the health messages of a life with drawn estimates."""
     life = scored.life()
     measurements = drawn(scored, life)
     failure = _failure_hours(life)
@@ -109,32 +109,32 @@ def score_whole(scored: ScoredLife) -> dict[str, WholeScore]:
 
 def whole_figures(scores: Sequence[WholeScore]) -> dict[str, Any]:
     """Return the figures of many lives: mean accuracy, intervals pooled."""
-    told = sum(score.intervals for score in scores)
+    intervals = sum(score.intervals for score in scores)
     return {
         "lives": len(scores),
         "by_requirement": sum(score.by_requirement for score in scores),
         "cra": float(np.mean([score.cra for score in scores])),
-        "coverage": sum(score.inside for score in scores) / told,
-        "too_long": sum(score.below for score in scores) / told,
+        "coverage": sum(score.inside for score in scores) / intervals,
+        "too_long": sum(score.below for score in scores) / intervals,
     }
 
 
 def reports(scored: ScoredLife) -> tuple[bool, dict[str, Reports]]:
-    """Return whether a constant life meets all requirements, and what is told of it by case."""
+    """Return whether a constant life meets all requirements, and what is reported of it by case."""
     life = scored.life()
     measurements = drawn(scored, life)
     reserves = _requirements().exact_reserves(REQUIREMENTS, life.faults[:1])
-    told = {}
+    by_case = {}
     for name, settings in SETTINGS.items():
         outlooks, _ = _followed(measurements, settings)
         required = [outlook.rul_requirements for outlook in outlooks]
-        told[name] = Reports(
+        by_case[name] = Reports(
             len(outlooks),
             sum(outlook.rul_faults.known for outlook in outlooks),
             sum(life.known and life.hours_50 > 0.0 for life in required),
             sum(life.known and life.hours_50 == 0.0 for life in required),
         )
-    return bool(np.all(reserves >= 0.0)), told
+    return bool(np.all(reserves >= 0.0)), by_case
 
 
 def seconds(scored: ScoredLife) -> NDArray[np.float64]:
@@ -153,11 +153,11 @@ def seconds(scored: ScoredLife) -> NDArray[np.float64]:
 def _followed(
     measurements: Sequence[Measurement], tracker: TrackerSettings
 ) -> tuple[list[Outlook], list[float]]:
-    """Return what is said after each test, and its processor time [s]."""
+    """Return the outlook after each test, and its processor time [s]."""
     calibration = Calibration.builtin()
     settings = PrognosisSettings(tracker=tracker)
     prognostics = Prognostics(History("flap", "drawn"), settings)
-    parameters = calibration.model().parameters
+    parameters = calibration.unit_parameters
     outlooks, spent = [], []
     for cycle, measurement in enumerate(measurements, 1):
         estimate = _estimate(measurement, calibration)
@@ -166,7 +166,7 @@ def _followed(
         outlook = prognostics.update(estimate, parameters, settings, count)
         spent.append(time.process_time() - start)
         if outlook is None:
-            raise RuntimeError(f"nothing is said of a valid estimate at {measurement.hours:g} h")
+            raise RuntimeError(f"no outlook for a valid estimate at {measurement.hours:g} h")
         outlooks.append(outlook)
     return outlooks, spent
 
@@ -185,7 +185,7 @@ def _failure_hours(life: SimulatedLife) -> float:
 
 
 def _requirements() -> Requirements:
-    found = FITTED.of(Calibration.builtin().model().parameters, RequirementLimits())
+    found = FITTED.of(Calibration.builtin().unit_parameters, RequirementLimits())
     if isinstance(found, str):
         raise RuntimeError(found)
     return found

@@ -1,4 +1,4 @@
-"""How promptly nodes do what they promise: end when they are told to, and write a recording out.
+"""How promptly nodes end on request, and write a recording to disk.
 
     python benchmarks/promptness.py [--repeats N] [--json FILE]
 

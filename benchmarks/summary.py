@@ -14,6 +14,7 @@ import memory
 import prognosis_tables
 import startup
 import targets
+import trust
 from rich.console import Console
 from tables import target_table
 from targets import Row
@@ -92,6 +93,7 @@ def main() -> None:
     """Print the table, write it, and fail when a target is missed."""
     parts = {
         "accuracy": targets.rows,
+        "trust": trust.rows,
         "kernels": kernel_rows,
         "live": live_rows,
         "fleet": fleet_rows,

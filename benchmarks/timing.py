@@ -72,7 +72,7 @@ def measure(progress: Progress, healthy: Healthy, sizes: Sizes) -> dict[str, Any
     return {
         "cold": _timed(track(range(2 * half), description="cold estimates"), cold),
         "warm": _timed(track(range(2 * half), description="warm estimates"), warm),
-        "swarm": _timed(track(range(_TURNS), description="particle swarm"), swarm),
+        "swarm": _timed(track(range(min(_TURNS, 2 * half)), description="particle swarm"), swarm),
         "thesis_cases_s": {
             name: _case_seconds(case.window(case.telemetry(), noisy=False), healthy.shipped)
             for name, case in track(cases.first_cycles().items(), description="thesis's cases")

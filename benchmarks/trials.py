@@ -22,7 +22,7 @@ from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.threads import limit_threads
 
 ACTUATOR: Final = ActuatorDescription()
-"""What the monitor is told of every actuator, whatever the plant really is."""
+"""Description given to the monitor for every actuator, whatever the plant really is."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

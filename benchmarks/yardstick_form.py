@@ -1,6 +1,6 @@
 """The yardstick's form of the model through the lanes of our kernels, step by step the same.
 
-It tells the speed of the lanes apart from what the shipped pair form does beyond it: two more
+It separates the speed of the lanes from what the shipped pair form does beyond it: two more
 constants a pair, the idle phase's lift, end stops and the speed.
 """
 
