@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_cli.identification_options import IdentificationOptions
-from ema_cli.processes.interrupt import deferred_interrupt
+from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import estimation_error
 from ema_core.wording import counted
@@ -17,9 +17,8 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.search import Identification
 from ema_monitor.model.monitor_model import compile_kernels
-from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
-from ema_recording.windows import BagWindows
+from ema_recording.windows import BagWindows, RecordedWindow
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +27,6 @@ class Run:
 
     Attributes
     ----------
-    estimate
-        What it found.
     evaluations
         Windows of the model computed until the end of each generation.
     costs
@@ -41,29 +38,17 @@ class Run:
     costs: list[float]
 
     @property
-    def algorithm(self) -> str:
-        """Its registered name."""
-        return self.estimate.algorithm
-
-    @property
-    def generations(self) -> int:
-        """How many there were."""
-        return len(self.costs)
-
-    @property
     def search_fitness(self) -> float:
         """Cost where the search itself ended [A^2.s]; NaN when there was none."""
         return self.costs[-1] if self.costs else float("nan")
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class AlgorithmComparison:
     """What several algorithms made of one window.
 
     Attributes
     ----------
-    found
-        The window.
     runs
         One for each algorithm, in the order asked for.
     truth
@@ -72,7 +57,7 @@ class Comparison:
         Cost at the true faults [A^2.s]; None where they, or a model to judge them by, are missing.
     """
 
-    found: Segment
+    found: RecordedWindow
     runs: list[Run]
     truth: NDArray[np.float64] | None = None
     fitness_at_truth: float | None = None
@@ -80,7 +65,10 @@ class Comparison:
     @property
     def best(self) -> Run | None:
         """Run of lowest cost, a valid one if there is any; None when none has an estimate."""
-        return _fittest(self.runs)
+        fitted = [run for run in self.runs if np.isfinite(run.estimate.fitness)]
+        return min(
+            fitted, key=lambda run: (not run.estimate.valid, run.estimate.fitness), default=None
+        )
 
     def error_percent(self, run: Run) -> float:
         """Return the error of a run's estimate [%]; NaN without truth or estimate."""
@@ -89,15 +77,8 @@ class Comparison:
         return estimation_error(run.estimate.faults, self.truth)
 
 
-def choose_window(found: BagWindows, number: int | None) -> Segment:
+def choose_window(found: BagWindows, number: int | None) -> RecordedWindow:
     """Return a window by number, or the first that can be used, or the first of all.
-
-    Parameters
-    ----------
-    found
-        What is in a bag; at least one window was begun.
-    number
-        Which one, from 0; None for the first that can be used.
 
     Raises
     ------
@@ -108,39 +89,31 @@ def choose_window(found: BagWindows, number: int | None) -> Segment:
         if number >= len(found.windows):
             windows = counted(len(found.windows), "window")
             raise ValueError(f"--window {number}: the bag has {windows}, numbered from 0")
-        return found.windows[number].load()
+        return found.windows[number]
     for window in found.windows:
-        one = window.load()
-        if isinstance(one.window, Window) and not one.window.excitation_defect():
-            return one
-    return found.windows[0].load()
+        one = window.window
+        if isinstance(one, Window) and not one.excitation_defect():
+            return window
+    return found.windows[0]
 
 
 def compare_algorithms(
-    found: Segment,
+    found: RecordedWindow,
     algorithms: Sequence[str],
     calibration: Calibration,
     options: IdentificationOptions,
     truth: NDArray[np.float64] | None,
     *,
     force: bool = False,
-) -> Comparison:
+) -> AlgorithmComparison:
     """Identify a window by each algorithm from the healthy point, with a progress bar.
 
     Parameters
     ----------
-    found
-        The window.
-    algorithms
-        Registered names.
-    calibration
-        Calibration of the model.
     options
         How to identify; algorithm and warm start do not count.
     truth
         True faults, ``(8,)``, if they are known.
-    force
-        Whether to estimate even if the calibration does not fit.
 
     Raises
     ------
@@ -149,18 +122,19 @@ def compare_algorithms(
     click.Abort
         On Ctrl-C.
     """
-    with deferred_interrupt() as interrupted, progress_bar() as progress:
+    window = found.window
+    with deferred_signals() as stop, progress_bar() as progress:
         # So that the computing time of the first algorithm is that of an estimate.
         compile_kernels([calibration.form])
         runs = []
         for algorithm in algorithms:
             search = replace(options.search, algorithm=algorithm, warm_start=False)
-            run = Identification(found.window, found.description, calibration, search, force=force)
+            run = Identification(window, found.description, calibration, search, force=force)
             task = progress.add_task(algorithm, total=search.budget)
             evaluations, costs = [], []
             try:
                 for one in run:
-                    if interrupted.is_set():
+                    if stop:
                         raise click.Abort
                     evaluations.append(one.evaluations)
                     costs.append(one.fitness)
@@ -174,17 +148,13 @@ def compare_algorithms(
             if run.estimate is not None:
                 runs.append(Run(run.estimate, evaluations, costs))
             progress.update(task, completed=search.budget)
-        best = _fittest(runs)
-        at_truth = None
-        if truth is not None and best is not None and isinstance(found.window, Window):
-            objective = Objective(found.window, calibration, options.search.fitness)
+        comparison = AlgorithmComparison(found, runs, truth)
+        best = comparison.best
+        if truth is not None and best is not None and isinstance(window, Window):
+            objective = Objective(window, calibration, options.search.fitness)
             point = objective.encode(truth, best.estimate.play)
             at_truth = float(np.sum(objective.residuals(point[None]) ** 2))
-        if interrupted.is_set():
+            comparison = replace(comparison, fitness_at_truth=at_truth)
+        if stop:
             raise click.Abort
-    return Comparison(found, runs, truth, at_truth)
-
-
-def _fittest(runs: Sequence[Run]) -> Run | None:
-    fitted = [run for run in runs if np.isfinite(run.estimate.fitness)]
-    return min(fitted, key=lambda run: (not run.estimate.valid, run.estimate.fitness), default=None)
+    return comparison

@@ -34,8 +34,6 @@ class NameChoice(click.Choice[str]):
     ----------
     kind
         What is named, such as "fault".
-    names
-        What may be chosen.
     """
 
     def __init__(self, kind: str, names: Iterable[str]) -> None:

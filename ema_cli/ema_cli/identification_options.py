@@ -1,14 +1,13 @@
 """Options that say how to identify, shared by the commands that do."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import click
 
 from ema_cli.errors import NameChoice
+from ema_cli.gathered_options import gathered
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.fitness import FITNESS
 from ema_monitor.identification.settings import SearchSettings
@@ -18,40 +17,29 @@ _OF_A_SERIES = (
     click.option(
         "--algorithm",
         default=SearchSettings.algorithm,
-        show_default=True,
         type=NameChoice("algorithm", ALGORITHMS),
     ),
     click.option(
         "--warm-start/--no-warm-start",
         default=SearchSettings.warm_start,
-        show_default=True,
         help="Begin each search at the faults of the actuator's last valid estimate.",
     ),
 )
 _OF_EACH_SEARCH = (
-    click.option(
-        "--fitness",
-        default=SearchSettings.fitness,
-        show_default=True,
-        type=NameChoice("fitness", FITNESS),
-    ),
+    click.option("--fitness", default=SearchSettings.fitness, type=NameChoice("fitness", FITNESS)),
     click.option(
         "--budget",
         default=SearchSettings.budget,
-        show_default=True,
         type=click.IntRange(1),
         help="Largest number of model evaluations a window.",
     ),
     click.option(
         "--goodness-limit",
         default=SearchSettings.goodness_limit,
-        show_default=True,
         type=click.FloatRange(0.1, 1e6),
         help="Goodness of fit beyond which no fault explains a window, without short circuit.",
     ),
-    click.option(
-        "--seed", default=0, show_default=True, type=click.IntRange(0), help="Of the algorithm."
-    ),
+    click.option("--seed", default=0, type=click.IntRange(0), help="Of the algorithm."),
     click.option(
         "--calibration",
         "calibration_file",
@@ -67,8 +55,6 @@ class IdentificationOptions:
 
     Attributes
     ----------
-    search
-        How to identify.
     calibration_file
         File of the calibration; None for the shipped one.
     """
@@ -96,42 +82,14 @@ class IdentificationOptions:
         return str(self.calibration_file or "the shipped one of the built-in actuator")
 
 
-def identification_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options; it gets them as one argument, ``options``."""
-    return _with_options(command, (*_OF_A_SERIES, *_OF_EACH_SEARCH))
+def _build(*, calibration_file: Path | None, **search: Any) -> IdentificationOptions:
+    return IdentificationOptions(SearchSettings(**search), calibration_file)
 
 
-def comparison_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command those that are the same for every algorithm; its searches begin cold."""
-    return _with_options(command, _OF_EACH_SEARCH)
+_NAMES = (*SearchSettings.__annotations__, "calibration_file")
 
+identification_options = gathered("options", _build, _NAMES, (*_OF_A_SERIES, *_OF_EACH_SEARCH))
+"""Gives a command the options as ``options``."""
 
-def _with_options(
-    command: Callable[..., None], offered: tuple[Callable[..., Any], ...]
-) -> Callable[..., None]:
-    @wraps(command)
-    def with_options(
-        *,
-        fitness: str,
-        budget: int,
-        goodness_limit: float,
-        seed: int,
-        calibration_file: Path | None,
-        algorithm: str = SearchSettings.algorithm,
-        warm_start: bool = False,
-        **others: Any,
-    ) -> None:
-        search = SearchSettings(
-            algorithm,
-            fitness,
-            budget=budget,
-            goodness_limit=goodness_limit,
-            seed=seed,
-            warm_start=warm_start,
-        )
-        options = IdentificationOptions(search, calibration_file)
-        command(options=options, **others)
-
-    for option in reversed(offered):
-        with_options = option(with_options)
-    return with_options
+comparison_options = gathered("options", _build, _NAMES, _OF_EACH_SEARCH)
+"""Gives a command those that are the same for every algorithm; its searches begin cold."""

@@ -13,12 +13,12 @@ _COMMANDS: Final = {
     "calibrate": "Average the windows in BAGS of one healthy actuator into a calibration.",
     "estimate": "Name the faults in each window of BAG, with their uncertainty.",
     "compare": "Compare algorithms on one window of BAG: what each finds, how well, and how fast.",
-    "prognose": "Tell how many flight hours a unit has left, from the tests in each "
+    "prognose": "Predict how many flight hours a unit has left, from the tests in each "
     "BAG or folder of bags.",
     "thesis": "Repeat the thesis's study: ten single faults and a multiple one by "
     "GA, PSO, DE and GWO.",
     "plot": "Draw the telemetry of BAG with its windows; with --window, also its fit and faults.",
-    "info": "Say what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it.",
+    "info": "Show what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it.",
     "up": "Run nodes until Ctrl-C: without names, the simulated actuator and its monitor.",
     "record": "Record telemetry, estimates and health until Ctrl-C.",
     "play": "Play BAG, and the time on /clock.",
@@ -50,7 +50,11 @@ class _CommandsOnDemand(click.Group):
 
 @click.group(
     cls=_CommandsOnDemand,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": 100,
+        "show_default": True,
+    },
 )
 @click.version_option(__version__, prog_name="ema")
 def main() -> None:

@@ -12,13 +12,6 @@ from ema_recording.writer import BagWriter
 def new_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
     """Give a bag to write to; nothing is left of one that could not be written.
 
-    Parameters
-    ----------
-    path
-        Where to record.
-    overwrite
-        Whether a recording that is there already is replaced.
-
     Raises
     ------
     ValueError

@@ -10,7 +10,7 @@ import pytest
 from ema_cli import comparison
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import read_windows
-from ema_cli.comparison import Comparison, choose_window, compare_algorithms
+from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
 from ema_cli.identification_options import IdentificationOptions
 from ema_cli.show.compare_figure import draw_comparison
 from ema_core.description import ActuatorDescription
@@ -50,16 +50,24 @@ def compared(ema, bag):
 
 
 @pytest.fixture(scope="module")
-def quick(bag) -> Comparison:
+def shown(ema, bag) -> str:
+    """What is printed of the first window."""
+    bag.with_name("case-compare.png").unlink(missing_ok=True)
+    return ema("compare", bag, *QUICK).stdout
+
+
+@pytest.fixture(scope="module")
+def quick(bag) -> AlgorithmComparison:
     found = read_windows(bag, SOURCE)
     options = IdentificationOptions(SearchSettings(budget=400), None)
     calibration = Calibration.builtin()
     truth = found.true_faults(found.windows[0].start_ns)
     return compare_algorithms(
-        found.windows[0].load(), ["least_squares", "pso"], calibration, options, truth
+        found.windows[0], ["least_squares", "pso"], calibration, options, truth
     )
 
 
+@pytest.mark.long
 def test_every_registered_algorithm_has_one_entry(compared):
     estimates = compared["estimates"]
     assert [one["algorithm"] for one in estimates] == list(ALGORITHMS)
@@ -72,6 +80,7 @@ def test_every_registered_algorithm_has_one_entry(compared):
         assert not one["warm_start"]
 
 
+@pytest.mark.long
 def test_errors_are_those_against_the_recorded_truth(compared):
     assert compared["truth"] == dict(zip(FAULT_NAMES, fault_vector(DRAWN), strict=True))
     for one in compared["estimates"]:
@@ -81,6 +90,7 @@ def test_errors_are_those_against_the_recorded_truth(compared):
     assert compared["estimates"][0]["error_percent"] < 1.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("algorithm", ["least_squares", "pso"])
 def test_each_algorithm_finds_what_it_finds_alone_from_the_healthy_point(
     ema, bag, compared, algorithm
@@ -130,17 +140,16 @@ def test_truth_is_that_of_the_windows_own_cycle(ema, tmp_path, faulty_blocks):
     assert errors[1] == pytest.approx(10.0, abs=2.0)
 
 
-def test_tables_show_all_figures_and_star_the_best(ema, bag):
-    result = ema("compare", bag, *QUICK)
+def test_tables_show_all_figures_and_star_the_best(shown):
     evaluations = 5
-    assert first_row(result.stdout, "least_squares")[evaluations].endswith("*")
-    assert not first_row(result.stdout, "pso")[evaluations].endswith("*")
-    assert first_row(result.stdout, "truth")[1:] == [f"{k:.4f}" for k in fault_vector(DRAWN)]
-    assert "sigma of least_squares" in result.stdout
-    assert "fitness at the true faults" in result.stdout
+    assert first_row(shown, "least_squares")[evaluations].endswith("*")
+    assert not first_row(shown, "pso")[evaluations].endswith("*")
+    assert first_row(shown, "truth")[1:] == [f"{k:.4f}" for k in fault_vector(DRAWN)]
+    assert "sigma of least_squares" in shown
+    assert "fitness at the true faults" in shown
     # A terminal of 80 columns need not fold it.
-    assert max(map(len, result.stdout.split("pso: ")[0].splitlines()[1:])) <= 80
-    assert "…" not in result.stdout
+    assert max(map(len, shown.split("pso: ")[0].splitlines()[1:])) <= 80
+    assert "…" not in shown
 
 
 def test_bag_without_truth_tells_where_the_others_differ(ema, record, faulty_blocks, monkeypatch):
@@ -163,10 +172,9 @@ def test_bag_without_truth_tells_where_the_others_differ(ema, record, faulty_blo
     assert " ".join(first_row(table, "pso")).endswith(words)
 
 
-def test_picture_is_beside_the_bag_or_where_it_is_asked_for(ema, bag, tmp_path):
+def test_picture_is_beside_the_bag_or_where_it_is_asked_for(ema, bag, shown, tmp_path):
     beside = bag.with_name("case-compare.png")
-    beside.unlink(missing_ok=True)
-    assert str(beside) in ema("compare", bag, *QUICK).stdout
+    assert str(beside) in shown
     assert beside.read_bytes().startswith(b"\x89PNG")
     asked_for = tmp_path / "a.svg"
     assert str(asked_for) in ema("compare", bag, *QUICK, "-o", asked_for).stdout
@@ -216,11 +224,11 @@ def test_first_window_that_can_be_used_is_chosen(
     assert not picture.exists()
 
 
-def test_estimates_that_are_not_valid_exit_with_3(ema, bag):
+def test_estimates_beyond_the_goodness_limit_are_compared(ema, bag):
+    """They are degraded: little of the departure from healthy is unexplained."""
     result = ema("compare", bag, *QUICK, "--goodness-limit", "0.2")
-    assert result.exit_code == 3
-    assert "none of the eight faults explains" in result.stdout
-    assert "*" not in result.stdout.split("fault vectors")[0]
+    assert result.exit_code == 0
+    assert "*" in result.stdout.split("fault vectors")[0]
 
 
 def test_interrupt_ends_it_in_one_line(ema, bag, tmp_path, monkeypatch):

@@ -14,7 +14,7 @@ from ament_index_python.packages import get_package_share_directory
 from matplotlib.image import imread
 from rich.console import Console
 
-from ema_cli.bags.history import Diagnosed, History, cause_of_level, read_history
+from ema_cli.bags.diagnoses import Diagnosis, DiagnosisLog, cause_of_level, read_history
 from ema_cli.processes.demo_run import SHOWN
 from ema_cli.processes.observer import Observer
 from ema_cli.show.history_figure import draw_history
@@ -63,6 +63,15 @@ class Demo:
             self.process.kill()
             raise
 
+    def interrupt(self, number: signal.Signals) -> None:
+        """Interrupt the demo twice, as an impatient user does, and wait until it has ended."""
+        self.process.send_signal(number)
+        self.process.send_signal(number)
+        assert self.process.wait(timeout=DEADLINE_S) == 128 + number
+        assert self.descendants() == {}
+        assert "Traceback" not in self.said
+        assert "interrupted" in self.said
+
     def descendants(self) -> dict[int, bytes]:
         """Return the command lines of the demo and its nodes by process."""
         found = {}
@@ -77,55 +86,63 @@ class Demo:
 
 @pytest.fixture(scope="module")
 def demos(tmp_path_factory):
-    """Two demos at once, each in a domain of its own."""
+    """Two demos at once, each in a domain of its own: one to its end, one interrupted."""
     folder = tmp_path_factory.mktemp("demos")
-    both = [Demo(folder / name, 7.0) for name in ("one", "other")]
-    for demo in both:
-        assert demo.process.wait(timeout=DEADLINE_S) == 0, demo.said
-    return both
+    one, other = Demo(folder / "one", 7.0), Demo(folder / "other", 60.0)
+    try:
+        other.wait_until(lambda: len(re.findall("^cycle ", other.said, re.MULTILINE)) >= 2)
+        other.interrupt(signal.SIGINT)
+        assert one.process.wait(timeout=DEADLINE_S) == 0, one.said
+    except BaseException:
+        one.process.kill()
+        other.process.kill()
+        raise
+    return one, other
 
 
-def test_demo_leaves_bag_and_picture_and_no_process(demos):
-    for demo in demos:
-        assert demo.descendants() == {}
-        bag = Bag(demo.folder / "bag")
-        assert bag.damage == ""
-        for name in ("telemetry", "simulated_faults", "usage", "fault_estimate", "health"):
-            assert bag.topics[f"/ema/{name}"].count > 0, name
-        # The actuator counts its service hours, from new on: ten a cycle.
-        truths = read_history(demo.folder / "bag").truths
-        for item in bag.messages(["/ema/health"]):
-            cycle = truth_at(truths, stamp_from_message(item.message.header.stamp))
-            assert cycle is not None
-            assert item.message.flight_hours == 10.0 * cycle.cycle
-        picture = imread(demo.folder / "history.png")
-        assert picture.shape[0] > 400
-        assert picture.shape[1] > 800
-        # An empty page, or one with empty axes only, is below 0.05.
-        assert np.std(picture[..., :3]) > 0.1
-        assert f"picture  {demo.folder / 'history.png'}" in demo.said
+@pytest.fixture(scope="module")
+def finished(demos):
+    return demos[0]
 
 
-def test_demo_tells_a_line_a_cycle_and_the_latency(demos):
-    for demo in demos:
-        cycles = re.findall(
-            r"^cycle +(\d+)   friction [\d.]+ → [\d.]+ ± [\d.]+ .*"
-            r"(?:OK|WARN) +([\d.]+) s(?:   .+)?$",
-            demo.said,
-            re.MULTILINE,
-        )
-        assert len(cycles) >= 2
-        assert all(float(latency) > 0.0 for _, latency in cycles)
-        assert re.search(r"latency median [\d.]+ s, 95 % below [\d.]+ s", demo.said)
+def test_demo_leaves_bag_and_picture_and_no_process(finished):
+    assert finished.descendants() == {}
+    bag = Bag(finished.folder / "bag")
+    assert bag.damage == ""
+    for name in ("telemetry", "simulated_faults", "usage", "fault_estimate", "health"):
+        assert bag.topics[f"/ema/{name}"].count > 0, name
+    # The actuator counts its service hours, from new on: ten a cycle.
+    truths = read_history(finished.folder / "bag").truths
+    for item in bag.messages(["/ema/health"]):
+        cycle = truth_at(truths, stamp_from_message(item.message.header.stamp))
+        assert cycle is not None
+        assert item.message.flight_hours == 10.0 * cycle.cycle
+    picture = imread(finished.folder / "history.png")
+    assert picture.shape[0] > 400
+    assert picture.shape[1] > 800
+    # An empty page, or one with empty axes only, is below 0.05.
+    assert np.std(picture[..., :3]) > 0.1
+    assert f"picture  {finished.folder / 'history.png'}" in finished.said
 
 
-def test_demo_ends_between_two_windows_and_waits_for_the_last(demos):
-    for demo in demos:
-        history = read_history(demo.folder / "bag")
-        diagnoses = history.diagnoses()
-        assert [one.reason for one in diagnoses if "telemetry ends" in one.reason] == []
-        # The next cycle may have begun, but not its window.
-        assert diagnoses[-1].start_ns >= history.truths[-2].stamp_ns
+def test_demo_tells_a_line_a_cycle_and_the_latency(finished):
+    cycles = re.findall(
+        r"^cycle +(\d+)   friction [\d.]+ → [\d.]+ ± [\d.]+ .*"
+        r"(?:OK|WARN) +([\d.]+) s(?:   .+)?$",
+        finished.said,
+        re.MULTILINE,
+    )
+    assert len(cycles) >= 2
+    assert all(float(latency) > 0.0 for _, latency in cycles)
+    assert re.search(r"latency median [\d.]+ s, 95 % below [\d.]+ s", finished.said)
+
+
+def test_demo_ends_between_two_windows_and_waits_for_the_last(finished):
+    history = read_history(finished.folder / "bag")
+    diagnoses = history.diagnoses()
+    assert [one.reason for one in diagnoses if "telemetry ends" in one.reason] == []
+    # The next cycle may have begun, but not its window.
+    assert diagnoses[-1].start_ns >= history.truths[-2].stamp_ns
 
 
 def test_demos_at_once_do_not_hear_each_other(demos):
@@ -146,27 +163,22 @@ def test_demos_at_once_do_not_hear_each_other(demos):
 
 
 @pytest.mark.parametrize(
-    ("moment", "number"),
-    [("folder", signal.SIGINT), ("bag", signal.SIGTERM), ("cycle", signal.SIGINT)],
+    ("moment", "number"), [("actuator.log", signal.SIGINT), ("bag", signal.SIGTERM)]
 )
-def test_interrupted_demo_leaves_no_process_and_a_readable_bag(tmp_path, moment, number):
+def test_demo_interrupted_as_it_starts_leaves_no_process_and_a_readable_bag(
+    tmp_path, moment, number
+):
     demo = Demo(tmp_path / "demo", 60.0)
-    reached = {
-        "folder": lambda: (demo.folder / "actuator.log").exists(),
-        "bag": lambda: (demo.folder / "bag").exists(),
-        "cycle": lambda: "cycle " in demo.said,
-    }[moment]
-    demo.wait_until(reached)
-    demo.process.send_signal(number)
-    demo.process.send_signal(number)  # as an impatient user does
-    assert demo.process.wait(timeout=DEADLINE_S) == 128 + number
-    assert demo.descendants() == {}
-    assert "Traceback" not in demo.said
-    assert "interrupted" in demo.said
-    if moment != "folder":
-        bag = Bag(demo.folder / "bag")
-        assert bag.damage == ""
-        assert moment == "bag" or bag.topics["/ema/fault_estimate"].count > 0
+    demo.wait_until((demo.folder / moment).exists)
+    demo.interrupt(number)
+    assert moment != "bag" or Bag(demo.folder / "bag").damage == ""
+
+
+def test_demo_interrupted_in_its_cycles_leaves_the_estimates_in_a_readable_bag(demos):
+    _, interrupted = demos
+    bag = Bag(interrupted.folder / "bag")
+    assert bag.damage == ""
+    assert bag.topics["/ema/fault_estimate"].count > 0
 
 
 def test_node_that_dies_ends_the_demo_with_its_log_named(tmp_path):
@@ -211,7 +223,7 @@ def test_faults_that_are_shown_are_those_that_grow():
 
 def shown(width: int, **changes) -> str:
     """Return what a terminal of so many columns shows of a warning."""
-    one = Diagnosed(
+    one = Diagnosis(
         0, 0, 1, fault_vector({"friction": 0.21}), np.full(8, 0.004), True, "", 0.84,
         cycle=12, truth=fault_vector({"friction": 0.2}), level=WARN,
         cause="torque margin 0.59 (fails below 0.5)",
@@ -244,9 +256,9 @@ def test_table_says_why_the_level_is_what_it_is():
 
 
 def test_picture_says_when_each_level_came_first_and_why():
-    one = Diagnosed(0, 0, 1, fault_vector({"friction": 0.2}), np.full(8, 0.004), True, "", 0.84)
+    one = Diagnosis(0, 0, 1, fault_vector({"friction": 0.2}), np.full(8, 0.004), True, "", 0.84)
     cause = "torque margin 0.59 (fails below 0.5)"
-    history = History("flap", "0001", limits={"friction": 0.5})
+    history = DiagnosisLog("flap", "0001", limits={"friction": 0.5})
     levels = (OK, WARN, WARN, ERROR, STALE)
     history._diagnosed = {
         i: replace(one, window=i, start_ns=i, end_ns=i, valid=level != STALE)
@@ -259,19 +271,19 @@ def test_picture_says_when_each_level_came_first_and_why():
     [legend] = figure.legends
     labels = [text.get_text() for text in legend.get_texts()]
     assert labels == [
-        "truth", "estimate, 90 % interval", "limit", "no valid estimate", "median latency, 0.84 s",
-        "WARN", "ERROR", "STALE",
+        "truth", "no valid estimate", "limit", "WARN", "ERROR", "STALE", "estimate, 90 % interval",
+        "median latency, 0.84 s",
     ]  # fmt: skip
 
 
 def test_health_that_is_published_again_judges_more_unless_it_is_stale():
-    history = History("flap", "0001")
+    history = DiagnosisLog("flap", "0001")
     message = Health(actuator_id="flap", level=OK)
     message.header.stamp.sec = 5
     levels = []
     for level in (OK, WARN, STALE):
         message.level = level
-        history.take(HEALTH_TYPE, message, 0)
+        history.add(HEALTH_TYPE, message, 0)
         levels.append(history._levels[5_000_000_000][0])
     assert levels == [OK, WARN, WARN]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ema_core.faults import FAULT_NAMES, estimation_error, fault_vector
+from ema_core.faults import FAULT_NAMES, estimation_error, fault_vector, healthy_faults
 
 SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
 SAMPLE_FAULTS = {"friction": 0.25, "eccentricity": 0.1, "eccentricity_phase": 0.7}
@@ -100,7 +100,7 @@ def test_several_windows_are_a_line_each_and_a_summary(ema, tmp_path):
     for number, line in enumerate(windows):
         assert re.fullmatch(rf" +{number} +[\d.]+ s  valid    friction 0\.\d+ ± 0\.\d+.*", line)
     assert len(windows) == 3
-    assert count == "3 windows: 3 valid, 0 refused"
+    assert count == "3 windows: 3 valid, 0 degraded, 0 refused"
     assert re.match(r"largest: friction 0\.\d+ \(window \d\)", largest)
 
 
@@ -110,7 +110,7 @@ def test_refused_windows_are_counted_by_reason(ema, tmp_path):
     assert ema("simulate", *unit, "-o", bag).exit_code == 0
     result = ema("estimate", bag)
     assert result.exit_code == 3
-    assert "2 windows: 0 valid, 2 refused\n2 refused: " in result.stdout
+    assert "2 windows: 0 valid, 0 degraded, 2 refused\n2 refused: " in result.stdout
     assert "largest" not in result.stdout
 
 
@@ -134,10 +134,10 @@ def test_estimate_tells_what_it_rests_on(ema, sample_estimate):
 
 def test_goodness_limit_is_that_of_the_option(ema):
     result = ema("estimate", SAMPLE, "--goodness-limit", "0.2", "--json")
-    assert result.exit_code == 3
+    assert result.exit_code == 0
     [estimate] = json.loads(result.stdout)
-    assert not estimate["valid"]
-    assert "none of the eight faults explains" in estimate["reason"]
+    assert (estimate["valid"], estimate["verdict"]) == (True, "degraded")
+    assert "at most 0.2 is expected" in estimate["reason"]
 
 
 def test_particle_swarm_and_budget(ema):
@@ -146,8 +146,8 @@ def test_particle_swarm_and_budget(ema):
     )
     [estimate] = json.loads(result.stdout)
     assert estimate["algorithm"] == "pso"
-    # Eight generations of 50, three linearisations of 17 windows, and the estimate itself.
-    assert estimate["evaluations"] == 452
+    # Seven generations of 50 leave enough for what makes an estimate of the best of them.
+    assert 350 < estimate["evaluations"] <= 500
 
 
 def test_table_names_the_shipped_calibration(ema):
@@ -227,17 +227,22 @@ def test_info_tells_topics_actuator_and_windows(ema):
         assert part in result.stdout
 
 
-def test_another_command_needs_its_own_calibration(ema, tmp_path):
+def test_another_command_than_the_calibrated_one_is_estimated(ema, tmp_path):
     bag = tmp_path / "sine.mcap"
     samples = tmp_path / "motion.csv"
     t = 1e-4 * np.arange(1, 5201)
     np.savetxt(
         samples, np.column_stack([t, 4e-3 * np.sin(12.0 * t)]), delimiter=",", header="t,angle"
     )
-    assert ema("simulate", "--command", samples, "-o", bag).exit_code == 0
+    faulty = ("--fault", "backlash=0.3")
+    assert ema("simulate", "--command", samples, *faulty, "-o", bag).exit_code == 0
     [estimate] = json.loads(ema("estimate", bag, "--json").stdout)
-    assert not estimate["valid"]
-    assert "command differs" in estimate["reason"]
+    assert estimate["valid"]
+    assert estimate["faults"]["backlash"] == pytest.approx(0.3, abs=0.02)
+    # What the calibration could not learn from the chirp shows in the standard deviations.
+    for name in {*FAULT_NAMES} - {"backlash", *estimate["insignificant"]}:
+        healthy = healthy_faults()[FAULT_NAMES.index(name)]
+        assert abs(estimate["faults"][name] - healthy) < 3.0 * estimate["sigma"][name]
 
 
 def test_calibration_on_a_faulty_bag_warns(ema, tmp_path):

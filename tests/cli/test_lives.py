@@ -17,26 +17,42 @@ from ema_sim.lives import LifeSettings, constant_life, run_to_failure
 
 from ..waiting import DEADLINE_S, started, wait_for
 
-FEW = LifeSettings(interval_hours=150.0, least_tests=4, most_tests=14, spoiled_share=0.5)
+FEW = LifeSettings(interval_hours=150.0, least_tests=4, most_tests=14, disturbed_share=0.5)
 
 
-@pytest.fixture
-def short(monkeypatch):
-    """Lives of about seven tests, half of their windows spoiled."""
+@pytest.fixture(scope="module")
+def short():
+    """Lives of about seven tests, half of their windows disturbed."""
 
     def run(limits, rng, kind, *, with_repair):
         return run_to_failure(limits, rng, kind, FEW, with_repair=with_repair)
 
-    monkeypatch.setattr(command, "run_to_failure", run)
-    monkeypatch.setattr(
-        command, "constant_life", lambda limits, rng: constant_life(limits, rng, FEW)
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(command, "run_to_failure", run)
+        patch.setattr(command, "constant_life", lambda limits, rng: constant_life(limits, rng, FEW))
+        yield
 
 
-def test_life_is_a_folder_with_a_bag_a_test(ema, tmp_path, short):
-    folder = tmp_path / "lives"
-    result = ema("lives", "-o", folder, "--count", "2", "--fault", "backlash")
+@pytest.fixture(scope="module")
+def two_lives(ema, tmp_path_factory, short):
+    """Two lives as folders of bags."""
+    folder = tmp_path_factory.mktemp("two") / "lives"
+    result = ema("lives", "-o", folder, "--count", "2", "--seed", "5", "--fault", "backlash")
     assert result.exit_code == 0, result.output
+    return folder
+
+
+@pytest.fixture(scope="module")
+def estimates(ema, tmp_path_factory, short):
+    """The estimates of a life."""
+    folder = tmp_path_factory.mktemp("one") / "lives"
+    result = ema("lives", "-o", folder, "--fault", "friction", "--as", "estimates", "--seed", "2")
+    assert result.exit_code == 0, result.output
+    return (folder / "life_0000.jsonl").read_text()
+
+
+def test_life_is_a_folder_with_a_bag_a_test(two_lives):
+    folder = two_lives
     index = pd.read_csv(folder / "lives.csv")
     assert list(index["life"]) == ["life_0000", "life_0001"]
     assert set(index["dominant_fault"]) == {"backlash"}
@@ -65,19 +81,16 @@ def test_life_is_a_folder_with_a_bag_a_test(ema, tmp_path, short):
         assert values[-1] < limit
 
 
-def test_test_bag_is_read_as_any_other(ema, tmp_path, short):
-    folder = tmp_path / "lives"
-    ema("lives", "-o", folder, "--fault", "friction", "--seed", "3")
-    last = sorted((folder / "life_0000").glob("*.mcap"))[-1]
+def test_test_bag_is_read_as_any_other(ema, two_lives):
+    last = sorted((two_lives / "life_0000").glob("*.mcap"))[-1]
     result = ema("info", last)
     assert result.exit_code == 0
     # A gap of three blocks takes 300 of them.
     assert "17000 samples" in result.output or "16700 samples" in result.output
 
 
-def test_each_life_is_that_of_a_unit_which_its_calibration_fits(ema, tmp_path, short):
-    folder = tmp_path / "lives"
-    ema("lives", "-o", folder, "--count", "2", "--seed", "5", "--fault", "gain")
+def test_each_life_is_that_of_a_unit_which_its_calibration_fits(ema, two_lives):
+    folder = two_lives
     names = list(pd.read_csv(folder / "lives.csv")["serial_number"])
     assert names == ["SIM-0001-5-0000", "SIM-0001-5-0001"]
     for number, name in enumerate(names):
@@ -85,7 +98,7 @@ def test_each_life_is_that_of_a_unit_which_its_calibration_fits(ema, tmp_path, s
         result = ema("prognose", life)
         assert f"flap ({name})" in result.stdout
         assert str(life / CALIBRATION_FILE) in result.stdout
-        # Half of the windows are spoiled; no other is refused.
+        # Half of the windows are disturbed; no other is refused.
         assert "serial number" not in result.stderr
     both = ema("prognose", folder / "life_0000", folder / "life_0001")
     assert both.exit_code == 1
@@ -96,11 +109,8 @@ def test_each_life_is_that_of_a_unit_which_its_calibration_fits(ema, tmp_path, s
     assert f"{folder / 'life_0000'}, {folder / 'life_0001'}: give one of these" in above.stderr
 
 
-def test_estimates_hold_truth_and_covariance(ema, tmp_path, short):
-    folder = tmp_path / "lives"
-    result = ema("lives", "-o", folder, "--fault", "friction", "--as", "estimates", "--seed", "2")
-    assert result.exit_code == 0, result.output
-    lines = [json.loads(line) for line in (folder / "life_0000.jsonl").read_text().splitlines()]
+def test_estimates_hold_truth_and_covariance(estimates):
+    lines = [json.loads(line) for line in estimates.splitlines()]
     windows = {line["window"] for line in lines}
     assert windows == {"good", "noisy", "gap"}
     for line in lines:
@@ -109,7 +119,8 @@ def test_estimates_hold_truth_and_covariance(ema, tmp_path, short):
             "unobservable", "goodness_of_fit",
         ]  # fmt: skip
         assert set(line["truth"]) == set(FAULT_NAMES)
-        assert line["valid"] == (line["window"] == "good")
+        # Noise widens the standard deviations; it leaves little of the departure unexplained.
+        assert line["valid"] or line["window"] != "good"
         if line["window"] == "gap":
             assert "gap of 300 samples" in line["reason"]
         if line["valid"]:
@@ -127,14 +138,13 @@ def test_constant_lives_have_no_end(ema, tmp_path, short):
     assert index["dominant_fault"].isna().all()
 
 
-def test_same_seed_same_lives_however_many(ema, tmp_path, short):
-    for name, count, seed in (("a", 1, 7), ("b", 2, 7), ("c", 1, 8)):
-        ema("lives", "-o", tmp_path / name, "--count", count, "--seed", seed, "--as", "estimates")
-    first, same, other = (
-        (tmp_path / name / "life_0000.jsonl").read_text() for name in ("a", "b", "c")
-    )
-    assert first == same
-    assert first != other
+def test_same_seed_same_lives_however_many(ema, tmp_path, estimates):
+    arguments = ("--fault", "friction", "--as", "estimates")
+    for name, count, seed in (("same", 2, 2), ("other", 1, 8)):
+        ema("lives", "-o", tmp_path / name, "--count", count, "--seed", seed, *arguments)
+    same, other = ((tmp_path / name / "life_0000.jsonl").read_text() for name in ("same", "other"))
+    assert estimates == same
+    assert estimates != other
 
 
 def test_repair_is_told(ema, tmp_path, short):

@@ -66,6 +66,7 @@ def added_bytes(blocks: list[Telemetry]) -> int:
     return samples * len(COLUMNS) * 8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sink", [None, Outline], ids=["windows", "outline"])
 def test_reading_a_longer_bag_takes_no_more_memory(bags, faulty_blocks, monkeypatch, sink):
     # What the trigger looks back on is constant, but as long as these bags.
@@ -80,6 +81,7 @@ def test_reading_a_longer_bag_takes_no_more_memory(bags, faulty_blocks, monkeypa
     assert long - short < 0.05 * added_bytes(faulty_blocks)
 
 
+@pytest.mark.long
 def test_calibrating_on_more_windows_takes_no_more_memory(bags, monkeypatch):
     monkeypatch.setattr("ema_recording.windows._KEPT_WINDOWS", 2)
     found = read_windows(bags[1], SOURCE)
@@ -91,7 +93,7 @@ def test_calibrating_on_more_windows_takes_no_more_memory(bags, monkeypatch):
 
     fit(found.windows[:SHORT])
     short, long = (peak_bytes(lambda n=n: fit(found.windows[:n])) for n in (SHORT, LONG))
-    one_window = found.windows[0].load().window
+    one_window = found.windows[0].window
     assert isinstance(one_window, Window)
     assert long - short < one_window.telemetry.command.nbytes
 
@@ -108,7 +110,7 @@ def test_window_read_again_is_the_one_that_was_found(record, faulty_blocks, spoi
     ]
     watch = WindowFinder(TriggerSettings(), ActuatorDescription())
     live = [event for block in blocks for event in watch.feed(block) if isinstance(event, Segment)]
-    again = [window.load() for window in read_windows(record(blocks), SOURCE).windows]
+    again = read_windows(record(blocks), SOURCE).windows
     assert len(live) == len(again) == 3
     for one, other in zip(live, again, strict=True):
         assert (one.number, one.description) == (other.number, other.description)
@@ -159,6 +161,7 @@ def test_outline_has_room_for_the_last_sample(samples: int):
     assert (np.nanmin(values), np.nanmax(values)) == (0.0, samples - 1.0)
 
 
+@pytest.mark.long
 def test_picture_of_more_windows_has_no_more_to_draw(bags):
     drawn = []
     for path in bags:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ema_cli.bags.history import read_history
+from ema_cli.bags.diagnoses import read_history
 from ema_cli.show.history_figure import draw_history
 from ema_recording.reader import Bag
 

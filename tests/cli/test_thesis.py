@@ -44,9 +44,12 @@ def small(monkeypatch):
 
 @pytest.fixture
 def without_report(monkeypatch):
+    """Neither report nor tables, which take longer than the runs."""
+    monkeypatch.setattr(command, "study_tables", lambda frame: [])
     monkeypatch.setattr(command, "write_report", lambda folder, *_: folder / "report.html")
 
 
+@pytest.mark.long
 def test_study_leaves_runs_tables_and_report(ema, tmp_path, small):
     folder = tmp_path / "study"
     result = ema("thesis", "-o", folder, "--runs", "2", "--executor", "serial")
@@ -132,7 +135,7 @@ def test_worker_that_was_killed_is_reported_in_a_line(ema, tmp_path, small, monk
     assert "a worker process ended (a process ended abruptly)" in result.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("executor", ["processes", "threads"])
 def test_interrupted_study_keeps_its_runs_and_resumes(tmp_path, executor):
     """As Ctrl-C does: the signal goes to the whole process group."""

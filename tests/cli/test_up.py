@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from ema_cli.processes.supervisor import Supervisor, noted_signals
+from ema_cli.processes.stop_request import ENDING, deferred_signals
+from ema_cli.processes.supervisor import Supervisor
 from ema_recording.reader import Bag
 
 from ..waiting import DEADLINE_S, started, wait_for
@@ -31,8 +32,9 @@ while True: time.sleep(10)
 STUBBORN = ORDERLY.replace("signal.SIGTERM, end", "signal.SIGTERM, signal.SIG_IGN")
 SUPERVISOR = """
 import sys, time
-from ema_cli.processes.supervisor import Supervisor, noted_signals
-with noted_signals() as stop, Supervisor(print) as processes:
+from ema_cli.processes.stop_request import ENDING, deferred_signals
+from ema_cli.processes.supervisor import Supervisor
+with deferred_signals(*ENDING) as stop, Supervisor(print) as processes:
     for number in range(int(sys.argv[1])):
         if not stop:
             processes.start(f"child {number}", [sys.executable, "-c", sys.argv[2], *sys.argv[3:]])
@@ -172,7 +174,7 @@ def test_output_goes_to_the_log(tmp_path):
 
 def test_first_signal_counts_and_handlers_come_back():
     before = signal.getsignal(signal.SIGTERM)
-    with noted_signals() as stop:
+    with deferred_signals(*ENDING) as stop:
         assert not stop
         signal.raise_signal(signal.SIGTERM)
         signal.raise_signal(signal.SIGINT)

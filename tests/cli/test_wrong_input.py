@@ -23,6 +23,11 @@ from ema_ros.telemetry import telemetry_to_message
         (("--fault", "rust=0.1"), ("'rust'", "friction", "gain")),
         (("--fault", "friction"), ("'friction'", "name=value")),
         (("--fault", "gain=0.1", "--fault", "gain=0.2"), ("gain", "more than once")),
+        (("--cause", "load_torqe=1"), ("'load_torqe'", "did you mean 'load_torque'")),
+        (("--cause", "load_torque=99"), ("load_torque", "99", "[-10, 10] N.m")),
+        (("--cause", "load_torque"), ("'load_torque'", "NAME=VALUE[@START[..END]]")),
+        (("--cause", "dead_time=1e-6@3..2"), ("dead_time", "3 s", "2 s")),
+        (("--cause", "jam=1", "--cause", "jam=1@2"), ("jam", "more than once")),
         (("--random-faults", "--fault", "gain=0.1"), ("--random-faults", "--fault", "exclude")),
         (("--random-faults", "--seed", "-1"), ("--seed", "-1")),
         (("--random-faults", "--seed", "1.5"), ("--seed", "1.5")),
@@ -106,7 +111,7 @@ def test_dead_current_sensor_is_not_taken_for_faults(ema, record, faulty_blocks)
     assert result.exit_code == 3
     [estimate] = json.loads(result.stdout)
     assert not estimate["valid"]
-    assert "none of the eight faults explains the window" in estimate["reason"]
+    assert "neither faults nor known causes explain the window" in estimate["reason"]
 
 
 def test_coarse_command_is_still_the_calibrated_one(ema, tmp_path):

@@ -16,17 +16,6 @@ def choose_description(
 
     None stands for the descriptions in the bag.
 
-    Parameters
-    ----------
-    path
-        The bag.
-    actuator_id
-        Which actuator is looked at.
-    recorded
-        Its descriptions in the bag, in order.
-    source
-        Holds the file, and whether it is used against the bag.
-
     Raises
     ------
     ValueError

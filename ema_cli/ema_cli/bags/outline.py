@@ -54,8 +54,6 @@ class Outline:
 
         Parameters
         ----------
-        name
-            Column of telemetry.
         first_ns
             Stamp from which times count [ns].
         """

@@ -7,13 +7,6 @@ from pathlib import Path
 def require_apart(output: Path, inputs: Iterable[Path]) -> None:
     """Refuse an output that is an input, or a file of one that is a folder, by whatever name.
 
-    Parameters
-    ----------
-    output
-        Path to write.
-    inputs
-        Files and folders that are read.
-
     Raises
     ------
     ValueError
@@ -28,15 +21,6 @@ def require_apart(output: Path, inputs: Iterable[Path]) -> None:
 
 def require_free(output: Path, inputs: Iterable[Path], *, force: bool) -> None:
     """Refuse an output that is an input, or any other file unless it is to be replaced.
-
-    Parameters
-    ----------
-    output
-        File to write.
-    inputs
-        Files and folders that are read.
-    force
-        Whether another file that exists is replaced.
 
     Raises
     ------

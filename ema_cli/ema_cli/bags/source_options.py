@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import wraps
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import click
 
+from ema_cli.gathered_options import Command, gathered
 from ema_monitor.windows.trigger import TriggerSettings
 
 USE_OPTIONS: Final = (
@@ -28,14 +28,12 @@ _OPTIONS = (
     click.option(
         "--threshold",
         default=_DEFAULTS.threshold,
-        show_default=True,
         help="Change of the command that counts as motion; above its noise [rad].",
     ),
     click.option(
         "--rest",
         "rest_s",
         default=_DEFAULTS.rest_s,
-        show_default=True,
         help="How long the command rests before a window [s].",
     ),
 )
@@ -47,14 +45,6 @@ class Source:
 
     Attributes
     ----------
-    actuator_id, topic
-        Which actuator and which topic; None where there is no choice.
-    threshold
-        Change of the command that counts as motion [rad].
-    rest_s
-        How long the command rests before a window [s].
-    actuator_file
-        Description for a bag that holds none.
     force
         Whether the options hold even against the bag: the description in ``actuator_file`` is used
         for a bag that has one too, and a calibration that does not fit it.
@@ -80,7 +70,7 @@ class Source:
 
 def source_options(
     force: str = "Use --actuator even against the description in the bag.",
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
+) -> Callable[[Command], Command]:
     """Return a decorator that gives a command the options; it gets them as one, ``source``.
 
     Parameters
@@ -89,24 +79,4 @@ def source_options(
         Help of ``--force``, for a command where it means more.
     """
     offered = (*_OPTIONS, click.option("--force", is_flag=True, help=force))
-
-    def add_options(command: Callable[..., None]) -> Callable[..., None]:
-        @wraps(command)
-        def with_options(
-            *,
-            actuator_id: str | None,
-            topic: str | None,
-            threshold: float,
-            rest_s: float,
-            actuator_file: Path | None,
-            force: bool,
-            **others: Any,
-        ) -> None:
-            source = Source(actuator_id, topic, threshold, rest_s, actuator_file, force)
-            command(source=source, **others)
-
-        for option in reversed(offered):
-            with_options = option(with_options)
-        return with_options
-
-    return add_options
+    return gathered("source", Source, Source.__annotations__, offered)

@@ -29,8 +29,6 @@ class Step:
 
     Attributes
     ----------
-    estimate
-        Estimate of its window.
     outlook
         Health and life after it; None when the estimate is not valid.
     """
@@ -45,10 +43,6 @@ class Course:
 
     Attributes
     ----------
-    record
-        What the bags say.
-    settings, parameters
-        What the prognosis rests on.
     steps
         Tests in order of time.
     growth
@@ -63,12 +57,12 @@ class Course:
 
     @property
     def outlooks(self) -> list[Outlook]:
-        """Health and life after each valid test."""
+        """Health and life after each valid test; tables and pictures need at least one."""
         return [step.outlook for step in self.steps if step.outlook is not None]
 
     @property
     def hours(self) -> NDArray[np.float64]:
-        """Service hours of each valid test [h], ``(n,)``; NaN where unknown or not believed."""
+        """Service hours of each valid test [h], ``(n,)``; NaN where unknown or refused."""
         known = {test.entry.stamp_ns: test.hours for test in self.growth.service.used}
         return np.array([known.get(outlook.stamp_ns, np.nan) for outlook in self.outlooks])
 
@@ -83,14 +77,8 @@ def follow(
 
     Parameters
     ----------
-    record
-        What the bags say.
-    estimates
-        Estimate of each of its windows.
     parameters
         Those of the unit, as calibrated.
-    settings
-        What the prognosis rests on.
     """
     unit = record.description
     key = (unit.actuator_id, unit.serial_number)
@@ -109,13 +97,7 @@ def follow(
 
 
 def true_faults(course: Course) -> NDArray[np.float64]:
-    """Return the true faults of each valid test, ``(n, 8)``; NaN where they are not recorded.
-
-    Parameters
-    ----------
-    course
-        Tests of a unit.
-    """
+    """Return the true faults of each valid test, ``(n, 8)``; NaN where they are not recorded."""
     rows = []
     for step in course.steps:
         if step.outlook is not None:
@@ -133,8 +115,6 @@ def true_remaining_life(course: Course, end_hours: float | None = None) -> NDArr
 
     Parameters
     ----------
-    course
-        Tests of a unit.
     end_hours
         Service hour at which a fault reaches its limit, if that is after the last test [h].
     """

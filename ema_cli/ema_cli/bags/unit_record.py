@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import read_windows, require_windows
@@ -80,8 +80,6 @@ def read_unit(paths: Iterable[Path], source: Source) -> UnitRecord:
 
     Parameters
     ----------
-    paths
-        Bags, or folders of bags.
     source
         What of them to look at. When it names an actuator, bags of others are passed over.
 
@@ -100,15 +98,16 @@ def read_unit(paths: Iterable[Path], source: Source) -> UnitRecord:
     unit: tuple[Path, ActuatorDescription] | None = None
     for path in find_bags(paths):
         bag = Bag(path)
-        present = {item.message.actuator_id for item in _messages(bag, DESCRIPTION_TYPE)}
+        described = bag.messages(bag.topics_of(DESCRIPTION_TYPE))
+        present = {item.message.actuator_id for item in described}
         if source.actuator_id is not None and present and source.actuator_id not in present:
             others = ", ".join(sorted(present))
             remarks.append(f"{path}: passed over, it is of actuator {others}")
             continue
         found = read_windows(path, source)
         unit = unit or (path, found.description)
-        for described in (*(item.description for item in found.windows), found.description):
-            _require_same_unit(unit, (path, described))
+        for one in (*(item.description for item in found.windows), found.description):
+            _require_same_unit(unit, (path, one))
         remarks += [f"{path}: {remark}" for remark in found.remarks]
         try:
             require_windows(path, found, source)
@@ -139,13 +138,6 @@ def with_calibration_beside(
     options: IdentificationOptions, paths: Iterable[Path]
 ) -> IdentificationOptions:
     """Return options that name the calibration beside the bags, where they name none themselves.
-
-    Parameters
-    ----------
-    options
-        What the options say.
-    paths
-        Bags and folders of bags of one unit.
 
     Raises
     ------
@@ -180,16 +172,11 @@ def _hint(path: Path) -> str:
     return f"; bags of a unit may be in {named}{more}: give one of these"
 
 
-def _messages(bag: Bag, wanted: str) -> Iterable[Any]:
-    topics = [name for name, topic in bag.topics.items() if topic.type_name == wanted]
-    return bag.messages(topics) if topics else ()
-
-
 def _counts(bag: Bag, unit: ActuatorDescription) -> tuple[list[Count], list[str]]:
     """Return what was counted of a unit, and what is wrong with the counts in a bag."""
     counts: list[Count] = []
     remarks: dict[str, None] = {}
-    for item in _messages(bag, USAGE_TYPE):
+    for item in bag.messages(bag.topics_of(USAGE_TYPE)):
         message = item.message
         if message.actuator_id != unit.actuator_id:
             continue

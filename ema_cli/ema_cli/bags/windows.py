@@ -3,26 +3,21 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import click
+
 from ema_cli.bags.chosen_description import choose_description
 from ema_cli.bags.source_options import Source
 from ema_cli.show.progress import progress_bar
 from ema_core.telemetry import Telemetry
-from ema_recording.windows import BagWindows, find_recorded_windows, open_telemetry
+from ema_recording.reader import Bag
+from ema_recording.telemetry import read_telemetry
+from ema_recording.windows import BagWindows, find_recorded_windows
 
 
 def read_windows(
     path: Path, source: Source, on_block: Callable[[Telemetry], None] | None = None
 ) -> BagWindows:
     """Read a bag and find the windows in its telemetry, with a progress bar.
-
-    Parameters
-    ----------
-    path
-        Bag to read.
-    source
-        What of it to look at.
-    on_block
-        Called with each block of telemetry.
 
     Raises
     ------
@@ -31,7 +26,7 @@ def read_windows(
     OSError
         When it cannot be opened.
     """
-    recorded = open_telemetry(path, source.topic, source.actuator_id)
+    recorded = read_telemetry(Bag(path), source.topic, source.actuator_id)
     description, warning = choose_description(
         path, recorded.actuator_id, recorded.descriptions, source
     )
@@ -52,22 +47,30 @@ def read_windows(
     return found
 
 
-def require_windows(path: Path, found: BagWindows, source: Source) -> None:
-    """Raise unless a window was at least begun.
-
-    Parameters
-    ----------
-    path
-        The bag, for the message.
-    found
-        What is in it.
-    source
-        What of it was looked at.
+def identifiable_windows(path: Path, source: Source) -> BagWindows:
+    """Return what ``read_windows`` does, with the remarks printed; at least one window was begun.
 
     Raises
     ------
     ValueError
-        When there is no window; the message tells what the command did.
+        As ``read_windows``, or when there is no window.
+    OSError
+        When the bag cannot be opened.
+    """
+    found = read_windows(path, source)
+    for remark in found.remarks:
+        click.echo(f"{path}: {remark}", err=True)
+    require_windows(path, found, source)
+    return found
+
+
+def require_windows(path: Path, found: BagWindows, source: Source) -> None:
+    """Raise unless a window was at least begun.
+
+    Raises
+    ------
+    ValueError
+        When there is no window; the message describes the command.
     """
     if found.windows:
         return

@@ -6,7 +6,7 @@ import click
 
 from ema_cli.bags.output_path import require_free
 from ema_cli.bags.source_options import Source, source_options
-from ema_cli.bags.windows import read_windows, require_windows
+from ema_cli.bags.windows import identifiable_windows
 from ema_cli.errors import one_clear_line
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
@@ -23,7 +23,6 @@ _ENOUGH_WINDOWS = 5
 @click.option(
     "--form",
     default="fast",
-    show_default=True,
     type=click.Choice(list(FORMS)),
     help="Form of the monitor model; estimates with this calibration use the same.",
 )
@@ -44,10 +43,7 @@ def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -
         require_free(output, read, force=source.force)
         descriptions, windows = [], []
         for bag in bags:
-            found = read_windows(bag, source)
-            for remark in found.remarks:
-                click.echo(f"{bag}: {remark}", err=True)
-            require_windows(bag, found, source)
+            found = identifiable_windows(bag, source)
             for item in found.windows:
                 if isinstance(item.place, Refusal):
                     click.echo(f"{bag}: a window is left out: {item.place.reason}", err=True)

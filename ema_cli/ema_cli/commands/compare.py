@@ -10,15 +10,15 @@ import numpy as np
 from rich.console import Console
 
 from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
-from ema_cli.bags.windows import read_windows, require_windows
+from ema_cli.bags.windows import identifiable_windows
 from ema_cli.commands.estimate import as_object
-from ema_cli.comparison import Comparison, choose_window, compare_algorithms
+from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
 from ema_cli.errors import REFUSED, NameChoice, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, comparison_options
 from ema_cli.show.compare_figure import draw_comparison
 from ema_cli.show.compare_table import table_of_faults, table_of_runs
-from ema_cli.show.picture_path import require_drawable, save_picture
-from ema_core.faults import FAULT_NAMES
+from ema_cli.show.picture_path import picture_option, require_drawable, save_picture
+from ema_monitor.identification.estimate import by_fault
 from ema_monitor.optimizers import ALGORITHMS
 from ema_recording.windows import BagWindows
 
@@ -44,7 +44,6 @@ class _Algorithms(click.ParamType):
 @click.option(
     "--algorithms",
     default=",".join(ALGORITHMS),
-    show_default=True,
     type=_Algorithms(),
     help="Which to compare, with commas between.",
 )
@@ -56,12 +55,7 @@ class _Algorithms(click.ParamType):
     help="Which window, from 0; by default the first that can be used.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one object, an estimate an algorithm.")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Picture to write (.png, .svg, .pdf); by default BAG-compare.png.",
-)
+@picture_option("; by default BAG-compare.png")
 def compare(
     bag: Path,
     source: Source,
@@ -82,16 +76,13 @@ def compare(
         picture = output or _beside(bag)
         require_drawable(picture)
         calibration = options.calibration()
-        found = read_windows(bag, source)
-        for remark in found.remarks:
-            click.echo(f"{bag}: {remark}", err=True)
-        require_windows(bag, found, source)
+        found = identifiable_windows(bag, source)
         chosen = choose_window(found, number)
-        truth = found.true_faults(chosen.window.start_ns)
+        truth = found.true_faults(chosen.start_ns)
         comparison = compare_algorithms(
             chosen, algorithms, calibration, options, truth, force=source.force
         )
-    start, end = found.seconds(chosen.window.start_ns), found.seconds(chosen.window.end_ns)
+    start, end = found.seconds(chosen.start_ns), found.seconds(chosen.end_ns)
     title = f"window {chosen.number}, {start:.4f} s to {end:.4f} s"
     if as_json:
         click.echo(json.dumps(_as_object(comparison, found), indent=2))
@@ -113,18 +104,18 @@ def _beside(bag: Path) -> Path:
     return named.with_name(f"{named.stem}-compare.png")
 
 
-def _as_object(comparison: Comparison, found: BagWindows) -> dict[str, Any]:
+def _as_object(comparison: AlgorithmComparison, found: BagWindows) -> dict[str, Any]:
     truth = comparison.truth
     return {
         "window": comparison.found.number,
-        "start": round(found.seconds(comparison.found.window.start_ns), 9),
-        "end": round(found.seconds(comparison.found.window.end_ns), 9),
-        "truth": None if truth is None else dict(zip(FAULT_NAMES, truth.tolist(), strict=True)),
+        "start": round(found.seconds(comparison.found.start_ns), 9),
+        "end": round(found.seconds(comparison.found.end_ns), 9),
+        "truth": None if truth is None else by_fault(truth),
         "fitness_at_truth": comparison.fitness_at_truth,
         "estimates": [
             as_object(run.estimate, found)
             | {
-                "generations": run.generations,
+                "generations": len(run.costs),
                 "search_fitness": _number(run.search_fitness),
                 "error_percent": _number(comparison.error_percent(run)),
             }
@@ -137,7 +128,7 @@ def _number(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _print(comparison: Comparison, title: str) -> None:
+def _print(comparison: AlgorithmComparison, title: str) -> None:
     if comparison.best is None:
         click.echo(title)
     else:
@@ -150,6 +141,6 @@ def _print(comparison: Comparison, title: str) -> None:
     for run in comparison.runs:
         if run.estimate.reason:
             valid = "" if run.estimate.valid else "no valid estimate: "
-            reasons.setdefault(valid + run.estimate.reason, []).append(run.algorithm)
+            reasons.setdefault(valid + run.estimate.reason, []).append(run.estimate.algorithm)
     for reason, names in reasons.items():
         click.echo(f"{', '.join(names)}: {reason}")

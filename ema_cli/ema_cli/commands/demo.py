@@ -1,4 +1,4 @@
-"""``ema demo``: an actuator that wears out, watched and recorded."""
+"""``ema demo``: an actuator that wears out, shown and recorded."""
 
 import sys
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from ema_cli.errors import one_clear_line
-from ema_cli.processes.supervisor import noted_signals
+from ema_cli.processes.stop_request import ENDING, deferred_signals
 
 
 @click.command()
@@ -14,7 +14,6 @@ from ema_cli.processes.supervisor import noted_signals
     "--duration",
     "duration_s",
     default=60.0,
-    show_default=True,
     type=click.FloatRange(5.0, 86400.0),
     help="Length from the first test cycle on [s].",
 )
@@ -29,7 +28,7 @@ def demo(duration_s: float, output: Path | None) -> None:
 
     ROS_DOMAIN_ID is honoured where it is set; otherwise the demo has a domain of its own.
     """
-    with noted_signals() as stop, one_clear_line():
+    with deferred_signals(*ENDING) as stop, one_clear_line():
         # Here, since the signals have to be noted before anything that takes time.
         from ema_cli.processes.demo_run import run_demo
 

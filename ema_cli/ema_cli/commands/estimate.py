@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import shorten
@@ -11,10 +12,10 @@ from typing import Any, Final
 import click
 import numpy as np
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
-from ema_cli.bags.windows import read_windows, require_windows
+from ema_cli.bags.windows import identifiable_windows
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.show.progress import progress_bar
@@ -48,10 +49,7 @@ def estimate(
     """
     with one_clear_line():
         calibration = options.calibration()
-        found = read_windows(bag, source)
-        for remark in found.remarks:
-            click.echo(f"{bag}: {remark}", err=True)
-        require_windows(bag, found, source)
+        found = identifiable_windows(bag, source)
         estimates = estimate_windows(found.windows, calibration, options, force=source.force)
     if as_json:
         click.echo(json.dumps([as_object(e, found) for e in estimates], indent=2))
@@ -75,29 +73,16 @@ def estimate_windows(
     *,
     force: bool = False,
 ) -> list[Estimate]:
-    """Return the estimate of every window, as a monitor makes them, with a progress bar.
-
-    Parameters
-    ----------
-    windows
-        What was found in a bag.
-    calibration
-        Calibration of the model.
-    options
-        How to identify.
-    force
-        Whether to estimate even if the calibration does not fit.
-    """
+    """Return the estimate of every window, as a monitor makes them, with a progress bar."""
     # So that the computing time of the first estimate is that of an estimate.
     compile_kernels([calibration.form])
     estimates, last_faults = [], LastFaults()
     with progress_bar() as progress:
         task = progress.add_task("identifying", total=len(windows))
         for number, window in enumerate(windows):
-            found = window.load()
-            description = found.description
+            description = window.description
             run = Identification(
-                found.window,
+                window.window,
                 description,
                 calibration,
                 options.search,
@@ -132,13 +117,7 @@ def as_object(one: Estimate, found: BagWindows) -> dict[str, Any]:
 
 
 def found_in_words(one: Estimate) -> str:
-    """Return the significant faults, the largest first.
-
-    Parameters
-    ----------
-    one
-        A valid estimate.
-    """
+    """Return the significant faults of a valid estimate, the largest first."""
     words = [
         f"{FAULTS[i].label} {one.faults[i]:.3f} ({FAULTS[i].physical(one.faults[i])})"
         for i in _significant(one)
@@ -169,14 +148,16 @@ def _line(number: int, one: Estimate, found: BagWindows) -> str:
     faults = [
         f"{FAULTS[i].label} {one.faults[i]:.4f} ± {one.sigma[i]:.4f}" for i in _significant(one)
     ]
-    return f"{place}  valid    {', '.join(faults) or _NOTHING}"
+    causes = [str(cause).replace("+-", "±") for cause in one.causes]
+    return f"{place}  {one.verdict:8s} {', '.join(faults + causes) or _NOTHING}"
 
 
 def _summary(estimates: Sequence[Estimate]) -> list[str]:
     """Return how many windows are valid, why others are not, and the largest faults, in lines."""
     valid = [(number, one) for number, one in enumerate(estimates) if one.valid]
-    refused = len(estimates) - len(valid)
-    lines = [f"{counted(len(estimates), 'window')}: {len(valid)} valid, {refused} refused"]
+    counts = Counter(one.verdict for one in estimates)
+    verdicts = ", ".join(f"{counts[name]} {name}" for name in ("valid", "degraded", "refused"))
+    lines = [f"{counted(len(estimates), 'window')}: {verdicts}"]
     # Reasons that differ in their figures only are the same.
     reasons: dict[str, list[str]] = {}
     for one in estimates:
@@ -206,9 +187,8 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
     if not one.valid:
         click.echo(f"{title}: no valid estimate: {one.reason}")
         return
-    table = Table(title=title, title_justify="left")
-    for heading in ("fault", "estimate", "sigma", "which means"):
-        table.add_column(heading, justify="right" if heading in ("estimate", "sigma") else "left")
+    figures = (Column(heading, justify="right") for heading in ("estimate", "sigma"))
+    table = Table("fault", *figures, "which means", title=title, title_justify="left")
     for fault, value, sigma, meaning in zip(
         FAULTS, one.faults, one.sigma, one.meanings, strict=True
     ):
@@ -218,8 +198,8 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
     click.echo(f"found: {found_in_words(one)}")
     click.echo(
         f"fitness {one.fitness:.5f} A^2.s, goodness of fit {_figure(one.goodness_of_fit)} "
-        f"(limit {one.goodness_limit:.2f}), command travels {1e3 * one.excitation:.1f} mrad "
-        f"(limit {1e3 * MIN_TRAVEL:g} mrad)"
+        f"(limit {one.goodness_limit:.2f}), {one.verdict}; command travels "
+        f"{1e3 * one.excitation:.1f} mrad (limit {1e3 * MIN_TRAVEL:g} mrad)"
     )
     click.echo(
         f"{one.algorithm}, {'warm' if one.warm_start else 'cold'}: "

@@ -7,7 +7,7 @@ import click
 from ema_cli.bags.source_options import Source, source_options
 from ema_cli.bags.windows import read_windows
 from ema_cli.errors import one_clear_line
-from ema_core.wording import counted
+from ema_core.wording import counted, text_table
 from ema_monitor.windows.trigger import Refusal
 from ema_recording.reader import Bag
 
@@ -16,15 +16,12 @@ from ema_recording.reader import Bag
 @click.argument("bag", type=click.Path(path_type=Path))
 @source_options()
 def info(bag: Path, source: Source) -> None:
-    """Say what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it."""
+    """Show what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it."""
     with one_clear_line():
         contents = Bag(bag)
-        topics = contents.topics
-        rows = [("topic", "type", "messages")]
-        rows += [(name, topic.type_name, str(topic.count)) for name, topic in topics.items()]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        for name, kind, count in rows:
-            click.echo(f"{name:{widths[0]}}  {kind:{widths[1]}}  {count:>{widths[2]}}")
+        topics = contents.topics.items()
+        rows = [(name, topic.type_name, str(topic.count)) for name, topic in topics]
+        click.echo(text_table(("topic", "type", "messages"), rows))
         if contents.writers:
             click.echo(f"written by {', '.join(contents.writers)}")
         found = read_windows(bag, source)

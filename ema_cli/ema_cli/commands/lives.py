@@ -2,7 +2,7 @@
 
 import math
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -12,9 +12,9 @@ import pandas as pd
 
 from ema_cli.bags.unit_record import CALIBRATION_FILE
 from ema_cli.errors import NameChoice, one_clear_line
-from ema_cli.lives.files import LifeEstimator, as_line, write_test
+from ema_cli.lives.files import as_line, with_estimates, write_test
 from ema_cli.lives.tests_of_life import LifeTest, calibration_of_life, simulated_tests, unit_of_life
-from ema_cli.processes.interrupt import deferred_interrupt
+from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.show.progress import progress_bar
 from ema_core.description import ActuatorDescription
 from ema_core.faults import COMPONENTS, TYPICAL
@@ -36,11 +36,10 @@ _PART: Final = ".part"
     type=click.Path(path_type=Path),
     help="Folder to make; it must not be there.",
 )
-@click.option("--count", default=1, show_default=True, type=click.IntRange(1, 10_000))
+@click.option("--count", default=1, type=click.IntRange(1, 10_000))
 @click.option(
     "--seed",
     default=0,
-    show_default=True,
     type=click.IntRange(0),
     help="Of everything random. The same seed makes the same lives, however many.",
 )
@@ -54,7 +53,6 @@ _PART: Final = ".part"
     "--as",
     "form",
     default="bags",
-    show_default=True,
     type=click.Choice(["bags", "estimates"]),
     help="bags: a folder a life, with a bag a test and the unit's calibration, for ema prognose. "
     "estimates: a file a life, with a line of JSON a test, the truth and what the monitor "
@@ -75,8 +73,8 @@ def lives(
 ) -> None:
     """Simulate actuators from new until a fault reaches its limit, test by test.
 
-    A test is due every ten flight hours; a tenth is missing, and three in a hundred are spoiled by
-    noise or a gap. Each life is that of a unit with a serial number of its own. FOLDER/lives.csv
+    A test is due every ten flight hours; a tenth is missing, and three in a hundred are disturbed
+    by noise or a gap. Each life is that of a unit with a serial number of its own. FOLDER/lives.csv
     holds the truth about each life: its end, its dominant fault, its repair.
     """
     if is_constant and (kind or with_repair):
@@ -86,7 +84,7 @@ def lives(
             raise ValueError(f"{folder} is there already: give a folder that is not")
         folder.mkdir(parents=True)
         index: list[dict[str, object]] = []
-        with deferred_interrupt() as interrupted, progress_bar() as progress:
+        with deferred_signals() as stop, progress_bar() as progress:
             task = progress.add_task("simulating", total=None)
             for number in range(count):
                 of_life, of_sensors = np.random.default_rng([seed, number]).spawn(2)
@@ -94,20 +92,19 @@ def lives(
                 state = f"life {number + 1} of {count}"
                 progress.update(task, completed=0, total=len(life.hours), state=state)
                 description = unit_of_life(seed, number)
-                tests = simulated_tests(life, description, of_sensors, interrupted.is_set)
+                tests = simulated_tests(life, description, of_sensors, stop)
                 name = f"life_{number:04d}"
                 # Under another name until it is complete.
                 part = folder / f"{name}{_PART}"
                 write = _write_bags if form == "bags" else _write_estimates
                 try:
-                    write(
-                        part, tests, description, lambda test: progress.update(task, completed=test)
-                    )
+                    for test in write(part, tests, description):
+                        progress.update(task, completed=test.number)
                 except OSError as error:
                     _remove(part)
                     words = error.strerror or str(error)
                     raise OSError(error.errno, words, error.filename or str(part)) from error
-                if interrupted.is_set():
+                if stop:
                     _remove(part)
                     raise ValueError(f"stopped: {number} of {count} lives are in {folder}")
                 part.rename(folder / (name if form == "bags" else f"{name}.jsonl"))
@@ -127,29 +124,24 @@ def _drawn(
 
 
 def _write_bags(
-    folder: Path,
-    tests: Iterable[LifeTest],
-    description: ActuatorDescription,
-    report: Callable[[int], None],
-) -> None:
+    folder: Path, tests: Iterable[LifeTest], description: ActuatorDescription
+) -> Iterator[LifeTest]:
+    """Write the tests of a life and yield each as it is written."""
     folder.mkdir()
     calibration_of_life(description).save(folder / CALIBRATION_FILE)
     for test in tests:
         write_test(folder / f"test_{test.number:04d}.mcap", test, description)
-        report(test.number)
+        yield test
 
 
 def _write_estimates(
-    path: Path,
-    tests: Iterable[LifeTest],
-    description: ActuatorDescription,
-    report: Callable[[int], None],
-) -> None:
-    estimator = LifeEstimator(description)
+    path: Path, tests: Iterable[LifeTest], description: ActuatorDescription
+) -> Iterator[LifeTest]:
+    """Write the tests of a life and yield each as it is written."""
     with path.open("w", encoding="utf-8") as file:
-        for test in tests:
-            file.write(as_line(test, estimator.estimate(test)))
-            report(test.number)
+        for test, estimate in with_estimates(tests, description):
+            file.write(as_line(test, estimate))
+            yield test
 
 
 def _remove(part: Path) -> None:
@@ -169,5 +161,5 @@ def _index_line(name: str, unit: ActuatorDescription, life: SimulatedLife) -> di
         "repair_hours": life.repair_hours if math.isfinite(life.repair_hours) else None,
         "tests": len(life.hours),
         "missing": life.windows.count("missing"),
-        "spoiled": life.windows.count("noisy") + life.windows.count("gap"),
+        "disturbed": life.windows.count("noisy") + life.windows.count("gap"),
     }

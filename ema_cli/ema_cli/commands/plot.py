@@ -8,16 +8,16 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from ema_cli.bags.history import read_history
+from ema_cli.bags.diagnoses import read_history
 from ema_cli.bags.outline import Outline
 from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.bags.windows import read_windows
 from ema_cli.commands.estimate import estimate_windows
+from ema_cli.comparison import choose_window
 from ema_cli.errors import one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.show.history_figure import draw_history
-from ema_cli.show.picture_path import require_drawable, save_picture
-from ema_core.wording import counted
+from ema_cli.show.picture_path import picture_option, require_drawable, save_picture
 from ema_monitor.plot import label, plot_fit
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -37,12 +37,7 @@ _SHADE: Final = 0.12
     is_flag=True,
     help="Draw the recorded estimates over test cycles, beside the truth where that is recorded.",
 )
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Picture to write (.png, .svg, .pdf); by default beside the bag.",
-)
+@picture_option("; by default beside the bag")
 def plot(
     bag: Path,
     source: Source,
@@ -81,25 +76,14 @@ def plot(
 
 
 def _window(found: BagWindows, number: int) -> Window:
-    if number >= len(found.windows):
-        windows = counted(len(found.windows), "window")
-        raise ValueError(f"--window {number}: the bag has {windows}, numbered from 0")
-    window = found.windows[number].window
+    window = choose_window(found, number).window
     if not isinstance(window, Window):
         raise ValueError(f"window {number} cannot be used: {window.reason}")
     return window
 
 
 def draw_telemetry(found: BagWindows, outline: Outline) -> Figure:
-    """Return a figure of the whole telemetry, windows shaded.
-
-    Parameters
-    ----------
-    found
-        What is in the bag.
-    outline
-        Its telemetry.
-    """
+    """Return a figure of the whole telemetry, windows shaded."""
     figure = Figure(figsize=(11, 8), layout="constrained")
     angle, current, speed = figure.subplots(3, 1, sharex=True)
     for axes, name, factor, colour, width in (

@@ -16,18 +16,18 @@ from ema_cli.bags.unit_record import UnitRecord, read_unit, with_calibration_bes
 from ema_cli.commands.estimate import estimate_windows
 from ema_cli.errors import REFUSED, Assignments, merged, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
-from ema_cli.show.picture_path import require_drawable, save_picture
+from ema_cli.show.picture_path import picture_option, require_drawable, save_picture
 from ema_cli.show.prognosis_figure import draw_course
 from ema_cli.show.prognosis_table import (
     as_values,
     course_as_values,
-    prognosis_message,
     removal_in_words,
     summary,
     table_of_growth,
 )
 from ema_core.wording import as_identifier, counted, unknown_name
 from ema_monitor.health import HealthLimits
+from ema_monitor.node.messages import health_to_message
 from ema_monitor.prognosis.growth.known_laws import FORM as FORM_OF_LAW
 from ema_monitor.prognosis.growth.known_laws import known_law
 from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
@@ -68,14 +68,12 @@ def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> 
 @click.option(
     "--hours-per-cycle",
     default=Service.hours_per_cycle,
-    show_default=True,
     help="Flight hours that a test cycle stands for, whatever usage the bags hold; 0: usage "
     "counts them.",
 )
 @click.option(
     "--duty",
     default=Service.duty,
-    show_default=True,
     help="Growth of the faults in a future flight hour, relative to a past one.",
 )
 @click.option(
@@ -109,12 +107,7 @@ def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> 
     help="Service hour at which the prognosis is made: later tests are left out.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one object, as the health message.")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Picture to write (.png, .svg, .pdf).",
-)
+@picture_option()
 def prognose(
     bags: tuple[Path, ...],
     source: Source,
@@ -128,7 +121,7 @@ def prognose(
     as_json: bool,
     output: Path | None,
 ) -> None:
-    """Tell how many flight hours a unit has left, from the tests in each BAG or folder of bags.
+    """Predict how many flight hours a unit has left, from the tests in each BAG or folder of bags.
 
     All tests are of one unit; the stamps of their windows give their order. The figures are those
     that a monitor publishes after the last of these tests. Without --calibration, a file
@@ -149,7 +142,7 @@ def prognose(
         for remark in record.remarks:
             click.echo(remark, err=True)
         estimates = estimate_windows(record.windows, calibration, options, force=source.force)
-        course = follow(record, estimates, calibration.model().parameters, settings)
+        course = follow(record, estimates, calibration.unit_parameters, settings)
         for number, estimate in enumerate(estimates):
             if not estimate.valid:
                 click.echo(f"window {number}: no valid estimate: {estimate.reason}", err=True)
@@ -158,7 +151,7 @@ def prognose(
                 f"no prognosis: none of {counted(len(estimates), 'window')} can be used", err=True
             )
             sys.exit(REFUSED)
-        message = prognosis_message(course)
+        message = health_to_message(course.outlooks[-1], record.description)
         if math.isnan(message.flight_hours) and not record.counts:
             click.echo(
                 "service hours are unknown, so is the remaining life: the bags hold no usage; give "

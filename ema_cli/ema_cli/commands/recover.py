@@ -8,7 +8,7 @@ from rclpy.qos import QoSProfile
 from ema_cli.bags.output_path import require_apart
 from ema_cli.errors import one_clear_line
 from ema_cli.new_bag import new_bag
-from ema_cli.processes.interrupt import deferred_interrupt
+from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
 from ema_recording.message_type import message_class
@@ -34,7 +34,7 @@ def recover(bag: Path, output: Path, force: bool) -> None:
         damaged = Bag(bag)
         names = [name for name, topic in damaged.topics.items() if topic.count]
         with (
-            deferred_interrupt() as interrupted,
+            deferred_signals() as stop,
             new_bag(output, overwrite=force) as whole,
             progress_bar() as progress,
         ):
@@ -44,7 +44,7 @@ def recover(bag: Path, output: Path, force: bool) -> None:
             total, written = sum(damaged.topics[name].count for name in names), 0
             messages = damaged.raw_messages(names)
             for item in progress.track(messages, total=total, description="recovering"):
-                if interrupted.is_set():
+                if stop:
                     raise click.Abort
                 whole.write_serialized(
                     item.topic, item.message, item.log_time_ns, item.publish_time_ns

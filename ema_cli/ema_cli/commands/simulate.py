@@ -8,13 +8,14 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from ema_cli.command_file import command_from
 from ema_cli.errors import Assignments, merged, one_clear_line
 from ema_cli.new_bag import new_bag
-from ema_cli.processes.interrupt import deferred_interrupt
+from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.show.progress import progress_bar
+from ema_core.cause_profiles import GRAMMAR, describe_causes
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FAULTS, random_faults
 from ema_core.wording import as_identifier, counted
@@ -34,17 +35,25 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
     help=f"A fault in [0, 1], e.g. friction=0.25; known: {', '.join(FAULT_NAMES)}.",
 )
 @click.option(
+    "--cause",
+    "causes",
+    multiple=True,
+    metavar=GRAMMAR,
+    help="A hidden cause that is none of the faults, e.g. load_torque=0.01, "
+    "current_offset=0.1@3.0 (from 3 s on) or winding_temperature=80@0..10 (a ramp); "
+    f"known, with unit and range: {describe_causes()}.",
+)
+@click.option(
     "--random-faults",
     "draws_faults",
     is_flag=True,
     help="Draw a multiple fault by the law of the thesis, most of it small, from --seed.",
 )
-@click.option("--cycles", default=1, show_default=True, type=click.IntRange(1, 100_000))
+@click.option("--cycles", default=1, type=click.IntRange(1, 100_000))
 @click.option(
     "--command",
     "shape",
     default="chirp",
-    show_default=True,
     help="step, ramp, sine, chirp, or a CSV file with one angle [rad] a sample in its last column.",
 )
 @click.option(
@@ -69,17 +78,15 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
     help="YAML file that describes the actuator; without it the built-in one.",
 )
 @click.option("--serial-number", help="Serial number in the description.")
-@click.option("--load", default=0.0, show_default=True, help="External torque, motor shaft [N.m].")
+@click.option("--load", default=0.0, help="External torque, motor shaft [N.m].")
 @click.option(
     "--noise-gain",
     default=0.0,
-    show_default=True,
     help="K_noise of the white noise on the reference current.",
 )
 @click.option(
     "--current-noise",
     default=0.0,
-    show_default=True,
     help="Standard deviation of Gaussian noise on each published current sample [A].",
 )
 @click.option(
@@ -92,7 +99,6 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
 @click.option(
     "--seed",
     default=0,
-    show_default=True,
     type=click.IntRange(0),
     help="Of all noise, and of --random-faults.",
 )
@@ -106,6 +112,7 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
 )
 def simulate(
     faults,
+    causes,
     draws_faults,
     cycles,
     shape,
@@ -137,6 +144,7 @@ def simulate(
             BenchSettings(load=load, noise_gain=noise_gain, current_noise=current_noise, seed=seed),
             parameters=description.parameters.replace(merged(true_values, "--set")),
             resolutions=merged(resolutions, "--quantise"),
+            causes=causes,
         )
         command = command_from(shape, merged(figures, "--command-set"))
         if warning := command.travel_warning(description.parameters):
@@ -145,11 +153,12 @@ def simulate(
         drawn = _drawn_faults(seed) if draws_faults else None
         bench.set_faults(merged(faults, "--fault") if drawn is None else drawn)
         with (
-            deferred_interrupt() as interrupted,
+            deferred_signals() as stop,
             new_bag(output, overwrite=force) as bag,
             SimulatedActuatorBag(bag, description) as recording,
             progress_bar() as progress,
         ):
+            recording.note_causes(bench.causes)
             task = progress.add_task("simulating", total=None)
             for _ in range(cycles):
                 cycle = bench.begin_cycle()
@@ -160,7 +169,7 @@ def simulate(
                 )
                 recording.begin_cycle(cycle.number, cycle.faults, cycle.hours)
                 for block, torque in cycle.blocks:
-                    if interrupted.is_set():
+                    if stop:
                         raise click.Abort
                     recording.write_block(block, torque)
                     progress.advance(task, len(block))
@@ -180,10 +189,9 @@ def _drawn_faults(seed: int) -> NDArray[np.float64]:
 
 
 def _print_drawn(faults: NDArray[np.float64], seed: int) -> None:
-    table = Table(title=f"true faults, drawn with seed {seed}", title_justify="left")
-    table.add_column("fault")
-    table.add_column("k", justify="right")
-    table.add_column("which means")
+    k = Column("k", justify="right")
+    title = f"true faults, drawn with seed {seed}"
+    table = Table("fault", k, "which means", title=title, title_justify="left")
     for fault, value in zip(FAULTS, faults, strict=True):
         table.add_row(fault.name, f"{value:.6f}", fault.physical(value))
     Console().print(table)

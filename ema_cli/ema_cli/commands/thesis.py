@@ -9,7 +9,7 @@ from typing import Final
 import click
 import pandas as pd
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from ema_cli.errors import one_clear_line
 from ema_cli.show.progress import progress_bar
@@ -19,8 +19,8 @@ from ema_monitor.model.threads import available_cpus
 from ema_study.execution import EXECUTORS, execute, local_executor, time_executors
 from ema_study.models import MODELS
 from ema_study.plan import RUNS, Job, plan
-from ema_study.record import Record, as_frame
 from ema_study.report import write_report
+from ema_study.result import as_frame
 from ema_study.sources import single_fault_runs
 from ema_study.store import RunStore, numerics_version
 from ema_study.tables import study_tables, write_tables
@@ -36,7 +36,6 @@ _TIMING = "timing.csv"
     "--output",
     "folder",
     default="thesis-study",
-    show_default=True,
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder of runs, tables, figures and report. Runs that it already holds are kept.",
 )
@@ -45,7 +44,6 @@ _TIMING = "timing.csv"
     "models",
     multiple=True,
     default=["fast"],
-    show_default=True,
     type=click.Choice(list(MODELS)),
     help="Monitor model: the shipped one, or the thesis's own at 1 us, 20 times slower.",
 )
@@ -59,7 +57,6 @@ _TIMING = "timing.csv"
     "--executor",
     "kind",
     default="processes",
-    show_default=True,
     type=click.Choice(EXECUTORS),
     help="Runs side by side in processes or threads, or one by one; each on one core.",
 )
@@ -110,7 +107,7 @@ def thesis(
         minutes = (time.perf_counter() - started) / 60.0
         click.echo("writing tables, figures and report")
         store.export()
-        frame = as_frame(store.records)
+        frame = as_frame(store.results)
         write_tables(study_tables(frame), folder / "tables")
         report = write_report(
             folder,
@@ -133,9 +130,11 @@ def _run(jobs: Sequence[Job], store: RunStore, kind: str, workers: int) -> None:
         return
     with progress_bar() as progress, local_executor(kind, workers) as executor:
         task = progress.add_task("study", total=len(jobs), state="starting")
-        for record in execute(jobs, executor):
-            store.add(record)
-            progress.update(task, advance=1, state=_progress_text(record))
+        for result in execute(jobs, executor):
+            store.add(result)
+            job, error = result.job, result.error_percent
+            state = f"{job.model}: {job.algorithm}, {job.case}, run {job.run}: {error:.2f} %"
+            progress.update(task, advance=1, state=state)
 
 
 def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:
@@ -153,19 +152,12 @@ def _timing(folder: Path, models: Sequence[str]) -> pd.DataFrame:
     return timing.drop(columns="version")
 
 
-def _progress_text(record: Record) -> str:
-    job = record.job
-    return f"{job.model}: {job.algorithm}, {job.case}, run {job.run}: {record.error_percent:.2f} %"
-
-
 def _print_summary(frame: pd.DataFrame) -> None:
     """Print mean error and time of each algorithm over the single faults."""
     single = single_fault_runs(frame)
-    table = Table(
-        "model", "algorithm", "level", "runs", "error %", "generations", "time s", title="means"
-    )
-    for column in table.columns[3:]:
-        column.justify = "right"
+    headings = ("runs", "error %", "generations", "time s")
+    figures = (Column(heading, justify="right") for heading in headings)
+    table = Table("model", "algorithm", "level", *figures, title="means")
     for key, group in single.groupby(["model", "algorithm", "level"]):
         means = group[["error_percent", "generations", "time_s"]].mean()
         table.add_row(

@@ -8,7 +8,8 @@ import click
 
 from ema_cli.errors import UNUSABLE, one_clear_line
 from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
-from ema_cli.processes.supervisor import POLL_S, Supervisor, noted_signals
+from ema_cli.processes.stop_request import ENDING, deferred_signals
+from ema_cli.processes.supervisor import POLL_S, Supervisor
 
 
 @click.command()
@@ -46,7 +47,11 @@ def up(
     new unit at each start: beside it the monitor keeps its history in memory, unless
     history_folder says otherwise.
     """
-    with noted_signals() as stop, one_clear_line(), Supervisor(_tell, "recorder") as processes:
+    with (
+        deferred_signals(*ENDING) as stop,
+        one_clear_line(),
+        Supervisor(_report, "recorder") as processes,
+    ):
         for assignment in assignments:
             if ":=" not in assignment:
                 raise ValueError(f"-p {assignment!r}: expected name:=value")
@@ -75,5 +80,5 @@ def up(
         sys.exit(UNUSABLE)
 
 
-def _tell(line: str) -> None:
+def _report(line: str) -> None:
     click.echo(f"ema up: {line}", err=True)

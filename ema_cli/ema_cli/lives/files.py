@@ -1,6 +1,7 @@
 """Tests of a simulated life in files: a bag each, or a line of JSON with the estimate of each."""
 
 import json
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -21,12 +22,8 @@ def write_test(path: Path, test: LifeTest, description: ActuatorDescription) -> 
 
     Parameters
     ----------
-    path
-        File to write; it must not be there.
     test
         The test. Its stamps are service hours, so that those of a life's tests ascend.
-    description
-        The actuator.
     """
     with new_bag(path) as writer, SimulatedActuatorBag(writer, description, test.start_ns) as bag:
         bag.begin_cycle(test.number, test.faults, test.hours)
@@ -34,47 +31,23 @@ def write_test(path: Path, test: LifeTest, description: ActuatorDescription) -> 
             bag.write_block(block)
 
 
-class LifeEstimator:
-    """Estimates the faults in test after test of one actuator, as a monitor does.
-
-    Parameters
-    ----------
-    description
-        The actuator, as of ``unit_of_life``.
-    """
-
-    def __init__(self, description: ActuatorDescription) -> None:
-        self._description = description
-        self._calibration = calibration_of_life(description)
-        self._last_faults = LastFaults()
-
-    def estimate(self, test: LifeTest) -> Estimate:
-        """Return the estimate of a test, be it valid or not.
-
-        Parameters
-        ----------
-        test
-            The test.
-        """
-        finder = WindowFinder(TriggerSettings(), self._description)
+def with_estimates(
+    tests: Iterable[LifeTest], description: ActuatorDescription
+) -> Iterator[tuple[LifeTest, Estimate]]:
+    """Yield the tests of an actuator with their estimates, valid or not, as of a monitor."""
+    calibration, last_faults = calibration_of_life(description), LastFaults()
+    for test in tests:
+        finder = WindowFinder(TriggerSettings(), description)
         events = [event for block in test.blocks for event in finder.feed(block)]
         segment = next(item for item in [*events, *finder.finish()] if isinstance(item, Segment))
-        previous = self._last_faults.of(self._description, self._calibration)
-        estimate = identify(segment.window, self._description, self._calibration, previous=previous)
-        self._last_faults.record(self._description, estimate)
-        return estimate
+        previous = last_faults.of(description, calibration)
+        estimate = identify(segment.window, description, calibration, previous=previous)
+        last_faults.record(description, estimate)
+        yield test, estimate
 
 
 def as_line(test: LifeTest, estimate: Estimate) -> str:
-    """Return a test and its estimate as a line of JSON; what is not a number is null.
-
-    Parameters
-    ----------
-    test
-        The test, with the truth.
-    estimate
-        Its estimate.
-    """
+    """Return a test and its estimate as a line of JSON; what is not a number is null."""
     record = estimate_record(estimate)
     content = {
         "test": test.number,

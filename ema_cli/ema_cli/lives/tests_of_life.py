@@ -1,17 +1,18 @@
 """A simulated life: its unit, the calibration of that, and its tests as telemetry."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_cli.processes.stop_request import StopRequest
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_sim.bench import ActuatorBench, BenchSettings
-from ema_sim.lives import NOISE_OF_SPOILED, SimulatedLife
+from ema_sim.lives import NOISE_OF_DISTURBED, SimulatedLife
 from ema_sim.sensors import Sensors
 
 _NS_PER_HOUR: Final = 3_600_000_000_000
@@ -19,13 +20,7 @@ _GAP_BLOCKS: Final = 3
 
 
 def unit_of_life(seed: int, number: int) -> ActuatorDescription:
-    """Return the built-in actuator with a serial number of its own.
-
-    Parameters
-    ----------
-    seed, number
-        Of the life.
-    """
+    """Return the built-in actuator with a serial number of its own."""
     built_in = ActuatorDescription()
     return replace(built_in, serial_number=f"{built_in.serial_number}-{seed}-{number:04d}")
 
@@ -34,11 +29,6 @@ def calibration_of_life(unit: ActuatorDescription) -> Calibration:
     """Return the calibration of a unit that is like the built-in actuator.
 
     Simulated units do not scatter: calibrated when new, each has the figures of the built-in one.
-
-    Parameters
-    ----------
-    unit
-        As of ``unit_of_life``.
     """
     return replace(Calibration.builtin(), serial_number=unit.serial_number)
 
@@ -75,23 +65,17 @@ def simulated_tests(
     life: SimulatedLife,
     description: ActuatorDescription,
     rng: np.random.Generator,
-    interrupted: Callable[[], bool],
+    stop: StopRequest,
 ) -> Iterator[LifeTest]:
     """Simulate the tests of a life that are not missing, one by one.
 
     Parameters
     ----------
-    life
-        The life.
-    description
-        The actuator.
-    rng
-        Random numbers of the sensors' noise.
-    interrupted
-        Asked after each block; when it says so, the test is left out and the life ends.
+    stop
+        Read after each block; once it is set, the test is left out and the life ends.
     """
     bench = ActuatorBench(description, BenchSettings(hours_per_cycle=0.0))
-    noise = Sensors(NOISE_OF_SPOILED, {}, rng)
+    noise = Sensors(NOISE_OF_DISTURBED, {}, rng)
     for number, (hours, faults, window) in enumerate(
         zip(life.hours, life.faults, life.windows, strict=True)
     ):
@@ -101,7 +85,7 @@ def simulated_tests(
         start_ns = round(float(hours) * _NS_PER_HOUR)
         blocks = []
         for block, _ in bench.begin_cycle(start_ns).blocks:
-            if interrupted():
+            if stop:
                 return
             blocks.append(noise.measure(block) if window == "noisy" else block)
         if window == "gap":

@@ -1,8 +1,7 @@
 """The nodes of the health monitor and how each is started."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,71 +11,41 @@ from ament_index_python.packages import (
     get_package_share_directory,
 )
 
-
-@dataclass(frozen=True)
-class NodeProgram:
-    """A program that runs a node.
-
-    Attributes
-    ----------
-    package
-        ROS package that it is in.
-    executable
-        Its name, as for ``ros2 run``.
-    """
-
-    package: str
-    executable: str
-
-
 NODES: Final = {
-    "actuator": NodeProgram("ema_sim", "actuator_node"),
-    "monitor": NodeProgram("ema_monitor", "monitor_node"),
-    "recorder": NodeProgram("ema_recording", "recorder_node"),
-    "player": NodeProgram("ema_recording", "player_node"),
+    "actuator": ("ema_sim", "actuator_node"),
+    "monitor": ("ema_monitor", "monitor_node"),
+    "recorder": ("ema_recording", "recorder_node"),
+    "player": ("ema_recording", "player_node"),
 }
-"""The nodes by name."""
+"""Package and executable of each node, as for ``ros2 run``."""
 
 
 def parameter_file(name: str) -> Path:
-    """Return a parameter file of the package ema_bringup.
-
-    Parameters
-    ----------
-    name
-        Its name without ``.yaml``, that of a node for instance.
+    """Return a parameter file of the package ema_bringup by its name without ``.yaml``.
 
     Raises
     ------
     ValueError
         When the package is not installed or has no such file.
     """
-    try:
-        folder = Path(get_package_share_directory("ema_bringup"))
-    except PackageNotFoundError as error:
-        raise ValueError("package ema_bringup is not installed: run `make setup`") from error
-    path = folder / "config" / f"{name}.yaml"
-    if not path.is_file():
-        raise ValueError(f"{path} is not there: run `make setup`")
-    return path
+    return _installed(get_package_share_directory, "ema_bringup", "config", f"{name}.yaml")
 
 
 def program(node: str) -> Path:
-    """Return the program of a node.
-
-    Parameters
-    ----------
-    node
-        One of ``NODES``.
+    """Return the program of one of ``NODES``.
 
     Raises
     ------
     ValueError
         When it is not installed.
     """
-    package, executable = NODES[node].package, NODES[node].executable
+    package, executable = NODES[node]
+    return _installed(get_package_prefix, package, "lib", package, executable)
+
+
+def _installed(folder_of: Callable[[str], str], package: str, *parts: str) -> Path:
     try:
-        path = Path(get_package_prefix(package), "lib", package, executable)
+        path = Path(folder_of(package), *parts)
     except PackageNotFoundError as error:
         raise ValueError(f"package {package} is not installed: run `make setup`") from error
     if not path.is_file():
@@ -95,8 +64,6 @@ def ros_arguments(
 
     Parameters
     ----------
-    node
-        One of ``NODES``.
     parameter_files
         Further parameter files; a later one overrides.
     assignments

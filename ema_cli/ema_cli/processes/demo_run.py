@@ -11,11 +11,12 @@ from typing import Final
 import click
 import numpy as np
 
-from ema_cli.bags.history import read_history
+from ema_cli.bags.diagnoses import read_history
 from ema_cli.processes.bringup import assignments_of, parameter_file, program, ros_arguments
 from ema_cli.processes.domains import Domain
 from ema_cli.processes.observer import Observer
-from ema_cli.processes.supervisor import POLL_S, StopRequest, Supervisor
+from ema_cli.processes.stop_request import StopRequest
+from ema_cli.processes.supervisor import POLL_S, Supervisor
 from ema_cli.show.live_table import LiveTable
 
 SHOWN: Final = ("friction", "backlash", "short_circuit_a")
@@ -30,7 +31,7 @@ _REFRESH_S: Final = 0.25
 
 
 def run_demo(duration_s: float, output: Path | None, stop: StopRequest) -> None:
-    """Run the demo until its end or until it is told to stop.
+    """Run the demo until its end or until it is asked to stop.
 
     Parameters
     ----------
@@ -38,8 +39,6 @@ def run_demo(duration_s: float, output: Path | None, stop: StopRequest) -> None:
         Length from the first test cycle on [s].
     output
         Folder for what it leaves; one of its own below ``bags`` when None.
-    stop
-        Whether it is told to stop.
 
     Raises
     ------
@@ -60,8 +59,8 @@ def run_demo(duration_s: float, output: Path | None, stop: StopRequest) -> None:
     bag, picture = folder / "bag", folder / "history.png"
     [assignment] = assignments_of({"output": str(bag)})
     commands["recorder"] += ["-p", assignment]
-    with LiveTable(SHOWN) as table, Supervisor(table.tell, "recorder") as processes:
-        _announce(table.tell, folder)
+    with LiveTable(SHOWN) as table, Supervisor(table.report, "recorder") as processes:
+        _announce(table.report, folder)
         for node, command in commands.items():
             if not stop:
                 processes.start(node, command, folder / f"{node}.log")
@@ -98,29 +97,19 @@ def _refuse_if_occupied(stop: StopRequest) -> None:
 
 
 def _make_folder(output: Path | None) -> Path:
-    if output is not None:
-        if output.exists() and any(output.iterdir()):
-            raise ValueError(f"{output} is there already and not empty")
-        output.mkdir(parents=True, exist_ok=True)
-        return output
-    name = Path("bags", f"demo_{datetime.now():%Y%m%d_%H%M%S}")
-    number = 1
-    while True:
-        folder = name if number == 1 else name.with_name(f"{name.name}_{number}")
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            number += 1
-        else:
-            return folder
+    folder = output or Path("bags", f"demo_{datetime.now():%Y%m%d_%H%M%S}")
+    if folder.exists() and any(folder.iterdir()):
+        raise ValueError(f"{folder} is there already and not empty")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
-def _announce(tell: Callable[[str], None], folder: Path) -> None:
+def _announce(report: Callable[[str], None], folder: Path) -> None:
     names = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")
     environment = " ".join(f"{name}={os.environ[name]}" for name in names)
-    tell(f"simulator, monitor and recorder start; what they say is in {folder}")
+    report(f"simulator, monitor and recorder start; their logs are in {folder}")
     look_on = "ros2 topic echo /ema/health" if which("ros2") else "and any program of ROS 2"
-    tell(f"to look on from another shell: {environment} {look_on}")
+    report(f"to watch from another shell: {environment} {look_on}")
 
 
 def _watch(
@@ -174,8 +163,8 @@ def _await(
 
 def _failure(node: str, folder: Path) -> str:
     log = folder / f"{node}.log"
-    said = log.read_text(errors="replace").split("\n")
-    last = next((line for line in reversed(said) if line.strip()), "it said nothing")
+    lines = log.read_text(errors="replace").split("\n")
+    last = next((line for line in reversed(lines) if line.strip()), "it wrote nothing")
     return f"{node} failed: {last}; see {log}"
 
 

@@ -4,14 +4,13 @@ import fcntl
 import itertools
 import os
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 # Domains above 101 use ports that Linux hands out to other programs.
 _DOMAINS = range(1, 102)
 _FOLDER = Path(tempfile.gettempdir(), "ros_domain_locks")
-# Each search goes on behind the one before: what was just given back rests for a while.
+# Each search goes on behind the one before: a domain just released is not used again at once.
 _order = itertools.cycle(_DOMAINS)
 
 
@@ -35,19 +34,9 @@ class Domain:
                 return
         raise RuntimeError(f"all of {len(_DOMAINS)} ROS domains are locked in {_FOLDER}")
 
-    def release(self) -> None:
+    def close(self) -> None:
         """Let others use the domain."""
         os.close(self.descriptor)
-
-
-@contextmanager
-def domain() -> Iterator[Domain]:
-    """Use a domain of its own for a while."""
-    own = Domain()
-    try:
-        yield own
-    finally:
-        own.release()
 
 
 def _locked(number: int) -> int | None:

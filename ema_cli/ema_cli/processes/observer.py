@@ -8,10 +8,12 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 
-from ema_cli.bags.history import Diagnosed, History
+from ema_cli.bags.diagnoses import Diagnosis, DiagnosisLog
 from ema_recording.message_type import type_name
+from ema_ros.stamps import stamp_from_message
 from ema_ros.topics import (
     ACTUATOR_TOPICS,
     FAULT_ESTIMATE,
@@ -19,6 +21,7 @@ from ema_ros.topics import (
     MONITOR_TOPICS,
     NAMESPACE,
     SIMULATED_FAULTS,
+    TELEMETRY,
 )
 
 _MARGIN_NS: Final = 100_000_000
@@ -39,7 +42,8 @@ class Observer:
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._history = History()
+        self._history = DiagnosisLog()
+        self._telemetry_ns = 0
         self._lock = threading.Lock()
         self._ending = threading.Event()
 
@@ -49,6 +53,10 @@ class Observer:
         self._node = Node(self._name, namespace=f"/{self._name}", context=self._context)
         for topic, (message_class, qos) in _QOS_BY_TOPIC.items():
             self._node.create_subscription(message_class, f"{NAMESPACE}/{topic}", self._take, qos)
+        message_class, _ = ACTUATOR_TOPICS[TELEMETRY]
+        self._node.create_subscription(
+            message_class, f"{NAMESPACE}/{TELEMETRY}", self._take_telemetry, qos_profile_sensor_data
+        )
         self._thread = threading.Thread(target=self._spin, name="observer", daemon=True)
         self._thread.start()
         return self
@@ -60,16 +68,10 @@ class Observer:
         rclpy.shutdown(context=self._context)
 
     def sees(self, node_name: str) -> bool:
-        """Return whether a node of the health monitor is in the graph.
-
-        Parameters
-        ----------
-        node_name
-            Its name without the namespace.
-        """
+        """Return whether a node of the health monitor is in the graph."""
         return (node_name, NAMESPACE) in self._node.get_node_names_and_namespaces()
 
-    def diagnoses(self) -> list[Diagnosed]:
+    def diagnoses(self) -> list[Diagnosis]:
         """Return the diagnoses so far."""
         with self._lock:
             return self._history.diagnoses()
@@ -80,28 +82,29 @@ class Observer:
             return len(self._history.truths)
 
     def cycle_between_windows(self) -> int | None:
-        """Return the test cycle that goes on if its window is over, as in the cycles before."""
+        """Return the test cycle that goes on if its window is over, as in the cycles before.
+
+        The telemetry tells how far it is: a busy actuator's stamps are behind the clock.
+        """
         with self._lock:
             truths, diagnoses = self._history.truths, self._history.diagnoses()
         starts_ns = {item.cycle: item.stamp_ns for item in truths}
         ends_ns = [one.end_ns - starts_ns[one.cycle] for one in diagnoses if one.cycle is not None]
-        if not ends_ns or time.time_ns() - truths[-1].stamp_ns < max(ends_ns) + _MARGIN_NS:
+        if not ends_ns or self._telemetry_ns - truths[-1].stamp_ns < max(ends_ns) + _MARGIN_NS:
             return None
         return truths[-1].cycle
 
     def has_diagnosed(self, cycle: int) -> bool:
-        """Return whether there is a diagnosis of a test cycle.
-
-        Parameters
-        ----------
-        cycle
-            Its running number.
-        """
+        """Return whether there is a diagnosis of a test cycle."""
         return any(one.cycle == cycle for one in self.diagnoses())
 
     def _take(self, message: Any) -> None:
         with self._lock:
-            self._history.take(type_name(type(message)), message, time.time_ns())
+            self._history.add(type_name(type(message)), message, time.time_ns())
+
+    def _take_telemetry(self, message: Any) -> None:
+        with self._lock:
+            self._telemetry_ns = stamp_from_message(message.header.stamp)
 
     def _spin(self) -> None:
         executor = SingleThreadedExecutor(context=self._context)

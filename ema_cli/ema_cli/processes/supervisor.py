@@ -4,58 +4,18 @@ import ctypes
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 POLL_S: Final = 0.05
 _HEAD_START_S: Final = 1.0
 _PR_SET_PDEATHSIG: Final = 1
-_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-class StopRequest:
-    """Whether the process was told to end, and by which signal.
-
-    Attributes
-    ----------
-    number
-        The first signal; None as long as there was none.
-    """
-
-    def __init__(self) -> None:
-        self.number: int | None = None
-
-    def __bool__(self) -> bool:
-        return self.number is not None
-
-    def note(self, number: int, _: Any) -> None:
-        """Handle a signal; what is called here may interrupt anything, so it only takes note."""
-        if self.number is None:
-            self.number = number
-
-
-@contextmanager
-def noted_signals() -> Iterator[StopRequest]:
-    """Take note of SIGINT, SIGTERM and SIGHUP instead of ending wherever the program happens to be.
-
-    A SIGHUP that is ignored, as under nohup, stays so.
-    """
-    request = StopRequest()
-    before = {number: signal.getsignal(number) for number in _SIGNALS}
-    for number, handler in before.items():
-        if (number, handler) != (signal.SIGHUP, signal.SIG_IGN):
-            signal.signal(number, request.note)
-    try:
-        yield request
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-class Supervisor:
-    """Starts processes, tells when one ends by itself, and leaves none behind.
+class Supervisor(AbstractContextManager["Supervisor", None]):
+    """Starts processes, reports when one ends by itself, and leaves none behind.
 
     Every process has a session of its own, so that a Ctrl-C reaches the supervisor alone, which
     stops them in order. They get SIGTERM too if the supervisor is killed. To be used from the main
@@ -63,11 +23,10 @@ class Supervisor:
 
     Parameters
     ----------
-    tell
+    report
         Called with a line about a process.
     last
-        Name of the process that is stopped after the others, as it takes in what they say in
-        parting.
+        Name of the process that is stopped after the others, as it records their last messages.
     patience_s
         How long a process may take to end after SIGTERM, before SIGKILL [s].
 
@@ -78,18 +37,15 @@ class Supervisor:
     """
 
     def __init__(
-        self, tell: Callable[[str], None], last: str = "", patience_s: float = 5.0
+        self, report: Callable[[str], None], last: str = "", patience_s: float = 5.0
     ) -> None:
-        self._listener = tell
+        self._output = report
         self._last = last
         self._patience_s = patience_s
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self.failed: list[str] = []
         # Loaded here, since a child must not do much between fork and exec.
         self._prctl = ctypes.CDLL(None).prctl
-
-    def __enter__(self) -> "Supervisor":
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.stop_all()
@@ -104,10 +60,6 @@ class Supervisor:
 
         Parameters
         ----------
-        name
-            What it is called here; no process of this name may be running.
-        command
-            Program and arguments.
         log
             File to which its output goes; that of the supervisor when None.
 
@@ -131,27 +83,21 @@ class Supervisor:
                 output.close()
 
     def check(self) -> None:
-        """Take note of the processes that have ended by themselves, and tell of each."""
+        """Record the processes that have ended by themselves, and report each."""
         for name, child in list(self._children.items()):
             code = child.poll()
             if code is None:
                 continue
             del self._children[name]
             if code == 0:
-                self._tell(f"{name} has ended")
+                self._report(f"{name} has ended")
                 continue
             self.failed.append(name)
             how = f"was ended by {_signal_name(-code)}" if code < 0 else f"failed, exit code {code}"
-            self._tell(f"{name} {how}")
+            self._report(f"{name} {how}")
 
     def stop(self, name: str) -> None:
-        """Stop a process, if it runs, and return when it is gone.
-
-        Parameters
-        ----------
-        name
-            What it is called here.
-        """
+        """Stop a process, if it runs, and return when it is gone."""
         self._see_off(self._terminate([name]))
 
     def stop_all(self) -> None:
@@ -174,14 +120,14 @@ class Supervisor:
         _wait(leaving.values(), self._patience_s)
         for name, child in leaving.items():
             if child.poll() is None:
-                self._tell(f"{name} did not end within {self._patience_s:g} s and is killed")
+                self._report(f"{name} did not end within {self._patience_s:g} s and is killed")
                 child.kill()
                 child.wait()
 
-    def _tell(self, line: str) -> None:
+    def _report(self, line: str) -> None:
         # Nobody may be reading any more; the processes have to be stopped all the same.
         with suppress(OSError):
-            self._listener(line)
+            self._output(line)
 
     def _end_with_the_supervisor(self) -> None:
         self._prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM))

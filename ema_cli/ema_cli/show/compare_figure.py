@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ema_cli.comparison import Comparison, Run
+from ema_cli.comparison import AlgorithmComparison, Run
 from ema_cli.show.style import BLUE, ORANGE, VERMILION, draw_estimates, tidy
 from ema_core.faults import FAULTS
 
@@ -31,16 +31,8 @@ _STYLES: Final = (
 )
 
 
-def draw_comparison(comparison: Comparison, title: str) -> Figure:
-    """Return a figure of cost against evaluations and of each fault by algorithm.
-
-    Parameters
-    ----------
-    comparison
-        What to show; at least one algorithm has an estimate.
-    title
-        Title of the figure.
-    """
+def draw_comparison(comparison: AlgorithmComparison, title: str) -> Figure:
+    """Return a figure of cost against evaluations and of each fault by algorithm."""
     figure = Figure(figsize=(10.5, 9.0), layout="constrained")
     rows = -(-len(FAULTS) // _COLUMNS)
     grid = figure.add_gridspec(1 + rows, _COLUMNS, height_ratios=[2.2, *[1.2] * rows])
@@ -57,13 +49,15 @@ def draw_comparison(comparison: Comparison, title: str) -> Figure:
         _draw_fault(figure.add_subplot(grid[1 + i // _COLUMNS, i % _COLUMNS]), comparison, runs, i)
     figure.suptitle(title, ha="left", x=0.01)
     algorithms = [
-        Line2D([], [], lw=1.3, label=run.algorithm, **style) for run, style in runs.items()
+        Line2D([], [], lw=1.3, label=run.estimate.algorithm, **style) for run, style in runs.items()
     ]
     figure.legend(handles=algorithms, loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 
-def _draw_convergence(axes: Axes, comparison: Comparison, runs: dict[Run, dict[str, Any]]) -> None:
+def _draw_convergence(
+    axes: Axes, comparison: AlgorithmComparison, runs: dict[Run, dict[str, Any]]
+) -> None:
     for run, style in runs.items():
         costs = np.where(np.isfinite(run.costs), run.costs, np.nan)
         axes.plot(run.evaluations, costs, color=style["color"], lw=1.3)
@@ -87,7 +81,7 @@ def _draw_convergence(axes: Axes, comparison: Comparison, runs: dict[Run, dict[s
 
 
 def _draw_fault(
-    axes: Axes, comparison: Comparison, runs: dict[Run, dict[str, Any]], i: int
+    axes: Axes, comparison: AlgorithmComparison, runs: dict[Run, dict[str, Any]], i: int
 ) -> None:
     if comparison.truth is not None:
         axes.axhline(comparison.truth[i], **_TRUTH)
@@ -114,7 +108,7 @@ def _draw_fault(
     tidy(axes, "y")
 
 
-def _marks(comparison: Comparison, runs: dict[Run, dict[str, Any]]) -> list[Line2D]:
+def _marks(comparison: AlgorithmComparison, runs: dict[Run, dict[str, Any]]) -> list[Line2D]:
     """Return the marks that are the same for all algorithms."""
     handles = [Line2D([], [], label="healthy", **_HEALTHY)]
     if comparison.truth is not None:

@@ -6,29 +6,21 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from ema_cli.comparison import Comparison, Run
+from ema_cli.comparison import AlgorithmComparison, Run
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS
 
 
-def table_of_runs(comparison: Comparison, title: str) -> Table:
-    """Return how each algorithm fared; the best valid one of each column has a star.
-
-    Parameters
-    ----------
-    comparison
-        What to show.
-    title
-        Title of the table.
-    """
+def table_of_runs(comparison: AlgorithmComparison, title: str) -> Table:
+    """Return how each algorithm fared; the best valid one of each column has a star."""
     runs = comparison.runs
     columns = {
-        "algorithm": [run.algorithm for run in runs],
+        "algorithm": [run.estimate.algorithm for run in runs],
         "search\nfitness": _starred(runs, lambda run: run.search_fitness, ".5f"),
         "fitness\n[A^2.s]": _starred(runs, lambda run: run.estimate.fitness, ".5f"),
         "goodness\nof fit": _starred(runs, lambda run: run.estimate.goodness_of_fit, ".2f"),
         "valid": ["yes" if run.estimate.valid else "[red]no[/]" for run in runs],
         "eval-\nuations": _starred(runs, lambda run: run.estimate.evaluations, "d"),
-        "gener-\nations": [str(run.generations) for run in runs],
+        "gener-\nations": [str(len(run.costs)) for run in runs],
         "time\n[s]": _starred(runs, lambda run: run.estimate.computing_time_s, ".2f"),
     }
     if comparison.truth is not None:
@@ -40,20 +32,14 @@ def table_of_runs(comparison: Comparison, title: str) -> Table:
     return _table(title, columns, left=("algorithm", "valid"))
 
 
-def table_of_faults(comparison: Comparison) -> Table:
-    """Return the fault vectors below the true one, and the sigma of the fittest.
-
-    Parameters
-    ----------
-    comparison
-        What to show; at least one algorithm has an estimate.
-    """
+def table_of_faults(comparison: AlgorithmComparison) -> Table:
+    """Return the fault vectors below the true one, and the sigma of the fittest."""
     rows = {} if comparison.truth is None else {"truth": comparison.truth}
-    rows |= {run.algorithm: run.estimate.faults for run in comparison.runs}
+    rows |= {run.estimate.algorithm: run.estimate.faults for run in comparison.runs}
     title = "fault vectors"
     if comparison.best is not None:
         rows["sigma"] = comparison.best.estimate.sigma
-        title += f", and sigma of {comparison.best.algorithm}"
+        title += f", and sigma of {comparison.best.estimate.algorithm}"
     columns = {"": list(rows)}
     for i, fault in enumerate(FAULTS):
         heading = fault.label.replace(" ", "\n").replace("eccen", "eccen-\n")

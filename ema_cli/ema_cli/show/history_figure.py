@@ -5,13 +5,11 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from ema_cli.bags.history import Diagnosed, History, has_latency
-from ema_cli.show.style import draw_estimates, stacked_panels
+from ema_cli.bags.diagnoses import Diagnosis, DiagnosisLog, has_latency
+from ema_cli.show.style import draw_estimates, draw_legend, stacked_panels
 from ema_core.faults import FAULTS
 from ema_core.levels import ERROR, LEVEL_NAMES, STALE, WARN
 from ema_core.wording import counted
@@ -19,21 +17,15 @@ from ema_core.wording import counted
 _MOVES: Final = 0.03
 _LEVEL_COLOURS: Final = {WARN: "#f6d55c", ERROR: "#e4572e", STALE: "#8a8a8a"}
 _SHADE: Final = 0.22
-_TRUTH: Final = {"color": "0.15", "lw": 1.6, "drawstyle": "steps-mid"}
-_LIMIT: Final = {"color": "#b3261e", "ls": (0, (4, 3)), "lw": 1.0}
+_TRUTH: Final = {"color": "0.15", "lw": 1.6, "drawstyle": "steps-mid", "label": "truth"}
+_LIMIT: Final = {"color": "#b3261e", "ls": (0, (4, 3)), "lw": 1.0, "label": "limit"}
 _ESTIMATE: Final = "#1f6feb"
 _MEDIAN: Final = {"color": "0.15", "ls": ":", "lw": 1.2}
 _OTHERS: Final = ("#1f6feb", "#2a9d8f", "#9b5de5", "#e07a5f", "#6c757d", "#bc6c25", "#d4a017")
 
 
-def draw_history(history: History) -> Figure:
-    """Return a figure of a history: a panel for each fault that moves, one for the others, latency.
-
-    Parameters
-    ----------
-    history
-        Diagnoses of one actuator, at least one.
-    """
+def draw_history(history: DiagnosisLog) -> Figure:
+    """Return a figure: a panel for each fault that moves, one for the others, and latency."""
     diagnoses = history.diagnoses()
     numbers = [i for i, fault in enumerate(FAULTS) if fault.limit is not None]
     moving = [i for i in numbers if _moves(diagnoses, i)] or numbers
@@ -42,14 +34,14 @@ def draw_history(history: History) -> Figure:
 
     heights = [2.0] * len(moving) + [1.5] * bool(resting) + [1.0] * timed
     figure, panels = stacked_panels(heights, 1.05)
-    for axes in panels:
-        _shade(axes, diagnoses)
     for axes, i in zip(panels, moving, strict=False):
         _draw_fault(axes, diagnoses, i, history.limits.get(FAULTS[i].name))
     if resting:
         _draw_errors(panels[len(moving)], diagnoses, resting)
     if timed:
         _draw_latency(panels[-1], diagnoses)
+    for axes in panels:
+        _shade(axes, diagnoses)
     known = all(one.cycle is not None for one in diagnoses)
     panels[-1].set_xlabel("test cycle" if known else "window")
     panels[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -62,13 +54,11 @@ def draw_history(history: History) -> Figure:
         *_changes_of_level(diagnoses, "cycle" if known else "window"),
     ]
     panels[0].set_title("\n".join(lines), loc="left", fontsize="medium")
-    figure.legend(
-        handles=_legend(diagnoses, history), loc="outside upper center", ncols=4, frameon=False
-    )
+    draw_legend(figure, [*panels[: len(moving)], *panels[-1:] * timed])
     return figure
 
 
-def _changes_of_level(diagnoses: list[Diagnosed], place_name: str) -> list[str]:
+def _changes_of_level(diagnoses: list[Diagnosis], place_name: str) -> list[str]:
     """Return when each level came first, and why, a line each."""
     levels = [one.level for one in diagnoses]
     lines = []
@@ -80,7 +70,7 @@ def _changes_of_level(diagnoses: list[Diagnosed], place_name: str) -> list[str]:
     return lines
 
 
-def _moves(diagnoses: list[Diagnosed], i: int) -> bool:
+def _moves(diagnoses: list[Diagnosis], i: int) -> bool:
     healthy = FAULTS[i].healthy
     if any(one.truth is not None for one in diagnoses):
         return any(
@@ -92,7 +82,7 @@ def _moves(diagnoses: list[Diagnosed], i: int) -> bool:
     )
 
 
-def _place(diagnoses: list[Diagnosed]) -> NDArray[np.float64]:
+def _place(diagnoses: list[Diagnosis]) -> NDArray[np.float64]:
     """Return the test cycles, or windows where there is one whose cycle is not known."""
     cycles = [one.cycle for one in diagnoses if one.cycle is not None]
     if len(cycles) < len(diagnoses):
@@ -100,14 +90,14 @@ def _place(diagnoses: list[Diagnosed]) -> NDArray[np.float64]:
     return np.array(cycles, dtype=float)
 
 
-def _shade(axes: Axes, diagnoses: list[Diagnosed]) -> None:
+def _shade(axes: Axes, diagnoses: list[Diagnosis]) -> None:
     for place, one in zip(_place(diagnoses), diagnoses, strict=True):
         if one.level in _LEVEL_COLOURS:
-            colour = _LEVEL_COLOURS[one.level]
-            axes.axvspan(place - 0.5, place + 0.5, color=colour, alpha=_SHADE, lw=0)
+            colour, label = _LEVEL_COLOURS[one.level], LEVEL_NAMES[one.level]
+            axes.axvspan(place - 0.5, place + 0.5, color=colour, alpha=_SHADE, lw=0, label=label)
 
 
-def _draw_fault(axes: Axes, diagnoses: list[Diagnosed], i: int, limit: float | None) -> None:
+def _draw_fault(axes: Axes, diagnoses: list[Diagnosis], i: int, limit: float | None) -> None:
     place = _place(diagnoses)
     if any(one.truth is not None for one in diagnoses):
         truth = [np.nan if one.truth is None else one.truth[i] for one in diagnoses]
@@ -126,16 +116,18 @@ def _draw_fault(axes: Axes, diagnoses: list[Diagnosed], i: int, limit: float | N
         elinewidth=1.2,
         capsize=2.5,
         zorder=3,
+        label="estimate, 90 % interval",
     )
     bottom = axes.get_ylim()[0]
     if not good.all():
-        axes.plot(place[~good], np.full(int((~good).sum()), bottom), "x", color="0.4", ms=6)
+        low = np.full(int((~good).sum()), bottom)
+        axes.plot(place[~good], low, "x", color="0.4", ms=6, label="no valid estimate")
     if limit is not None:
         axes.axhline(limit, **_LIMIT)
     axes.set_ylabel(FAULTS[i].label)
 
 
-def _draw_errors(axes: Axes, diagnoses: list[Diagnosed], resting: list[int]) -> None:
+def _draw_errors(axes: Axes, diagnoses: list[Diagnosis], resting: list[int]) -> None:
     place = _place(diagnoses)
     good = np.array([one.valid for one in diagnoses])
     for i, colour in zip(resting, _OTHERS, strict=False):
@@ -150,28 +142,10 @@ def _draw_errors(axes: Axes, diagnoses: list[Diagnosed], resting: list[int]) -> 
     axes.legend(loc="upper left", ncols=len(resting), fontsize="small", frameon=False)
 
 
-def _draw_latency(axes: Axes, diagnoses: list[Diagnosed]) -> None:
+def _draw_latency(axes: Axes, diagnoses: list[Diagnosis]) -> None:
     latencies = np.array([one.latency_s for one in diagnoses])
     axes.bar(_place(diagnoses), latencies, width=0.6, color="0.55")
-    axes.axhline(float(np.median(latencies)), **_MEDIAN)
+    median = float(np.median(latencies))
+    axes.axhline(median, label=f"median latency, {median:.2f} s", **_MEDIAN)
     axes.set_ylim(0.0, 1.25 * float(latencies.max()))
     axes.set_ylabel("latency [s]")
-
-
-def _legend(diagnoses: list[Diagnosed], history: History) -> list[Line2D | Patch]:
-    handles: list[Line2D | Patch] = [
-        Line2D([], [], color=_ESTIMATE, marker="o", ms=4, lw=1.2, label="estimate, 90 % interval")
-    ]
-    if any(one.truth is not None for one in diagnoses):
-        handles.insert(0, Line2D([], [], color=_TRUTH["color"], lw=1.6, label="truth"))
-    if history.limits:
-        handles.append(Line2D([], [], label="limit", **_LIMIT))
-    if not all(one.valid for one in diagnoses):
-        handles.append(Line2D([], [], color="0.4", marker="x", ls="", label="no valid estimate"))
-    if has_latency(diagnoses):
-        median = float(np.median([one.latency_s for one in diagnoses]))
-        handles.append(Line2D([], [], label=f"median latency, {median:.2f} s", **_MEDIAN))
-    for level, colour in _LEVEL_COLOURS.items():
-        if any(one.level == level for one in diagnoses):
-            handles.append(Patch(color=colour, alpha=_SHADE, lw=0, label=LEVEL_NAMES[level]))
-    return handles

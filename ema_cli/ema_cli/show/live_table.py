@@ -12,7 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from ema_cli.bags.history import Diagnosed
+from ema_cli.bags.diagnoses import Diagnosis
 from ema_core.faults import FAULT_NAMES, FAULTS
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 
@@ -42,15 +42,7 @@ _FORMS: Final = (
 
 
 class LiveTable:
-    """Shows diagnoses; to be used under ``with``.
-
-    Parameters
-    ----------
-    fault_names
-        Components that are shown.
-    console
-        Where; standard output when None.
-    """
+    """Shows diagnoses; to be used under ``with``."""
 
     def __init__(self, fault_names: Sequence[str], console: Console | None = None) -> None:
         self._faults = [FAULT_NAMES.index(name) for name in fault_names]
@@ -67,25 +59,15 @@ class LiveTable:
         if self._console.is_terminal:
             self._live.stop()
 
-    def tell(self, line: str) -> None:
+    def report(self, line: str) -> None:
         """Write a line, above the table if there is one."""
         if self._console.is_terminal:
             self._console.print(line, markup=False, highlight=False)
         else:
             click.echo(line)
 
-    def show(self, diagnoses: Sequence[Diagnosed], state: str, *, final: bool = False) -> None:
-        """Show the diagnoses so far.
-
-        Parameters
-        ----------
-        diagnoses
-            All of them.
-        state
-            What goes on, in a few words.
-        final
-            Whether nothing more is to come.
-        """
+    def show(self, diagnoses: Sequence[Diagnosis], state: str, *, final: bool = False) -> None:
+        """Show the diagnoses so far."""
         if self._console.is_terminal:
             self._live.update(self._table(diagnoses, state), refresh=True)
             return
@@ -98,14 +80,14 @@ class LiveTable:
             click.echo(self._line(one))
             self._written += 1
 
-    def _table(self, diagnoses: Sequence[Diagnosed], state: str) -> Table:
+    def _table(self, diagnoses: Sequence[Diagnosis], state: str) -> Table:
         """Return the fullest table that the terminal is wide enough for."""
         *fuller, leanest = (self._table_in(form, diagnoses, state) for form in _FORMS)
         width = self._console.width
         # What is too wide is measured as just as wide as the terminal.
         return next((one for one in fuller if self._console.measure(one).maximum < width), leanest)
 
-    def _table_in(self, form: _Form, diagnoses: Sequence[Diagnosed], state: str) -> Table:
+    def _table_in(self, form: _Form, diagnoses: Sequence[Diagnosis], state: str) -> Table:
         cause = _since(diagnoses) if diagnoses and diagnoses[-1].cause else ""
         table = Table(
             title=f"normalised faults: {form.heading}",
@@ -129,13 +111,13 @@ class LiveTable:
             table.add_row(_cycle(one), *faults, level, *latency)
         return table
 
-    def _line(self, one: Diagnosed) -> str:
+    def _line(self, one: Diagnosis) -> str:
         faults = [f"{FAULTS[i].label} {_figures(one, i, _FORMS[0])}" for i in self._faults]
         parts = [f"cycle {_cycle(one):>3}", *faults, f"{_level(one):5}", f"{one.latency_s:.2f} s"]
         return "   ".join(filter(None, (*parts, one.cause if one.valid else one.reason)))
 
 
-def _since(diagnoses: Sequence[Diagnosed]) -> str:
+def _since(diagnoses: Sequence[Diagnosis]) -> str:
     """Return why the latest level is what it is, and since when it is."""
     last = diagnoses[-1]
     same = takewhile(lambda one: one.level == last.level, reversed(diagnoses))
@@ -143,15 +125,15 @@ def _since(diagnoses: Sequence[Diagnosed]) -> str:
     return f"{_level(last)} since cycle {_cycle(first)}, now: {last.cause}"
 
 
-def _cycle(one: Diagnosed) -> str:
+def _cycle(one: Diagnosis) -> str:
     return "?" if one.cycle is None else str(one.cycle)
 
 
-def _level(one: Diagnosed) -> str:
+def _level(one: Diagnosis) -> str:
     return "-" if one.level is None else LEVEL_NAMES[one.level]
 
 
-def _figures(one: Diagnosed, i: int, form: _Form) -> str:
+def _figures(one: Diagnosis, i: int, form: _Form) -> str:
     true = "?" if one.truth is None else f"{one.truth[i]:.3f}"
     if not one.valid:
         return f"{true}{form.arrow}{'no estimate' if form.plus_minus else 'none'}"

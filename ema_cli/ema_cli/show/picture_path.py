@@ -1,21 +1,29 @@
 """Pictures as files."""
 
+from collections.abc import Callable
 from pathlib import Path
 
+import click
 from matplotlib import rc_context
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
+from ema_cli.gathered_options import Command
 from ema_core.files import complete_file
+
+
+def picture_option(default: str = "") -> Callable[[Command], Command]:
+    """Return the option ``output``, a picture; ``default`` describes its place by default."""
+    return click.option(
+        "-o",
+        "--output",
+        type=click.Path(path_type=Path, dir_okay=False),
+        help=f"Picture to write (.png, .svg, .pdf){default}.",
+    )
 
 
 def require_drawable(picture: Path) -> None:
     """Refuse a picture that could not be written, before the work rather than after it.
-
-    Parameters
-    ----------
-    picture
-        File to write.
 
     Raises
     ------
@@ -31,15 +39,6 @@ def require_drawable(picture: Path) -> None:
 
 def save_picture(figure: Figure, picture: Path, dpi: int = 120) -> None:
     """Write a picture whole or not at all.
-
-    Parameters
-    ----------
-    figure
-        What it shows.
-    picture
-        File to write, of a format as of ``require_drawable``.
-    dpi
-        Resolution [1/inch].
 
     Raises
     ------

@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ema_cli.bags.history import SHOWN_IN
+from ema_cli.bags.diagnoses import SHOWN_IN, label_of
 from ema_cli.bags.unit_course import Course, true_faults, true_remaining_life
 from ema_cli.show.prognosis_table import removal_in_words
-from ema_cli.show.style import BLUE, ORANGE, VERMILION, draw_estimates, stacked_panels
+from ema_cli.show.style import BLUE, ORANGE, VERMILION, draw_estimates, draw_legend, stacked_panels
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.levels import ERROR, WARN
 from ema_core.wording import counted
@@ -43,7 +43,7 @@ _MEDIAN: Final = "predicted, median"
 _CONE_NAME: Final = f"truth ± {100 * ALPHA:.0f} %"
 _TRUTH_NAME: Final = "truth"
 # A line and the band around it are one entry of the legend.
-_PAIRS: Final = {
+_BANDS: Final = {
     _MEDIAN: (_BAND, "predicted: median, 5 to 95 %"),
     _TRUTH_NAME: (_CONE_NAME, f"truth, ± {100 * ALPHA:.0f} %"),
 }
@@ -55,8 +55,6 @@ def draw_course(course: Course, end_hours: float | None = None) -> Figure:
 
     Parameters
     ----------
-    course
-        Tests of a unit; at least one has a valid estimate.
     end_hours
         Service hour at which a fault truly reached its limit, if that is after the last test [h].
     """
@@ -87,10 +85,7 @@ def draw_course(course: Course, end_hours: float | None = None) -> Figure:
     panels[-1].set_xlim(min(place[np.isfinite(place)].min(), end), end)
     panels[0].set_title(_title(course), loc="left", fontsize="medium")
     figure.align_ylabels(panels)
-    marks = _legend(panels)
-    figure.legend(
-        list(marks.values()), list(marks), loc="outside upper center", ncols=4, frameon=False
-    )
+    draw_legend(figure, panels, _BANDS)
     return figure
 
 
@@ -124,7 +119,7 @@ def _last_hour(course: Course, place: NDArray[np.float64]) -> float:
 
 def _fan(course: Course, end: float) -> Fan | None:
     tracker = course.growth.tracker
-    # From the tracker's own hours: those of the last test may not be believed.
+    # From the tracker's own hours: those of the last test may be refused.
     ahead = end - tracker.hours
     if not tracker.updates or not ahead > 0.0:
         return None
@@ -190,7 +185,8 @@ def _draw_fault(
     ends = [fault.healthy + limit] + [fault.healthy - limit] * (fault.healthy > 0.0)
     for end in ends:
         axes.axhline(end, label="limit", **_LIMIT)
-    _mark_life(axes, last.hours, last.lives[fault.name], _nearest(ends, tracked[-1]))
+    nearest = min(ends, key=lambda end: abs(end - tracked[-1]))
+    _mark_life(axes, last.hours, last.lives[fault.name], nearest)
     least, most = min(*value, *tracked, *ends), max(*value, *tracked, *ends)
     least = min(least, fault.healthy)
     axes.set_ylim(least - 0.06 * (most - least), most + 0.12 * (most - least))
@@ -198,8 +194,8 @@ def _draw_fault(
 
 
 def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], name: str) -> None:
-    unit, scale = RequirementLimits.unit(name), 1.0
-    unit, scale = SHOWN_IN.get(unit, (unit, scale))
+    unit = RequirementLimits.unit(name)
+    unit, scale = SHOWN_IN.get(unit, (unit, 1.0))
     items = [_of(outlook.health.requirements, name) for outlook in course.outlooks]
     value = scale * np.array([item.value for item in items])
     sigma = scale * np.array([item.sigma for item in items])
@@ -216,8 +212,7 @@ def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], na
     )
     _mark_life(axes, last.hours, last.lives[name], limit)
     axes.margins(y=0.15)
-    label = name.replace("_", " ")
-    axes.set_ylabel(label if unit == "1" else f"{label}\n[{unit}]")
+    axes.set_ylabel(label_of(name) + ("" if unit == "1" else f"\n[{unit}]"))
 
 
 def _mark_life(axes: Axes, now: float, life: RemainingLife, level: float) -> None:
@@ -255,21 +250,5 @@ def _mark_events(axes: Axes, course: Course, place: NDArray[np.float64], *, is_n
             )
 
 
-def _legend(panels: list[Axes]) -> dict[str, Any]:
-    """Return what the marks mean, each once, a line and the band around it together."""
-    marks: dict[str, Any] = {}
-    for axes in panels:
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            marks.setdefault(label, handle)
-    for line, (band, both) in _PAIRS.items():
-        if line in marks and band in marks:
-            marks[both] = (marks.pop(band), marks.pop(line))
-    return marks
-
-
 def _of(items: tuple[FaultHealth, ...], name: str) -> FaultHealth:
     return next(item for item in items if item.name == name)
-
-
-def _nearest(ends: list[float], value: float) -> float:
-    return min(ends, key=lambda end: abs(end - value))

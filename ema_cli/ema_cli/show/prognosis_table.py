@@ -8,7 +8,7 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from ema_cli.bags.history import SHOWN_IN
+from ema_cli.bags.diagnoses import SHOWN_IN, label_of
 from ema_cli.bags.unit_course import Course
 from ema_core.levels import ERROR, LEVEL_NAMES
 from ema_monitor.node.messages import health_to_message
@@ -19,25 +19,8 @@ _SOON_HOURS: Final = 0.5
 _RISK: Final = 0.05  # of the lower quantile of a life
 
 
-def prognosis_message(course: Course) -> Any:
-    """Return the health message that a monitor publishes after the last valid test.
-
-    Parameters
-    ----------
-    course
-        Tests of a unit; at least one has a valid estimate.
-    """
-    return health_to_message(course.outlooks[-1], course.record.description)
-
-
 def as_values(message: Any) -> Any:
-    """Return a message as plain values; what is not a finite number is null.
-
-    Parameters
-    ----------
-    message
-        A message, or a field of one.
-    """
+    """Return a message as plain values; what is not a finite number is null."""
     if hasattr(message, "get_fields_and_field_types"):
         names = message.get_fields_and_field_types()
         return {name: as_values(getattr(message, name)) for name in names}
@@ -49,13 +32,7 @@ def as_values(message: Any) -> Any:
 
 
 def course_as_values(course: Course) -> list[dict[str, Any]]:
-    """Return what was said after each test as plain values.
-
-    Parameters
-    ----------
-    course
-        Tests of a unit.
-    """
+    """Return what a monitor reports after each test as plain values."""
     values = []
     for step in course.steps:
         one: dict[str, Any] = {
@@ -65,21 +42,16 @@ def course_as_values(course: Course) -> list[dict[str, Any]]:
             "reason": step.estimate.reason,
         }
         if step.outlook is not None:
-            said = as_values(health_to_message(step.outlook, course.record.description))
+            reported = as_values(health_to_message(step.outlook, course.record.description))
             kept = ("flight_hours", "cycles", "level", "health_index", "dominant_fault", "events")
-            one |= {name: said[name] for name in (*kept, "rul_faults", "rul_requirements", "rul")}
+            lives = ("rul_faults", "rul_requirements", "rul")
+            one |= {name: reported[name] for name in (*kept, *lives)}
         values.append(one)
     return values
 
 
 def table_of_growth(message: Any) -> Table:
-    """Return faults and requirements, their limits, growth and remaining life.
-
-    Parameters
-    ----------
-    message
-        ``ema_interfaces/msg/Health``.
-    """
+    """Return faults and requirements, their limits, growth and remaining life."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for heading in ("", "value", "sigma", "limit", f"per\n{_PER_HOURS:g} h"):
         table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
@@ -92,25 +64,19 @@ def table_of_growth(message: Any) -> Table:
         unit, scale = SHOWN_IN.get(item.unit, (item.unit, 1.0))
         side = "≥" if item.limit_is_lower else "≤"
         table.add_row(
-            item.name + ("" if unit == "1" else f" [{unit}]").replace("[", r"\["),
+            label_of(item.name) + ("" if unit == "1" else f" [{unit}]").replace("[", r"\["),
             _figure(scale * item.value),
             _figure(scale * item.sigma),
             f"{side} {scale * item.limit:.4g}",
             _figure(scale * _PER_HOURS * item.trend, sign="+"),
-            # What holds for all is said below the table.
+            # What holds for all is below the table.
             "unknown" if len(reasons) == 1 and not item.rul.known else _life(item.rul),
         )
     return table
 
 
 def removal_in_words(course: Course) -> str:
-    """Return by when the unit has to be removed, and why, in one sentence.
-
-    Parameters
-    ----------
-    course
-        Tests of a unit; at least one has a valid estimate.
-    """
+    """Return by when the unit has to be removed, and why, in one sentence."""
     last, life = course.outlooks[-1], course.outlooks[-1].rul
     if last.health.level == ERROR:
         *_, first = takewhile(lambda one: one.health.level == ERROR, reversed(course.outlooks))
@@ -133,15 +99,7 @@ def removal_in_words(course: Course) -> str:
 
 
 def summary(course: Course, message: Any) -> list[str]:
-    """Return remaining life, health, assumption and events, a line each.
-
-    Parameters
-    ----------
-    course
-        Tests of a unit.
-    message
-        What a monitor says after the last of them.
-    """
+    """Return remaining life, health, assumption and events, a line each."""
     lives = {
         "by faults": message.rul_faults,
         "by requirements": message.rul_requirements,
@@ -149,10 +107,11 @@ def summary(course: Course, message: Any) -> list[str]:
     }
     lines = []
     for name, life in lives.items():
-        # The sentence for the planner says the reason that is that of the whole message.
+        # The sentence for the planner already gives the reason of the whole message.
         repeats = not life.known and life.reason in message.reason
         lines.append(f"remaining useful life {name}: {'unknown' if repeats else _in_words(life)}")
-    first = f"; first to end life: {message.dominant_fault}" if message.dominant_fault else ""
+    first = label_of(message.dominant_fault)
+    first = f"; first to end life: {first}" if first else ""
     lines.append(
         f"health index {message.health_index:.2f}, level {LEVEL_NAMES[message.level]}, severity "
         f"{message.severity} of 4, confidence {message.confidence:.2f}{first}"

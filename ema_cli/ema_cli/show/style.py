@@ -1,5 +1,7 @@
 """Figures and marks that the pictures of the commands have in common."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -20,8 +22,6 @@ def stacked_panels(heights: list[float], height_scale: float) -> tuple[Figure, l
 
     Parameters
     ----------
-    heights
-        Heights of the panels, in proportion.
     height_scale
         Height of the figure for each unit of these [inch].
     """
@@ -31,6 +31,27 @@ def stacked_panels(heights: list[float], height_scale: float) -> tuple[Figure, l
     for axes in panels:
         tidy(axes)
     return figure, panels
+
+
+def draw_legend(
+    figure: Figure, panels: list[Axes], bands: Mapping[str, tuple[str, str]] = MappingProxyType({})
+) -> None:
+    """Draw a legend of what is labelled in panels, each label once.
+
+    Parameters
+    ----------
+    bands
+        By the label of a line: that of the band around it, and that of the two together.
+    """
+    marks: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            marks.setdefault(label, handle)
+    for line, (band, both) in bands.items():
+        if line in marks and band in marks:
+            marks[both] = (marks.pop(band), marks.pop(line))
+    place: Any = "outside upper center"
+    figure.legend(list(marks.values()), list(marks), loc=place, ncols=4, frameon=False)
 
 
 def tidy(axes: Axes, direction: Any = "both") -> None:
@@ -46,13 +67,7 @@ def draw_estimates(
 
     Parameters
     ----------
-    axes
-        Panel to draw in.
-    place
-        Abscissae, ``(n,)`` or a single one.
     value, sigma
         Estimates and their standard deviations; where sigma is NaN, there is no interval.
-    style
-        Further arguments of ``Axes.errorbar``.
     """
     axes.errorbar(place, value, ONE_SIDED_95 * np.nan_to_num(sigma), **style)

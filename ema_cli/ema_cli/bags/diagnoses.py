@@ -24,7 +24,7 @@ _LABELS: Final = {fault.name: fault.label for fault in FAULTS}
 
 
 @dataclass
-class Diagnosed:
+class Diagnosis:
     """The diagnosis of one window.
 
     Attributes
@@ -64,7 +64,7 @@ class Diagnosed:
 
 
 @dataclass
-class History:
+class DiagnosisLog:
     """Diagnoses of one actuator in the order of their windows.
 
     Attributes
@@ -81,18 +81,14 @@ class History:
     serial_number: str = ""
     truths: list[StampedFaults] = field(default_factory=list)
     limits: dict[str, float] = field(default_factory=dict)
-    _diagnosed: dict[int, Diagnosed] = field(default_factory=dict)
+    _diagnosed: dict[int, Diagnosis] = field(default_factory=dict)
     _levels: dict[int, tuple[int, str]] = field(default_factory=dict)
 
-    def take(self, type_name: str, message: Any, received_ns: int) -> None:
-        """Take a message in; what is of another actuator than the first estimate is passed over.
+    def add(self, type_name: str, message: Any, received_ns: int) -> None:
+        """Add a message; one of another actuator than that of the first estimate is ignored.
 
         Parameters
         ----------
-        type_name
-            Type of the message.
-        message
-            True faults, an estimate or health.
         received_ns
             When it was received [ns].
 
@@ -102,9 +98,9 @@ class History:
             When the true faults are impossible.
         """
         if type_name == ESTIMATE_TYPE:
-            if not self.actuator_id:
-                self.actuator_id, self.serial_number = message.actuator_id, message.serial_number
+            self.actuator_id = self.actuator_id or message.actuator_id
             if message.actuator_id == self.actuator_id:
+                self.serial_number = self.serial_number or message.serial_number
                 one = _diagnosed(message, received_ns)
                 self._diagnosed[one.end_ns] = one
         elif type_name == TRUE_FAULTS_TYPE:
@@ -116,7 +112,7 @@ class History:
                 self._levels[stamp_ns] = message.level, cause_of_level(message)
             self.limits.update({item.name: item.limit for item in message.faults})
 
-    def diagnoses(self) -> list[Diagnosed]:
+    def diagnoses(self) -> list[Diagnosis]:
         """Return the diagnoses, each with what is known of its cycle."""
         truths = [item for item in self.truths if item.actuator_id == self.actuator_id]
         found = [self._diagnosed[end_ns] for end_ns in sorted(self._diagnosed)]
@@ -128,13 +124,11 @@ class History:
         return found
 
 
-def read_history(path: Path, actuator_id: str | None = None) -> History:
+def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
     """Read the history of an actuator from a bag.
 
     Parameters
     ----------
-    path
-        The bag.
     actuator_id
         Which actuator, if it holds estimates of several.
 
@@ -146,8 +140,7 @@ def read_history(path: Path, actuator_id: str | None = None) -> History:
         When it cannot be opened.
     """
     bag = Bag(path)
-    wanted = {ESTIMATE_TYPE, TRUE_FAULTS_TYPE, HEALTH_TYPE}
-    topics = [name for name, topic in bag.topics.items() if topic.type_name in wanted]
+    topics = bag.topics_of(ESTIMATE_TYPE, TRUE_FAULTS_TYPE, HEALTH_TYPE)
     recorded = list(bag.messages(topics))
     estimated = {item.message.actuator_id for item in recorded if item.type_name == ESTIMATE_TYPE}
     known = ", ".join(sorted(estimated))
@@ -159,22 +152,19 @@ def read_history(path: Path, actuator_id: str | None = None) -> History:
         )
     if actuator_id is not None and actuator_id not in estimated:
         raise ValueError(f"{path} has no estimates of actuator {actuator_id!r}, but of {known}")
-    history = History(actuator_id or estimated.pop())
+    history = DiagnosisLog(actuator_id or estimated.pop())
     for item in recorded:
-        history.take(item.type_name, item.message, item.log_time_ns)
-        if item.type_name == ESTIMATE_TYPE and not history.serial_number:
-            history.serial_number = item.message.serial_number
+        history.add(item.type_name, item.message, item.log_time_ns)
     return history
 
 
-def cause_of_level(health: Any) -> str:
-    """Return which faults and requirements give health its level, with value and limit, in words.
+def label_of(name: str) -> str:
+    """Return the name of a fault or required performance in words."""
+    return _LABELS.get(name, name.replace("_", " "))
 
-    Parameters
-    ----------
-    health
-        ``ema_interfaces/msg/Health``.
-    """
+
+def cause_of_level(health: Any) -> str:
+    """Return what gives a Health message its level, with values and limits, in words."""
     if health.level not in (WARN, ERROR):
         return "" if health.level == OK else health.reason
     items = [item for item in (*health.faults, *health.requirements) if item.level == health.level]
@@ -186,22 +176,21 @@ def cause_of_level(health: Any) -> str:
         unit = "" if unit == "1" else f" {unit}"
         side = "below" if item.limit_is_lower else "above"
         value, limit = scale * item.value, scale * item.limit
-        name = _LABELS.get(item.name, item.name.replace("_", " "))
-        causes.append(f"{name} {value:.3g}{unit} ({state} {side} {limit:.3g}{unit})")
+        causes.append(f"{label_of(item.name)} {value:.3g}{unit} ({state} {side} {limit:.3g}{unit})")
     more = len(items) - len(causes)
     return ", ".join(causes) + (f" and {more} more" if more else "")
 
 
-def has_latency(diagnoses: list[Diagnosed]) -> bool:
+def has_latency(diagnoses: list[Diagnosis]) -> bool:
     """Return whether the latencies are such: that stamps and reception go by the same clock."""
     latencies = np.array([one.latency_s for one in diagnoses])
     return bool(np.all((latencies >= 0.0) & (latencies < _LONGEST_LATENCY_S)))
 
 
-def _diagnosed(message: Any, received_ns: int) -> Diagnosed:
+def _diagnosed(message: Any, received_ns: int) -> Diagnosis:
     covariance = np.reshape(message.covariance, (N_FAULTS, N_FAULTS))
     end_ns = stamp_from_message(message.window_end)
-    return Diagnosed(
+    return Diagnosis(
         window=message.window,
         start_ns=stamp_from_message(message.window_start),
         end_ns=end_ns,

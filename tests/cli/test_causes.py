@@ -1,0 +1,54 @@
+"""``ema simulate --cause``: what the bag has of hidden causes."""
+
+import numpy as np
+import pytest
+import yaml
+
+from ema_cli.bags.source_options import Source
+from ema_cli.bags.windows import read_windows
+from ema_core.causes import CAUSES
+from ema_core.telemetry import COLUMNS, Telemetry, join
+from ema_sim import api
+
+CAUSE = ("load_torque=0.05", "current_offset=0.1@0.9", "winding_temperature=80@0..1")
+
+
+def simulated(ema, bag, *arguments: str) -> Telemetry:
+    result = ema("simulate", *arguments, "--force", "-o", bag)
+    assert result.exit_code == 0, result.stderr
+    blocks: list[Telemetry] = []
+    read_windows(bag, Source(None, None, 1e-6, 0.02), blocks.append)
+    return join(blocks)
+
+
+def options(causes: tuple[str, ...]) -> list[str]:
+    return [part for cause in causes for part in ("--cause", cause)]
+
+
+@pytest.mark.parametrize("causes", [(), CAUSE])
+def test_bag_has_the_telemetry_of_the_library(ema, tmp_path, causes):
+    recorded = simulated(ema, tmp_path / "case.mcap", *options(causes))
+    expected = api.simulate(causes=causes)
+    for column in COLUMNS:
+        np.testing.assert_array_equal(getattr(recorded, column), getattr(expected, column))
+
+
+def test_causes_have_their_effect_from_their_time_on(ema, tmp_path):
+    plain = simulated(ema, tmp_path / "plain.mcap")
+    offset = simulated(ema, tmp_path / "offset.mcap", *options(CAUSE[1:2]))
+    difference = offset.current - plain.current
+    np.testing.assert_array_equal(difference[:9000], 0.0)
+    np.testing.assert_allclose(difference[9000:], 0.1, rtol=0, atol=1e-12)
+
+
+def test_true_causes_are_in_the_metadata(ema, tmp_path):
+    simulated(ema, tmp_path / "case", *options(CAUSE))
+    text = (tmp_path / "case" / "metadata.yaml").read_text()
+    noted = yaml.safe_load(text)["rosbag2_bagfile_information"]["custom_data"]
+    assert noted == {"hidden_causes": " ".join(CAUSE)}
+
+
+def test_help_lists_every_cause_with_its_unit(ema):
+    said = " ".join(ema("simulate", "--help").stdout.split())
+    for cause in CAUSES:
+        assert f"{cause.name} [{cause.unit}, " in said
