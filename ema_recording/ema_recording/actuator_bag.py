@@ -1,31 +1,28 @@
 """A recording of a simulated actuator, made without any node."""
 
-from types import TracebackType
-from typing import Any, Self
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from typing import Any
 
 from numpy.typing import ArrayLike
 
+from ema_core.cause_profiles import Profile
 from ema_core.description import ActuatorDescription
-from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
 from ema_recording.writer import BagWriter
 from ema_ros import topics
+from ema_ros.actuator_messages import messages_of_block, messages_of_cycle
 from ema_ros.description import description_to_message
-from ema_ros.faults import StampedFaults, stamped_faults_to_message
-from ema_ros.joint_state import joint_state_after
-from ema_ros.telemetry import telemetry_to_message
-from ema_ros.usage import usage_at_cycle
+from ema_ros.stamps import stamp_from_message
 
 
-class SimulatedActuatorBag:
+class SimulatedActuatorBag(AbstractContextManager["SimulatedActuatorBag", None]):
     """Records what a simulated actuator node would publish, in simulated time.
 
     Parameters
     ----------
     bag
         Recording to write to; it is closed at the end of the context.
-    description
-        The actuator.
     start_ns
         When it begins [ns].
     """
@@ -36,55 +33,28 @@ class SimulatedActuatorBag:
         self._end_ns = start_ns
         for name, (message_class, qos) in topics.ACTUATOR_TOPICS.items():
             bag.add_topic(f"{topics.NAMESPACE}/{name}", message_class, qos)
-        self._write(topics.DESCRIPTION, description_to_message(description, start_ns), start_ns)
+        self._write({topics.DESCRIPTION: description_to_message(description, start_ns)})
 
     def begin_cycle(self, cycle: int, faults: ArrayLike, hours: float) -> None:
-        """Record service life and true faults at the start of a test cycle.
+        """Record the start of a test cycle; arguments as of ``messages_of_cycle``."""
+        self._write(messages_of_cycle(self._description, self._end_ns, cycle, hours, faults))
 
-        Parameters
-        ----------
-        cycle
-            Running number, from 0.
-        faults
-            Fault vector, ``(8,)``.
-        hours
-            Service hours since new [h].
-        """
-        usage = usage_at_cycle(self._description, self._end_ns, hours, cycle)
-        self._write(topics.USAGE, usage, self._end_ns)
-        truth = StampedFaults(
-            self._end_ns, self._description.actuator_id, cycle, fault_vector(faults)
-        )
-        self._write(topics.SIMULATED_FAULTS, stamped_faults_to_message(truth), self._end_ns)
+    def note_causes(self, causes: Mapping[str, Profile]) -> None:
+        """Record the true hidden causes in the metadata, as ``NAME=VALUE`` separated by blanks."""
+        if causes:
+            texts = (f"{name}={profile}" for name, profile in causes.items())
+            self._bag.custom_data["hidden_causes"] = " ".join(texts)
 
     def write_block(self, block: Telemetry, motor_torque: float | None = None) -> None:
-        """Record a block of telemetry and, where the torque is known, the joint state at its end.
-
-        Parameters
-        ----------
-        block
-            Telemetry as it is measured.
-        motor_torque
-            Torque of the motor at the block's end [N.m]; None when it is not known.
-        """
+        """Record a block; arguments as of ``messages_of_block``."""
         self._end_ns = block.stamp_at(len(block) - 1)
-        telemetry = telemetry_to_message(block, self._description.actuator_id)
-        self._write(topics.TELEMETRY, telemetry, block.stamp_ns)
-        if motor_torque is not None:
-            joint = joint_state_after(block, motor_torque, self._description)
-            self._write(topics.JOINT_STATES, joint, self._end_ns)
+        self._write(messages_of_block(self._description, block, motor_torque))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._bag.close()
 
-    def _write(self, name: str, message: Any, stamp_ns: int) -> None:
-        """Write a message that is received when the block with it is complete."""
-        self._bag.write(f"{topics.NAMESPACE}/{name}", message, self._end_ns, stamp_ns)
+    def _write(self, messages: dict[str, Any]) -> None:
+        """Write messages with their own stamps, received when the block with them is complete."""
+        for name, message in messages.items():
+            stamp_ns = stamp_from_message(message.header.stamp)
+            self._bag.write(f"{topics.NAMESPACE}/{name}", message, self._end_ns, stamp_ns)

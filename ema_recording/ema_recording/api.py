@@ -5,7 +5,8 @@ from pathlib import Path
 
 from ema_core.telemetry import Telemetry
 from ema_recording.reader import Bag
-from ema_recording.windows import BagWindows, RecordedWindow, open_telemetry, read_windows
+from ema_recording.telemetry import read_telemetry as find_telemetry
+from ema_recording.windows import BagWindows, RecordedWindow, read_windows
 
 __all__ = ["Bag", "BagWindows", "RecordedWindow", "read_telemetry", "read_windows"]
 
@@ -29,6 +30,6 @@ def read_telemetry(
     OSError
         When it cannot be opened.
     """
-    for _, item in open_telemetry(path, topic, actuator_id).items():
+    for _, item in find_telemetry(Bag(path), topic, actuator_id).items():
         if isinstance(item, Telemetry):
             yield item

@@ -14,7 +14,7 @@ from mcap.records import Channel, ChunkIndex, Schema, Statistics
 from ema_recording.records import (
     MAGIC,
     DamageError,
-    Record,
+    McapRecord,
     StoredMessage,
     parse,
     parse_message,
@@ -50,10 +50,6 @@ class Contents:
 
     Attributes
     ----------
-    schemas, channels
-        Records by their ids.
-    counts
-        Number of messages of each channel.
     stretches
         Where the messages are, in the order of the file.
     damage
@@ -95,13 +91,6 @@ def read_contents(path: Path) -> Contents:
 
 def read_messages(path: Path, stretch: Stretch) -> list[StoredMessage]:
     """Read the messages of a stretch, in the order of the file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    stretch
-        One of its stretches.
 
     Raises
     ------
@@ -200,7 +189,7 @@ def _read_through(file: BinaryIO, size: int, *, index_is_whole: bool) -> Content
     return contents
 
 
-def _add(contents: Contents, record: Record) -> None:
+def _add(contents: Contents, record: McapRecord) -> None:
     """Add a record of the data section."""
     records = unpack(record)
     for inner in records:
@@ -220,7 +209,7 @@ def _add(contents: Contents, record: Record) -> None:
         contents.counts[message.channel] += 1
 
 
-def _define(contents: Contents, record: Record) -> None:
+def _define(contents: Contents, record: McapRecord) -> None:
     if record.opcode == Opcode.SCHEMA:
         schema = parse(Schema, record.content)
         contents.schemas[schema.id] = schema

@@ -4,9 +4,10 @@ rosbags writes metadata only with a whole bag, and reads none that is damaged.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
@@ -14,7 +15,8 @@ import yaml
 METADATA_FILE = "metadata.yaml"
 _ROOT = "rosbag2_bagfile_information"
 _VERSION = 9  # of Jazzy: QoS as mappings in words
-_NEVER_NS = 2**63 - 1  # start of a recording without a message
+NEVER_NS = 2**63 - 1
+"""Start of a recording without a message [ns]."""
 
 
 @dataclass
@@ -29,30 +31,28 @@ class TopicInformation:
 
 
 def bag_information(
-    file_name: str, topics: Sequence[TopicInformation], start_ns: int | None, end_ns: int | None
+    file_name: str,
+    topics: Sequence[TopicInformation],
+    start_ns: int,
+    end_ns: int,
+    custom_data: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Return rosbag2's metadata of a recording of one file.
 
     Parameters
     ----------
-    file_name
-        Name of the file, without folder.
-    topics
-        Its topics with their message counts.
     start_ns, end_ns
-        Log times of the first and last message [ns]; None without any.
+        Log times of the first and last message [ns]; ``NEVER_NS`` and 0 without any.
+    custom_data
+        Texts by name.
     """
     count = sum(topic.count for topic in topics)
 
     def extent() -> dict[str, Any]:
         # Built anew for each use: YAML would write a second use as a reference.
-        if start_ns is None or end_ns is None:
-            start, duration = _NEVER_NS, 0
-        else:
-            start, duration = start_ns, end_ns - start_ns
         return {
-            "duration": {"nanoseconds": duration},
-            "starting_time": {"nanoseconds_since_epoch": start},
+            "duration": {"nanoseconds": max(end_ns - start_ns, 0)},
+            "starting_time": {"nanoseconds_since_epoch": start_ns},
             "message_count": count,
         }
 
@@ -77,7 +77,7 @@ def bag_information(
         "compression_mode": "",
         "relative_file_paths": [file_name],
         "files": [{"path": file_name, **extent()}],
-        "custom_data": None,
+        "custom_data": dict(custom_data) or None,
         "ros_distro": os.environ.get("ROS_DISTRO", ""),
     }
 

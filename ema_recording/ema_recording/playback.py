@@ -28,8 +28,6 @@ class Playback:
 
     Attributes
     ----------
-    played
-        Messages published.
     start_ns, reached_ns
         Log time of the first message, and the log time that is reached [ns].
 
@@ -60,11 +58,6 @@ class Playback:
 
     def run(self, stop: threading.Event) -> bool:
         """Play on from where it stands.
-
-        Parameters
-        ----------
-        stop
-            Ends playing when it is set, at once.
 
         Returns
         -------

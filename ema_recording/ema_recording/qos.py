@@ -4,7 +4,6 @@ rosbags does so too, but has classes of its own: converting them to rclpy's is n
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import yaml
@@ -73,45 +72,22 @@ def recorded_qos(text: str) -> list[QoSProfile]:
         ) from error
 
 
-@dataclass(frozen=True)
-class CommonOffer:
-    """What every publisher of a topic offers."""
-
-    reliable: bool
-    transient_local: bool
-
-    @classmethod
-    def of(cls, offers: Sequence[QoSProfile]) -> "CommonOffer":
-        """Return what is common to the offers of at least one publisher."""
-        return cls(
-            all(item.reliability == ReliabilityPolicy.RELIABLE for item in offers),
-            all(item.durability == DurabilityPolicy.TRANSIENT_LOCAL for item in offers),
-        )
-
-    def meets(self, request: "CommonOffer") -> bool:
-        """Return whether a subscription that requests so much receives from every publisher."""
-        return self.reliable >= request.reliable and self.transient_local >= request.transient_local
-
-    def profile(self, depth: int) -> QoSProfile:
-        """Return the profile that offers, or requests, so much."""
-        return QoSProfile(
-            depth=depth,
-            reliability=(
-                ReliabilityPolicy.RELIABLE if self.reliable else ReliabilityPolicy.BEST_EFFORT
-            ),
-            durability=(
-                DurabilityPolicy.TRANSIENT_LOCAL
-                if self.transient_local
-                else DurabilityPolicy.VOLATILE
-            ),
-        )
+def common_offer(offers: Sequence[QoSProfile], depth: int) -> QoSProfile:
+    """Return the profile of what every publisher of a topic offers; there is at least one."""
+    is_reliable = all(item.reliability == ReliabilityPolicy.RELIABLE for item in offers)
+    is_latched = all(item.durability == DurabilityPolicy.TRANSIENT_LOCAL for item in offers)
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if is_reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if is_latched else DurabilityPolicy.VOLATILE,
+    )
 
 
 def joint_offer(offers: Sequence[QoSProfile]) -> QoSProfile:
     """Return the one profile that is written for a topic: where its publishers agree, theirs."""
     if all(item == offers[0] for item in offers):
         return offers[0]
-    return CommonOffer.of(offers).profile(_UNKNOWN_DEPTH)
+    return common_offer(offers, _UNKNOWN_DEPTH)
 
 
 def replay_qos(offers: Sequence[QoSProfile]) -> QoSProfile:
@@ -128,12 +104,14 @@ def replay_qos(offers: Sequence[QoSProfile]) -> QoSProfile:
     """
     if not offers:
         return QoSProfile(depth=RELIABLE_DEPTH)
-    common, joint = CommonOffer.of(offers), joint_offer(offers)
+    joint = joint_offer(offers)
     depth = joint.depth if joint.history == HistoryPolicy.KEEP_LAST else 0
-    depth = depth or _UNKNOWN_DEPTH
-    if common.reliable and not common.transient_local:
-        depth = max(depth, RELIABLE_DEPTH)
-    profile = common.profile(depth)
+    profile = common_offer(offers, depth or _UNKNOWN_DEPTH)
+    if (profile.reliability, profile.durability) == (
+        ReliabilityPolicy.RELIABLE,
+        DurabilityPolicy.VOLATILE,
+    ):
+        profile.depth = max(profile.depth, RELIABLE_DEPTH)
     profile.deadline, profile.lifespan = joint.deadline, joint.lifespan
     return profile
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from mcap.exceptions import McapError
-from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
 
 from ema_core.wording import counted
 from ema_recording.contents import Contents, Stretch, read_contents, read_messages
@@ -31,8 +31,6 @@ class Topic:
     ----------
     type_name
         Type of its messages, such as ``std_msgs/msg/Header``.
-    count
-        Number of messages.
     encoding
         How they are encoded; "cdr" in ROS 2.
     type_hash, schema
@@ -74,11 +72,6 @@ class Bag:
     A file that was not closed, is cut off or lost its index is read through once when the
     recording is opened. Any file is checked as it is read. Chunks are taken whole or not at all.
 
-    Parameters
-    ----------
-    path
-        The file or folder.
-
     Attributes
     ----------
     topics
@@ -116,7 +109,7 @@ class Bag:
         names = set()
         for path in self._files:
             with path.open("rb") as file, suppress(McapError, StopIteration, struct.error):
-                names.add(make_reader(file).get_header().library)
+                names.add(getattr(next(StreamReader(file).records), "library", ""))
         return sorted(names - {""})
 
     @property
@@ -127,13 +120,12 @@ class Bag:
         """
         return "; ".join(self._damage)
 
+    def topics_of(self, *type_names: str) -> list[str]:
+        """Return the topics of some types."""
+        return [name for name, topic in self.topics.items() if topic.type_name in type_names]
+
     def messages(self, topics: Iterable[str] | None = None) -> Iterator[Recorded]:
         """Read and decode messages, in the order of their log times.
-
-        Parameters
-        ----------
-        topics
-            Names of the topics wanted; None for all.
 
         Raises
         ------
@@ -153,8 +145,6 @@ class Bag:
 
         Parameters
         ----------
-        topics
-            Names of the topics wanted; None for all.
         first, last
             Places of the first and last message wanted, as of a call with the same topics; None
             for all.
@@ -172,11 +162,6 @@ class Bag:
 
     def raw_messages(self, topics: Iterable[str] | None = None) -> Iterator[Recorded]:
         """Read messages as they are stored, in the order of their log times.
-
-        Parameters
-        ----------
-        topics
-            Names of the topics wanted; None for all.
 
         Raises
         ------

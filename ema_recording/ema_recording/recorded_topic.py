@@ -4,12 +4,12 @@ import threading
 from collections.abc import Hashable, Sequence
 from typing import Any
 
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ema_recording.message_type import message_class, type_hash
-from ema_recording.qos import RELIABLE_DEPTH, CommonOffer, joint_offer
+from ema_recording.qos import RELIABLE_DEPTH, common_offer, joint_offer
 
 
 class SequenceGaps:
@@ -18,11 +18,6 @@ class SequenceGaps:
     The numbers of several publishers cannot be distinguished, so that nothing is counted. A gap
     counts once the publishers are the same after it as before it: a second publisher that has just
     started is no loss.
-
-    Attributes
-    ----------
-    lost
-        Messages lost so far.
     """
 
     def __init__(self) -> None:
@@ -59,21 +54,15 @@ class RecordedTopic:
 
     Parameters
     ----------
-    types
-        Names of its types in the graph.
     publishers
         Its publishers, at least one.
 
     Attributes
     ----------
-    message_class
-        Class of its messages.
     offer
         What its publishers offer.
-    subscription
-        Its subscription, while there is one.
-    has_publisher
-        Whether there is a publisher.
+    request
+        What its subscription requests.
     incompatible
         Nodes that publish it and offer less than is requested: nothing is received from them.
 
@@ -89,15 +78,10 @@ class RecordedTopic:
         self.message_class = _installed_class(types, publishers)
         self.offer = joint_offer(offers)
         self.subscription: Subscription | None = None
-        self._request = CommonOffer.of(offers)
+        self.request = common_offer(offers, RELIABLE_DEPTH)
         self._lock = threading.Lock()
         self._gaps = SequenceGaps()
         self.set_publishers(publishers)
-
-    @property
-    def request(self) -> QoSProfile:
-        """What its subscription requests."""
-        return self._request.profile(RELIABLE_DEPTH)
 
     @property
     def lost(self) -> int:
@@ -110,7 +94,7 @@ class RecordedTopic:
         self.incompatible = [
             item.node_name
             for item in publishers
-            if not CommonOffer.of([item.qos_profile]).meets(self._request)
+            if qos_check_compatible(item.qos_profile, self.request)[0] == QoSCompatibility.ERROR
         ]
         with self._lock:
             self._gaps.set_publishers(frozenset(bytes(item.endpoint_gid) for item in publishers))

@@ -228,18 +228,15 @@ class RecorderNode(ManagedNode):
             if self._uses_sim_time or not log_time_ns:
                 log_time_ns = self.get_clock().now().nanoseconds
             publish_time_ns = information["source_timestamp"] or None
-            with self._writing:
-                if self._bag is None or self._failure:
-                    return
-                try:
+            try:
+                with self._writing:
+                    if self._bag is None or self._failure:
+                        return
                     self._bag.write_serialized(name, data, log_time_ns, publish_time_ns)
                     self._messages += 1
-                except OSError as error:
-                    failure = error
-                else:
                     topic.count(information["publication_sequence_number"])
-                    return
-            self._fail(failure)
+            except OSError as error:
+                self._fail(error)
 
         return receive
 

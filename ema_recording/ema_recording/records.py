@@ -20,7 +20,7 @@ class DamageError(Exception):
     """Something in a file is cut off or not what it should be."""
 
 
-class Record(NamedTuple):
+class McapRecord(NamedTuple):
     """A record: where it begins and ends in its file, its opcode and its content."""
 
     offset: int
@@ -38,7 +38,7 @@ class StoredMessage(NamedTuple):
     data: bytes
 
 
-def read_records(file: BinaryIO, start: int, stop: int) -> Iterator[Record]:
+def read_records(file: BinaryIO, start: int, stop: int) -> Iterator[McapRecord]:
     """Read the records between two offsets.
 
     Raises
@@ -59,7 +59,7 @@ def read_records(file: BinaryIO, start: int, stop: int) -> Iterator[Record]:
         content = file.read(length) if end <= stop else b""
         if len(content) < length:
             raise DamageError(f"a record of {length} bytes is cut off")
-        yield Record(offset, end, opcode, content)
+        yield McapRecord(offset, end, opcode, content)
         offset = end
 
 
@@ -91,7 +91,7 @@ def parse_message(content: bytes) -> StoredMessage:
     return StoredMessage(channel, log_time_ns, publish_time_ns, content[_MESSAGE.size :])
 
 
-def unpack(record: Record) -> list[Record]:
+def unpack(record: McapRecord) -> list[McapRecord]:
     """Return the records in a chunk, or the record itself when it is none.
 
     Raises

@@ -68,8 +68,6 @@ def check_schema(name: str, recorded_text: str, recorded_hash: str) -> None:
 
     Parameters
     ----------
-    name
-        Name of the type.
     recorded_text
         Schema in the recording; empty when it has none that is ``ros2msg``.
     recorded_hash
@@ -97,8 +95,6 @@ def decoder(type_name: str, schema: str) -> Callable[[bytes], Any]:
 
     Parameters
     ----------
-    type_name
-        Name of the type, such as ``std_msgs/msg/Header``.
     schema
         Its definition and those of all that it contains (``ros2msg``).
 

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_recording.reader import Bag, Place, Recorded
+from ema_recording.reader import Bag, Place
 from ema_ros.description import description_from_message
 from ema_ros.stamps import stamp_from_message
 from ema_ros.telemetry import telemetry_from_message
@@ -21,15 +21,7 @@ HEALTH_TYPE: Final = "ema_interfaces/msg/Health"
 
 @dataclass(frozen=True)
 class Malformed:
-    """A block that is no telemetry.
-
-    Attributes
-    ----------
-    stamp_ns
-        Its stamp [ns].
-    reason
-        What is wrong with it.
-    """
+    """A block that is no telemetry."""
 
     stamp_ns: int
     reason: str
@@ -41,12 +33,6 @@ class RecordedTelemetry:
 
     Attributes
     ----------
-    bag
-        The recording.
-    topic
-        Topic of the telemetry.
-    actuator_id
-        Which actuator.
     skips_others
         Whether blocks of other actuators on the same topic are skipped; else they are an
         error.
@@ -75,7 +61,7 @@ class RecordedTelemetry:
         ValueError
             When there is a block of another actuator and it was not said which one is wanted.
         """
-        topics = [self.topic, *_description_topics(self.bag)]
+        topics = [self.topic, *self.bag.topics_of(DESCRIPTION_TYPE)]
         for place, item in self.bag.placed_messages(topics, first, last):
             is_block = item.topic == self.topic
             if item.message.actuator_id == self.actuator_id:
@@ -96,8 +82,6 @@ def read_telemetry(
 
     Parameters
     ----------
-    bag
-        The recording.
     topic
         Topic of the telemetry; needed when there are several of the same actuator.
     actuator_id
@@ -108,8 +92,15 @@ def read_telemetry(
     ValueError
         When there is no telemetry, not of that actuator or not on that topic; when there is a
         choice and it was not made; when a type is not the installed one or a description is
-        impossible.
+        impossible. The message also names what is damaged.
     """
+    try:
+        return _find_telemetry(bag, topic, actuator_id)
+    except ValueError as error:
+        raise ValueError("; ".join(filter(None, (str(error), bag.damage)))) from error
+
+
+def _find_telemetry(bag: Bag, topic: str | None, actuator_id: str | None) -> RecordedTelemetry:
     candidates = _telemetry_topics(bag, topic)
     first_ids = {name: next(_actuator_ids(bag, name), "") for name in candidates}
     there = ", ".join(f"{name} (actuator {first!r})" for name, first in first_ids.items())
@@ -134,7 +125,7 @@ def read_telemetry(
 def _telemetry_topics(bag: Bag, topic: str | None) -> list[str]:
     wanted = TELEMETRY_TYPE
     present = ", ".join(f"{name} ({item.type_name})" for name, item in bag.topics.items())
-    names = [name for name, item in bag.topics.items() if item.type_name == wanted]
+    names = bag.topics_of(wanted)
     if not names:
         raise ValueError(f"{bag.path} has no topic of {wanted}; topics: {present or 'none'}")
     if topic is not None and topic not in names:
@@ -149,11 +140,6 @@ def _actuator_ids(bag: Bag, topic: str) -> Iterator[str]:
     return (item.message.actuator_id for item in bag.messages([topic]))
 
 
-def _description_topics(bag: Bag) -> list[str]:
-    wanted = DESCRIPTION_TYPE
-    return [name for name, item in bag.topics.items() if item.type_name == wanted]
-
-
 def _block(message: Any) -> Telemetry | Malformed:
     try:
         return telemetry_from_message(message)
@@ -163,16 +149,15 @@ def _block(message: Any) -> Telemetry | Malformed:
 
 def _descriptions(bag: Bag, actuator_id: str) -> tuple[ActuatorDescription, ...]:
     descriptions: list[ActuatorDescription] = []
-    for item in bag.messages(_description_topics(bag)):
+    for item in bag.messages(bag.topics_of(DESCRIPTION_TYPE)):
         if item.message.actuator_id == actuator_id:
             try:
                 description = description_from_message(item.message)
             except ValueError as error:
-                raise ValueError(f"{_place(bag, item)}: {error}") from error
+                raise ValueError(
+                    f"{bag.path}: message on {item.topic} of log time {item.log_time_ns} ns: "
+                    f"{error}"
+                ) from error
             if not descriptions or description != descriptions[-1]:
                 descriptions.append(description)
     return tuple(descriptions)
-
-
-def _place(bag: Bag, item: Recorded) -> str:
-    return f"{bag.path}: message on {item.topic} of log time {item.log_time_ns} ns"

@@ -37,8 +37,6 @@ class WindowPlace:
 
     Attributes
     ----------
-    recorded
-        The telemetry that they are part of.
     first, last
         Places of the blocks that hold the first and the last of them.
     offset, samples
@@ -90,10 +88,6 @@ class RecordedWindow:
             return self.place
         return Window(self.place.read(), self.play)
 
-    def load(self) -> Segment:
-        """Return what was found, with its telemetry."""
-        return Segment(self.number, self.description, self.window)
-
 
 @dataclass(frozen=True)
 class BagWindows:
@@ -107,8 +101,6 @@ class BagWindows:
         Stamp of the first sample [ns].
     sample_period
         Period of the samples in the first block [s].
-    blocks, samples
-        How many blocks and samples of telemetry there are.
     windows
         Windows, and those that were begun and cannot be used, in order of time.
     remarks
@@ -167,15 +159,7 @@ class BagWindows:
 
 
 class _LatestBlocks:
-    """Places of the latest blocks without a gap, as many as a window may reach back over.
-
-    Parameters
-    ----------
-    recorded
-        The telemetry.
-    window_s
-        Length of a window [s].
-    """
+    """Places of the latest blocks without a gap, as many as a window may reach back over."""
 
     def __init__(self, recorded: RecordedTelemetry, window_s: float) -> None:
         self._recorded = recorded
@@ -221,32 +205,6 @@ class WindowsOnDemand(Sequence[Window]):
         return self._read(range(len(self))[number])
 
 
-def open_telemetry(
-    path: str | Path, topic: str | None = None, actuator_id: str | None = None
-) -> RecordedTelemetry:
-    """Open a recording and find the telemetry of one actuator in it.
-
-    Parameters
-    ----------
-    path
-        The recording.
-    topic, actuator_id
-        Which telemetry; needed where there is a choice.
-
-    Raises
-    ------
-    ValueError
-        When the recording cannot be read, or has no such telemetry; what is damaged is named, too.
-    OSError
-        When it cannot be opened.
-    """
-    bag = Bag(path)
-    try:
-        return read_telemetry(bag, topic, actuator_id)
-    except ValueError as error:
-        raise ValueError("; ".join(filter(None, (str(error), bag.damage)))) from error
-
-
 def read_windows(
     path: str | Path,
     settings: TriggerSettings | None = None,
@@ -273,7 +231,7 @@ def read_windows(
     OSError
         When it cannot be opened.
     """
-    recorded = open_telemetry(path, topic, actuator_id)
+    recorded = read_telemetry(Bag(path), topic, actuator_id)
     return find_recorded_windows(recorded, settings, description=description)
 
 
@@ -288,14 +246,8 @@ def find_recorded_windows(
 
     Parameters
     ----------
-    recorded
-        The telemetry.
-    settings
-        When a window begins and how long it is.
     description
         The actuator; as the recording describes it when None.
-    on_block
-        Called with each block of telemetry.
 
     Raises
     ------
@@ -356,7 +308,7 @@ def find_recorded_windows(
         remarks,
         finder.longest_motion_s,
         finder.has_rested,
-        _recorded_truths(recorded.bag, recorded.actuator_id),
+        _recorded_truths(recorded),
     )
 
 
@@ -373,21 +325,13 @@ def _recorded_window(found: Segment, latest: _LatestBlocks) -> RecordedWindow:
     )
 
 
-def _recorded_truths(bag: Bag, actuator_id: str) -> list[StampedFaults]:
-    topics = [name for name, topic in bag.topics.items() if topic.type_name == TRUE_FAULTS_TYPE]
-    truths = [stamped_faults_from_message(item.message) for item in bag.messages(topics)]
-    return [truth for truth in truths if truth.actuator_id == actuator_id]
+def _recorded_truths(recorded: RecordedTelemetry) -> list[StampedFaults]:
+    items = recorded.bag.messages(recorded.bag.topics_of(TRUE_FAULTS_TYPE))
+    truths = [stamped_faults_from_message(item.message) for item in items]
+    return [truth for truth in truths if truth.actuator_id == recorded.actuator_id]
 
 
 def truth_at(truths: Sequence[StampedFaults], start_ns: int) -> StampedFaults | None:
-    """Return the true faults of the test cycle that runs at a time; None before the first.
-
-    Parameters
-    ----------
-    truths
-        True faults of one actuator by test cycle, in order.
-    start_ns
-        Start of a window [ns].
-    """
+    """Return the true faults of the test cycle that runs at a time; None before the first."""
     before = bisect_right(truths, start_ns, key=lambda truth: truth.stamp_ns)
     return truths[before - 1] if before else None

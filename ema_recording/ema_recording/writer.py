@@ -3,11 +3,10 @@
 import shutil
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from mcap.writer import CompressionType, Writer
 from rclpy.qos import QoSProfile
@@ -17,6 +16,7 @@ from ema_core import __version__
 from ema_recording.message_type import type_hash, type_name
 from ema_recording.metadata import (
     METADATA_FILE,
+    NEVER_NS,
     TopicInformation,
     bag_information,
     serialized_metadata,
@@ -35,7 +35,7 @@ class _Channel:
     information: TopicInformation
 
 
-class BagWriter:
+class BagWriter(AbstractContextManager["BagWriter", None]):
     """A recording that is being written.
 
     Messages are gathered in chunks. A chunk goes to the operating system when it is full, and
@@ -59,8 +59,8 @@ class BagWriter:
 
     Attributes
     ----------
-    file_path
-        The MCAP file that is written.
+    custom_data
+        Texts by name for the ``custom_data`` of its metadata, written when it is closed.
     failure
         Why the recording cannot be written any more; None as long as it can. It is known here
         before the next message is refused for it.
@@ -96,10 +96,10 @@ class BagWriter:
         else:
             self.path.mkdir(parents=True)
             self.file_path = self.path / f"{self.path.name}_0.mcap"
+        self.custom_data: dict[str, str] = {}
         self._channels: dict[str, _Channel] = {}
         self._schemas: dict[str, int] = {}
-        self._start_ns: int | None = None
-        self._end_ns: int | None = None
+        self._start_ns, self._end_ns = NEVER_NS, 0
         self._file = self.file_path.open("xb")
         self._mcap = Writer(self._file, chunk_bytes, _COMPRESSION[compression])
         self._mcap.start(profile="ros2", library=f"ema_recording {__version__}")
@@ -117,10 +117,6 @@ class BagWriter:
 
         Parameters
         ----------
-        topic
-            Full name of the topic.
-        message_class
-            Class of its messages.
         qos
             What its publisher offers.
 
@@ -152,10 +148,6 @@ class BagWriter:
 
         Parameters
         ----------
-        topic
-            Name of an added topic.
-        message
-            Message of the topic's type.
         log_time_ns
             When the message was received [ns].
         publish_time_ns
@@ -193,10 +185,8 @@ class BagWriter:
             sequence = channel.information.count % 2**32
             mcap.add_message(channel.number, log_time_ns, data, publish_time_ns, sequence)
             channel.information.count += 1
-            if self._start_ns is None or log_time_ns < self._start_ns:
-                self._start_ns = log_time_ns
-            if self._end_ns is None or log_time_ns > self._end_ns:
-                self._end_ns = log_time_ns
+            self._start_ns = min(self._start_ns, log_time_ns)
+            self._end_ns = max(self._end_ns, log_time_ns)
 
     def flush(self) -> None:
         """Hand everything written so far to the operating system."""
@@ -224,6 +214,7 @@ class BagWriter:
                     [channel.information for channel in self._channels.values()],
                     self._start_ns,
                     self._end_ns,
+                    self.custom_data,
                 )
                 record = {"serialized_metadata": serialized_metadata(information)}
                 self._mcap.add_metadata("rosbag2", record)
@@ -231,15 +222,7 @@ class BagWriter:
             if self.file_path != self.path:
                 write_metadata(self.path, information)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _channel(self, topic: str) -> _Channel:

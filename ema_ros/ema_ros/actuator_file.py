@@ -45,9 +45,7 @@ def load_description(path: Path) -> ActuatorDescription:
         content["sample_period"] = _number(content["sample_period"])
     parameters = {name: _number(value) for name, value in parameters.items()}
     try:
-        return ActuatorDescription(
-            parameters=ActuatorParameters.from_mapping(parameters), **content
-        )
+        return ActuatorDescription(parameters=ActuatorParameters().replace(parameters), **content)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from error
 

@@ -52,8 +52,6 @@ def description_to_message(
 
     Parameters
     ----------
-    description
-        Identity and nominal parameters.
     stamp_ns
         When the description was made [ns]; 0 when unknown.
 

@@ -1,6 +1,7 @@
-"""A lifecycle node that survives what clients ask of it and tells how it fares."""
+"""A lifecycle node that survives what clients ask of it and reports its status."""
 
 import threading
+import time
 import traceback
 from collections.abc import Callable
 from difflib import get_close_matches
@@ -15,7 +16,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.lifecycle.publisher import LifecyclePublisher
 from rclpy.qos import QoSProfile
 
-from ema_ros.peers import Peers, nodes_alive, nodes_in_touch, now_s
+from ema_ros.peers import Peers, nodes_alive, nodes_in_touch
 from ema_ros.rclpy_private import (
     given_parameters,
     lifecycle_state,
@@ -32,14 +33,7 @@ class ManagedNode(LifecycleNode):
     """A lifecycle node, in namespace ``/ema`` unless it is remapped.
 
     What a subclass does lies in ``configure``, ``activate``, ``deactivate`` and ``clean_up``; each
-    may refuse with a ValueError or OSError, whose message is logged and told on ``/diagnostics``.
-
-    Parameters
-    ----------
-    name
-        Name of the node.
-    kwargs
-        As of ``rclpy.lifecycle.LifecycleNode``.
+    may refuse with a ValueError or OSError, which is logged and published on ``/diagnostics``.
 
     Attributes
     ----------
@@ -82,7 +76,7 @@ class ManagedNode(LifecycleNode):
         """Let go of what ``configure`` made."""
 
     def tasks(self) -> list[Task]:
-        """Return how the node fares; asked for while it is configured."""
+        """Return the status of what the node does; called while it is configured."""
         return []
 
     @property
@@ -97,7 +91,7 @@ class ManagedNode(LifecycleNode):
 
     def bring_up(self) -> bool:
         """Configure and activate; return whether that worked."""
-        self._tell_strange_parameters()
+        self._log_unknown_parameters()
         success = TransitionCallbackReturn.SUCCESS
         return self.trigger_configure() == success and self.trigger_activate() == success
 
@@ -129,8 +123,8 @@ class ManagedNode(LifecycleNode):
         return publisher
 
     def report(self) -> None:
-        """Publish how the node fares; any thread may."""
-        tasks = [self._lifecycle_task(), self._peers.task(self.hardware_id, now_s())]
+        """Publish the status of the node; any thread may call this."""
+        tasks = [self._lifecycle_task(), self._peers.task(self.hardware_id, time.monotonic())]
         if self._configured:
             tasks += self.tasks()
         name = self.get_name()
@@ -198,17 +192,18 @@ class ManagedNode(LifecycleNode):
         return Task("lifecycle", level, self.state, self.hardware_id)
 
     def _report_regularly(self) -> None:
-        for lost in self._peers.update(nodes_in_touch(self), nodes_alive(self), now_s()):
+        now_s = time.monotonic()
+        for lost in self._peers.update(nodes_in_touch(self), nodes_alive(self), now_s):
             self.get_logger().warning(f"{lost} has gone from the graph")
         self.report()
 
-    def _tell_strange_parameters(self) -> None:
-        """Tell of parameters that were given and are none of this node's, as rclpy does not."""
+    def _log_unknown_parameters(self) -> None:
+        """Log parameters that were given and are not this node's, as rclpy does not."""
         own = self.list_parameters([], 0).names
         for name in given_parameters(self):
             if name in own:
                 continue
-            text = f"parameter {name} is none of this node's and has no effect"
+            text = f"parameter {name} is not one of this node and has no effect"
             similar = get_close_matches(name, own, 1)
             if similar:
                 self.get_logger().warning(f"{text}: is {similar[0]} meant?")

@@ -1,7 +1,5 @@
 """Who else is in the graph, and who has gone."""
 
-import time
-from collections.abc import Iterable
 from typing import Final
 
 from rclpy.node import Node
@@ -11,7 +9,7 @@ from ema_ros.status import OK, WARN, Task
 FRESH_S: Final = 60.0
 """How long a node that has gone is worth a warning [s]."""
 
-_UNSEEN = ("/rosout", "/parameter_events", "/clock", "/diagnostics")
+_UNSEEN = {"/rosout", "/parameter_events", "/clock", "/diagnostics"}
 
 
 class Peers:
@@ -26,17 +24,7 @@ class Peers:
         self._gone: dict[str, float] = {}
 
     def update(self, in_touch: set[str], alive: set[str], now_s: float) -> list[str]:
-        """Take note of who is there and return who has gone since the last time.
-
-        Parameters
-        ----------
-        in_touch
-            Full names of the nodes that share a topic at the moment.
-        alive
-            Full names of all nodes.
-        now_s
-            Time on a clock of one's own [s].
-        """
+        """Take note of who is there and return who has gone since the last time."""
         present = in_touch | (alive & (self._present | self._gone.keys()))
         lost = sorted(self._present - present)
         known = {name: since for name, since in self._gone.items() if name not in present}
@@ -59,14 +47,17 @@ class Peers:
 def nodes_in_touch(node: Node) -> set[str]:
     """Return the full names of the nodes of its namespace that share a topic with a node."""
     namespace, own = node.get_namespace(), node.get_fully_qualified_name()
-    found = set()
-    for topic in _topics_of(node):
-        for endpoint in (
-            *node.get_publishers_info_by_topic(topic),
-            *node.get_subscriptions_info_by_topic(topic),
-        ):
-            if endpoint.node_namespace == namespace:
-                found.add(f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}")
+    topics = {item.topic_name for item in (*node.publishers, *node.subscriptions)} - _UNSEEN
+    found = {
+        f"{namespace.rstrip('/')}/{endpoint.node_name}"
+        for list_endpoints in (
+            node.get_publishers_info_by_topic,
+            node.get_subscriptions_info_by_topic,
+        )
+        for topic in topics
+        for endpoint in list_endpoints(topic)
+        if endpoint.node_namespace == namespace
+    }
     return found - {own}
 
 
@@ -74,13 +65,3 @@ def nodes_alive(node: Node) -> set[str]:
     """Return the full names of all nodes in the graph."""
     pairs = node.get_node_names_and_namespaces()
     return {f"{namespace.rstrip('/')}/{name}" for name, namespace in pairs}
-
-
-def _topics_of(node: Node) -> Iterable[str]:
-    names = {item.topic_name for item in (*node.publishers, *node.subscriptions)}
-    return sorted(names - set(_UNSEEN))
-
-
-def now_s() -> float:
-    """Return the time on the clock that ``Peers`` goes by [s]."""
-    return time.monotonic()

@@ -3,7 +3,7 @@
 rclpy has no public way to receive what waits for one subscription without waiting for all, to read
 the state of a lifecycle in its own process, to destroy a state machine with its node, to catch what
 the service ``change_state`` raises, or to list the parameters that were given to a node.
-tests/ros/test_rclpy_private.py fails where a version of rclpy differs. Checked with 7.1 (Jazzy).
+tests/library/test_rclpy_private.py fails where another version differs. Checked with 7.1 (Jazzy).
 """
 
 from collections.abc import Callable, Collection
@@ -20,8 +20,6 @@ def next_message(executor: Executor, subscription: Subscription) -> Callable[[],
 
     Parameters
     ----------
-    executor
-        The executor that serves the subscription.
     subscription
         Which one; None is returned when no message waits for it.
     """
@@ -46,8 +44,6 @@ def wrap_change_state(node: LifecycleNode, wrap: Callable[[Any], Any]) -> None:
 
     Parameters
     ----------
-    node
-        The node.
     wrap
         Called with the callback; returns the one to use.
     """

@@ -1,4 +1,4 @@
-"""The main of a node: it brings itself up, and ends in an orderly way when it is told to."""
+"""The main of a node: it brings itself up, and ends in an orderly way when it is asked to."""
 
 import logging
 import os
@@ -25,12 +25,10 @@ _POLL_S: Final = 0.05
 
 
 def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> int:
-    """Run a node until it is told to stop by SIGINT or SIGTERM, or has done its work.
+    """Run a node until it is asked to stop by SIGINT or SIGTERM, or has done its work.
 
     Parameters
     ----------
-    make_node
-        Makes the node.
     args
         Command line; that of the process when None.
 
@@ -39,11 +37,11 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     int
         Exit code of the process: 0, or 1 when the node did not come up.
     """
-    told_to_stop: list[int] = []
+    stop_signals: list[int] = []
     for number in _SIGNALS:
         # An event could be in the middle of a wait here, and its lock taken.
-        signal.signal(number, lambda number, _: told_to_stop.append(number))
-    # rclpy's own handlers would close the context at once: nothing could be published in parting.
+        signal.signal(number, lambda number, _: stop_signals.append(number))
+    # rclpy's own handlers would close the context at once: nothing could be published at the end.
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
@@ -51,7 +49,7 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
         sys.stderr.write(f"{error}\n")
         try_shutdown()
         return 1
-    exit_code = _serve(node, told_to_stop) if node.bring_up() else 1
+    exit_code = _serve(node, stop_signals) if node.bring_up() else 1
     for number in _SIGNALS:
         # A launcher may send them twice, and the interpreter gives up its handlers as it ends.
         signal.signal(number, signal.SIG_IGN)
@@ -61,13 +59,13 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     return exit_code
 
 
-def _serve(node: ManagedNode, told_to_stop: list[int]) -> int:
-    """Serve a node that is up until it is told to stop or has finished; return its exit code."""
-    executor = NodeExecutor(partial(_tell_failure, node))
+def _serve(node: ManagedNode, stop_signals: list[int]) -> int:
+    """Serve a node that is up until it is asked to stop or has finished; return its exit code."""
+    executor = NodeExecutor(partial(_log_failure, node))
     executor.add_node(node)
     spinning = threading.Thread(target=_spin, args=(executor, node), name="executor", daemon=True)
     spinning.start()
-    while not told_to_stop and not node.finished.wait(_POLL_S):
+    while not stop_signals and not node.finished.wait(_POLL_S):
         pass
     node.stopping.set()
     spinning.join(_PATIENCE_S)
@@ -87,8 +85,8 @@ def _spin(executor: NodeExecutor, node: ManagedNode) -> None:
             continue  # what was to be served has just been destroyed
 
 
-def _tell_failure(node: ManagedNode, error: Exception) -> None:
-    """Tell that a callback failed; the others go on."""
+def _log_failure(node: ManagedNode, error: Exception) -> None:
+    """Log that a callback failed; the others go on."""
     if not isinstance(error, InvalidHandle):
         trace = "".join(traceback.format_exception(error))
         node.get_logger().error(f"a callback failed:\n{trace}")

@@ -22,13 +22,9 @@ def declare(node: Node, definition: Any, prefix: str = "", *, read_only: bool = 
 
     Parameters
     ----------
-    node
-        The node.
     definition
         A dataclass whose fields were made by ``quantity``, ``text`` and ``flag``, or an
         instance of one whose values are the defaults. Other fields are ignored.
-    prefix
-        Prefix of every parameter name.
     read_only
         Whether they cannot be changed while the node runs.
 
@@ -81,11 +77,6 @@ class LiveSettings(Generic[Definition]):
         As in ``declare``.
     on_change
         Called with the new settings after a change.
-
-    Attributes
-    ----------
-    value
-        The current settings.
 
     Raises
     ------

@@ -17,11 +17,6 @@ def check_stamp(stamp_ns: int) -> None:
 def stamp_to_message(stamp_ns: int) -> "Time":
     """Return a time as a message.
 
-    Parameters
-    ----------
-    stamp_ns
-        Time since the epoch [ns].
-
     Raises
     ------
     ValueError

@@ -21,8 +21,6 @@ class Task:
         Name of the task, always the same.
     level
         ``OK``, ``WARN``, ``ERROR`` or ``STALE`` of ``ema_core.levels``.
-    message
-        Its state, in words.
     hardware_id
         Serial number of the unit concerned.
     values
@@ -37,15 +35,7 @@ class Task:
 
 
 def status_message(node_name: str, task: Task) -> DiagnosticStatus:
-    """Return a task as a message.
-
-    Parameters
-    ----------
-    node_name
-        Name of the node, with which the name of the status begins.
-    task
-        The task.
-    """
+    """Return a task as a message."""
     values = [KeyValue(key=key, value=_plain(value)) for key, value in task.values.items()]
     return DiagnosticStatus(
         level=bytes([task.level]),

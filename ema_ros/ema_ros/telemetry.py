@@ -15,13 +15,6 @@ if TYPE_CHECKING:
 def telemetry_to_message(block: Telemetry, actuator_id: str) -> "TelemetryBlock":
     """Return a block of telemetry as a message; its stamp is the END of the first sample.
 
-    Parameters
-    ----------
-    block
-        The samples.
-    actuator_id
-        Which actuator they come from.
-
     Raises
     ------
     ValueError

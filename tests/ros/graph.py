@@ -6,7 +6,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any, Self
 
@@ -15,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from ema_cli.processes.domains import domain
+from ema_cli.processes.domains import Domain
 from ema_interfaces.msg import FaultEstimate, Health
 from ema_ros.topics import LATCHED, NAMESPACE
 
@@ -46,7 +46,7 @@ class Graph:
         with ExitStack() as opened:
             logs = tempfile.TemporaryDirectory(prefix="ema_graph_")
             self._logs = Path(opened.enter_context(logs))
-            self._domain = opened.enter_context(domain())
+            self._domain = opened.enter_context(closing(Domain()))
             context = opened.enter_context(ros_context(self._domain.number))
             self.node = Node("observer", namespace="/test", context=context)
             opened.callback(end, self.node)

@@ -3,7 +3,7 @@
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
-from ema_cli.processes.domains import domain
+from ema_cli.processes.domains import Domain
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
@@ -61,7 +61,7 @@ def in_window(blocks: list[Telemetry]) -> int:
     return next(i for i, b in enumerate(blocks) if b.first_index + len(b) > middle)
 
 
-def spoiled(block: Telemetry, column: str, sample: int, value: float) -> Telemetry:
+def corrupted(block: Telemetry, column: str, sample: int, value: float) -> Telemetry:
     """A block with one sample of one column replaced."""
     values = getattr(block, column).copy()
     values[sample] = value
@@ -76,7 +76,7 @@ class MonitorSession:
         self.failures: list[BaseException] = []
         self._received: defaultdict[str, list[Any]] = defaultdict(list)
         self._changed = threading.Condition()
-        self._estimates_told = 0
+        self._estimates_awaited = 0
         self._at_end: list[Callable[[], Any]] = []
         self.probe = Node("probe", context=context, namespace="/ema")
         self._publishers = {
@@ -96,7 +96,7 @@ class MonitorSession:
             callback()
 
     def fail(self, error: BaseException) -> None:
-        """Note what a callback of the node raised, for `until` to tell."""
+        """Note what a callback of the node raised, for `until` to report."""
         with self._changed:
             self.failures.append(error)
             self._changed.notify_all()
@@ -127,9 +127,9 @@ class MonitorSession:
     def bring_up(self) -> None:
         """Bring the node up and wait until it hears what is published."""
         assert self.node.bring_up()
-        self.until_heard()
+        self.until_subscribed()
 
-    def until_heard(self) -> None:
+    def until_subscribed(self) -> None:
         listened = [self._publishers[name] for name in (topics.TELEMETRY, topics.DESCRIPTION)]
         wait_for(lambda: all(item.get_subscription_count() for item in listened), "the monitor")
 
@@ -158,12 +158,12 @@ class MonitorSession:
 
     def next_estimate(self, timeout_s: float = DEADLINE_S) -> FaultEstimate:
         """Wait for one more estimate than have been returned by this method so far."""
-        self._estimates_told += 1
-        number = self._estimates_told
+        self._estimates_awaited += 1
+        number = self._estimates_awaited
         return self.until(lambda: self.estimates()[number - 1 : number], timeout_s)[0]
 
     def statuses(self, task: str) -> list[DiagnosticStatus]:
-        """What has been told of a task so far, the latest last."""
+        """What has been reported of a task so far, the latest last."""
         return [
             status
             for array in self.received("/diagnostics")
@@ -171,12 +171,12 @@ class MonitorSession:
             if status.name == f"monitor: {task}"
         ]
 
-    def until_told(
+    def until_status(
         self, task: str, text: str, level: bytes | None = None, *, since: int = 0
     ) -> DiagnosticStatus:
-        """Wait until a status tells something."""
+        """Wait until a status says something."""
 
-        def told() -> list[DiagnosticStatus]:
+        def matching() -> list[DiagnosticStatus]:
             return [
                 item
                 for item in self.statuses(task)[since:]
@@ -184,7 +184,7 @@ class MonitorSession:
             ]
 
         try:
-            return self.until(told)[-1]
+            return self.until(matching)[-1]
         except AssertionError as error:
             seen = sorted({item.message for item in self.statuses(task)[since:]})
             raise AssertionError(f"{task}: {text!r} is not among {seen}; {error}") from error
@@ -223,17 +223,17 @@ class MonitorSession:
 def monitor(
     parameters: dict[str, Any] | None = None, *, up: bool = True
 ) -> Iterator[MonitorSession]:
-    """A monitor with these parameters in a domain of its own, brought up unless told otherwise.
+    """A monitor with these parameters in a domain of its own, brought up unless asked not to be.
 
-    It keeps no history unless told so, for all sources begin at the same stamp; and its health does
-    not grow stale while a busy machine takes its time.
+    It keeps no history unless a parameter names a folder, for all sources begin at the same stamp;
+    and its health does not grow stale while a busy machine takes its time.
     """
     # A health that is published before they are fitted is published again.
-    FITTED.of(Calibration.builtin().model().parameters, RequirementLimits())
+    FITTED.of(Calibration.builtin().unit_parameters, RequirementLimits())
     given = {"history_folder": "", "expected_period_s": 1000.0, **(parameters or {})}
     overrides = [Parameter(name, value=value) for name, value in given.items()]
     with ExitStack() as opened:
-        own = opened.enter_context(domain())
+        own = opened.enter_context(closing(Domain()))
         context = opened.enter_context(ros_context(own.number))
         node = made(MonitorNode, context=context, parameter_overrides=overrides)
         opened.callback(end, node)

@@ -26,8 +26,8 @@ def mount(session: MonitorSession, description: ActuatorDescription) -> None:
     )
 
 
-def all_heard(session: MonitorSession) -> None:
-    """Once an impossible count is complained of, all before it have been heard."""
+def all_received(session: MonitorSession) -> None:
+    """Once an impossible count is reported, all before it have been received."""
     tasks = ("flap telemetry", "input")
     said = {task: len(session.statuses(task)) for task in tasks}
     use(session, -1.0, 1)

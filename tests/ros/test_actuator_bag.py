@@ -2,7 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
+from mcap.reader import make_reader
 
+from ema_core.cause_profiles import cause_profiles
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_recording.actuator_bag import SimulatedActuatorBag
@@ -76,3 +79,16 @@ def test_telemetry_is_received_at_its_last_sample(recorded):
         assert item.log_time_ns == block.stamps_ns[-1]
         assert item.message.first_index == block.first_index
         np.testing.assert_array_equal(item.message.current, block.current)
+
+
+@pytest.mark.parametrize("name", ["case.mcap", "case"])
+def test_hidden_causes_are_in_the_metadata(tmp_path, name):
+    with SimulatedActuatorBag(BagWriter(tmp_path / name), ActuatorDescription()) as bag:
+        bag.note_causes(cause_profiles(["load_torque=0.01", "winding_temperature=80@0..10"]))
+        bag.write_block(SimulatedActuator().advance(np.zeros(2)))
+    noted = {"hidden_causes": "load_torque=0.01 winding_temperature=80@0..10"}
+    file = tmp_path / name if name.endswith("mcap") else tmp_path / name / f"{name}_0.mcap"
+    with file.open("rb") as stream:
+        [record] = [item for item in make_reader(stream).iter_metadata() if item.name == "rosbag2"]
+    assert yaml.safe_load(record.metadata["serialized_metadata"])["custom_data"] == noted
+    assert cause_profiles(noted["hidden_causes"].split())["load_torque"].value == 0.01

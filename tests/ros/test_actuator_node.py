@@ -438,6 +438,24 @@ def test_deactivated_it_is_silent_and_activated_it_begins_a_new_cycle():
         assert listener.truths()[-1].cycle == 0
 
 
+def test_causes_are_set_like_faults_and_refused_by_name():
+    with running(causes=["position_offset=0.01"]) as listener:
+        listener.until(lambda: len(listener.received["telemetry"]) > 2)
+        node = listener.node
+
+        def change(texts: list[str]) -> Any:
+            return node.set_parameters([Parameter("causes", Parameter.Type.STRING_ARRAY, texts)])[0]
+
+        refused = change(["position_ofset=0.01"])
+        assert not refused.successful
+        assert "did you mean 'position_offset'" in refused.reason
+        assert change(["position_offset=-0.02", "current_offset=1@0.01"]).successful
+        listener.until(lambda: any(block.position[0] < -0.01 for block in listener.blocks()))
+        assert change([""]).successful
+    positions = [block.position[0] for block in listener.blocks()]
+    assert positions[0] == pytest.approx(0.01, abs=1e-3)
+
+
 def impossible(**parameters: Any) -> str:
     """Return with what words a node refuses parameters, when made or when configured."""
     try:
@@ -465,6 +483,9 @@ def impossible(**parameters: Any) -> str:
         ("command.amplitude", 99.0, ("command.amplitude", "99", "rad")),
         ("resolution.current", -1.0, ("resolution.current", "-1", "A")),
         ("plant.R_s", -2.0, ("plant.R_s", "-2", "ohm")),
+        ("causes", ["load_torqe=1"], ("'load_torqe'", "did you mean 'load_torque'")),
+        ("causes", ["load_torque=99"], ("load_torque", "99", "[-10, 10] N.m")),
+        ("causes", "load_torque=1", ("causes", "'load_torque=1'", "array")),
         ("actuator_file", "/missing.yaml", ("actuator file", "/missing.yaml", "No such file")),
     ],
 )

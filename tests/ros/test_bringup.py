@@ -127,8 +127,7 @@ def test_launch_file_names_nodes_and_files_that_exist(name, given):
     nodes = nodes_of(name, **given)
     assert nodes
     for node_name, node in nodes.items():
-        shipped = NODES[node_name]
-        assert (node["package"], node["executable"]) == (shipped.package, shipped.executable)
+        assert (node["package"], node["executable"]) == NODES[node_name]
         assert Path(get_package_prefix(node["package"]), "lib", node["package"]).is_dir()
         assert program(node_name).is_file()
         file, *own = node["parameters"]

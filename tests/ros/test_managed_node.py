@@ -193,5 +193,5 @@ def test_parameter_of_another_name_is_told_with_the_one_that_may_be_meant(make_r
     node = make_recorded(parameters={"use_sim_tme": True, "colour": "red"})
     assert node.bring_up()
     told = capfd.readouterr().err
-    assert "use_sim_tme is none of this node's and has no effect: is use_sim_time meant?" in told
-    assert "colour is none of this node's" in told
+    assert "use_sim_tme is not one of this node and has no effect: is use_sim_time meant?" in told
+    assert "colour is not one of this node" in told

@@ -15,6 +15,7 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import FaultVector, TelemetryBlock
+from ema_ros.actuator_messages import joint_state_after
 from ema_ros.description import (
     IDENTITY,
     PARAMETER_FIELDS,
@@ -28,7 +29,6 @@ from ema_ros.faults import (
     stamped_faults_from_message,
     stamped_faults_to_message,
 )
-from ema_ros.joint_state import joint_state_after
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_ros.telemetry import telemetry_from_message, telemetry_to_message
 

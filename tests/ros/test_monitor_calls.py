@@ -16,7 +16,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.optimizers import ALGORITHMS
 
 from ..waiting import DEADLINE_S, wait_for
-from .monitor_session import FLAP, THREADS, MonitorSession, Source, in_window, monitor, spoiled
+from .monitor_session import FLAP, THREADS, MonitorSession, Source, corrupted, in_window, monitor
 
 NAME = "/ema/monitor/calibrate"
 
@@ -79,7 +79,7 @@ def test_latest_window_is_identified_with_the_algorithm_of_choice(session: Monit
     assert evaluations == sorted(evaluations)
     fitness = [item.best_fitness for item in goal.feedback]
     assert fitness == sorted(fitness, reverse=True)
-    # Thereafter what is not significant is put back to healthy, and the rest fitted anew.
+    # Thereafter what is not significant is set to healthy, and the rest fitted anew.
     assert goal.feedback[-1].best.friction == pytest.approx(estimate.faults.friction, abs=0.01)
     assert estimate.fitness < 1.1 * fitness[-1]
     assert not estimate.warm_start
@@ -100,7 +100,7 @@ def test_default_is_what_the_monitor_does_itself(session: MonitorSession):
         ({"algorithm": "tea_leaves"}, ["tea_leaves", *ALGORITHMS]),
         ({"budget": 20}, ["budget", "20", "at least"]),
         ({"seed": 2**63}, ["seed", "outside"]),
-        ({"actuator_id": "rudder"}, ["rudder", "not watched", "flap"]),
+        ({"actuator_id": "rudder"}, ["rudder", "not monitored", "flap"]),
         ({"next_window": True}, ["no window came for 1 s"]),
     ],
 )
@@ -124,7 +124,7 @@ def test_identification_is_cancelled_within_a_generation(session: MonitorSession
 def test_waiting_for_a_window_is_cancelled():
     with monitor() as session:
         session.describe()
-        session.until_told("flap telemetry", "no telemetry so far")
+        session.until_status("flap telemetry", "no telemetry so far")
         goal = Goal(session, next_window=True)
         goal.cancel()
         status, result = goal.result()
@@ -136,7 +136,7 @@ def test_next_window_is_waited_for_and_a_cut_one_has_its_reason(session: Monitor
     assert session.set_parameters(calibration_timeout_s=DEADLINE_S)[0].successful
     source = Source(gain=0.6)
     blocks = source.cycle()
-    blocks[in_window(blocks)] = spoiled(blocks[in_window(blocks)], "current", 0, float("nan"))
+    blocks[in_window(blocks)] = corrupted(blocks[in_window(blocks)], "current", 0, float("nan"))
     for cycle, success in ((blocks, False), (source.cycle(), True)):
         goal = Goal(session, next_window=True)
         until_waited_for(session)
@@ -157,7 +157,7 @@ def test_next_window_is_waited_for_and_a_cut_one_has_its_reason(session: Monitor
 def test_many_goals_that_wait_do_not_keep_telemetry_out():
     with monitor() as session:
         session.describe()
-        session.until_told("flap telemetry", "no telemetry so far")
+        session.until_status("flap telemetry", "no telemetry so far")
         client = ActionClient(session.probe, IdentifyFaults, "/ema/monitor/identify_faults")
         wait_for(client.server_is_ready, "the action")
         # More than the node has threads.
@@ -178,10 +178,10 @@ def test_goal_before_there_is_a_window_is_refused():
         _, result = Goal(session).result()
         assert "actuator_id is empty" in result.message
         session.feed(Source().cycle()[:1])
-        session.until_told("flap telemetry", "no description")
+        session.until_status("flap telemetry", "no description")
         assert "has not been described" in Goal(session).result()[1].message
         session.describe()
-        session.until_told("flap telemetry", "0 valid estimates")
+        session.until_status("flap telemetry", "0 valid estimates")
         assert "no complete window so far" in Goal(session).result()[1].message
 
 
@@ -232,7 +232,7 @@ def test_calibration_that_does_not_come_about_says_why(session: MonitorSession, 
     for request, text in (
         ({"windows": 0}, "windows = 0"),
         ({"windows": 1}, "no healthy window came for 1 s after 0 of 1"),
-        ({"windows": 1, "actuator_id": "rudder"}, "'rudder' is not watched"),
+        ({"windows": 1, "actuator_id": "rudder"}, "'rudder' is not monitored"),
         ({"load": True, "file": str(other)}, "SIM-0002"),
         ({"load": True, "file": str(wrong)}, str(wrong)),
         ({"load": True, "file": f"{tmp_path}/nowhere.yaml"}, "No such file"),
@@ -248,7 +248,7 @@ def test_calibration_that_cannot_be_stored_is_not_half_used(tmp_path: Path):
     source = Source()
     with monitor() as session:
         session.describe()
-        session.until_told("flap telemetry", "no telemetry so far")
+        session.until_status("flap telemetry", "no telemetry so far")
         request = Calibrate.Request(windows=1, file=f"{tmp_path}/folder.yaml")
         future = session.start(Calibrate, NAME, request)
         until_waited_for(session)
@@ -265,7 +265,7 @@ def test_calibration_that_cannot_be_stored_is_not_half_used(tmp_path: Path):
 def test_call_that_waits_is_answered_when_the_monitor_is_deactivated(call: str):
     with monitor() as session:
         session.describe()
-        session.until_told("flap telemetry", "no telemetry so far")
+        session.until_status("flap telemetry", "no telemetry so far")
         if call == "calibrate":
             future = session.start(Calibrate, NAME, Calibrate.Request(windows=1))
             until_waited_for(session)

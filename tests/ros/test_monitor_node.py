@@ -97,7 +97,7 @@ def test_covariance_is_symmetric_and_unknown_where_unobservable(estimate: FaultE
 def test_estimate_tells_which_components_were_put_back_to_healthy(estimate: FaultEstimate):
     insignificant = np.array([bool(estimate.insignificant & 1 << i) for i in range(8)])
     assert not estimate.insignificant & FaultEstimate.FRICTION
-    # That of the window is friction alone: nearly all else is told from nothing.
+    # That of the window is friction alone: nearly all else is significant.
     assert np.count_nonzero(insignificant) >= 4
     np.testing.assert_array_equal(vector(estimate)[insignificant], healthy_faults()[insignificant])
 
@@ -131,12 +131,12 @@ def test_late_joiner_learns_the_health(session: MonitorSession):
 
 
 def test_status_carries_the_figures(session: MonitorSession):
-    telemetry = session.until_told("flap telemetry", "1 valid estimates", b"\x00")
+    telemetry = session.until_status("flap telemetry", "1 valid estimates", b"\x00")
     assert telemetry.hardware_id == FLAP.serial_number
     values = {item.key: item.value for item in telemetry.values}
     expected = {"blocks": "34", "samples lost": "0", "windows": "1", "estimates valid": "1"}
     assert expected.items() <= values.items()
-    health = session.until_told("flap health", "WARN: friction", b"\x01")
+    health = session.until_status("flap health", "WARN: friction", b"\x01")
     values = {item.key: float(item.value) for item in health.values}
     assert values["health index"] == pytest.approx(session.healths()[0].health_index, rel=1e-6)
 
@@ -169,14 +169,14 @@ def test_settings_take_effect_with_the_next_window(session: MonitorSession):
     assert friction.limit == 0.25
     expected = ERROR if estimate.faults.friction > 0.25 else WARN
     assert friction.level == expected
-    # A window of another length than that of the calibration is refused, and says so.
+    # A window of another length than that of the calibration has no correction, but an estimate.
     assert session.set_parameters(window_s=0.3)[0].successful
     session.feed(source.cycle())
     session.until(lambda: len(session.estimates()) > before + 1)
     estimate = session.estimates()[before + 1]
     length = stamp_from_message(estimate.window_end) - stamp_from_message(estimate.window_start)
-    assert (length, estimate.valid) == (300_000_000, False)
-    assert "3000" in estimate.reason
+    assert (length, estimate.valid) == (300_000_000, True)
+    assert estimate.verdict in (FaultEstimate.VALID, FaultEstimate.DEGRADED)
 
 
 def test_search_begins_at_the_estimate_before_unless_told_otherwise():
@@ -222,7 +222,7 @@ def test_actuators_are_told_apart():
     rudder = replace(FLAP, actuator_id="rudder", serial_number="SIM-0002")
     with monitor() as session:
         session.describe()
-        session.until_told("flap telemetry", "no telemetry so far")
+        session.until_status("flap telemetry", "no telemetry so far")
         session.describe(rudder)
         cycles = zip(Source(friction=0.3).cycle(), Source(gain=0.6).cycle(), strict=True)
         for flap, other in cycles:
@@ -234,17 +234,17 @@ def test_actuators_are_told_apart():
         assert (refused.window, refused.serial_number) == (0, "SIM-0002")
         assert not refused.valid
         assert "SIM-0002" in refused.reason
-        assert session.until_told("rudder telemetry", "SIM-0002").hardware_id == "SIM-0002"
-        assert session.until_told("input", "2 actuators monitored")
+        assert session.until_status("rudder telemetry", "SIM-0002").hardware_id == "SIM-0002"
+        assert session.until_status("input", "2 actuators monitored")
 
 
-def test_latched_descriptions_of_all_actuators_are_heard():
+def test_latched_descriptions_of_all_actuators_are_received():
     others = [replace(FLAP, actuator_id=f"tab_{i}", serial_number=f"T{i}") for i in range(3)]
     with monitor(up=False) as session:
         for described in (FLAP, *others):
             session.describe_from_a_node_of_its_own(described)
         session.bring_up()
-        session.until_told("input", "4 actuators monitored")
+        session.until_status("input", "4 actuators monitored")
 
 
 def test_late_joiner_learns_the_health_of_all_actuators(tmp_path: Path):
@@ -273,7 +273,7 @@ def test_health_grows_stale_after_three_expected_periods():
         assert stale.confidence == 0.0
         assert "no valid estimate for more than 0.3 s" in stale.reason
         assert stale.header.stamp == session.estimates()[0].window_end
-        session.until_told("flap health", "STALE", b"\x03")
+        session.until_status("flap health", "STALE", b"\x03")
 
 
 def test_lifecycle_goes_round_and_refuses_what_is_impossible():
@@ -287,7 +287,7 @@ def test_lifecycle_goes_round_and_refuses_what_is_impossible():
             assert not session.change_state(99)
             assert session.change_state(Transition.TRANSITION_CONFIGURE)
             assert session.change_state(Transition.TRANSITION_ACTIVATE)
-        session.until_heard()
+        session.until_subscribed()
         session.describe()
         session.feed(Source().cycle())
         assert session.next_estimate().valid

@@ -1,7 +1,8 @@
-"""The process of a monitor ends clean, or tells in a line why it does not start."""
+"""The process of a monitor ends clean, or reports in a line why it does not start."""
 
 import signal
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -75,12 +76,12 @@ def test_process_ends_clean_on_signals(bystander: Node, numbers: tuple[signal.Si
 
 
 def test_process_ends_clean_while_it_identifies_and_others_wait_for_it(bystander: Node):
-    told: dict[str, str] = {}
+    reported: dict[str, str] = {}
 
     def note(message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == "monitor: flap telemetry":
-                told.update({item.key: item.value for item in status.values})
+                reported.update({item.key: item.value for item in status.values})
 
     bystander.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
     publishers = {
@@ -91,10 +92,10 @@ def test_process_ends_clean_while_it_identifies_and_others_wait_for_it(bystander
     # At ten million evaluations it would take minutes.
     with process("algorithm:=pso", "budget:=10000000") as running:
         until_up(bystander)
-        wait_for(lambda: told, "the description")
+        wait_for(lambda: reported, "the description")
         for block in Source().cycle():
             publishers[TELEMETRY].publish(telemetry_to_message(block, FLAP.actuator_id))
-        wait_for(lambda: told.get("windows") == "1", "the window")
+        wait_for(lambda: reported.get("windows") == "1", "the window")
         calibrate = bystander.create_client(Calibrate, "/ema/monitor/calibrate")
         calibrate.call_async(Calibrate.Request(windows=5))
         identify = ActionClient(bystander, IdentifyFaults, "/ema/monitor/identify_faults")
@@ -119,21 +120,39 @@ def test_shutdown_by_the_service_ends_the_process(bystander: Node):
         assert (running.returncode, "Traceback" in printed) == (0, False)
 
 
-@pytest.mark.parametrize(
-    ("parameter", "told"),
-    [
-        ("window_s:=1000.0", ["window_s", "1000", "100", " s "]),
-        ("window_s:=wide", ["window_s", "wide", "number"]),
-        ("limits.gain:=0.75", ["limits.gain", "0.75", "0.5"]),
-        ("algorithm:=tea_leaves", ["algorithm", "tea_leaves", "pso"]),
-        ("calibration_file:=3", ["calibration_file", "3", "text"]),
-        ("calibration_file:=/{serial}", ["calibration_file", "{serial}", "serial_number"]),
-        ("actuator_file:=/nowhere.yaml", ["/nowhere.yaml", "No such file"]),
-    ],
-)
-def test_impossible_parameter_is_told_in_one_line(parameter: str, told: list[str]):
+IMPOSSIBLE = {
+    "window_s:=1000.0": ["window_s", "1000", "100", " s "],
+    "window_s:=wide": ["window_s", "wide", "number"],
+    "limits.gain:=0.75": ["limits.gain", "0.75", "0.5"],
+    "algorithm:=tea_leaves": ["algorithm", "tea_leaves", "pso"],
+    "calibration_file:=3": ["calibration_file", "3", "text"],
+    "calibration_file:=/{serial}": ["calibration_file", "{serial}", "serial_number"],
+    "actuator_file:=/nowhere.yaml": ["/nowhere.yaml", "No such file"],
+}
+# A process takes a second to import what it needs, and to refuse a parameter a hundredth.
+ONE_AFTER_THE_OTHER = """
+import sys
+from ema_monitor.node.monitor_node import main
+for parameter in sys.argv[1:]:
+    print("exit code", main(["--ros-args", "-p", parameter]), file=sys.stderr, flush=True)
+"""
+
+
+def test_process_of_an_impossible_parameter_reports_it_in_one_line():
+    parameter, expected = next(iter(IMPOSSIBLE.items()))
     with process(parameter) as running:
         _, printed = running.communicate(timeout=DEADLINE_S)
     assert running.returncode == 1
     [line] = printed.splitlines()
-    assert all(text in line for text in told), line
+    assert all(text in line for text in expected), line
+
+
+def test_impossible_parameters_are_reported_in_one_line():
+    done = subprocess.run(
+        [sys.executable, "-c", ONE_AFTER_THE_OTHER, *IMPOSSIBLE],
+        stderr=subprocess.PIPE, text=True, check=True, timeout=DEADLINE_S,
+    )  # fmt: skip
+    lines = done.stderr.splitlines()
+    assert lines[1::2] == ["exit code 1"] * len(IMPOSSIBLE), done.stderr
+    for line, expected in zip(lines[::2], IMPOSSIBLE.values(), strict=True):
+        assert all(text in line for text in expected), line

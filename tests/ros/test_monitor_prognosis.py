@@ -96,10 +96,10 @@ def test_health_tells_of_required_performances_in_their_units(health: Health):
 
 
 def test_status_carries_life_and_history(session: MonitorSession, folder: Path):
-    history = session.until_told("flap history", f"{TESTS} tests", b"\x00")
+    history = session.until_status("flap history", f"{TESTS} tests", b"\x00")
     [file] = folder.glob("*.sqlite")
     assert {item.key: item.value for item in history.values}["file"] == str(file)
-    life = session.until_told("flap health", f": {session.healths()[-1].dominant_fault}")
+    life = session.until_status("flap health", f": {session.healths()[-1].dominant_fault}")
     values = {item.key: float(item.value) for item in life.values}
     assert values["remaining life 50 % [h]"] == pytest.approx(
         session.healths()[-1].rul.hours_50, rel=1e-4
@@ -116,8 +116,8 @@ def test_service_tells_life_at_another_duty_and_changes_nothing(
     assert twice.rul_faults.hours_50 == pytest.approx(expected)
     assert twice.rul_faults.cycles_50 == pytest.approx(expected / HOURS)
     assert twice.assumption != now.assumption
-    told = [plain(replaced(message)) for message in (now, health)]
-    assert told[0] == told[1]
+    messages = [plain(replaced(message)) for message in (now, health)]
+    assert messages[0] == messages[1]
     assert len(session.healths()) == TESTS
 
 
@@ -127,7 +127,7 @@ def test_service_tells_life_at_another_duty_and_changes_nothing(
         ((0.0, ""), ["duty = 0 -", "[0.001, 1000]"]),
         ((-2.0, ""), ["duty = -2 -", "[0.001, 1000]"]),
         ((math.nan, ""), ["duty = nan", "[0.001, 1000]"]),
-        ((1.0, "rudder"), ["rudder", "not watched", "flap"]),
+        ((1.0, "rudder"), ["rudder", "not monitored", "flap"]),
     ],
 )
 def test_service_refuses_what_is_impossible_by_name(
@@ -176,17 +176,17 @@ def test_restart_goes_on_where_the_history_ends(cycles: list[Telemetry], folder:
     (copy / file.name).write_bytes(file.read_bytes())
     with monitor({"hours_per_cycle": HOURS, "history_folder": str(copy)}) as restarted:
         restarted.describe()
-        restarted.until_told("flap telemetry", "no telemetry so far")
+        restarted.until_status("flap telemetry", "no telemetry so far")
         before = predict(restarted, 1.0)
         assert before.success, before.message
-        # What was known is told before any new test; only that it is old.
-        [told] = restarted.until(restarted.healths)
-        assert (told.level, told.confidence, told.header) == (
+        # What was known is published before any new test, marked as old.
+        [again] = restarted.until(restarted.healths)
+        assert (again.level, again.confidence, again.header) == (
             STALE, 0.0, session.healths()[TESTS - 1].header,
         )  # fmt: skip
-        assert told.reason == "no valid estimate for more than 3000 s"
+        assert again.reason == "no valid estimate for more than 3000 s"
         for item in ("rul", "rul_faults", "rul_requirements", "faults", "requirements"):
-            assert str(getattr(told, item)) == str(getattr(before.health, item))
+            assert str(getattr(again, item)) == str(getattr(before.health, item))
         assert plain(replaced(before.health)) == plain(replaced(session.healths()[TESTS - 1]))
         [after] = live(restarted, cycles[TESTS : TESTS + 1])
         assert (after.flight_hours, after.cycles) == (HOURS * (TESTS + 1), TESTS + 1)
@@ -204,7 +204,7 @@ def test_second_monitor_of_a_unit_leaves_the_history_alone(
     with monitor({"hours_per_cycle": HOURS, "history_folder": str(folder)}) as second:
         second.describe()
         live(second, cycles[:1])
-        second.until_told("flap history", "in use by another monitor", b"\x01")
+        second.until_status("flap history", "in use by another monitor", b"\x01")
     assert file.read_bytes() == content
 
 
@@ -214,7 +214,7 @@ def test_corrupted_history_is_told_in_health_and_status(cycles: list[Telemetry],
     with monitor({"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}) as session:
         session.describe()
         first, second = live(session, cycles[:2])
-        session.until_told("flap history", "set aside", b"\x01")
+        session.until_status("flap history", "set aside", b"\x01")
     assert any("set aside" in event for event in first.events)
     assert (second.cycles, second.events) == (2, [])
     assert (tmp_path / "flap+SIM-0001.set_aside_1.sqlite").read_text() == "not a history\n"
@@ -314,15 +314,15 @@ def test_replayed_bag_gives_the_health_of_the_live_monitor(cycles: list[Telemetr
     writer = BagWriter(path)
     usage = f"{topics.NAMESPACE}/{topics.USAGE}"
     with SimulatedActuatorBag(writer, ActuatorDescription()) as recording:
-        for told, parts in zip(counts, tests, strict=True):
+        for usage_message, parts in zip(counts, tests, strict=True):
             stamp_ns = parts[0].stamp_ns
-            writer.write(usage, told, stamp_ns, stamp_ns)
+            writer.write(usage, usage_message, stamp_ns, stamp_ns)
             for part in parts:
                 recording.write_block(part, 0.0)
     with monitor({"history_folder": str(living)}) as session:
         session.describe()
-        for number, (told, parts) in enumerate(zip(counts, tests, strict=True), 1):
-            session.send(topics.USAGE, told)
+        for number, (usage_message, parts) in enumerate(zip(counts, tests, strict=True), 1):
+            session.send(topics.USAGE, usage_message)
             # Nothing orders messages of two topics, and these blocks come all at once.
             stamp_ns = parts[0].stamp_ns
             wait_for(lambda stamp_ns=stamp_ns: count_at(session, stamp_ns), "the count")

@@ -16,7 +16,7 @@ from ema_monitor.prognosis.settings import PrognosisSettings
 
 from ..waiting import DEADLINE_S, wait_for
 from .monitor_session import FLAP, monitor
-from .mounted_units import all_heard, mount
+from .mounted_units import all_received, mount
 from .worn_actuator import HOURS, live, plain, use, worn_cycles
 
 
@@ -44,7 +44,7 @@ def test_health_is_known_again_after_a_restart_without_a_new_test(
         [health] = session.until(session.healths)
         expected.events = []
         assert plain(health) == plain(expected)
-        session.until_told("flap health", "", bytes([health.level]))
+        session.until_status("flap health", "", bytes([health.level]))
         [life] = session.statuses("flap health")[-1:]
         assert {item.key: item.value for item in life.values}["flight hours [h]"] == "30"
 
@@ -70,7 +70,7 @@ def test_telemetry_is_received_while_a_history_is_read(
         try:
             session.feed([cycles[1].part(0, 5000)])
             use(session, 500.0, 1)
-            all_heard(session)
+            all_received(session)
             wait_for(lambda: session.node._units["flap"].finder.blocks == 1, "the block")
             assert not session.healths()
         finally:

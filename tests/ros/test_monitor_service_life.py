@@ -16,7 +16,7 @@ from ema_monitor.prognosis.prognostics import Prognostics
 from ema_ros import topics
 
 from .monitor_session import FLAP, monitor
-from .mounted_units import all_heard, count_of, mount
+from .mounted_units import all_received, count_of, mount
 from .worn_actuator import HOURS, live, predict, use, worn_cycles
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
@@ -51,19 +51,19 @@ def test_hours_are_those_of_the_usage_topic(cycles: list[Telemetry]):
         # One that is read only later does not count for this test; nor what is impossible.
         for hours, stamp_ns in ((123.0, ends[0]), (-5.0, ends[0] + 1), (999.0, ends[1])):
             use(session, hours, stamp_ns, cycles=40)
-        session.until_told("flap telemetry", "flight_hours = -5 h")
+        session.until_status("flap telemetry", "flight_hours = -5 h")
         [second] = live(session, cycles[1:2])
         assert (second.flight_hours, second.cycles) == (123.0, 40)
 
 
-def test_latched_usage_is_heard_by_a_monitor_that_comes_later(cycles: list[Telemetry]):
+def test_latched_usage_reaches_a_monitor_that_comes_later(cycles: list[Telemetry]):
     with monitor(up=False) as session:
         use(session, 50.0, 1)
         session.bring_up()
         session.describe()
         # The count may come after the first test.
-        told = live(session, cycles[:3])
-        assert told[-1].flight_hours == 50.0
+        healths = live(session, cycles[:3])
+        assert healths[-1].flight_hours == 50.0
 
 
 def test_unit_that_is_exchanged_begins_a_history_of_its_own(
@@ -77,13 +77,13 @@ def test_unit_that_is_exchanged_begins_a_history_of_its_own(
         mount(session, other)
         session.feed(cycles[2:3])
         # The shipped calibration belongs to the first one.
-        session.until_told("flap telemetry", "SIM-0002")
+        session.until_status("flap telemetry", "SIM-0002")
         answer = predict(session, 1.0)
         assert "no history yet" in answer.message
-        told = len(session.healths())
+        before = len(session.healths())
         session.describe()
         # The history of the first one goes on.
-        session.until(lambda: len(session.healths()) > told)
+        session.until(lambda: len(session.healths()) > before)
         [back] = live(session, cycles[3:4])
         assert (back.serial_number, back.cycles) == ("SIM-0001", 3)
 
@@ -95,22 +95,22 @@ def test_counts_reach_their_unit_be_they_early_or_late(cycles: list[Telemetry]):
         mount(session, FLAP)
         count_of(session, "SIM-0002", 7000.0, first)
         count_of(session, "", 100.0, first)
-        all_heard(session)
+        all_received(session)
         [health] = live(session, cycles[:1])
         assert (health.serial_number, health.flight_hours) == ("SIM-0001", 100.0)
         # Who is described is meant, before that unit has had any test.
         mount(session, OTHER)
         count_of(session, "", 7010.0, second)
-        all_heard(session)
+        all_received(session)
         [health] = live(session, cycles[1:2])
         assert (health.serial_number, health.flight_hours) == ("SIM-0002", 7010.0)
         count_of(session, "SIM-0001", 110.0, third)
-        all_heard(session)
+        all_received(session)
         [health] = live(session, cycles[2:3])
         assert (health.serial_number, health.flight_hours) == ("SIM-0002", 7010.0)
-        told = len(session.healths())
+        before = len(session.healths())
         mount(session, FLAP)
-        session.until(lambda: len(session.healths()) > told)
+        session.until(lambda: len(session.healths()) > before)
         [health] = live(session, cycles[3:4])
         assert (health.serial_number, health.flight_hours) == ("SIM-0001", 110.0)
 
@@ -120,7 +120,7 @@ def test_count_before_any_description_is_of_the_first_unit_alone(cycles: list[Te
     with monitor() as session:
         count_of(session, "", 50.0, 1)
         count_of(session, "SIM-0002", 60.0, 1)
-        all_heard(session)
+        all_received(session)
         mount(session, FLAP)
         [health] = live(session, cycles[:1])
         assert health.flight_hours == 50.0
@@ -133,10 +133,10 @@ def test_unit_that_is_fitted_has_no_health_of_the_one_before(cycles: list[Teleme
     with monitor({"hours_per_cycle": HOURS}) as session:
         mount(session, FLAP)
         live(session, cycles[:1])
-        session.until_told("flap health", "", bytes([OK]))
+        session.until_status("flap health", "", bytes([OK]))
         said = len(session.statuses("flap health"))
         mount(session, OTHER)
-        status = session.until_told("flap health", "no valid estimate so far", since=said)
+        status = session.until_status("flap health", "no valid estimate so far", since=said)
         assert (status.hardware_id, status.level) == ("SIM-0002", bytes([STALE]))
 
 
@@ -163,9 +163,11 @@ def test_impossible_use_makes_no_actuator_known(cycles: list[Telemetry]):
         live(session, cycles[:1])
         for hours in (math.nan, -3.0):
             session.send(topics.USAGE, Usage(actuator_id="rudder", flight_hours=hours))
-        session.until_told("input", "2 wrong messages of actuators that are not watched", WARNING)
-        session.until_told("input", "'rudder': usage is impossible: flight_hours = -3 h", WARNING)
-        # Nothing but the flap is watched, so that it need not be named.
+        session.until_status(
+            "input", "2 wrong messages of actuators that are not monitored", WARNING
+        )
+        session.until_status("input", "'rudder': usage is impossible: flight_hours = -3 h", WARNING)
+        # Nothing but the flap is monitored, so that it need not be named.
         assert predict(session, 1.0).success
         assert not session.statuses("rudder telemetry")
 
@@ -175,7 +177,7 @@ def test_impossible_cycles_cost_the_count_alone(cycles: list[Telemetry]):
     with monitor({"hours_per_cycle": HOURS}) as session:
         mount(session, FLAP)
         use(session, 10.0, 1, cycles=2**64 - 1)
-        session.until_told("flap telemetry", f"cycles = {2**64 - 1}: expected")
+        session.until_status("flap telemetry", f"cycles = {2**64 - 1}: expected")
         [health] = live(session, cycles[:1])
         assert (health.cycles, health.flight_hours) == (1, HOURS)
         assert [estimate.valid for estimate in session.estimates()] == [True]
@@ -192,6 +194,6 @@ def test_health_that_cannot_be_published_costs_no_second_estimate(
         with monkeypatch.context() as patched:
             patched.setattr(Unit, "record", fail)
             session.feed(cycles[:1])
-            session.until_told("flap telemetry", "publishing health failed: OverflowError")
+            session.until_status("flap telemetry", "publishing health failed: OverflowError")
         live(session, cycles[1:2])
         assert [(item.window, item.valid) for item in session.estimates()] == [(0, True), (1, True)]

@@ -154,7 +154,7 @@ def test_what_waits_is_refused_on_deactivation_and_work_goes_on_after(held: thre
             assert reason in estimate.reason
         held.set()
         assert session.change_state(Transition.TRANSITION_ACTIVATE)
-        session.until_heard()
+        session.until_subscribed()
         session.feed(Source().cycle())
         estimate = session.until(lambda: session.estimates()[3:])[0]
         assert (estimate.window, estimate.valid) == (3, True)

@@ -15,7 +15,7 @@ from ema_ros.description import description_to_message
 from ema_ros.telemetry import telemetry_to_message
 
 from ..waiting import DEADLINE_S
-from .monitor_session import FLAP, MonitorSession, Source, in_window, monitor, spoiled
+from .monitor_session import FLAP, MonitorSession, Source, corrupted, in_window, monitor
 
 Messages = list[TelemetryBlock]
 WARN, ERROR = b"\x01", b"\x02"
@@ -39,7 +39,7 @@ def message(block: Telemetry) -> TelemetryBlock:
 
 
 def not_finite(column: str, value: float) -> Callable[[Telemetry], Messages]:
-    return lambda block: [message(spoiled(block, column, 3, value))]
+    return lambda block: [message(corrupted(block, column, 3, value))]
 
 
 def stamped_s_later(block: Telemetry, s: float) -> Messages:
@@ -79,7 +79,7 @@ WRONG: dict[str, tuple[Callable[[Telemetry], Messages], list[str]]] = {
     "no samples": (empty, ["command 0", "one length of at least 1"]),
     "time": (lambda b: stamped_s_later(b, -10.0), ["time ran backwards by"]),
     # Mean of the stamps in the window over that of the blocks: 0.5 s + 0.4 s over 0.5 s.
-    "time leaps": (lambda b: stamped_s_later(b, 0.4), ["the stamps say one sample every"]),
+    "time leaps": (lambda b: stamped_s_later(b, 0.4), ["the stamps give one sample every"]),
 }
 
 
@@ -90,7 +90,7 @@ def test_wrong_telemetry_costs_its_window_and_is_named(
     spoil, texts = WRONG[name]
     blocks = source.cycle()
     number = in_window(blocks)
-    told, estimates = len(session.statuses("flap telemetry")), len(session.estimates())
+    before, estimates = len(session.statuses("flap telemetry")), len(session.estimates())
     for block in blocks[:number]:
         session.send(topics.TELEMETRY, message(block))
     for spoilt in spoil(blocks[number]):
@@ -105,12 +105,12 @@ def test_wrong_telemetry_costs_its_window_and_is_named(
     assert all(np.isnan(getattr(refused.faults, k)) for k in ("friction", "gain"))
     for text in texts:
         assert text in refused.reason
-        status = session.until_told("flap telemetry", text, WARN, since=told)
+        status = session.until_status("flap telemetry", text, WARN, since=before)
         assert status.hardware_id == FLAP.serial_number
 
     session.feed(source.cycle())
     session.until(lambda: [e for e in session.estimates()[estimates:] if e.valid])
-    session.until_told("flap telemetry", "valid estimates", b"\x00", since=told)
+    session.until_status("flap telemetry", "valid estimates", b"\x00", since=before)
     after = session.estimates()[estimates:]
     assert [e.valid for e in after] == [False, True]
     assert after[1].window == refused.window + 1
@@ -120,25 +120,25 @@ def test_wrong_telemetry_costs_its_window_and_is_named(
 def test_defect_outside_of_a_window_is_named_and_costs_none(
     session: MonitorSession, source: Source
 ):
-    told, estimates = len(session.statuses("flap telemetry")), len(session.estimates())
+    before, estimates = len(session.statuses("flap telemetry")), len(session.estimates())
     blocks = source.cycle()
-    blocks[2] = spoiled(blocks[2], "speed", 0, np.nan)
+    blocks[2] = corrupted(blocks[2], "speed", 0, np.nan)
     session.feed(blocks[:3])
-    session.until_told("flap telemetry", "speed is nan at index", WARN, since=told)
+    session.until_status("flap telemetry", "speed is nan at index", WARN, since=before)
     session.feed(blocks[3:])
     session.until(lambda: session.estimates()[estimates:])
     assert [e.valid for e in session.estimates()[estimates:]] == [True]
 
 
 def test_every_wrong_input_of_a_row_is_named(session: MonitorSession, source: Source):
-    told = len(session.statuses("flap telemetry"))
+    before = len(session.statuses("flap telemetry"))
     blocks = source.cycle()[:8]
-    blocks[2] = spoiled(blocks[2], "speed", 0, np.nan)
-    blocks[4] = spoiled(blocks[4], "current", 0, np.inf)
-    blocks[6] = spoiled(blocks[6], "position", 0, np.nan)
+    blocks[2] = corrupted(blocks[2], "speed", 0, np.nan)
+    blocks[4] = corrupted(blocks[4], "current", 0, np.inf)
+    blocks[6] = corrupted(blocks[6], "position", 0, np.nan)
     session.feed(blocks)
     for text in ("speed is nan", "current is inf", "position is nan"):
-        session.until_told("flap telemetry", text, WARN, since=told)
+        session.until_status("flap telemetry", text, WARN, since=before)
 
 
 def test_defect_is_told_although_an_older_window_is_being_identified():
@@ -146,7 +146,7 @@ def test_defect_is_told_although_an_older_window_is_being_identified():
     with monitor() as session:
         session.describe()
         blocks = source.cycle()
-        blocks[-1] = spoiled(blocks[-1], "speed", 0, np.nan)
+        blocks[-1] = corrupted(blocks[-1], "speed", 0, np.nan)
         session.feed(blocks)
         assert session.next_estimate().valid
         # The window is sound, but what came after it is not: that must not be forgotten.
@@ -159,7 +159,7 @@ def test_defect_is_told_although_an_older_window_is_being_identified():
 def test_defect_is_told_while_the_status_is_being_published(monkeypatch: pytest.MonkeyPatch):
     with monitor() as session:
         session.describe()
-        session.until_told("flap telemetry", "no telemetry so far")
+        session.until_status("flap telemetry", "no telemetry so far")
         asked, fed = threading.Event(), threading.Event()
         tasks = session.node.tasks
 
@@ -171,9 +171,9 @@ def test_defect_is_told_while_the_status_is_being_published(monkeypatch: pytest.
         monkeypatch.setattr(session.node, "tasks", slow_tasks)
         assert asked.wait(DEADLINE_S)
         block = Source().cycle()[0]
-        session.feed([spoiled(block, "speed", 0, np.nan)])
+        session.feed([corrupted(block, "speed", 0, np.nan)])
         fed.set()
-        session.until_told("flap telemetry", "speed is nan")
+        session.until_status("flap telemetry", "speed is nan")
 
 
 @pytest.mark.parametrize(
@@ -193,7 +193,7 @@ def test_absurd_sample_period_is_named(source: Source, sample_period: float):
         session.send(topics.TELEMETRY, with_period(blocks[number], sample_period)[0])
         session.feed(blocks[number + 1 :])
         assert "sample" in session.next_estimate().reason
-        session.until_told("flap telemetry", f"{sample_period!r}", WARN)
+        session.until_status("flap telemetry", f"{sample_period!r}", WARN)
         session.feed(source.cycle())
         assert session.next_estimate().valid
 
@@ -212,7 +212,7 @@ def test_window_that_ends_beyond_what_stamps_hold_does_not_end_the_work(source: 
 def test_telemetry_waits_for_the_description(source: Source):
     with monitor() as session:
         session.feed(source.cycle())
-        status = session.until_told("flap telemetry", "no description", ERROR)
+        status = session.until_status("flap telemetry", "no description", ERROR)
         assert status.hardware_id == FLAP.actuator_id
         assert session.estimates() == []
         session.describe()
@@ -224,14 +224,14 @@ def test_wrong_description_is_named(source: Source):
     wrong.resistance = -1.0
     with monitor() as session:
         session.send(topics.DESCRIPTION, wrong)
-        session.until_told("flap telemetry", "the description is impossible", None)
-        session.until_told("flap telemetry", "-1")
+        session.until_status("flap telemetry", "the description is impossible", None)
+        session.until_status("flap telemetry", "-1")
         session.feed(source.cycle())
         session.describe()
         assert session.next_estimate().valid
-        told = len(session.statuses("flap telemetry"))
+        before = len(session.statuses("flap telemetry"))
         session.send(topics.DESCRIPTION, wrong)
-        session.until_told("flap telemetry", "the description is impossible", WARN, since=told)
+        session.until_status("flap telemetry", "the description is impossible", WARN, since=before)
         session.feed(source.cycle())
         assert session.next_estimate().valid
 
@@ -240,18 +240,20 @@ def test_description_with_another_sample_period_is_named(source: Source):
     with monitor() as session:
         session.describe(replace(FLAP, sample_period=2e-4))
         session.feed(source.cycle())
-        session.until_told("flap telemetry", "the description says one sample every 0.0002 s", WARN)
+        session.until_status(
+            "flap telemetry", "the description gives one sample every 0.0002 s", WARN
+        )
 
 
 def test_messages_without_actuator_are_counted_and_named(source: Source):
     nameless = description_to_message(FLAP)
     nameless.actuator_id = ""
     with monitor() as session:
-        session.until_told("input", "no message of an actuator so far", WARN)
+        session.until_status("input", "no message of an actuator so far", WARN)
         session.feed(source.cycle()[:2], actuator_id="")
-        session.until_told("input", "2 messages without actuator_id", WARN)
+        session.until_status("input", "2 messages without actuator_id", WARN)
         session.send(topics.DESCRIPTION, nameless)
-        session.until_told("input", "3 messages without actuator_id", WARN)
+        session.until_status("input", "3 messages without actuator_id", WARN)
         session.describe()
         session.feed(source.cycle())
         assert session.next_estimate().valid

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from ema_ros.peers import FRESH_S, Peers, nodes_in_touch, now_s
+from ema_ros.peers import FRESH_S, Peers, nodes_in_touch
 from ema_ros.status import OK, WARN
 
 from ..waiting import wait_for
@@ -65,10 +65,6 @@ def test_what_is_given_is_not_kept():
     peers.update(present, present, 0.0)
     present.clear()
     assert peers.task("unit", 0.0).values["present"] == "/ema/a"
-
-
-def test_its_clock_does_not_go_back():
-    assert now_s() <= now_s()
 
 
 def test_in_touch_are_nodes_of_the_namespace_that_share_a_topic(make_node: Callable[..., Node]):

@@ -56,7 +56,7 @@ def offline(path: Path) -> list[Health]:
     options = IdentificationOptions(SearchSettings(), None)
     calibration = Calibration.builtin()
     estimates = estimate_windows(record.windows, calibration, options)
-    course = follow(record, estimates, calibration.model().parameters, PrognosisSettings())
+    course = follow(record, estimates, calibration.unit_parameters, PrognosisSettings())
     return [health_to_message(outlook, record.description) for outlook in course.outlooks]
 
 
@@ -68,7 +68,7 @@ def test_every_health_message_is_that_of_the_live_monitor_to_the_last_digit(tmp_
             session.send(topics.USAGE, usage)
         # Once the last count is complained of, all before it have been heard.
         session.send(topics.USAGE, Usage(actuator_id=FLAP.actuator_id, flight_hours=-5.0))
-        session.until_told("flap telemetry", "flight_hours = -5 h")
+        session.until_status("flap telemetry", "flight_hours = -5 h")
         for number, (block, _) in enumerate(tests):
             session.feed([block])
             session.until(lambda n=number: len(session.healths()) > n)

@@ -24,7 +24,7 @@ from ema_sim.actuator import SimulatedActuator
 
 from .graph import Graph
 
-REST = 150_000
+REST = 110_000
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +87,7 @@ def test_offline_command_tells_what_is_wrong_with_two_of_the_windows(expected):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rate", [1.0, 5.0])
+@pytest.mark.parametrize("rate", [pytest.param(1.0, marks=pytest.mark.long), 5.0])
 def test_replay_gives_the_estimates_of_the_offline_command(bag: Path, expected, rate: float):
     with Graph() as graph:
         graph.start("monitor", use_sim_time=True)

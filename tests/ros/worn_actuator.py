@@ -36,20 +36,20 @@ def worn_cycles(n: int) -> list[Telemetry]:
 
 def live(session: MonitorSession, cycles: list[Telemetry]) -> list[Health]:
     """Let an actuator test itself again and again; return the health after each test."""
-    told = len(session.healths())
+    before = len(session.healths())
     for number, block in enumerate(cycles, 1):
         session.feed([block])
-        session.until(lambda number=number: len(session.healths()) >= told + number)
-    return session.healths()[told:]
+        session.until(lambda number=number: len(session.healths()) >= before + number)
+    return session.healths()[before:]
 
 
 def plain(message: Any) -> Any:
-    """A message in words that tell every figure to the last bit; NaN is equal to itself."""
+    """A message in words that give every figure to the last bit; NaN is equal to itself."""
     return str(message)
 
 
 def replaced(message: Health) -> Health:
-    """The message without events, which are told once."""
+    """The message without events, which are published once."""
     message.events = []
     return message
 

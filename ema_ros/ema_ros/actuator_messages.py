@@ -1,0 +1,94 @@
+"""What a simulated actuator publishes, live or in a recording, as messages by topic."""
+
+import array
+from typing import Any
+
+from numpy.typing import ArrayLike
+from sensor_msgs.msg import JointState
+
+from ema_core.description import ActuatorDescription
+from ema_core.faults import fault_vector
+from ema_core.telemetry import Telemetry
+from ema_interfaces.msg import Usage
+from ema_ros import topics
+from ema_ros.faults import StampedFaults, stamped_faults_to_message
+from ema_ros.stamps import stamp_to_message
+from ema_ros.telemetry import telemetry_to_message
+
+
+def messages_of_cycle(
+    description: ActuatorDescription, stamp_ns: int, cycle: int, hours: float, faults: ArrayLike
+) -> dict[str, Any]:
+    """Return service life and true faults at the start of a test cycle.
+
+    Parameters
+    ----------
+    cycle
+        Running number, from 0.
+    hours
+        Service hours since new [h].
+    faults
+        Fault vector, ``(8,)``.
+    """
+    truth = StampedFaults(stamp_ns, description.actuator_id, cycle, fault_vector(faults))
+    return {
+        topics.USAGE: usage_at_cycle(description, stamp_ns, hours, cycle),
+        topics.SIMULATED_FAULTS: stamped_faults_to_message(truth),
+    }
+
+
+def messages_of_block(
+    description: ActuatorDescription, block: Telemetry, motor_torque: float | None
+) -> dict[str, Any]:
+    """Return a block of telemetry and, where the torque is known, the joint state at its end.
+
+    Parameters
+    ----------
+    motor_torque
+        Torque of the motor at the block's end [N.m]; None when it is not known.
+    """
+    messages: dict[str, Any] = {
+        topics.TELEMETRY: telemetry_to_message(block, description.actuator_id)
+    }
+    if motor_torque is not None:
+        messages[topics.JOINT_STATES] = joint_state_after(block, motor_torque, description)
+    return messages
+
+
+def usage_at_cycle(
+    description: ActuatorDescription, stamp_ns: int, hours: float, cycle: int
+) -> Usage:
+    """Return the service life at the start of a test cycle; the count includes the cycle.
+
+    Raises
+    ------
+    ValueError
+        When the stamp is out of range.
+    """
+    message = Usage(
+        actuator_id=description.actuator_id,
+        serial_number=description.serial_number,
+        flight_hours=float(hours),
+        cycles=cycle + 1,
+    )
+    message.header.stamp = stamp_to_message(stamp_ns)
+    return message
+
+
+def joint_state_after(
+    block: Telemetry, motor_torque: float, description: ActuatorDescription
+) -> JointState:
+    """Return the state of the user shaft at the end of a block, for tools that display joints.
+
+    Raises
+    ------
+    ValueError
+        When the stamp is out of range.
+    """
+    tau = description.parameters.tau
+    message = JointState(name=[description.actuator_id])
+    message.header.stamp = stamp_to_message(block.stamp_at(len(block) - 1))
+    message.position = array.array("d", [block.position[-1]])
+    message.velocity = array.array("d", [block.speed[-1] * tau])
+    message.effort = array.array("d", [motor_torque / tau])
+    return message
