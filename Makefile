@@ -4,10 +4,12 @@ MAKEFLAGS += --no-print-directory
 activate = . ./activate.sh
 DEMO_S ?= 60
 # A test that crashes its process, or is killed at its time limit, is named, and the others go on.
-pytest = pytest -n 2 --dist loadfile --no-loadscope-reorder
+# Bytecode is written, whatever the shell has: else every process that a test starts compiles all of
+# its modules, and pytest all tests.
+pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
 numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study
 
-.PHONY: help setup test tests quick soak pip-check lint style types demo bench bench-peers calibration sample lock clean distclean
+.PHONY: help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers calibration sample lock clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -15,15 +17,19 @@ help: ## this list
 setup: ## .venv, the ROS 2 workspace and activate.sh (PYTHON=python3.12 chooses the Python)
 	@PYTHON="$(PYTHON)" tools/setup.sh
 
-test: setup ## style, types, import contracts and all tests (ARGS="-k friction" goes to pytest)
+test: setup ## style, types, import contracts and the tests (ARGS="-k friction" goes to pytest)
 	@$(MAKE) style
 	@$(MAKE) -j 2 types tests
 
+# Half of the time the tests of nodes wait: a third process uses what two of them leave of two cores.
 tests: setup
-	$(activate) && $(pytest) $(ARGS)
+	$(activate) && $(pytest) -n 3 -m "not long" $(ARGS)
+
+test-long: setup ## what `make test` leaves out: the study of the thesis, long bags, many repetitions
+	$(activate) && $(pytest) -n 2 -m long $(ARGS)
 
 quick: setup ## the tests of the numerics that are done in seconds; they need no ROS
-	$(activate) && $(pytest) --without-ros -m "not slow" $(numerics) $(ARGS)
+	$(activate) && $(pytest) -n 2 --without-ros -m "not slow and not long" $(numerics) $(ARGS)
 
 soak: setup ## the tests of nodes twenty times in a row, ten of them beside 8 busy processes
 	$(activate) && python tools/soak.py $(ARGS)
@@ -44,10 +50,11 @@ types: setup
 demo: setup ## watch an actuator wear out: live table, bag and picture (DEMO_S=60 is its length)
 	@$(activate) && exec ema demo --duration $(DEMO_S)
 
-bench: setup ## all targets of speed and accuracy in one table; 40 minutes, writes JSON and plots
+bench: setup ## all targets of speed and accuracy in one table; 50 minutes, writes JSON and plots
 	$(activate) && cd benchmarks && python kernels.py --json kernels.json
 	$(activate) && cd benchmarks && python accuracy.py --json accuracy.json
 	$(activate) && cd benchmarks && python goodness.py --json goodness.json
+	$(activate) && cd benchmarks && python trust.py --json trust.json
 	$(activate) && cd benchmarks && python live.py --json live.json
 	$(activate) && cd benchmarks && python fleet.py --json fleet.json
 	$(activate) && cd benchmarks && python promptness.py --json promptness.json

@@ -23,7 +23,7 @@ lock() {
     done
 }
 
-lock requirements/lock.txt requirements/{ros,runtime,dev}.in
+lock requirements/lock.txt requirements/{ros,runtime,dev}.in --excludes requirements/excluded.txt
 
 # A newer ROS distribution is the one thing that resolves well and is wrong all the same.
 grep -qx 'ros-rclpy==7\.1\.[0-9]*' requirements/lock.txt || {

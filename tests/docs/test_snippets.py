@@ -87,7 +87,13 @@ def test_python_in_the_document_does_what_it_shows(workplace, name):
             assert_shown(snippet, printed.getvalue())
 
 
-@pytest.mark.parametrize("name", DOCUMENTS)
+# The commands of that document are tested in tests/cli; it takes a life of them, among others.
+LONG = "docs/command-line.md"
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.long if n == LONG else ()) for n in DOCUMENTS]
+)
 def test_shell_commands_in_the_document_do_what_it_shows(workplace, name):
     for snippet in snippets(ROOT / name, "sh"):
         done = subprocess.run(

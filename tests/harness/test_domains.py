@@ -3,9 +3,10 @@
 import os
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
-from ema_cli.processes.domains import Domain, domain
+from ema_cli.processes.domains import Domain
 
 OTHER = """
 import sys
@@ -34,19 +35,19 @@ def test_processes_and_their_parts_never_have_the_same_domain():
     assert min(taken) >= 1
     assert max(taken) <= 101
     for item in own:
-        item.release()
+        item.close()
     for other in others:
         other.communicate()
 
 
 def test_domain_stays_with_a_process_that_outlives_the_one_that_took_it():
-    with domain() as own:
+    with closing(Domain()) as own:
         orphan = subprocess.Popen(
             [sys.executable, "-c", "input()"], stdin=subprocess.PIPE, pass_fds=[own.descriptor]
         )
     numbers = set()
     for _ in range(101):
-        with domain() as another:
+        with closing(Domain()) as another:
             numbers.add(another.number)
     orphan.communicate(b"\n")
     assert own.number not in numbers

@@ -1,0 +1,59 @@
+"""What libraries do not promise is used in two files, and does there what it is used for.
+
+``test_rclpy_private.py`` has the tests of rclpy; lanes, operation by operation, are tested in
+``tests/core/test_simd.py``.
+"""
+
+import re
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+from numba import types
+from numba.core.typeconv.castgraph import Conversion
+from numba.core.typing.context import Context
+
+from ema_core.simd import LANES, MASK, VECTOR, load, store
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+def test_no_other_file_uses_what_is_private():
+    private = re.compile(
+        r"rclpy\._|numba\.core|cgutils|\b(?:self|node|executor)\._(?:take_\w*subscription"
+        r"|state_machine|service_change_state|parameter_overrides)\b"
+    )
+    users = {
+        path.name
+        for path in REPOSITORY.glob("ema_*/ema_*/**/*.py")
+        if private.search(path.read_text())
+    }
+    assert users == {"rclpy_private.py", "simd.py"}
+
+
+@pytest.mark.parametrize("number", [types.float64, types.float32, types.int64, types.intp])
+def test_numba_asks_a_vector_what_becomes_one(number: types.Type):
+    context = Context()
+    assert context.can_convert(number, VECTOR) == Conversion.safe
+    for other in (MASK, types.unicode_type, types.Array(types.float64, 1, "C")):
+        assert context.can_convert(other, VECTOR) is None
+    assert context.can_convert(VECTOR, number) is None
+
+
+def test_conversion_ranks_a_vector_after_the_number_itself():
+    """Otherwise a sum of numbers in a kernel would be one of vectors."""
+    assert Conversion.exact < Conversion.promote < Conversion.safe < Conversion.unsafe
+
+
+def test_sum_of_numbers_stays_one_and_is_converted_beside_a_vector():
+    @numba.njit
+    def sums(values, one, result):
+        number = one + 1
+        store(result, 0, 0, load(values, 0) + number)
+        return number
+
+    values, result = np.arange(float(LANES)), np.empty((LANES, 1))
+    number = sums(values, 1, result)
+    assert (number, type(number)) == (2, int)
+    np.testing.assert_array_equal(result[:, 0], values + 2.0)
