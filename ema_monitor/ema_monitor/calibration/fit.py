@@ -1,7 +1,7 @@
 """Calibrating: from healthy windows of one unit to its calibration."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -265,31 +265,32 @@ def _scatter(
     m = len(windows)
     if m == 1:
         return float("nan"), float("nan")
-    band = np.array([band_limited(missed - mean, h) for missed in _missed(windows, model)])
     # Each window is itself in the mean that it is compared with; another one will not be.
     scale = math.sqrt((m + 1.0) / (m - 1.0))
-    return _known(*(rms(band[:, column]) * scale for column in (0, 1)))
+    return _known(scale * _rms_in_band((missed - mean for missed in _missed(windows, model)), h))
 
 
 def _uncorrected(
     groups: Sequence[Sequence[Window]], model: MonitorModel, h: float
 ) -> tuple[float, float]:
     """Return the rms in current and speed that the model alone misses in its band."""
+    return _known(_rms_in_band((missed for group in groups for missed in _missed(group, model)), h))
+
+
+def _rms_in_band(rows: Iterable[NDArray[np.float64]], h: float) -> NDArray[np.float64]:
+    """Return the rms of current and speed in their band over the rows of windows, ``(2, n)``."""
     squares, count = np.zeros(2), 0
-    for group in groups:
-        for missed in _missed(group, model):
-            band = band_limited(missed, h)
-            squares += np.sum(np.square(band), axis=1)
-            count += band.shape[1]
-    return _known(*np.sqrt(squares / count).tolist())
+    for row in rows:
+        band = band_limited(row, h)
+        squares += np.sum(np.square(band), axis=1)
+        count += band.shape[1]
+    return np.sqrt(squares / count)
 
 
-def _known(current: float, speed: float) -> tuple[float, float]:
+def _known(scatters: NDArray[np.float64]) -> tuple[float, float]:
     """Return two scatters, NaN for one so small that it is unknown."""
-    return (
-        current if current > LEAST_SCATTER else float("nan"),
-        speed if speed > LEAST_SCATTER else float("nan"),
-    )
+    current, speed = np.where(scatters > LEAST_SCATTER, scatters, np.nan).tolist()
+    return current, speed
 
 
 def _unlike(window: Window, first: Window) -> str:
