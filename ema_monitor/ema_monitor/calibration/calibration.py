@@ -62,7 +62,7 @@ class Calibration:
     unit
         What the unit deviates from nominal.
     unit_covariance
-        Covariance of these, ``(24, 24)``, and of those that were not worth fitting; 0 where they
+        Covariance of these, ``(25, 25)``, and of those that were not worth fitting; 0 where they
         were kept.
     correction, speed_correction
         What the model still misses of current and speed, both ``(n,)`` [A, rad/s].

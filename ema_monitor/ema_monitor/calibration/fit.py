@@ -16,20 +16,22 @@ from ema_monitor.calibration.calibration import LEAST_SCATTER, Calibration
 from ema_monitor.calibration.columns import column_defect
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import FORMS, MonitorModel, Response
+from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 from ema_monitor.windows.band import band_limited, rms, speed_weight
 from ema_monitor.windows.window import Window
 
-_ITERATIONS = 8
 _STEPS = 0.05
 _SETTLED = 0.02
-_WORTHWHILE = 0.6
-_ALWAYS_FITTED = ("lift", "friction", "inertia")
+_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
+_WORTHWHILE = 0.3
+_NOTABLE = 0.4
+_ALWAYS_FITTED = ("lift", "friction", "stribeck_speed", "inertia")
 _CORRELATION = 4.0
 _LEAST_NOISE = 1e-2
 
 
 class UnitFit(NamedTuple):
-    """Deviations of a unit, ``(24,)``, and their covariance, ``(24, 24)``."""
+    """Deviations of a unit, ``(25,)``, and their covariance, ``(25, 25)``."""
 
     deviations: NDArray[np.float64]
     covariance: NDArray[np.float64]
@@ -153,56 +155,120 @@ def _healthy_response(window: Window, model: MonitorModel) -> Response:
     return model.respond(window, healthy_faults(), _play(window))
 
 
+class _UnitProblem:
+    """What a unit's deviations are fitted to: the mean of each command, in its band.
+
+    ``x`` are the values of the deviations that ``priors`` names, ``(d,)``.
+    """
+
+    def __init__(
+        self, groups: Sequence[Sequence[Window]], parameters: ActuatorParameters, dt: float
+    ) -> None:
+        self._groups, self._parameters, self._dt = groups, parameters, dt
+        self._h = groups[0][0].sample_period
+        self._stiffness = speed_weight(parameters)
+        self.priors = unit_priors(parameters, max(group[0].excitation for group in groups))
+        self._columns = [NAMES.index(one.name) for one in self.priors]
+        self.expected, self.sigma, self.lowest, self.highest = np.array(
+            [(one.expected, one.sigma, one.lowest, one.reach) for one in self.priors]
+        ).T
+        # A difference of a fraction of the prior, and enough to be seen through the friction.
+        self._steps = _STEPS * np.minimum(20.0 * self.sigma, self.highest)
+
+    def deviations(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return all deviations, ``(..., 25)``, of ``x``, ``(..., d)``."""
+        values = np.zeros((*x.shape[:-1], N_DEVIATIONS))
+        values[..., self._columns] = x
+        return values
+
+    def covariance(self, known: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return that of all deviations, ``(25, 25)``, from that of ``x``, ``(d, d)``."""
+        covariance = np.zeros((N_DEVIATIONS, N_DEVIATIONS))
+        covariance[np.ix_(self._columns, self._columns)] = known
+        return covariance
+
+    def missed(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the model misses, ``(r,)`` [A]."""
+        model = self._model(x)
+        return np.concatenate([self._in_band(_mean_missed(group, model)) for group in self._groups])
+
+    def slopes(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivatives of the model's response, ``(r, d)``."""
+        model = self._model(x)
+        up = np.minimum(self._steps, self.highest - x)
+        down = np.minimum(self._steps, x - self.lowest)
+        sides = self.deviations(np.concatenate([np.diag(up), -np.diag(down)]))
+        faults = np.tile(healthy_faults(), (len(sides), 1))
+        columns = []
+        for group in self._groups:
+            response = model.respond(group[0], faults, _play(group[0]), deviations=sides)
+            rows = np.array([self._in_band(np.array(row)) for row in zip(*response, strict=True)])
+            above, below = np.split(rows, 2)
+            columns.append(((above - below) / (up + down)[:, None]).T)
+        return np.concatenate(columns)
+
+    def lowest_within(
+        self,
+        normal: NDArray[np.float64],
+        gradient: NDArray[np.float64],
+        x: NDArray[np.float64],
+        active: NDArray[np.bool_],
+    ) -> NDArray[np.float64]:
+        """Return where a quadratic about ``x`` is lowest within the bounds of the active ones."""
+        span = (self.highest - self.lowest)[active]
+        place = x.copy()
+        place[active] = self.lowest[active] + span * lowest_in_box(
+            normal[np.ix_(active, active)] * np.outer(span, span),
+            gradient[active] * span,
+            (x - self.lowest)[active] / span,
+        )
+        return place
+
+    def _model(self, x: NDArray[np.float64]) -> MonitorModel:
+        return MonitorModel(self._parameters, "fast", self._dt, Deviations.of(self.deviations(x)))
+
+    def _in_band(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return current and speed, ``(2, n)``, in their band as one row [A]."""
+        current, speed = band_limited(rows, self._h)
+        return np.concatenate([current, self._stiffness * speed])
+
+
 def _fit_unit(
     groups: Sequence[Sequence[Window]], parameters: ActuatorParameters, dt: float
 ) -> UnitFit:
-    """Fit what a unit deviates from nominal to healthy windows, the mean of each command.
+    """Fit what a unit deviates from nominal to healthy windows.
 
     Gauss-Newton on current and speed in their band, with priors: they only matter for what the
     windows do not determine. It begins with lift, friction and inertia; of the other deviations
     each is fitted only when it explains most of what is left, one after the other: what the model
     misses for other reasons would be taken for them.
     """
-    h = groups[0][0].sample_period
-    stiffness = speed_weight(parameters)
-    priors = unit_priors(parameters, max(group[0].excitation for group in groups))
-    columns = [NAMES.index(one.name) for one in priors]
-    sigma = np.array([one.sigma for one in priors])
-    lowest, highest = (
-        np.array([getattr(one, side) for one in priors]) for side in ("lowest", "reach")
-    )
-    x = expected = np.array([one.expected for one in priors])
-    # A difference of a fraction of the prior, and enough to be seen through the friction.
-    steps = _STEPS * np.minimum(20.0 * sigma, highest)
-    normal, gradient = np.diag(1.0 / sigma**2), np.zeros(len(x))
+    problem = _UnitProblem(groups, parameters, dt)
+    priors, sigma = problem.priors, problem.sigma
+    prior = np.diag(1.0 / sigma**2)
+    x = problem.expected
+    left = problem.missed(x)
     active = np.array([one.name in _ALWAYS_FITTED for one in priors])
-    for _ in range(_ITERATIONS + len(x)):
-        model = MonitorModel(parameters, "fast", dt, _deviations(columns, x))
-        residual, jacobian = [], []
-        for group in groups:
-            residual.append(_in_band(_mean_missed(group, model), stiffness, h))
-            sides = np.zeros((2 * len(x), N_DEVIATIONS))
-            sides[:, columns] = np.concatenate([np.diag(steps), -np.diag(steps)])
-            faults = np.tile(healthy_faults(), (len(sides), 1))
-            response = model.respond(group[0], faults, _play(group[0]), deviations=sides)
-            rows = [
-                _in_band(np.array([current, speed]), stiffness, h)
-                for current, speed in zip(*response, strict=True)
-            ]
-            above, below = np.split(np.array(rows), 2)
-            jacobian.append(((above - below) / (2.0 * steps[:, None])).T)
-        left, slopes = np.concatenate(residual), np.concatenate(jacobian)
-        least = len(left) * _LEAST_NOISE**2
+    while True:
+        slopes = problem.slopes(x)
         # The residual that is left, at least a hundredth of an ampere, sets what a value weighs.
         noise = math.sqrt(_CORRELATION) * max(rms(left), _LEAST_NOISE)
-        normal = slopes.T @ slopes / noise**2 + np.diag(1.0 / sigma**2)
-        gradient = slopes.T @ left / noise**2 - (x - expected) / sigma**2
-        move = np.zeros(len(x))
-        move[active] = np.linalg.solve(normal[np.ix_(active, active)], gradient[active])
-        before, x = x, np.clip(x + move, lowest, highest)
+        away = x - problem.expected
+        cost = left @ left / noise**2 + away @ prior @ away
+        normal = slopes.T @ slopes / noise**2 + prior
+        gradient = prior @ away - slopes.T @ left / noise**2
+        target = problem.lowest_within(normal, gradient, x, active)
+        before = x
+        for share in _SHARES:
+            trial = before + share * (target - before)
+            trial_left, away = problem.missed(trial), trial - problem.expected
+            if trial_left @ trial_left / noise**2 + away @ prior @ away < cost:
+                x, left = trial, trial_left
+                break
         if np.max(np.abs(x - before) / sigma) < _SETTLED:
-            added = _most_explaining(normal, gradient, active)
-            if added is None or added.gain < _WORTHWHILE * max(left @ left, least) / noise**2:
+            added = _most_explaining(normal, -gradient, active, _NOTABLE * sigma)
+            least = max(left @ left, len(left) * _LEAST_NOISE**2) / noise**2
+            if added is None or added.gain < _WORTHWHILE * least:
                 break
             active[added.number] = True
     for one, value in zip(priors, x, strict=True):
@@ -215,9 +281,8 @@ def _fit_unit(
             )
     # What was left out may still be there, as far as the windows and the priors let it.
     left_out = np.where(active, 0.0, np.linalg.solve(normal, gradient))
-    covariance = np.zeros((N_DEVIATIONS, N_DEVIATIONS))
-    covariance[np.ix_(columns, columns)] = np.linalg.inv(normal) + np.diag(left_out**2)
-    return UnitFit(np.array(_deviations(columns, x)), covariance)
+    known = np.linalg.inv(normal) + np.diag(left_out**2)
+    return UnitFit(problem.deviations(x), problem.covariance(known))
 
 
 class _Addition(NamedTuple):
@@ -228,34 +293,29 @@ class _Addition(NamedTuple):
 
 
 def _most_explaining(
-    normal: NDArray[np.float64], gradient: NDArray[np.float64], active: NDArray[np.bool_]
+    normal: NDArray[np.float64],
+    gradient: NDArray[np.float64],
+    active: NDArray[np.bool_],
+    least: NDArray[np.float64],
 ) -> _Addition | None:
-    """Return which deviation, besides those that are fitted, explains most; None when all are."""
+    """Return which deviation, besides those that are fitted, explains most.
+
+    None when there is none that would be as large as ``least``, ``(d,)``, its sign aside.
+    """
     best = None
     for number in np.flatnonzero(~active):
         trial = active.copy()
         trial[number] = True
         move = np.linalg.solve(normal[np.ix_(trial, trial)], gradient[trial])
         gain = float(gradient[trial] @ move)
-        if best is None or gain > best.gain:
+        is_notable = abs(move[np.sum(trial[:number])]) >= least[number]
+        if is_notable and (best is None or gain > best.gain):
             best = _Addition(int(number), gain)
     return best
 
 
-def _deviations(columns: list[int], x: NDArray[np.float64]) -> Deviations:
-    values = np.zeros(N_DEVIATIONS)
-    values[columns] = x
-    return Deviations.of(values)
-
-
 def _play(window: Window) -> float:
     return 0.0 if window.play is None else window.play
-
-
-def _in_band(rows: NDArray[np.float64], stiffness: float, h: float) -> NDArray[np.float64]:
-    """Return current and speed, ``(2, n)``, in their band as one row [A]."""
-    current, speed = band_limited(rows, h)
-    return np.concatenate([current, stiffness * speed])
 
 
 def _scatter(

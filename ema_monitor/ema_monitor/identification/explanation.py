@@ -145,9 +145,7 @@ class Explainer:
         at, kept = explanation.at, explanation.kept | explanation.confused
         effects = np.zeros((len(at.residuals), 0))
         # At the healthy point under a calibrated command there is no effect: it was measured.
-        if self._objective.unit_evaluations and (
-            np.any(explanation.kept[:N_FAULTS]) or explanation.kept[self._causes.start :].any()
-        ):
+        if np.any(explanation.kept[:N_FAULTS]) or np.any(explanation.kept[self._causes.start :]):
             # They do not follow the faults, as the mismatch does that widens the whole later.
             effects = self._objective.unit_effects(at.point) / MISMATCH_FACTOR
         if not np.any(kept[self._causes.start :]):

@@ -8,10 +8,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, HIGHEST, N_FAULTS, healthy_faults
+from ema_core.faults import (
+    ECCENTRICITY,
+    ECCENTRICITY_PHASE,
+    HIGHEST,
+    N_FAULTS,
+    SHORT_CIRCUITS,
+    healthy_faults,
+)
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.fitness import DEFAULT_FITNESS, FITNESS
 from ema_monitor.model.deviations import N_DEVIATIONS, N_SENSOR, NAMES, Prior, sensed
+from ema_monitor.model.drives import lifts_of_pairs
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.optimizers.least_squares import DIFFERENCE
 from ema_monitor.windows.window import Window
@@ -20,6 +28,10 @@ _UNEXPLAINED_POWER = 0.05
 # The fit of the unit takes the model's mismatch under the calibrated command for noise, which makes
 # its covariance too wide there: judged on drawn plants.
 _CALIBRATED_SHARE = 0.3
+# Lift of an idle phase over that of equal phases, and the short circuit from which on they are unlike:
+# measured on reference actuators and drawn plants.
+_LIFT_UNCERTAINTY = 0.25
+_UNLIKE_PHASES = 0.1
 _PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
 
 
@@ -180,7 +192,7 @@ class Objective:
         """Number of model evaluations that `unit_effects` takes."""
         steps = len(self._unit_steps)
         bases = 2 if self._knows else 1
-        return bases * (1 + steps) if steps else 0
+        return bases * (1 + steps) + 1
 
     def encode(self, faults: NDArray[np.float64], play: float = 0.0) -> NDArray[np.float64]:
         """Return the point of a fault vector, ``(8,)``, and a place in the play."""
@@ -229,17 +241,35 @@ class Objective:
         return Response(*sensed(rows, of_sensors, self._window.sample_period))
 
     def unit_effects(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what the uncertainty of the unit's deviations does to the residuals, ``(r, k)``.
+        """Return what is not known of the unit does to the residuals, ``(r, k)``.
 
-        A column is the effect of one standard deviation along a principal axis of their covariance.
-        Under the calibrated command, a deviation does not change the healthy response, which is
-        measured: its effect there is taken off.
+        A column is the effect of one standard deviation along a principal axis of the covariance of
+        its deviations. Under the calibrated command, a deviation does not change the healthy
+        response, which is measured: its effect there is taken off. Three more columns are those of
+        the idle phases' lift, which is not known once the phases differ.
 
         Parameters
         ----------
         point
             Where, ``(d,)``.
         """
+        result = np.concatenate([self._deviation_effects(point), self._lift_effects(point)], axis=1)
+        return np.pad(result, ((0, len(self.hidden_causes)), (0, 0)))
+
+    def _lift_effects(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        expected = self.expect(point[None])
+        faults, _ = self.decode(point[None])
+        parameters = self._calibration.parameters
+        unlike = min(1.0, float(np.max(faults[0, SHORT_CIRCUITS])) / _UNLIKE_PHASES)
+        sigma = unlike * _LIFT_UNCERTAINTY * parameters.h_b / 4.0
+        lifts = lifts_of_pairs(parameters, self._window.telemetry.position[1:], expected.current[0])
+        current = expected.current + sigma * np.concatenate(
+            [np.zeros((1, len(self._window))), lifts]
+        )
+        rows = self._fitness.residuals(Response(current, np.tile(expected.speed, (4, 1))))
+        return (rows[1:] - rows[0]).T
+
+    def _deviation_effects(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         steps = self._unit_steps
         knows = self._knows
         bases = np.stack([point, self.healthy]) if knows else point[None]
@@ -261,18 +291,17 @@ class Objective:
             )
             self.evaluations += m
             effects.append(rows[1:] - rows[0])
-        result = effects[0] - effects[1] if knows else effects[0]
-        return np.pad(result.T, ((0, len(self.hidden_causes)), (0, 0)))
+        return (effects[0] - effects[1] if knows else effects[0]).T
 
     @cached_property
     def _unit_steps(self) -> NDArray[np.float64]:
-        """Return a standard deviation of the unit along each principal axis, ``(k, 24)``."""
+        """Return a standard deviation of the unit along each principal axis, ``(k, 25)``."""
         covariance = self._calibration.unit_covariance
         if self._knows:
             # What was not worth fitting is in the correction, but for the play, which hardly shows
             # when healthy and of which a fault is a multiple.
             shares = np.where(self._calibration.unit, _CALIBRATED_SHARE, 0.0)
-            shares[NAMES.index("backlash")] = 1.0
+            shares[[NAMES.index("backlash"), NAMES.index("loop_delay")]] = 1.0
             covariance = covariance * np.outer(shares, shares)
         fitted = np.flatnonzero(np.diag(covariance))
         variances, axes = np.linalg.eigh(covariance[np.ix_(fitted, fitted)])

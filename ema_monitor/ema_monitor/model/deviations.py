@@ -14,17 +14,15 @@ from ema_core.causes import CAUSE_BY_NAME, COPPER, Cause
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE
 from ema_core.parameters import ActuatorParameters, PlantConstants
 
-STRIBECK_SHARE: Final = 0.03
-"""Speed at which half of the Stribeck friction is left, over the limit of the speed [-]."""
-
 
 class Deviations(NamedTuple):
     """Deviations by name; each is 0 for the nominal model.
 
     The first seven, and the last six, are hidden causes (`ema_core.causes`). ``lift`` is that of
-    the idle phase (M12) [A]; ``friction``, ``stribeck``, ``backlash``, ``loop_gain`` and
-    ``speed_loop`` are relative to the dry friction, the dynamic friction, the play, ``G_prop`` and
-    ``GAP``; ``turns`` are those of the phases; the eccentricity is a vector.
+    the idle phase [A] and ``loop_delay`` that of the current loop [s] (M12); ``stribeck_speed``
+    [rad/s] is that of the friction (M9); ``friction``, ``backlash``, ``loop_gain`` and
+    ``speed_loop`` are relative to the dry friction, the play, ``G_prop`` and ``GAP``; ``turns`` are
+    those of the phases; the eccentricity is a vector.
     """
 
     load_torque: float = 0.0
@@ -35,8 +33,9 @@ class Deviations(NamedTuple):
     viscous_friction: float = 0.0
     inertia: float = 0.0
     lift: float = 0.0
+    loop_delay: float = 0.0
     friction: float = 0.0
-    stribeck: float = 0.0
+    stribeck_speed: float = 0.0
     backlash: float = 0.0
     loop_gain: float = 0.0
     speed_loop: float = 0.0
@@ -54,7 +53,7 @@ class Deviations(NamedTuple):
 
     @classmethod
     def of(cls, values: ArrayLike) -> Self:
-        """Return the deviations of an array, ``(24,)``."""
+        """Return the deviations of an array, ``(25,)``."""
         return cls(*np.asarray(values, dtype=np.float64).tolist())
 
 
@@ -65,6 +64,9 @@ N_SENSOR: Final = 6
 
 HIDDEN_CAUSES: Final = (*NAMES[:7], *NAMES[-N_SENSOR:])
 """Deviations that may come and go between two windows."""
+
+
+_NEVER_NEGATIVE: Final = ("loop_delay", "stribeck_speed")
 
 
 class Prior(NamedTuple):
@@ -143,9 +145,10 @@ def unit_priors(parameters: ActuatorParameters, travel: float) -> tuple[Prior, .
         "load_stiffness": (0.01 * T / travel, 0.8 * T / travel),
         "viscous_friction": (0.5, 20.0),
         "inertia": (0.1, 0.5),
-        "lift": (lift, 4.0 * lift),
+        "lift": (lift / 3.0, 4.0 * lift),
+        "loop_delay": (1e-5, 1e-4),
         "friction": (0.1, 1.0),
-        "stribeck": (0.2, 2.0),
+        "stribeck_speed": (2.0, 50.0),
         "backlash": (0.03, 0.9),
         "loop_gain": (0.05, 0.5),
         "speed_loop": (0.05, 0.5),
@@ -166,20 +169,22 @@ def unit_priors(parameters: ActuatorParameters, travel: float) -> tuple[Prior, .
 def _prior(name: str, sigma: float, reach: float) -> Prior:
     cause = CAUSE_BY_NAME.get(name)
     lowest = max(-reach, cause.lowest) if cause and cause.unit == "-" else -reach
+    if name in _NEVER_NEGATIVE:
+        lowest = 0.0
     # The ripple of the idle phase fills the hysteresis band, its mean magnitude is half of that,
     # and the equivalent current counts the half of it.
-    return Prior(name, sigma if name == "lift" else 0.0, sigma, reach, lowest)
+    return Prior(name, 3.0 * sigma if name == "lift" else 0.0, sigma, reach, lowest)
 
 
 def deviating(plant: PlantConstants, deviations: NDArray[np.float64]) -> PlantConstants:
-    """Return the constants of plants that deviate, but for load, lift and Stribeck friction.
+    """Return the constants of plants that deviate, but for load, drive and Stribeck friction.
 
     Parameters
     ----------
     plant
         Nominal constants, a value or ``(m,)`` each.
     deviations
-        In the order of `NAMES`, ``(m, 24)``.
+        In the order of `NAMES`, ``(m, 25)``.
     """
     d = Deviations(*deviations.T)  # pyright: ignore[reportArgumentType]
     control, motor, mechanics = plant
@@ -217,7 +222,7 @@ def with_own_eccentricity(
     faults
         The faults, ``(m, 8)``.
     deviations
-        In the order of `NAMES`, ``(m, 24)``.
+        In the order of `NAMES`, ``(m, 25)``.
     """
     d = Deviations(*deviations.T)  # pyright: ignore[reportArgumentType]
     own = np.stack([d.eccentricity_cos, d.eccentricity_sin])

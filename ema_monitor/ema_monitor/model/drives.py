@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ema_core._jit import kernel
 from ema_core.dynamics import clip
-from ema_core.parameters import MotorConstants
+from ema_core.parameters import ActuatorParameters, MotorConstants
 from ema_core.simd import select
 
 IDLE_CONTRAST: Final = 0.5
@@ -35,14 +35,15 @@ class FastDrive(NamedTuple):
 
     The torque constant is ``K + K_cos cos(theta_m) + K_sin sin(theta_m)`` [N.m/A]; ``slew`` is
     dt / L [s/H], ``waves`` the number of periods of the eccentricity per turn of the shaft,
-    ``lift`` that of the idle phase (M12) [A] and ``ripples`` the inverse of the half-band, 1 / h_b
-    [1/A].
+    ``lift`` that of the idle phase (M12) [A], ``ripples`` the inverse of the half-band, 1 / h_b
+    [1/A], and ``delay`` that of the current loop in steps (M12).
     """
 
     V_max: float
     T_max: float
     h_b: float
     ripples: float
+    delay: PerLane
     half_turns: float
     waves: float
     R: Pairs
@@ -74,8 +75,13 @@ class SourceDrive(NamedTuple):
     e_saw: PerLane
 
 
-def fast_constants(motor: MotorConstants, dt: float, lift: float) -> FastDrive:
-    """Return the constants of the fast form for a step ``dt`` [s] and a healthy ``lift`` [A]."""
+def fast_constants(
+    motor: MotorConstants, dt: float, lift: PerLane = 0.0, loop_delay: PerLane = 0.0
+) -> FastDrive:
+    """Return the constants of the fast form for a step ``dt`` [s].
+
+    ``lift`` [A] is that of the healthy motor, ``loop_delay`` [s] that of its current loop (M12).
+    """
     phases = []
     for N, delta in zip((motor.N_a, motor.N_b, motor.N_c), _PHASE_ANGLES, strict=True):
         k, angle = 0.5 * motor.k_e * N, motor.phi + delta
@@ -100,6 +106,7 @@ def fast_constants(motor: MotorConstants, dt: float, lift: float) -> FastDrive:
         T_max=motor.T_max,
         h_b=motor.h_b,
         ripples=1.0 / motor.h_b,
+        delay=loop_delay / dt,
         half_turns=motor.P / math.pi,
         waves=1.0,
         R=R,
@@ -130,6 +137,28 @@ def source_constants(motor: MotorConstants, dt: float) -> SourceDrive:
     )
 
 
+def lifts_of_pairs(
+    parameters: ActuatorParameters, position: NDArray[np.float64], current: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return what a lift of 1 A of the idle phase adds to the current, ``(3, n)`` [-].
+
+    Parameters
+    ----------
+    position
+        Angle of the user shaft, ``(n,)`` [rad].
+    current
+        Current, ``(n,)`` [A].
+
+    Returns
+    -------
+    numpy.ndarray
+        While the pairs BC, AB and AC are driven.
+    """
+    half_turns = position / parameters.tau * parameters.P / math.pi
+    pair = np.floor(3.0 * ((half_turns + 1.0 / 6.0) % 1.0))
+    return (pair == np.arange(3.0)[:, None]) * np.clip(current / parameters.h_b, -1.0, 1.0)
+
+
 @kernel()
 def pair_position(half_turns):
     """Return the position of an electrical angle within the cycle of driven pairs, 0 to 1.
@@ -151,15 +180,17 @@ def of_pair(position, constants):
 def fast_drive(drive: FastDrive, position, cos, sin, I, I_ref, omega):
     """Return current [A], torque and torque ripple [N.m] after one step.
 
-    The current follows its reference at a rate limited by V_max. Resistance, inductance and torque
-    constant are those of the driven pair (M10); ``cos`` and ``sin`` are those of theta_m.
+    The current follows its reference at a rate limited by V_max, less what it falls by within the
+    delay of its loop. Resistance, inductance and torque constant are those of the driven pair
+    (M10); ``cos`` and ``sin`` are those of theta_m.
     """
     K = of_pair(position, drive.K)
     K += of_pair(position, drive.K_cos) * cos + of_pair(position, drive.K_sin) * sin
     slew = of_pair(position, drive.slew)
-    decayed = I - slew * (of_pair(position, drive.R) * I + K * omega)
-    I = min(max(I_ref, decayed - slew * drive.V_max), decayed + slew * drive.V_max)
-    return I, clip(K * I, drive.T_max), K * drive.h_b
+    fall = slew * (of_pair(position, drive.R) * I + K * omega)
+    rise = slew * drive.V_max
+    I = min(max(I_ref - drive.delay * fall, I - fall - rise), I - fall + rise)
+    return I, clip(K * I, drive.T_max), K * (drive.h_b + drive.delay * rise)
 
 
 @kernel()

@@ -5,7 +5,7 @@ Each fault vector occupies a lane of `ema_core.simd`; the equation numbers are t
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from ema_core._jit import kernel
 from ema_core.dynamics import (
@@ -25,18 +25,20 @@ from ema_monitor.model.drives import (
     pair_position,
 )
 
+_RIPPLE_SPEED_SQUARE: Final = 0.1**2
+"""Square of the speed at which the ripple of the PWM keeps a motor at rest [rad^2/s^2]."""
+
 
 class ShaftConstants(NamedTuple):
     """What acts on the motor shaft besides the nominal mechanics.
 
-    ``torque`` [N.m] and ``stiffness`` per user angle [N.m/rad] are those of a load; ``stribeck``
-    is the rise of the friction at standstill over the dynamic friction [-], of which half is left
-    at ``stribeck_speed`` [rad/s].
+    ``torque`` [N.m] and ``stiffness`` per user angle [N.m/rad] are those of a load;
+    ``stribeck_speed`` [rad/s] is the speed at which a quarter of what the static friction exceeds
+    the dynamic one by is left.
     """
 
     torque: Any
     stiffness: Any
-    stribeck: Any
     stribeck_speed: Any
 
 
@@ -135,6 +137,7 @@ def run_lanes(
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     shaft = load(shaft_of_lanes, first)
     stiffness = shaft.stiffness * mech.tau
+    stribeck_square = shaft.stribeck_speed * shaft.stribeck_speed
     theta_b = broadcast(position_0 / mech.tau)
     theta_m = theta_b + load(play, first) * mech.half_backlash
     angle = drive.waves * theta_m
@@ -157,8 +160,9 @@ def run_lanes(
             # An Euler step responds half a step too early: the command is read half a step later.
             delayed = command[k] + (j - 0.5) * slope
             opposing = shaft.torque + stiffness * x.theta_b
-            ratio = x.omega / shaft.stribeck_speed
-            friction = mech.f_d * (1.0 + shaft.stribeck / (1.0 + ratio * ratio))
+            square = x.omega * x.omega + _RIPPLE_SPEED_SQUARE
+            slowness = stribeck_square / (stribeck_square + square)
+            friction = mech.f_d + (mech.f_s - mech.f_d) * slowness * slowness
             x = advance(c, drive, mech, x, proportional, delayed, opposing, friction, dt)
             lag_1 += lag * (equivalent_current(drive, position, x.I) - lag_1)
             lag_2 += lag * (lag_1 - lag_2)

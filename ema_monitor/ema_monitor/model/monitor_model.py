@@ -13,7 +13,6 @@ from ema_core.simd import LANES
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_monitor.model.deviations import (
     N_SENSOR,
-    STRIBECK_SHARE,
     Deviations,
     deviating,
     sensed,
@@ -95,7 +94,7 @@ class MonitorModel:
         corrections
             Added to current and speed of all individuals, ``(n,)`` each; None for zeros.
         deviations
-            In what each individual deviates from the unit, ``(m, 24)``; None for nothing.
+            In what each individual deviates from the unit, ``(m, 25)``; None for nothing.
 
         Returns
         -------
@@ -118,10 +117,9 @@ class MonitorModel:
         d = Deviations(*own.T.copy())  # pyright: ignore[reportArgumentType]
         plant = degrade(self._plant, with_own_eccentricity(faults[lane_of], own))
         control, motor, mechanics = deviating(plant, own)
-        stribeck_speed = STRIBECK_SHARE * self.parameters.omega_max
-        shaft = ShaftConstants(d.load_torque, d.load_stiffness, d.stribeck, stribeck_speed)
+        shaft = ShaftConstants(d.load_torque, d.load_stiffness, d.stribeck_speed)
         if self.form == "fast":
-            drive = fast_constants(motor, self.dt, d.lift)
+            drive = fast_constants(motor, self.dt, d.lift, d.loop_delay)
         else:
             drive = source_constants(motor, self.dt)
         steps, lag = self.steps(window.sample_period), lag_factor(self.dt)

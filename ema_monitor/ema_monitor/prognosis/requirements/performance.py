@@ -227,7 +227,7 @@ class PerformanceModel:
             # Copies of the last actuator fill the last group.
             lane_of = known[np.minimum(np.arange(groups * LANES), known.size - 1)]
             control, motor, mechanics = degrade(self._plant, faults[lane_of])
-            drive = fast_constants(motor, self.dt, 0.0)
+            drive = fast_constants(motor, self.dt)
             of_lanes = np.empty((4, len(lane_of), results.shape[2]))
 
             def run(group: int) -> None:
