@@ -195,14 +195,31 @@ class Explainer:
             starts = [self._predicted(at, trial)[1]]
             if np.all(trial[kept]):
                 starts.append(at.point)
-            point = self._descended(np.stack(starts), trial)
-            better = self._reduced(self._objective.linearise(point, trial), trial)
-            more = _components(better[1]) - _components(kept)
-            if self._evidence(better[0].cost, at.cost) >= -_price(more):
+            better = self._better(np.stack(starts), trial, at, kept)
+            if better is None:
                 break
-            at, kept = self._objective.linearise(better[0].point), better[1]
+            at, kept = better
+        if np.any(kept[self._causes.start :]):
+            # The optimum of the faults alone may have led astray.
+            trial = kept | self.faults_alone
+            at, kept = self._better(self._objective.healthy[None], trial, at, kept) or (at, kept)
         confused, alternatives = self._alternatives(at, kept)
         return Explanation(at, kept, confused, alternatives)
+
+    def _better(
+        self,
+        starts: NDArray[np.float64],
+        trial: NDArray[np.bool_],
+        at: Linearisation,
+        kept: NDArray[np.bool_],
+    ) -> tuple[Linearisation, NDArray[np.bool_]] | None:
+        """Return the explanation with the components of a trial, None where that is no better."""
+        point = self._descended(starts, trial)
+        found, shown = self._reduced(self._objective.linearise(point, trial), trial)
+        more = _components(shown) - _components(kept)
+        if self._evidence(found.cost, at.cost) >= -_price(more):
+            return None
+        return self._objective.linearise(found.point), shown
 
     def covariance(
         self, jacobian: NDArray[np.float64], residuals: NDArray[np.float64]
