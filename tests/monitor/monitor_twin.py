@@ -68,7 +68,8 @@ class MonitorTwin:
         dry = (p.f_sm + p.f_su) * (1 + d.get("friction", 0))
         self.f_s = dry * (1 + 2 * faults.get("friction", 0))
         self.f_d = self.f_s * p.f_ratio
-        self.stribeck = d.get("stribeck", 0)
+        self.stribeck_speed = d.get("stribeck_speed", 0)
+        self.loop_delay = d.get("loop_delay", 0)
         self.load = d.get("load_torque", 0)
         self.stiffness = d.get("load_stiffness", 0)
         self.play = p.BLK * (1 + 99 * faults.get("backlash", 0)) * (1 + d.get("backlash", 0))
@@ -188,11 +189,13 @@ class MonitorTwin:
         R = sum(self.R_s / 2 * self.N[n] for n in PHASES if s[n])
         L = sum(p.L_s / 2 * self.N[n] ** 2 for n in PHASES if s[n])
         K = k[s.index(1)] - k[s.index(-1)]
+        drop = (R * self.I + K * self.omega) / L
+        delayed = I_ref - self.loop_delay * drop
         highest = (self.V_max - R * self.I - K * self.omega) / L * self.dt
         lowest = (-self.V_max - R * self.I - K * self.omega) / L * self.dt
-        self.I += sorted((lowest, I_ref - self.I, highest))[1]
+        self.I += sorted((lowest, delayed - self.I, highest))[1]
         self.torque = saturate(K * self.I, p.T_max)
-        self.ripple = K * p.h_b
+        self.ripple = K * (p.h_b + self.loop_delay * self.V_max / L)
 
     def _source_drive(self, I_ref: float) -> None:
         p = self.actuator
@@ -208,8 +211,10 @@ class MonitorTwin:
     def _mechanics(self) -> None:
         # The load turns with the user shaft, behind the play.
         T = self.torque - self.load - self.stiffness * self.theta_out * self.actuator.tau
-        half = 0.03 * self.actuator.omega_max
-        f_d = self.f_d * (1 + self.stribeck / (1 + (self.omega / half) ** 2))
+        # Where the ripple keeps a motor at rest in motion, at 0.1 rad/s, it is the same.
+        square = self.stribeck_speed**2
+        slowness = square / (square + self.omega**2 + 0.1**2)
+        f_d = self.f_d + (self.f_s - self.f_d) * slowness**2
         if self.omega == 0:
             holds = abs(T) <= max(self.f_s - self.ripple, f_d)
             friction = T if holds else f_d * sign(T)

@@ -117,7 +117,7 @@ def test_builtin_calibration_is_that_of_the_built_in_actuator(healthy_windows, d
     [b"", b"just text", b"- 1\n- 2\n", b"format: 2\n", b"format: one\n", b"lift: 0.1\n"],
 )
 def test_other_yaml_files_are_refused(refused, content):
-    assert "is not a calibration of format 3; make it anew" in refused(content)
+    assert "is not a calibration of format 4; make it anew" in refused(content)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from ema_monitor.model.deviations import (
     HIDDEN_CAUSES,
     N_DEVIATIONS,
     NAMES,
-    STRIBECK_SHARE,
     Deviations,
     hidden_causes,
     unit_priors,
@@ -169,11 +168,12 @@ def test_load_stiffness_is_torque_over_the_angle_of_the_user_shaft():
 
 @pytest.mark.parametrize("share", [0.5, 1.0, 3.0])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_stribeck_friction_halves_at_its_speed(share, sign):
-    p, rise = PARAMETERS, 0.6
-    omega = sign * share * STRIBECK_SHARE * p.omega_max
-    current, _ = steady({"stribeck": rise}, omega * p.tau)
-    more = sign * rise * p.f_ratio * (p.f_sm + p.f_su) / (1.0 + share**2)
+def test_stribeck_friction_is_a_quarter_of_its_rise_at_its_speed(share, sign):
+    p, stribeck_speed = PARAMETERS, 20.0
+    omega = sign * share * stribeck_speed
+    current, _ = steady({"stribeck_speed": stribeck_speed}, omega * p.tau)
+    rise = (1.0 - p.f_ratio) * (p.f_sm + p.f_su)
+    more = sign * rise / (1.0 + share**2) ** 2
     expected = (friction_torque(omega) + more) / p.k_e
     # The current is the mean of a sample in which the motion is not quite steady yet.
     assert current == pytest.approx(expected, rel=1e-3)

@@ -56,6 +56,16 @@ EQUATION_4_24 = [
 ]
 
 
+def test_delay_of_the_current_loop_lets_the_current_fall_and_the_ripple_rise():
+    """By back-EMF and resistance, and by the supply, within the delay (M12)."""
+    p, I, omega, delay, dt = ActuatorParameters(), 5.0, 200.0, 2e-5, 1e-5
+    drive = drives.fast_constants(MOTOR, dt, 0.0, delay)
+    settled, torque, ripple = drives.fast_drive(drive, 0.5, 1.0, 0.0, I, I, omega)
+    assert I - settled == pytest.approx(delay / p.L_s * (p.R_s * I + p.k_e * omega), rel=1e-12)
+    assert torque == pytest.approx(p.k_e * settled, rel=1e-12)
+    assert ripple == pytest.approx(p.k_e * (p.h_b + delay / p.L_s * p.V_max), rel=1e-12)
+
+
 @pytest.mark.parametrize(("theta_e", "phi", "factor"), EQUATION_4_24)
 def test_source_eccentricity_is_equation_4_24(theta_e, phi, factor):
     motor = MOTOR._replace(zeta=1.0, phi=math.radians(phi))

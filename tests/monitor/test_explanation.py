@@ -211,7 +211,7 @@ def test_verdict_follows_goodness_and_unexplained_share(
     )
 
 
-@pytest.mark.parametrize(("samples", "effects"), [(5001, 2 * (1 + 4)), (4501, 1 + 20)])
+@pytest.mark.parametrize(("samples", "effects"), [(5001, 2 * (1 + 6)), (4501, 1 + 21)])
 def test_uncertainty_of_the_unit_widens_sigma(
     windows_of, calibration, description, samples, effects
 ):
@@ -246,7 +246,7 @@ def test_uncertainty_of_fitted_deviations_widens_sigma(windows_of, calibration, 
     expected = 0.3 * own.faults.friction * of_unit
     widened = np.sqrt(own.sigma.friction**2 - other.sigma.friction**2)
     assert widened == pytest.approx(expected, rel=0.3)
-    assert own.evaluations == other.evaluations + 2 * (1 + 4)
+    assert own.evaluations == other.evaluations + 2 * (1 + 6)
 
 
 def test_effects_of_the_unit_vanish_at_the_healthy_point(healthy_windows, calibration):
@@ -256,8 +256,9 @@ def test_effects_of_the_unit_vanish_at_the_healthy_point(healthy_windows, calibr
     objective = Objective(window, calibration, causes=causes)
     effects = objective.unit_effects(objective.healthy)
     residuals = objective.residuals(objective.healthy[None])
-    # Of lift, friction and inertia, and of the play; the others are in the correction.
-    assert effects.shape == (residuals.shape[1], 4)
+    # Of lift, friction, its Stribeck speed and inertia, of play and delay of the loop, the others
+    # being in the correction; and of the lift of three idle phases.
+    assert effects.shape == (residuals.shape[1], 6 + 3)
     assert np.max(np.abs(effects)) == pytest.approx(0.0, abs=1e-15)
     faulty = objective.encode(fault_vector({"friction": 0.3}))
     assert np.linalg.norm(objective.unit_effects(faulty)) > 1e-3
@@ -265,9 +266,9 @@ def test_effects_of_the_unit_vanish_at_the_healthy_point(healthy_windows, calibr
     shorter = replace(window, telemetry=window.telemetry.part(0, 4001))
     other = Objective(shorter, calibration, causes=causes)
     of_other = other.unit_effects(other.healthy)
-    assert of_other.shape[1] == 20
+    assert of_other.shape[1] == 21 + 3
     assert np.linalg.norm(of_other) > 1e-3
-    assert (objective.unit_evaluations, other.unit_evaluations) == (2 * (1 + 4), 1 + 20)
+    assert (objective.unit_evaluations, other.unit_evaluations) == (2 * (1 + 6) + 1, 1 + 21 + 1)
 
 
 def test_priors_of_causes_are_residuals(healthy_windows, calibration):

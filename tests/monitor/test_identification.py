@@ -121,8 +121,9 @@ def test_faults_are_as_far_off_as_their_sigma_says(estimates, case):
         sigma = np.array(estimate.sigma)[confused]
         assert np.all((sigma > 0.02) & (sigma < 0.15))
         known[confused] = False
-    # The unit's own play, of which a large backlash is a multiple, is known to 2 %.
-    assert np.all(np.array(estimate.sigma)[known] < (0.02 if case == "backlash high" else 0.01))
+    # The unit's own play, of which a large backlash is a multiple, is known to 2 %; a short circuit
+    # to 1.2 %, the lift of phases that are not alike being unknown.
+    assert np.all(np.array(estimate.sigma)[known] < (0.02 if case == "backlash high" else 0.012))
 
 
 # Not the multiple case: its eccentricity of 0.0111 is at the limit of what is told from nothing.

@@ -47,8 +47,8 @@ def test_progress_falls_to_the_estimate(windows_of, calibration, description, al
     # To the point of the plane of eccentricity and back: rounding.
     assert estimate.fitness == pytest.approx(generations[-1].fitness, rel=1e-6)
     # The point, two difference windows for each component, what the estimate leaves there and at
-    # the healthy point, and what four deviations of the unit do at both.
-    left = 1 + 2 * 8 + 2 + 2 * (1 + 4)
+    # the healthy point, what six deviations of the unit do at both, and its lift.
+    left = 1 + 2 * 8 + 2 + 2 * (1 + 6) + 1
     assert estimate.evaluations == generations[-1].evaluations + left
     known = ~estimate.unobservable
     assert np.array(estimate.faults)[known] == pytest.approx(

@@ -105,7 +105,8 @@ UNIT = {
     "viscous_friction": 2.0,
     "inertia": 0.15,
     "friction": -0.1,
-    "stribeck": 0.4,
+    "stribeck_speed": 4.0,
+    "loop_delay": 3e-5,
     "backlash": 0.7,
     "loop_gain": 0.05,
     "speed_loop": -0.04,
@@ -125,7 +126,8 @@ UNIT = {
 DEVIATIONS = {
     "load_torque": ({"load_torque": 0.03}, {}),
     "load_stiffness": ({"load_stiffness": -2.0}, {"backlash": 0.02}),
-    "stribeck": ({"stribeck": 1.5}, {"friction": 0.2}),
+    "stribeck": ({"stribeck_speed": 5.0}, {"friction": 0.2}),
+    "loop_delay": ({"loop_delay": 4e-5}, {"short_circuit_a": 0.3}),
     "eccentricity": (
         {"eccentricity_cos": -0.1, "eccentricity_sin": 0.2},
         {"eccentricity": 0.3, "eccentricity_phase": 0.7},
@@ -210,7 +212,7 @@ def test_stiffness_and_stribeck_friction_hold_and_slip():
     steps = round(period / dt)
     t = period * np.arange(5000 // steps + 1)
     command = 1.5e-4 * np.sin(2 * np.pi * frequency * t)
-    for deviations in ({"stribeck": 1.5}, {"load_stiffness": 5.0}):
+    for deviations in ({"stribeck_speed": 5.0}, {"load_stiffness": 5.0}):
         twin = twin_of(ActuatorParameters(), {}, "fast", deviations)
         held, _ = seen = [], []
         twin.samples(

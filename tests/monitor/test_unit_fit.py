@@ -28,7 +28,8 @@ UNITS = {
     "viscous_friction": 0.8,
     "inertia": 0.1,
     "friction": -0.1,
-    "stribeck": 0.3,
+    "stribeck_speed": 4.0,
+    "loop_delay": 2e-5,
     "backlash": 0.05,
     "loop_gain": 0.04,
     "speed_loop": -0.06,
@@ -63,7 +64,7 @@ def sigma_of(calibration, name):
 
 @pytest.fixture(scope="module")
 def of_several(description):
-    unit = Deviations(lift=0.15, friction=0.06, inertia=-0.05, stribeck=0.2)
+    unit = Deviations(lift=0.15, friction=0.06, inertia=-0.05, stribeck_speed=3.0)
     commands = (CHIRP, CHIRP, SINE, RAMP, SINE)
     windows = [made_by(unit, command, 0.02, seed) for seed, command in enumerate(commands)]
     return unit, windows, calibrate(windows, description)
@@ -91,7 +92,7 @@ def test_deviation_of_a_unit_is_found(description, name):
 def test_several_commands_make_one_unit(of_several):
     unit, windows, calibration = of_several
     assert calibration.windows == 5
-    for name in ("lift", "friction", "inertia", "stribeck"):
+    for name in ("lift", "friction", "inertia", "stribeck_speed"):
         error = getattr(calibration.unit, name) - getattr(unit, name)
         assert abs(error) < 3.0 * sigma_of(calibration, name), name
     # The correction is that of the first command; the scatter under any other has none.
@@ -106,10 +107,10 @@ def test_several_commands_make_one_unit(of_several):
 
 
 def test_another_command_narrows_what_the_first_leaves_open(of_several, description):
-    """A ramp tells the friction of low speeds from that of high ones."""
+    """A ramp goes further, and a sine turns back more slowly."""
     _, windows, calibration = of_several
     chirp_alone = calibrate(windows[:2], description)
-    for name in ("friction", "stribeck", "viscous_friction"):
+    for name in ("load_stiffness", "stribeck_speed"):
         assert sigma_of(calibration, name) < 0.9 * sigma_of(chirp_alone, name), name
 
 

@@ -25,7 +25,7 @@ from ema_monitor.windows.window import Window
 LEAST_SCATTER: Final = 1e-6
 """Scatter below which healthy windows count as equal, so that it is unknown [A, rad/s]."""
 
-_FORMAT = 3
+_FORMAT = 4
 _ROWS = ("command", "correction", "speed_correction")
 _SCATTERS = ("healthy_rms", "healthy_speed_rms", "model_rms", "model_speed_rms")
 _RANGES = {

@@ -30,7 +30,7 @@ _UNEXPLAINED_POWER = 0.05
 _CALIBRATED_SHARE = 0.3
 # Lift of an idle phase over that of equal phases, and the short circuit from which on they are unlike:
 # measured on reference actuators and drawn plants.
-_LIFT_UNCERTAINTY = 0.25
+_LIFT_UNCERTAINTY = 0.2
 _UNLIKE_PHASES = 0.1
 _PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
 
@@ -192,7 +192,7 @@ class Objective:
         """Number of model evaluations that `unit_effects` takes."""
         steps = len(self._unit_steps)
         bases = 2 if self._knows else 1
-        return bases * (1 + steps) + 1
+        return (bases * (1 + steps) if steps else 0) + 1
 
     def encode(self, faults: NDArray[np.float64], play: float = 0.0) -> NDArray[np.float64]:
         """Return the point of a fault vector, ``(8,)``, and a place in the play."""
@@ -253,8 +253,10 @@ class Objective:
         point
             Where, ``(d,)``.
         """
-        result = np.concatenate([self._deviation_effects(point), self._lift_effects(point)], axis=1)
-        return np.pad(result, ((0, len(self.hidden_causes)), (0, 0)))
+        effects = self._lift_effects(point)
+        if len(self._unit_steps):
+            effects = np.concatenate([self._deviation_effects(point), effects], axis=1)
+        return np.pad(effects, ((0, len(self.hidden_causes)), (0, 0)))
 
     def _lift_effects(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         expected = self.expect(point[None])

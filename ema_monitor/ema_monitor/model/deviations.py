@@ -20,7 +20,7 @@ class Deviations(NamedTuple):
 
     The first seven, and the last six, are hidden causes (`ema_core.causes`). ``lift`` is that of
     the idle phase [A] and ``loop_delay`` that of the current loop [s] (M12); ``stribeck_speed``
-    [rad/s] is that of the friction (M9); ``friction``, ``backlash``, ``loop_gain`` and
+    [rad/s] is that of the friction (M12a); ``friction``, ``backlash``, ``loop_gain`` and
     ``speed_loop`` are relative to the dry friction, the play, ``G_prop`` and ``GAP``; ``turns`` are
     those of the phases; the eccentricity is a vector.
     """
