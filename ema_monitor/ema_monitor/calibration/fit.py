@@ -281,7 +281,7 @@ def _fit_unit(
             )
     # What was left out may still be there, as far as the windows and the priors let it.
     left_out = np.where(active, 0.0, np.linalg.solve(normal, gradient))
-    known = np.linalg.inv(normal) + np.diag(left_out**2)
+    known: NDArray[np.float64] = np.linalg.inv(normal) + np.diag(left_out**2)  # pyright: ignore[reportAssignmentType]
     return UnitFit(problem.deviations(x), problem.covariance(known))
 
 

@@ -28,8 +28,8 @@ _UNEXPLAINED_POWER = 0.05
 # The fit of the unit takes the model's mismatch under the calibrated command for noise, which makes
 # its covariance too wide there: judged on drawn plants.
 _CALIBRATED_SHARE = 0.3
-# Lift of an idle phase over that of equal phases, and the short circuit from which on they are unlike:
-# measured on reference actuators and drawn plants.
+# What is not known of the lift of an idle phase, over that of equal phases, and the short circuit
+# from which on they are unlike: measured on the reference actuator and on drawn plants.
 _LIFT_UNCERTAINTY = 0.2
 _UNLIKE_PHASES = 0.1
 _PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
