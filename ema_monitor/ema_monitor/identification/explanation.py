@@ -75,6 +75,7 @@ class Quadratic(NamedTuple):
     """The cost of a linearised model as a quadratic: cheap to minimise for many sets."""
 
     at: Linearisation
+    cost: float
     gradient: NDArray[np.float64]
     normal: NDArray[np.float64]
 
@@ -84,7 +85,7 @@ class Quadratic(NamedTuple):
         normal = at.jacobian.T @ at.jacobian
         # A ridge keeps a component solvable that leaves no trace.
         normal += 1e-9 * max(np.max(np.diag(normal)), 1e-200) * np.eye(len(normal))
-        return cls(at, at.jacobian.T @ at.residuals, normal)
+        return cls(at, at.cost, at.jacobian.T @ at.residuals, normal)
 
     def lowest(
         self, healthy: NDArray[np.float64], shown: NDArray[np.bool_]
@@ -96,8 +97,8 @@ class Quadratic(NamedTuple):
             self.normal[np.ix_(shown, shown)], gradient[shown], point[shown]
         )
         move = point - self.at.point
-        cost = self.at.cost + 2.0 * self.gradient @ move + move @ self.normal @ move
-        return max(float(cost), 1e-12 * self.at.cost), point
+        cost = self.cost + 2.0 * self.gradient @ move + move @ self.normal @ move
+        return max(float(cost), 1e-12 * self.cost), point
 
 
 class Explainer:
@@ -259,9 +260,8 @@ class Explainer:
             trials = [(added | self.faults_alone, -ADDED_EVIDENCE)]
             for group in self._groups(kept):
                 fewer = now - _components(trial := _without(added, group))
-                trials.append(
-                    (trial, COMPONENT_EVIDENCE * fewer + (fewer > 0) * AMBIGUOUS_EVIDENCE)
-                )
+                worth = COMPONENT_EVIDENCE * fewer + AMBIGUOUS_EVIDENCE
+                trials.append((trial, worth if fewer else 0.0))
             for trial, worth in trials:
                 if worth + most <= best:
                     continue
@@ -338,10 +338,11 @@ class Explainer:
                 if not kept[cause] and self._worse(at, _with(without, [cause])) < most:
                     found.append((self._name(group), self._name([cause])))
                     confused[cause] = True
-            is_cause = group[0] in self._causes and not np.any(kept[SHORT_CIRCUITS])
-            if is_cause and self._worse(at, _with(without, SHORT_CIRCUITS)) < most:
-                found.append((self._name(group), self._name(SHORT_CIRCUITS)))
-                confused[SHORT_CIRCUITS] = True
+            healthy = [phase for phase in SHORT_CIRCUITS if not kept[phase]]
+            may_be_shorts = group[0] in self._causes and len(healthy) > 1
+            if may_be_shorts and self._worse(at, _with(without, healthy)) < most:
+                found.append((self._name(group), self._name(healthy)))
+                confused[healthy] = True
         return confused, found
 
     def _worse(self, at: Linearisation, shown: NDArray[np.bool_]) -> float:

@@ -255,7 +255,8 @@ def sensed(
     for number, row in enumerate(rows):
         offset, gain, delay = (part[:, number, None] for part in (offsets, gains, delays))
         seen = row * (1.0 + gain) + offset
-        if np.any(delay):
-            seen = seen - delay * np.gradient(row, h, axis=-1)
+        # Most rows of a linearisation have none, and it takes long.
+        late = np.flatnonzero(delay)
+        seen[late] -= delay[late] * np.gradient(row[late], h, axis=-1)
         result.append(seen)
     return result
