@@ -3,6 +3,7 @@
 import csv
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from ema_core.commands import COMMAND_SHAPES, Command
 from ema_core.wording import unknown_name
@@ -16,11 +17,11 @@ def command_from(shape: str, figures: dict[str, float]) -> Command:
     Parameters
     ----------
     shape
-        "step", "ramp", "sine", "chirp" or the path of a CSV file whose last column holds one
-        angle [rad] a sample; a first line that is no number is taken for a heading.
+        "step", "ramp", "sine", "chirp", "moves" or the path of a CSV file whose last column holds
+        one angle [rad] a sample; a first line that is no number is taken for a heading.
     figures
-        Figures of the shape by name. A step goes to 1 rad and a sine has 2 Hz unless they say
-        otherwise.
+        Figures of the shape by name. A step goes to 1 rad, a sine has 2 Hz and moves last 10 s
+        unless they say otherwise.
 
     Raises
     ------
@@ -39,10 +40,11 @@ def command_from(shape: str, figures: dict[str, float]) -> Command:
     if shape not in COMMAND_SHAPES or shape == "custom":
         shapes = ", ".join(name for name in COMMAND_SHAPES if name != "custom")
         raise ValueError(f"command {shape!r} is neither one of {shapes} nor a .csv file")
-    own = {
+    own: dict[str, dict[str, Any]] = {
         "step": {"amplitude": 1.0},
         "ramp": {"amplitude": 0.05},
         "sine": {"start_frequency": 2.0},
+        "moves": {"duration": 10.0},
     }
     return Command(shape, **{**own.get(shape, {}), **figures})
 

@@ -12,13 +12,19 @@ from numpy.typing import NDArray
 
 from ema_core.commands import approach_travel
 from ema_core.parameters import ActuatorParameters
-from ema_core.quantity import check_quantities, quantity
+from ema_core.quantity import check_quantities, quantity, text
 from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_core.wording import counted
 from ema_monitor.windows.window import Window
 
 LOOKBACK_S: Final = 10.0
 """How much telemetry is kept, to determine how a window was approached [s]."""
+
+TEST_CYCLE: Final = "test_cycle"
+"""Windows that begin when the command leaves its rest, each identified by itself."""
+
+ANY_MOTION: Final = "any_motion"
+"""Stretches of ordinary motion, which are combined."""
 
 _RATE_TOLERANCE: Final = 0.01
 
@@ -49,6 +55,8 @@ class TriggerSettings:
 
     Attributes
     ----------
+    windows
+        What is a window: a test cycle, or any stretch of motion.
     window_s
         Length of a window [s].
     rest_s
@@ -62,6 +70,11 @@ class TriggerSettings:
         When a figure is outside its range; the message names it.
     """
 
+    windows: str = text(
+        TEST_CYCLE,
+        "what is identified: the motion after a rest, or any motion, combined",
+        (TEST_CYCLE, ANY_MOTION),
+    )
     window_s: float = quantity(0.5, "s", 0.01, 100.0, "length of a window")
     rest_s: float = quantity(0.02, "s", 1e-4, 10.0, "time at rest of the command before a window")
     threshold: float = quantity(1e-6, "rad", 1e-12, 1.0, "smallest change that counts as motion")
@@ -195,14 +208,24 @@ class WindowTrigger:
         self._start = None
 
     def _complete(self, start: int, samples: int) -> list[Window | Refusal]:
+        telemetry, refused = self._cut(start, samples)
+        if is_one_way(telemetry.command, self.settings.threshold):
+            self.longest_motion_s = max(self.longest_motion_s, samples * telemetry.sample_period)
+            return []
+        if refused:
+            return [refused]
+        commands = np.concatenate([block.command for block in self._blocks])
+        approach = commands[: start - self._blocks[0].first_index + 1]
+        play = play_after(approach, self._approach_travel, self.settings.threshold)
+        return [Window(telemetry, play)]
+
+    def _cut(self, start: int, samples: int) -> tuple[Telemetry, Refusal | None]:
+        """Return the telemetry of a window, and its refusal where its stamps contradict it."""
         # Stamped by the block that the window begins in: stamps counted on from the approach would
         # carry along how far the clock has drifted since.
         held = self._blocks_from(start)
         offset = start - held[0].first_index
         telemetry = join(held).part(offset, offset + samples + 1)
-        if is_one_way(telemetry.command, self.settings.threshold):
-            self.longest_motion_s = max(self.longest_motion_s, samples * telemetry.sample_period)
-            return []
         stamps = np.array([block.stamp_ns for block in held])
         indices = np.array([block.first_index for block in held])
         inside = (indices >= start) & (indices <= start + samples)
@@ -213,11 +236,9 @@ class WindowTrigger:
                     f"the stamps give one sample every {period:.4g} s, the blocks "
                     f"{telemetry.sample_period:.4g} s"
                 )
-                return [Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), reason)]
-        commands = np.concatenate([block.command for block in self._blocks])
-        approach = commands[: start - self._blocks[0].first_index + 1]
-        play = play_after(approach, self._approach_travel, self.settings.threshold)
-        return [Window(telemetry, play)]
+                refused = Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), reason)
+                return telemetry, refused
+        return telemetry, None
 
     def _blocks_from(self, index: int) -> list[Telemetry]:
         """Return the blocks from that on which holds a sample."""

@@ -1,0 +1,442 @@
+"""Stretches of ordinary motion, combined until the faults are known well enough (M29)."""
+
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ema_core.description import ActuatorDescription
+from ema_core.faults import (
+    ECCENTRICITY,
+    ECCENTRICITY_PHASE,
+    FAULTS,
+    N_FAULTS,
+    fault_vector,
+    healthy_faults,
+)
+from ema_core.quantity import check_quantities, quantity
+from ema_core.wording import counted
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.defects import drive_defect
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.fitness import DEFAULT_FITNESS
+from ema_monitor.identification.knowledge import Before, Knowledge
+from ema_monitor.identification.objective import Coordinates
+from ema_monitor.identification.preview import NUISANCES, Motion, Preview
+from ema_monitor.identification.search import Identification
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.uncertainty import SPANS, UNOBSERVABLE_SIGMA
+from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.window import Window
+
+WORTHWHILE: Final = 0.97
+"""What a stretch must lower the standard deviation of a fault to at least, of that before [-]."""
+
+MOST_SURPRISE: Final = 60.0
+"""Squared distance from what is known beyond which a stretch does not belong to it [-]."""
+
+_CARTESIAN: Final = Coordinates(play=0.0, cartesian=True)
+_RANGE: Final = np.diag((SPANS / UNOBSERVABLE_SIGMA) ** 2)
+_UNFIT: Final = 2.0
+_REFUSED_IN_A_ROW: Final = 3
+_REACHED: Final = 1.2
+_PLANE: Final = [ECCENTRICITY, ECCENTRICITY_PHASE]
+
+
+@dataclass(frozen=True)
+class CombinationSettings:
+    """Until when stretches of ordinary motion are combined to one estimate.
+
+    Raises
+    ------
+    ValueError
+        When a figure is outside its range; the message names it.
+    """
+
+    wanted_sigma: float = quantity(
+        0.01, "-", 1e-4, 0.25, "standard deviation of each fault at which motion gives an estimate"
+    )
+    most_stretches: int = quantity(
+        60, "-", 1, 10_000, "largest number of stretches of motion looked at for an estimate"
+    )
+    longest_s: float = quantity(
+        600.0, "s", 0.01, 1e7, "longest time from the first to the last stretch of an estimate"
+    )
+    pause_s: float = quantity(
+        10.0, "s", 0.0, 1e7, "time after an estimate in which motion is not looked at"
+    )
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+class Tally(NamedTuple):
+    """How many stretches there were, and what became of them.
+
+    Attributes
+    ----------
+    stretches
+        All of them.
+    combined
+        Those that an estimate rests on, or the next one will.
+    skipped
+        Those that would not have told anything new, or that followed an estimate too soon.
+    refused
+        Those that nothing explains, or that cannot be used.
+    fruitless
+        Combinations that have shown no fault as well as wanted.
+    reason
+        Why the latest one was refused; empty when an estimate has been made since.
+    """
+
+    stretches: int = 0
+    combined: int = 0
+    skipped: int = 0
+    refused: int = 0
+    fruitless: int = 0
+    reason: str = ""
+
+    def __str__(self) -> str:
+        words = (
+            f"{counted(self.stretches, 'stretch')} of motion: {self.combined} combined, "
+            f"{self.skipped} told nothing new, {self.refused} refused"
+        )
+        return f"{words} (the latest: {self.reason})" if self.reason else words
+
+
+class Combination:
+    """Combines stretches of one actuator's motion to estimates of its faults.
+
+    What a stretch tells of the faults is a prior of the next one. An estimate is made when every
+    fault has the wanted standard deviation, or as good a one as further motion can give; or when
+    the limit of number or time is reached: faults that are not known well enough are then flagged
+    as unobservable. Then a new combination begins, so that successive estimates are independent.
+
+    Parameters
+    ----------
+    description
+        The actuator.
+    calibration
+        Calibration of its model, or why there is none.
+    search
+        How to identify.
+    settings
+        Until when stretches are combined.
+    previous
+        Faults at which the first search begins, ``(8,)``; None for a healthy actuator.
+    force
+        As of ``Identification``.
+
+    Attributes
+    ----------
+    tally
+        How many stretches there were.
+
+    Raises
+    ------
+    ValueError
+        When the settings of the search know no noise to weigh stretches by.
+    """
+
+    def __init__(
+        self,
+        description: ActuatorDescription,
+        calibration: Calibration | str,
+        search: SearchSettings | None = None,
+        settings: CombinationSettings | None = None,
+        *,
+        previous: ArrayLike | None = None,
+        force: bool = False,
+    ) -> None:
+        self._description = description
+        self._calibration_id = "" if isinstance(calibration, str) else calibration.calibration_id
+        self._calibration = (
+            calibration if isinstance(calibration, str) else calibration.of_any_motion()
+        )
+        self._search = search or SearchSettings()
+        if self._search.fitness != DEFAULT_FITNESS:
+            raise ValueError(
+                f"fitness = {self._search.fitness!r}: stretches of motion are combined with "
+                f"{DEFAULT_FITNESS!r} only"
+            )
+        self._settings = settings or CombinationSettings()
+        self._previous = healthy_faults() if previous is None else fault_vector(previous)
+        self._force = force
+        self.tally = Tally()
+        self._refused_in_a_row = 0
+        self._resume_ns = -(2**63)
+        self._begin()
+
+    def add(self, stretch: Window | Refusal) -> list[Estimate]:
+        """Process the next stretch; return the estimates that it completes.
+
+        Parameters
+        ----------
+        stretch
+            The stretch, or why there is none.
+        """
+        self._count(stretches=1)
+        if isinstance(stretch, Refusal):
+            self._count(refused=1)
+            self.tally = self.tally._replace(reason=stretch.reason)
+            return []
+        estimates: list[Estimate] = []
+        if self._is_complete(stretch):
+            estimates += self._conclude("")
+        if stretch.start_ns < self._resume_ns and not self._is_defective(stretch):
+            self._count(skipped=1)
+            return estimates
+        self._looked_at += 1
+        if not isinstance(self._calibration, str) and not self._is_worthwhile(
+            stretch, self._calibration
+        ):
+            self._count(skipped=1)
+            return estimates
+        run = self._identify(stretch, self._known)
+        if self._estimates and not self._belongs(run):
+            alone = self._identify(stretch, self._nothing)
+            if self._is_valid(alone):
+                estimates += self._conclude("the motion that followed does not agree with it")
+                run = alone
+        if not self._is_valid(run):
+            return estimates + self._refuse(run)
+        return estimates + self._accept(run)
+
+    def finish(self) -> list[Estimate]:
+        """End the motion; return the estimate of what was combined so far, if there is one."""
+        return self._conclude("the motion ended")
+
+    def _begin(self) -> None:
+        self._estimates: list[Estimate] = []
+        self._motions: list[Motion] = []
+        self._looked_at = 0
+        self._known = self._nothing
+        self._preview: Preview | None = None
+
+    def _count(self, **more: int) -> None:
+        counts = {name: getattr(self.tally, name) + number for name, number in more.items()}
+        self.tally = self.tally._replace(**counts)
+
+    def _is_complete(self, stretch: Window) -> bool:
+        """Return whether the limit of number or time is reached before a stretch."""
+        if not self._estimates:
+            return False
+        age_s = (stretch.end_ns - self._estimates[0].start_ns) * 1e-9
+        return self._looked_at >= self._settings.most_stretches or age_s > self._settings.longest_s
+
+    def _is_worthwhile(self, stretch: Window, calibration: Calibration) -> bool:
+        """Return whether a stretch is worth a search.
+
+        It is if it lowers a standard deviation that is larger than wanted, if what is known does
+        not explain it, or to be refused with its reason.
+        """
+        self._preview = None
+        if calibration.shape_mismatch(stretch) or stretch.excitation_defect():
+            return True
+        if self._is_defective(stretch):
+            return True
+        self._preview = preview = Preview.of(stretch, calibration, self._known, self._start)
+        if self._estimates and preview.misfit > _UNFIT * self._known.misfit:
+            return True
+        if any(preview.motion.repeats(one) for one in self._motions):
+            return False
+        return self._lowers(self._known, preview.gained)
+
+    def _is_defective(self, stretch: Window) -> bool:
+        """Return whether drive or shaft has a defect that must be named."""
+        return bool(drive_defect(stretch, self._description.parameters))
+
+    def _lowers(self, known: Knowledge, gained: NDArray[np.float64]) -> bool:
+        """Return whether information lowers a standard deviation that is larger than wanted."""
+        before = _RANGE + known.gained
+        left = np.sqrt(np.diag(np.linalg.inv(before + gained)) / np.diag(np.linalg.inv(before)))
+        sigma, common = known.sigma, known.systematic_sigma
+        after = np.hypot(left * np.sqrt(sigma**2 - common**2), common)
+        wanted = sigma > self._settings.wanted_sigma
+        return bool(np.any(wanted & (after < WORTHWHILE * sigma)))
+
+    @property
+    def _nothing(self) -> Knowledge:
+        """What is known of the faults where nothing is: they are about those before."""
+        return Knowledge.of_range(_CARTESIAN.encode(self._previous))
+
+    @property
+    def _start(self) -> NDArray[np.float64]:
+        """Faults at which the next search begins, ``(8,)``."""
+        return np.array(self._estimates[-1].faults) if self._estimates else self._previous
+
+    def _identify(self, stretch: Window, known: Knowledge) -> Identification:
+        run = Identification(
+            stretch,
+            self._description,
+            self._calibration,
+            self._search,
+            force=self._force,
+            previous=self._start,
+            before=Before(known, NUISANCES, self._preview.start if self._preview else ()),
+        )
+        for _ in run:
+            pass
+        return run
+
+    @staticmethod
+    def _is_valid(run: Identification) -> bool:
+        return run.estimate is not None and run.estimate.valid and run.knowledge is not None
+
+    def _belongs(self, run: Identification) -> bool:
+        return self._is_valid(run) and run.surprise <= MOST_SURPRISE
+
+    def _refuse(self, run: Identification) -> list[Estimate]:
+        """Count a stretch that is refused; several in a row without any estimate are said once."""
+        if run.estimate is None:
+            raise RuntimeError("the identification ended without an estimate")
+        self._count(refused=1)
+        self.tally = self.tally._replace(reason=run.estimate.reason)
+        # One that has an estimate may be more than the model can follow: the status counts these.
+        self._refused_in_a_row += run.knowledge is None
+        if run.knowledge is not None or self._refused_in_a_row != _REFUSED_IN_A_ROW:
+            return []
+        return [self._signed(replace(run.estimate, stretches=1))]
+
+    def _accept(self, run: Identification) -> list[Estimate]:
+        if run.estimate is None or run.knowledge is None:
+            raise RuntimeError("the identification ended without an estimate")
+        self._refused_in_a_row = 0
+        self._count(combined=1)
+        self._known = run.knowledge
+        self._estimates.append(run.estimate)
+        if self._preview is not None:
+            self._motions.append(self._preview.motion)
+        # As well as wanted, or as further motion can tell.
+        enough = np.maximum(self._settings.wanted_sigma, _REACHED * run.knowledge.systematic_sigma)
+        return self._conclude("") if np.all(run.knowledge.sigma <= enough) else []
+
+    def _conclude(self, remark: str) -> list[Estimate]:
+        """Return the estimate of what was combined, and begin anew."""
+        known, estimates = self._known, self._estimates
+        if estimates:
+            self._previous = np.array(estimates[-1].faults)
+        self._begin()
+        if not estimates:
+            return []
+        last = estimates[-1]
+        unknown = last.unobservable | (known.sigma > self._settings.wanted_sigma)
+        unknown[_PLANE] |= np.any(known.sigma[_PLANE] > self._settings.wanted_sigma)
+        if np.all(unknown | (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)):
+            self._count(fruitless=1)
+            return []
+        self.tally = self.tally._replace(reason="")
+        self._resume_ns = last.end_ns + round(self._settings.pause_s * 1e9)
+        covariance = last.covariance.copy()
+        covariance[unknown, :] = np.nan
+        covariance[:, unknown] = np.nan
+        hidden = [
+            fault.label
+            for fault, is_unknown in zip(FAULTS, unknown, strict=True)
+            if is_unknown and fault.limit is not None
+        ]
+        remarks = [remark, f"the motion does not show {', '.join(hidden)}" if hidden else ""]
+        combined = replace(
+            last,
+            start_ns=estimates[0].start_ns,
+            stretches=len(estimates),
+            covariance=covariance,
+            unobservable=unknown,
+            excitation=max(one.excitation for one in estimates),
+            evaluations=sum(one.evaluations for one in estimates),
+            computing_time_s=sum(one.computing_time_s for one in estimates),
+            warm_start=estimates[0].warm_start,
+            reason="; ".join(filter(None, [*remarks, last.reason])),
+        )
+        return [self._signed(combined)]
+
+    def _signed(self, estimate: Estimate) -> Estimate:
+        return replace(estimate, calibration_id=self._calibration_id)
+
+
+class Combined(NamedTuple):
+    """An estimate of ordinary motion, its running number, and the actuator that it is of."""
+
+    number: int
+    description: ActuatorDescription
+    estimate: Estimate
+
+
+class Combinations:
+    """The combinations of several actuators.
+
+    They depend on the stretches and their order alone: live, in a replay and offline, the same
+    stretches give the same estimates. Under another description, calibration or other settings a
+    new combination begins.
+    """
+
+    def __init__(self) -> None:
+        self._of: dict[str, _Held] = {}
+
+    def add(
+        self,
+        description: ActuatorDescription,
+        calibration: Calibration | str,
+        search: SearchSettings,
+        settings: CombinationSettings,
+        stretch: Window | Refusal,
+        *,
+        previous: ArrayLike | None = None,
+        force: bool = False,
+    ) -> list[Combined]:
+        """Process the next stretch of an actuator; return the estimates that it completes.
+
+        Parameters
+        ----------
+        description, calibration, search, settings, previous, force
+            As of `Combination`; the latter two hold for a new one.
+        stretch
+            The stretch, or why there is none.
+
+        Raises
+        ------
+        ValueError
+            As of `Combination`.
+        """
+        identity = calibration if isinstance(calibration, str) else calibration.calibration_id
+        key, ended = (description, identity, search, settings), []
+        held = self._of.get(description.actuator_id)
+        if held is None or held.key != key:
+            ended = held.numbered(held.combination.finish()) if held else []
+            combination = Combination(
+                description, calibration, search, settings, previous=previous, force=force
+            )
+            held = _Held(key, description, combination, held.estimates if held else 0)
+            self._of[description.actuator_id] = held
+        return ended + held.numbered(held.combination.add(stretch))
+
+    def tally(self, actuator_id: str) -> Tally:
+        """Return how many stretches of an actuator there were since its combination was set up."""
+        held = self._of.get(actuator_id)
+        return Tally() if held is None else held.combination.tally
+
+    def finish(self) -> list[Combined]:
+        """End all motion; return the estimates of what was combined so far."""
+        return [
+            one for held in self._of.values() for one in held.numbered(held.combination.finish())
+        ]
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._of.clear()
+
+
+@dataclass
+class _Held:
+    """The combination of one actuator, what it depends on, and how many estimates there were."""
+
+    key: tuple[object, ...]
+    description: ActuatorDescription
+    combination: Combination
+    estimates: int
+
+    def numbered(self, found: list[Estimate]) -> list[Combined]:
+        """Give estimates their numbers."""
+        first, self.estimates = self.estimates, self.estimates + len(found)
+        return [Combined(first + i, self.description, one) for i, one in enumerate(found)]
