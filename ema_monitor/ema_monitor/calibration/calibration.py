@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
 from importlib import resources
 from pathlib import Path
@@ -148,6 +148,11 @@ class Calibration:
     def model(self) -> MonitorModel:
         """Return the monitor model of this unit."""
         return MonitorModel(self.parameters, self.form, self.dt, self.unit)
+
+    def of_any_motion(self) -> "Calibration":
+        """Return what holds under any command: all but the correction under the calibrated one."""
+        nothing = np.zeros(0)
+        return replace(self, command=self.command[:1], correction=nothing, speed_correction=nothing)
 
     @property
     def unit_parameters(self) -> ActuatorParameters:

@@ -84,6 +84,9 @@ class Estimate:
         Hidden causes that are part of what explains the window.
     alternatives
         Pairs of what is part of the explanation and what the window does not tell it from.
+    stretches
+        Number of stretches of ordinary motion that it rests on, from the start of the first to the
+        end of the last; 0 of a test cycle, which is one window.
     """
 
     start_ns: int
@@ -110,6 +113,7 @@ class Estimate:
     unexplained_share: float = math.nan
     causes: tuple[CauseEstimate, ...] = ()
     alternatives: tuple[tuple[str, str], ...] = ()
+    stretches: int = 0
 
     @property
     def sigma(self) -> FaultVector:

@@ -7,6 +7,7 @@ effective residuals; each chosen set is fitted anew with the model itself.
 """
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Final, NamedTuple, Self
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
+from ema_monitor.identification.knowledge import Knowledge, information
 from ema_monitor.identification.objective import Linearisation, Objective
 from ema_monitor.identification.uncertainty import (
     GROUPS,
@@ -22,6 +24,7 @@ from ema_monitor.identification.uncertainty import (
     covariance_of_effects,
     refitted,
     sandwich_covariance,
+    shifts_of,
     significant_components,
 )
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
@@ -116,6 +119,8 @@ class Explainer:
         Whether components that are not significant are set to healthy.
     most_evaluations
         Number of model evaluations after which no further cause is tried.
+    nuisances
+        Names of hidden causes that always take part, without evidence, and stand for nothing else.
     """
 
     def __init__(
@@ -126,6 +131,7 @@ class Explainer:
         *,
         parsimonious: bool,
         most_evaluations: int,
+        nuisances: Collection[str] = (),
     ) -> None:
         self._objective = objective
         self._lags = lags
@@ -135,6 +141,11 @@ class Explainer:
         self._quadratic: Quadratic | None = None
         d = objective.dimension
         self._causes = range(d - len(objective.hidden_causes), d)
+        self._always = np.arange(d) < self._causes.start
+        for number, one in zip(self._causes, objective.hidden_causes, strict=True):
+            self._always[number] = one.name in nuisances
+        self._suspects = [cause for cause in self._causes if not self._always[cause]]
+        self._effects: tuple[Linearisation, NDArray[np.float64]] | None = None
 
     def uncertainty(self, explanation: Explanation) -> NDArray[np.float64]:
         """Return the covariance of all components in the unit box, ``(d, d)``.
@@ -147,16 +158,58 @@ class Explainer:
         effects = np.zeros((len(at.residuals), 0))
         # At the healthy point under a calibrated command there is no effect: it was measured.
         if np.any(explanation.kept[:N_FAULTS]) or np.any(explanation.kept[self._causes.start :]):
-            # They do not follow the faults, as the mismatch does that widens the whole later.
-            effects = self._objective.unit_effects(at.point) / MISMATCH_FACTOR
-        if not np.any(kept[self._causes.start :]):
+            effects = self.effects(at)
+        if not np.any(kept[self._suspects]):
             return self._covariance_with(at, self.faults_alone, effects)
+        if len(self._suspects) < len(self._causes):
+            kept = kept | self.faults_alone
         result = self._covariance_with(at, kept, effects)
         for group in GROUPS:
             if not kept[group[0]]:
                 wider = self._covariance_with(at, _with(kept, group), effects)
                 result[np.ix_(group, group)] = wider[np.ix_(group, group)]
         return result
+
+    def effects(self, at: Linearisation) -> NDArray[np.float64]:
+        """Return what is not known of the unit does to the residuals, ``(r, k)``.
+
+        It does not follow the faults, as the mismatch does that widens the whole later.
+        """
+        if self._effects is None or self._effects[0] is not at:
+            self._effects = at, self._objective.unit_effects(at.point) / MISMATCH_FACTOR
+        return self._effects[1]
+
+    def knowledge(
+        self, explanation: Explanation, misfit: float
+    ) -> tuple[Knowledge, NDArray[np.float64]]:
+        """Return what is known of the faults after the window, and its own information, ``(8, 8)``.
+
+        None of the faults is set to healthy, and none held at the bounds of the box (M29).
+
+        Parameters
+        ----------
+        misfit
+            How many times larger than when healthy the residuals are.
+        """
+        objective, at = self._objective, explanation.at
+        shown = explanation.kept | explanation.confused | self.faults_alone
+        jacobian = at.jacobian[:, shown]
+        step, effects = (
+            -shifts_of(jacobian, rows) for rows in (at.residuals[:, None], self.effects(at))
+        )
+        covariance = self.covariance(jacobian, at.residuals + jacobian @ step[:, 0])
+        faults = slice(0, N_FAULTS)
+        gained = information(np.delete(jacobian, objective.known_rows, axis=0), objective.noise)
+        before = objective.known
+        total = gained if before is None else before.gained + before.misfit**2 * gained
+        known = Knowledge(
+            at.point[faults] + step[faults, 0],
+            covariance[faults, faults],
+            effects[faults],
+            max(1.0, misfit),
+            total,
+        )
+        return known, gained
 
     def _covariance_with(
         self, at: Linearisation, shown: NDArray[np.bool_], effects: NDArray[np.float64]
@@ -170,8 +223,8 @@ class Explainer:
 
     @property
     def faults_alone(self) -> NDArray[np.bool_]:
-        """Components that are no hidden causes, ``(d,)``."""
-        return np.arange(self._objective.dimension) < self._causes.start
+        """Components that need no evidence: all but hidden causes under suspicion, ``(d,)``."""
+        return self._always
 
     def explain(self, point: NDArray[np.float64]) -> Explanation:
         """Return what explains the window.
@@ -200,7 +253,7 @@ class Explainer:
             if better is None:
                 break
             at, kept = better
-        if np.any(kept[self._causes.start :]):
+        if np.any(kept[self._suspects]):
             # The optimum of the faults alone may have led astray.
             trial = kept | self.faults_alone
             at, kept = self._better(self._objective.healthy[None], trial, at, kept) or (at, kept)
@@ -227,7 +280,7 @@ class Explainer:
     ) -> NDArray[np.float64]:
         """Return the covariance of the components whose columns the Jacobian has."""
         return sandwich_covariance(
-            jacobian, residuals, self._lags, len(self._causes), self._objective.noise
+            jacobian, residuals, self._lags, self._objective.priors, self._objective.noise
         )
 
     def _evidence(self, cost: float, other: float) -> float:
@@ -295,7 +348,7 @@ class Explainer:
         if not self._parsimonious:
             return at, fitted
         groups = [group for group in GROUPS if fitted[group[0]]]
-        groups += [[cause] for cause in self._causes if fitted[cause]]
+        groups += [[cause] for cause in self._suspects if fitted[cause]]
         kept, point = significant_components(
             at.point,
             objective.healthy,
@@ -310,7 +363,7 @@ class Explainer:
             return at, kept
         optimum, at = at, self._objective.linearise(point, fitted)
         loss = math.log(MOST_LOSS) * objective.effective
-        if np.any(fitted[self._causes.start :]):
+        if np.any(fitted[self._suspects]):
             loss = max(loss, COMPONENT_EVIDENCE * (_components(fitted) - _components(kept)))
         if self._evidence(at.cost, optimum.cost) > loss:
             at = self._objective.linearise(self._descended(point[None], kept), fitted)
@@ -339,7 +392,7 @@ class Explainer:
                     found.append((self._name(group), self._name([cause])))
                     confused[cause] = True
             healthy = [phase for phase in SHORT_CIRCUITS if not kept[phase]]
-            may_be_shorts = group[0] in self._causes and len(healthy) > 1
+            may_be_shorts = group[0] in self._suspects and len(healthy) > 1
             if may_be_shorts and self._worse(at, _with(without, healthy)) < most:
                 found.append((self._name(group), self._name(healthy)))
                 confused[healthy] = True
@@ -352,7 +405,7 @@ class Explainer:
     def _groups(self, kept: NDArray[np.bool_]) -> list[list[int]]:
         """Return what may be replaced: each component kept, and short circuits together."""
         groups = [group for group in GROUPS if kept[group[0]]]
-        groups += [[cause] for cause in self._causes if kept[cause]]
+        groups += [[cause] for cause in self._suspects if kept[cause]]
         shorted = [phase for phase in SHORT_CIRCUITS if kept[phase]]
         if len(shorted) == len(SHORT_CIRCUITS):
             groups += [list(pair) for pair in combinations(shorted, 2)]

@@ -20,12 +20,14 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import CauseEstimate, Estimate
 from ema_monitor.identification.explanation import Explainer, Explanation
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
+from ema_monitor.identification.knowledge import NOTHING_KNOWN, Before, Knowledge, surprise
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
 from ema_monitor.identification.uncertainty import (
     CORRELATION_S,
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
+    SIGNIFICANT_CAUSE,
     uncertainty_of_faults,
 )
 from ema_monitor.model.deviations import hidden_causes
@@ -47,9 +49,17 @@ class Inference:
         Calibration of the model.
     settings
         How it was identified.
+    before
+        What is known before the window; nothing by default.
     """
 
-    def __init__(self, window: Window, calibration: Calibration, settings: SearchSettings) -> None:
+    def __init__(
+        self,
+        window: Window,
+        calibration: Calibration,
+        settings: SearchSettings,
+        before: Before = NOTHING_KNOWN,
+    ) -> None:
         self._window = window
         self._calibration = calibration
         self._settings = settings
@@ -59,9 +69,17 @@ class Inference:
         in_band = settings.fitness == DEFAULT_FITNESS and calibration.form == "fast"
         if in_band and settings.parsimonious:
             causes = hidden_causes(calibration.parameters, window.excitation)
+        self._before = before
         self._objective = Objective(
-            window, calibration, settings.fitness, cartesian=True, causes=causes
+            window,
+            calibration,
+            settings.fitness,
+            cartesian=True,
+            causes=causes,
+            known=before.known,
         )
+        self.knowledge: Knowledge | None = None
+        self.surprise = 0.0
         self._lags = max(1, round(CORRELATION_S / self._objective.spacing))
         # Of one unit of a point: zeta cos(phi), zeta sin(phi) and the play change by 2.
         self._span = np.ones(len(self._objective.healthy))
@@ -84,8 +102,9 @@ class Inference:
         started: float,
         *,
         warm_start: bool,
+        nuisances: NDArray[np.float64],
     ) -> Estimate:
-        """Return the estimate.
+        """Return the estimate; ``knowledge`` is then what is known after the window.
 
         Parameters
         ----------
@@ -99,6 +118,8 @@ class Inference:
             When the identification began, by ``time.perf_counter`` [s].
         warm_start
             Whether the search began at earlier faults.
+        nuisances
+            The nuisances at the optimum, in the unit box.
 
         Raises
         ------
@@ -116,8 +137,11 @@ class Inference:
             most_evaluations=(
                 self._settings.termination.budget - evaluations - objective.unit_evaluations - 2
             ),
+            nuisances=self._before.nuisances,
         )
-        explanation = explainer.explain(objective.encode(faults, play))
+        optimum = objective.encode(faults, play)
+        optimum[self._nuisances] = nuisances
+        explanation = explainer.explain(optimum)
         at, kept = explanation.at, explanation.kept
         optimum, plays = objective.decode(at.point[None])
         faults = optimum[0]
@@ -125,6 +149,10 @@ class Inference:
             objective.expect(np.stack([at.point, objective.healthy]))
         )
         known = explainer.uncertainty(explanation) * np.outer(self._span, self._span)
+        if self._before.nuisances:
+            self.knowledge, gained = explainer.knowledge(explanation, goodness)
+            if self._before.known is not None:
+                self.surprise = surprise(self._before.known, self.knowledge, gained)
         covariance, unobservable = uncertainty_of_faults(faults, known, goodness)
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
         causes = self._causes(explanation, known)
@@ -183,7 +211,7 @@ class Inference:
         """Return the hidden causes that are part of the explanation."""
         objective, at = self._objective, explanation.at
         first = objective.dimension - len(objective.hidden_causes)
-        return tuple(
+        found = [
             CauseEstimate(
                 one.cause.name,
                 float(value),
@@ -194,7 +222,20 @@ class Inference:
                 zip(objective.hidden_causes, objective.causes(at.point), strict=True)
             )
             if explanation.kept[first + i]
+        ]
+        return tuple(
+            cause
+            for cause in found
+            if cause.name not in self._before.nuisances
+            or abs(cause.value) > SIGNIFICANT_CAUSE * cause.sigma
         )
+
+    @property
+    def _nuisances(self) -> list[int]:
+        """Numbers of the components that are nuisances, in their order."""
+        names = [one.name for one in self._objective.hidden_causes]
+        first = self._objective.dimension - len(names)
+        return [first + i for i, name in enumerate(names) if name in self._before.nuisances]
 
     def _goodness_of_fit(self, expected: Response) -> tuple[float, float]:
         """Return how many times larger than when healthy the residual is, and what is unexplained.

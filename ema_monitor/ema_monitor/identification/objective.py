@@ -18,6 +18,7 @@ from ema_core.faults import (
 )
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.fitness import DEFAULT_FITNESS, FITNESS
+from ema_monitor.identification.knowledge import Knowledge
 from ema_monitor.model.deviations import N_DEVIATIONS, N_SENSOR, NAMES, Prior, sensed
 from ema_monitor.model.drives import lifts_of_pairs
 from ema_monitor.model.monitor_model import Response
@@ -124,6 +125,8 @@ class Objective:
         Whether eccentricity and phase are searched for as ``zeta cos(phi)``, ``zeta sin(phi)``.
     causes
         Hidden causes that are further components; their priors are further residuals.
+    known
+        What is known of the faults already: eight more residuals. None where nothing is.
 
     Attributes
     ----------
@@ -133,6 +136,8 @@ class Objective:
         Highest cost at which an optimum is accepted as the lowest [A^2.s].
     hidden_causes
         Hidden causes that are components.
+    known
+        What is known of the faults already; None where nothing is.
     evaluations
         Windows of the model that were computed so far.
     """
@@ -145,6 +150,7 @@ class Objective:
         *,
         cartesian: bool = True,
         causes: tuple[Prior, ...] = (),
+        known: Knowledge | None = None,
     ) -> None:
         self._window = window
         self._calibration = calibration
@@ -157,9 +163,13 @@ class Objective:
         self.hidden_causes = causes
         self._columns = [NAMES.index(one.name) for one in causes]
         self.evaluations = 0
-        self._priors = math.sqrt(self._fitness.noise) * np.array(
+        self.known = known
+        self._priors = math.sqrt(self.noise) * np.array(
             [2.0 * one.reach / one.sigma for one in causes]
         )
+        self._known_rows = np.zeros((0, N_FAULTS))
+        if known is not None:
+            self._known_rows = math.sqrt(self.noise) * known.rows()
         self.healthy = self._coordinates.encode(healthy_faults())
         self.good_cost = self._fitness.good_cost
 
@@ -211,8 +221,22 @@ class Objective:
 
     @property
     def noise(self) -> float:
-        """Cost that the noise of a healthy window adds per effective residual [A^2.s]."""
-        return self._fitness.noise
+        """Cost that noise adds per effective residual [A^2.s], the variance of a prior's residual.
+
+        It is that of a healthy window, times the square of the misfit of what is known already.
+        """
+        misfit = 1.0 if self.known is None else self.known.misfit
+        return misfit**2 * self._fitness.noise
+
+    @property
+    def priors(self) -> int:
+        """Number of residuals, the last ones, that are priors."""
+        return len(self._known_rows) + len(self._priors)
+
+    @property
+    def known_rows(self) -> slice:
+        """Which residuals, counted from the last one, are those of what is known already."""
+        return slice(-self.priors, -len(self._priors) or None)
 
     def causes(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the hidden causes of a point in their units, ``(n_causes,)``."""
@@ -256,7 +280,12 @@ class Objective:
         effects = self._lift_effects(point)
         if len(self._unit_steps):
             effects = np.concatenate([self._deviation_effects(point), effects], axis=1)
-        return np.pad(effects, ((0, len(self.hidden_causes)), (0, 0)))
+        effects = np.pad(effects, ((0, self.priors), (0, 0)))
+        if self.known is not None and self.known.shifts.size:
+            # What is known already has been shifted by the same deviations of the unit.
+            end = len(effects) - len(self._priors)
+            effects[end - N_FAULTS : end] = -self._known_rows @ self.known.shifts
+        return effects
 
     def _lift_effects(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         expected = self.expect(point[None])
@@ -319,11 +348,12 @@ class Objective:
         points
             Points of the unit box, ``(m, d)``.
         """
-        rows = self._fitness.residuals(self.expect(points))
-        if not len(self._priors):
-            return rows
-        priors = self._priors * (points[:, -len(self._priors) :] - 0.5)
-        return np.concatenate([rows, priors], axis=1)
+        rows = [self._fitness.residuals(self.expect(points))]
+        if self.known is not None:
+            rows.append((points[:, :N_FAULTS] - self.known.point) @ self._known_rows.T)
+        if len(self._priors):
+            rows.append(self._priors * (points[:, -len(self._priors) :] - 0.5))
+        return np.concatenate(rows, axis=1)
 
     def linearise(
         self, point: NDArray[np.float64], free: NDArray[np.bool_] | None = None

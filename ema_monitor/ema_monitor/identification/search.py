@@ -13,6 +13,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.defects import drive_defect
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.inference import Inference
+from ema_monitor.identification.knowledge import NOTHING_KNOWN, Before, Knowledge
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
@@ -51,6 +52,17 @@ class Identification:
     previous
         Faults identified in an earlier window, ``(8,)``: the search begins there if the settings
         want a warm start.
+    before
+        What is known before the window; nothing by default.
+
+    Attributes
+    ----------
+    estimate
+        The estimate; None before the iteration has ended.
+    knowledge
+        What is known of the faults after the window, if there are nuisances and it has an estimate.
+    surprise
+        Squared distance of the window from what was known before it.
     """
 
     def __init__(
@@ -62,6 +74,7 @@ class Identification:
         *,
         force: bool = False,
         previous: ArrayLike | None = None,
+        before: Before = NOTHING_KNOWN,
     ) -> None:
         self._window = window
         self._description = description
@@ -70,7 +83,10 @@ class Identification:
         self._settings = settings
         faults = None if previous is None else fault_vector(previous)
         self._previous = faults if settings.warm_start else None
+        self._before = before
         self.estimate: Estimate | None = None
+        self.knowledge: Knowledge | None = None
+        self.surprise = 0.0
 
     def __iter__(self) -> Iterator[Generation]:
         """Yield the state after each generation; there is none where a window is refused."""
@@ -94,10 +110,14 @@ class Identification:
             calibration,
             settings.fitness,
             cartesian=optimizer_class.uses_residuals,
+            causes=self._before.causes(calibration.parameters, window),
+            known=self._before.known,
         )
         warm = self._previous is not None
         start = objective.healthy if self._previous is None else objective.encode(self._previous)
-        inference = Inference(window, calibration, settings)
+        if self._before.start:
+            start = np.concatenate([start[: -len(self._before.start)], self._before.start])
+        inference = Inference(window, calibration, settings, self._before)
         termination = settings.termination
         fair_cost, before = objective.fair_cost(), objective.evaluations
         reserve = inference.most_evaluations + before
@@ -128,7 +148,9 @@ class Identification:
                 caveats,
                 started,
                 warm_start=warm,
+                nuisances=progress.point[objective.dimension - len(self._before.nuisances) :],
             )
+            self.knowledge, self.surprise = inference.knowledge, inference.surprise
         except np.linalg.LinAlgError as error:
             self.estimate = self._refuse(f"the uncertainty cannot be computed: {error}")
 

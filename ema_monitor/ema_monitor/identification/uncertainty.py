@@ -52,6 +52,9 @@ MISMATCH_SIGMA: Final = np.array([fault.mismatch for fault in FAULTS])
 """Standard deviation that the mismatch of the model adds to each component at least, ``(8,)``, with
 the eccentricity in Cartesian form [-]."""
 
+SPANS: Final = np.array([2.0 if i in _PLANE else 1.0 for i in range(N_FAULTS)])
+"""What one unit of a point in Cartesian coordinates of the unit box is in faults, ``(8,)`` [-]."""
+
 USUAL_MISFIT: Final = 2.5
 """Goodness of fit up to which both figures hold; beyond, standard deviations grow with it [-]."""
 
@@ -130,9 +133,20 @@ def covariance_of_effects(
     numpy.ndarray
         Covariance, ``(d, d)``.
     """
-    bread, _ = _inverse_normal(jacobian)
-    shifts = bread @ (jacobian.T @ effects)
+    shifts = shifts_of(jacobian, effects)
     return shifts @ shifts.T
+
+
+def shifts_of(jacobian: NDArray[np.float64], effects: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what a least-squares estimate loses by effects on the residuals, ``(d, k)``.
+
+    Parameters
+    ----------
+    jacobian, effects
+        As of `covariance_of_effects`.
+    """
+    bread, _ = _inverse_normal(jacobian)
+    return bread @ (jacobian.T @ effects)
 
 
 def _inverse_normal(jacobian: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:

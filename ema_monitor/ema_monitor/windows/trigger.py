@@ -195,14 +195,24 @@ class WindowTrigger:
         self._start = None
 
     def _complete(self, start: int, samples: int) -> list[Window | Refusal]:
+        telemetry, refused = self._cut(start, samples)
+        if is_one_way(telemetry.command, self.settings.threshold):
+            self.longest_motion_s = max(self.longest_motion_s, samples * telemetry.sample_period)
+            return []
+        if refused:
+            return [refused]
+        commands = np.concatenate([block.command for block in self._blocks])
+        approach = commands[: start - self._blocks[0].first_index + 1]
+        play = play_after(approach, self._approach_travel, self.settings.threshold)
+        return [Window(telemetry, play)]
+
+    def _cut(self, start: int, samples: int) -> tuple[Telemetry, Refusal | None]:
+        """Return the telemetry of a window, and its refusal where its stamps contradict it."""
         # Stamped by the block that the window begins in: stamps counted on from the approach would
         # carry along how far the clock has drifted since.
         held = self._blocks_from(start)
         offset = start - held[0].first_index
         telemetry = join(held).part(offset, offset + samples + 1)
-        if is_one_way(telemetry.command, self.settings.threshold):
-            self.longest_motion_s = max(self.longest_motion_s, samples * telemetry.sample_period)
-            return []
         stamps = np.array([block.stamp_ns for block in held])
         indices = np.array([block.first_index for block in held])
         inside = (indices >= start) & (indices <= start + samples)
@@ -213,11 +223,9 @@ class WindowTrigger:
                     f"the stamps give one sample every {period:.4g} s, the blocks "
                     f"{telemetry.sample_period:.4g} s"
                 )
-                return [Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), reason)]
-        commands = np.concatenate([block.command for block in self._blocks])
-        approach = commands[: start - self._blocks[0].first_index + 1]
-        play = play_after(approach, self._approach_travel, self.settings.threshold)
-        return [Window(telemetry, play)]
+                refused = Refusal(telemetry.stamp_ns, telemetry.stamp_at(samples), reason)
+                return telemetry, refused
+        return telemetry, None
 
     def _blocks_from(self, index: int) -> list[Telemetry]:
         """Return the blocks from that on which holds a sample."""

@@ -1,0 +1,156 @@
+"""What is known of the faults before and after a window, as a Gaussian (M29)."""
+
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import N_FAULTS
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.identification.uncertainty import (
+    MISMATCH_FACTOR,
+    MISMATCH_SIGMA,
+    SPANS,
+    UNOBSERVABLE_SIGMA,
+    with_mismatch,
+)
+from ema_monitor.model.deviations import Prior, hidden_causes
+from ema_monitor.windows.window import Window
+
+_LEAST_VARIANCE = 1e-12
+_FAULTS = slice(0, N_FAULTS)
+
+
+class Knowledge(NamedTuple):
+    """What is known of the faults, in Cartesian coordinates of the unit box.
+
+    Attributes
+    ----------
+    point
+        Expected values, ``(8,)``; they may be outside of the box.
+    covariance
+        Their covariance as the residuals tell it, ``(8, 8)``.
+    shifts
+        What one standard deviation along each principal axis of what is not known of the unit
+        changes them by, ``(8, k)``. It is common to all windows.
+    misfit
+        How many times larger than when healthy the residuals are that go with it, at least 1.
+    gained
+        Information that the windows would have given with the noise of a healthy one, ``(8, 8)``:
+        what one tells more is judged by it.
+    """
+
+    point: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    shifts: NDArray[np.float64]
+    misfit: float
+    gained: NDArray[np.float64]
+
+    def rows(self) -> NDArray[np.float64]:
+        """Return the derivatives of eight independent residuals of unit variance, ``(8, 8)``."""
+        variances, axes = np.linalg.eigh(self.covariance)
+        # Beyond its range nothing is known of a component.
+        return (axes / np.sqrt(np.clip(variances, _LEAST_VARIANCE, 1.0))).T
+
+    @classmethod
+    def of_range(cls, point: NDArray[np.float64]) -> Self:
+        """Return that a fault is no better known than from its range.
+
+        Parameters
+        ----------
+        point
+            Where the faults are expected, ``(8,)``: of two explanations that fit as well, the one
+            near by is taken.
+        """
+        covariance = np.diag((UNOBSERVABLE_SIGMA / MISMATCH_FACTOR / SPANS) ** 2)
+        nothing = np.zeros((N_FAULTS, N_FAULTS))
+        return cls(point, covariance, nothing[:, :0], 1.0, nothing)
+
+    @property
+    def sigma(self) -> NDArray[np.float64]:
+        """Standard deviations with the mismatch of the model, ``(8,)``, in units of the faults.
+
+        Those of the eccentricity are the two of its plane.
+        """
+        total = with_mismatch(self.covariance + self.shifts @ self.shifts.T, _FLOOR)
+        return SPANS * np.sqrt(np.diag(total))
+
+    @property
+    def systematic_sigma(self) -> NDArray[np.float64]:
+        """The part of `sigma` that further windows do not lower, ``(8,)``."""
+        common = MISMATCH_FACTOR**2 * self.shifts @ self.shifts.T
+        return SPANS * np.sqrt(np.diag(common) + _FLOOR**2)
+
+
+_FLOOR: Final = MISMATCH_SIGMA / SPANS
+
+
+class Before(NamedTuple):
+    """What is known before a window.
+
+    Attributes
+    ----------
+    known
+        What is known of the faults; None where nothing is.
+    nuisances
+        Names of hidden causes that always are components of the fit, without evidence.
+    start
+        Where the search for them begins, in the unit box.
+    """
+
+    known: Knowledge | None = None
+    nuisances: tuple[str, ...] = ()
+    start: tuple[float, ...] = ()
+
+    def causes(self, parameters: ActuatorParameters, window: Window) -> tuple[Prior, ...]:
+        """Return the nuisances with what may be expected of them in a window."""
+        suspects = hidden_causes(parameters, window.excitation)
+        return tuple(one for one in suspects if one.name in self.nuisances)
+
+
+NOTHING_KNOWN: Final = Before()
+"""Before a test cycle."""
+
+
+def information(jacobian: NDArray[np.float64], noise: float) -> NDArray[np.float64]:
+    """Return the information on the faults, ``(8, 8)``, the other components being fitted, too.
+
+    Parameters
+    ----------
+    jacobian
+        Derivatives of the residuals, those of priors included, ``(n, d)``.
+    noise
+        Variance of an effective residual.
+    """
+    normal = jacobian.T @ jacobian / noise
+    others = normal[N_FAULTS:, N_FAULTS:]
+    others = others + 1e-9 * max(np.max(np.diag(others), initial=0.0), 1e-200) * np.eye(len(others))
+    coupling = normal[N_FAULTS:, _FAULTS]
+    found = normal[_FAULTS, _FAULTS] - coupling.T @ np.linalg.solve(others, coupling)
+    return (found + found.T) / 2.0
+
+
+def surprise(known: Knowledge, after: Knowledge, gained: NDArray[np.float64]) -> float:
+    """Return the squared distance of a window from what was known before it.
+
+    It is that of the faults that the window alone would give from those expected, over its
+    covariance with the mismatch of both; where it agrees, about the number of faults it shows.
+
+    Parameters
+    ----------
+    known, after
+        What was known before and after it.
+    gained
+        Information of the window alone, ``(8, 8)``.
+    """
+    strengths, axes = np.linalg.eigh(gained)
+    alone = (axes / np.maximum(strengths, 1.0)) @ axes.T
+    rows = known.rows()
+    # From what the window has moved the estimate by to where it would be with the window alone.
+    amplified = np.eye(N_FAULTS) + alone @ rows.T @ rows
+    offset = amplified @ (after.point - known.point)
+    common = known.shifts if known.shifts.size else np.zeros_like(after.shifts)
+    shifts = amplified @ (after.shifts - common)
+    covariance = known.covariance + alone + shifts @ shifts.T
+    covariance = with_mismatch(covariance, np.sqrt(2.0) * _FLOOR)
+    return float(offset @ np.linalg.solve(covariance, offset))
