@@ -9,6 +9,7 @@ import click
 from ema_cli.errors import NameChoice
 from ema_cli.gathered_options import gathered
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.combination import CombinationSettings
 from ema_monitor.identification.fitness import FITNESS
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
@@ -23,6 +24,21 @@ _OF_A_SERIES = (
         "--warm-start/--no-warm-start",
         default=SearchSettings.warm_start,
         help="Begin each search at the faults of the actuator's last valid estimate.",
+    ),
+    click.option(
+        "--wanted-sigma",
+        default=CombinationSettings.wanted_sigma,
+        help="With --any-motion: standard deviation of each fault at which an estimate is made.",
+    ),
+    click.option(
+        "--most-stretches",
+        default=CombinationSettings.most_stretches,
+        help="With --any-motion: after so many stretches an estimate is made in any case.",
+    ),
+    click.option(
+        "--longest-s",
+        default=CombinationSettings.longest_s,
+        help="With --any-motion: after so much time an estimate is made in any case [s].",
     ),
 )
 _OF_EACH_SEARCH = (
@@ -57,10 +73,13 @@ class IdentificationOptions:
     ----------
     calibration_file
         File of the calibration; None for the shipped one.
+    combining
+        Until when stretches of ordinary motion are combined.
     """
 
     search: SearchSettings
     calibration_file: Path | None
+    combining: CombinationSettings = CombinationSettings()  # noqa: RUF009 - frozen
 
     def calibration(self) -> Calibration:
         """Return the calibration that the options name.
@@ -82,11 +101,17 @@ class IdentificationOptions:
         return str(self.calibration_file or "the shipped one of the built-in actuator")
 
 
-def _build(*, calibration_file: Path | None, **search: Any) -> IdentificationOptions:
-    return IdentificationOptions(SearchSettings(**search), calibration_file)
+def _build(*, calibration_file: Path | None, **given: Any) -> IdentificationOptions:
+    names = CombinationSettings.__annotations__
+    combining = CombinationSettings(**{name: given.pop(name) for name in names if name in given})
+    return IdentificationOptions(SearchSettings(**given), calibration_file, combining)
 
 
-_NAMES = (*SearchSettings.__annotations__, "calibration_file")
+_NAMES = (
+    *SearchSettings.__annotations__,
+    *CombinationSettings.__annotations__,
+    "calibration_file",
+)
 
 identification_options = gathered("options", _build, _NAMES, (*_OF_A_SERIES, *_OF_EACH_SEARCH))
 """Gives a command the options as ``options``."""

@@ -10,9 +10,9 @@ def counted(number: int, noun: str) -> str:
     Parameters
     ----------
     noun
-        In the singular; its plural ends in "s".
+        In the singular; its plural ends in "s", or "es" after "ch".
     """
-    return f"{number} {noun}" + ("" if number == 1 else "s")
+    return f"{number} {noun}" + ("" if number == 1 else "es" if noun.endswith("ch") else "s")
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:

@@ -9,6 +9,7 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate
 from ema_monitor.health import Health, HealthLimits, assess
+from ema_monitor.identification.combination import Combination, CombinationSettings
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import Identification, identify
 from ema_monitor.identification.settings import SearchSettings
@@ -17,12 +18,14 @@ from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.windows.finder import Segment, WindowFinder
-from ema_monitor.windows.trigger import Refusal, TriggerSettings
+from ema_monitor.windows.trigger import ANY_MOTION, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 
 __all__ = [
     "FAULTS",
     "Calibration",
+    "Combination",
+    "CombinationSettings",
     "Estimate",
     "FaultVector",
     "Health",
@@ -41,6 +44,7 @@ __all__ = [
     "calibrate",
     "find_windows",
     "identify",
+    "identify_motion",
     "track",
 ]
 
@@ -76,6 +80,35 @@ def find_windows(
                 place = found.start_ns if isinstance(found, Refusal) else found.stamp_ns
                 warnings.warn(f"telemetry at {place} ns: {found.reason}", stacklevel=2)
     return windows
+
+
+def identify_motion(
+    telemetry: Telemetry | Iterable[Telemetry],
+    description: ActuatorDescription | None = None,
+    calibration: Calibration | None = None,
+    settings: CombinationSettings | None = None,
+) -> list[Estimate]:
+    """Identify the faults in ordinary motion; it needs no test cycle.
+
+    Stretches of the motion are combined until the faults are known as well as the settings want,
+    so that there are few estimates, each of many stretches. There is none where the motion shows no
+    fault well enough; `find_windows` and a `Combination` tell more.
+
+    Parameters
+    ----------
+    telemetry
+        Telemetry of one actuator, as one block or as blocks in order.
+    description, calibration
+        The actuator and its calibration; those of the built-in one when None.
+    settings
+        Until when stretches are combined.
+    """
+    description = description or ActuatorDescription()
+    calibration = calibration or Calibration.builtin()
+    combination = Combination(description, calibration, settings=settings)
+    stretches = find_windows(telemetry, description, TriggerSettings(windows=ANY_MOTION))
+    found = [estimate for stretch in stretches for estimate in combination.add(stretch)]
+    return found + combination.finish()
 
 
 def track(

@@ -8,7 +8,7 @@ from typing import Final
 import click
 
 from ema_cli.gathered_options import Command, gathered
-from ema_monitor.windows.trigger import TriggerSettings
+from ema_monitor.windows.trigger import ANY_MOTION, TEST_CYCLE, TriggerSettings
 
 USE_OPTIONS: Final = (
     "Use --actuator and --calibration even against the description in the bag, and say so."
@@ -36,6 +36,11 @@ _OPTIONS = (
         default=_DEFAULTS.rest_s,
         help="How long the command rests before a window [s].",
     ),
+    click.option(
+        "--any-motion",
+        is_flag=True,
+        help="Windows are stretches of ordinary motion and not test cycles.",
+    ),
 )
 
 
@@ -48,6 +53,8 @@ class Source:
     force
         Whether the options hold even against the bag: the description in ``actuator_file`` is used
         for a bag that has one too, and a calibration that does not fit it.
+    any_motion
+        Whether windows are stretches of ordinary motion.
     """
 
     actuator_id: str | None
@@ -56,6 +63,7 @@ class Source:
     rest_s: float
     actuator_file: Path | None = None
     force: bool = False
+    any_motion: bool = False
 
     def trigger_settings(self) -> TriggerSettings:
         """Return the settings of the window trigger.
@@ -65,7 +73,8 @@ class Source:
         ValueError
             When a figure is not positive.
         """
-        return TriggerSettings(rest_s=self.rest_s, threshold=self.threshold)
+        windows = ANY_MOTION if self.any_motion else TEST_CYCLE
+        return TriggerSettings(windows, rest_s=self.rest_s, threshold=self.threshold)
 
 
 def source_options(

@@ -9,6 +9,7 @@ from ema_cli.bags.chosen_description import choose_description
 from ema_cli.bags.source_options import Source
 from ema_cli.show.progress import progress_bar
 from ema_core.telemetry import Telemetry
+from ema_monitor.windows.window import MIN_TRAVEL
 from ema_recording.reader import Bag
 from ema_recording.telemetry import read_telemetry
 from ema_recording.windows import BagWindows, find_recorded_windows
@@ -75,6 +76,11 @@ def require_windows(path: Path, found: BagWindows, source: Source) -> None:
     if found.windows:
         return
     settings = source.trigger_settings()
+    if source.any_motion:
+        raise ValueError(
+            f"{path} has no motion to diagnose (no excitation): the command never travels "
+            f"{MIN_TRAVEL:g} rad within {settings.window_s:g} s"
+        )
     if not found.has_rested:
         behaviour = (
             f"it never rested within {settings.threshold:g} rad for {settings.rest_s:g} s: is "

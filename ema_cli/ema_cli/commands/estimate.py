@@ -22,6 +22,7 @@ from ema_cli.show.progress import progress_bar
 from ema_core.faults import FAULTS
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.combination import Combinations
 from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
 from ema_monitor.identification.search import Identification, LastFaults
 from ema_monitor.model.monitor_model import compile_kernels
@@ -45,12 +46,20 @@ def estimate(
 ) -> None:
     """Name the faults in each window of BAG, with their uncertainty.
 
-    A single window is shown as a table; of several there is a line each, and a summary.
+    A single window is shown as a table; of several there is a line each, and a summary. With
+    --any-motion, stretches of ordinary motion are combined until the faults are known as well as
+    wanted: there is a line for each combination, with the faults that the motion does not show.
     """
     with one_clear_line():
         calibration = options.calibration()
         found = identifiable_windows(bag, source)
-        estimates = estimate_windows(found.windows, calibration, options, force=source.force)
+        estimates = estimate_windows(
+            found.windows,
+            calibration,
+            options,
+            force=source.force,
+            any_motion=source.any_motion,
+        )
     if as_json:
         click.echo(json.dumps([as_object(e, found) for e in estimates], indent=2))
     else:
@@ -62,7 +71,9 @@ def estimate(
                 click.echo(_line(number, one, found))
         if len(estimates) > 1:
             click.echo("\n".join(_summary(estimates)))
-    if not all(one.valid for one in estimates):
+        if not estimates:
+            click.echo("no estimate: the motion shows no fault as well as wanted")
+    if not estimates or not all(one.valid for one in estimates):
         sys.exit(REFUSED)
 
 
@@ -72,8 +83,14 @@ def estimate_windows(
     options: IdentificationOptions,
     *,
     force: bool = False,
+    any_motion: bool = False,
 ) -> list[Estimate]:
-    """Return the estimate of every window, as a monitor makes them, with a progress bar."""
+    """Return the estimate of every window, as a monitor makes them, with a progress bar.
+
+    With ``any_motion`` the windows are stretches of ordinary motion, which are combined.
+    """
+    if any_motion:
+        return _combined(windows, calibration, options, force=force)
     # So that the computing time of the first estimate is that of an estimate.
     compile_kernels([calibration.form])
     estimates, last_faults = [], LastFaults()
@@ -103,6 +120,34 @@ def estimate_windows(
     return estimates
 
 
+def _combined(
+    windows: Sequence[RecordedWindow],
+    calibration: Calibration,
+    options: IdentificationOptions,
+    *,
+    force: bool,
+) -> list[Estimate]:
+    """Return the estimates that stretches of motion give, and print what became of them."""
+    compile_kernels([calibration.form])
+    combinations, found = Combinations(), []
+    with progress_bar() as progress:
+        task = progress.add_task("combining", total=len(windows))
+        for window in windows:
+            found += combinations.add(
+                window.description,
+                calibration,
+                options.search,
+                options.combining,
+                window.window,
+                force=force,
+            )
+            progress.advance(task)
+    found += combinations.finish()
+    for actuator_id in dict.fromkeys(window.description.actuator_id for window in windows):
+        click.echo(f"{actuator_id}: {combinations.tally(actuator_id)}", err=True)
+    return [one.estimate for one in found]
+
+
 def as_object(one: Estimate, found: BagWindows) -> dict[str, Any]:
     """Return an estimate as plain values; what is not a number is null."""
     record = estimate_record(one)
@@ -130,26 +175,33 @@ def _distance(one: Estimate, i: int) -> float:
     return abs(one.faults[i] - FAULTS[i].healthy)
 
 
+def _assessed() -> list[int]:
+    """Return which components are faults by themselves."""
+    return [i for i, fault in enumerate(FAULTS) if fault.limit is not None]
+
+
 def _significant(one: Estimate) -> list[int]:
     """Return which faults are significant, the largest first."""
-    found = [
-        i
-        for i, fault in enumerate(FAULTS)
-        if fault.limit is not None and not one.insignificant[i] and not one.unobservable[i]
-    ]
+    found = [i for i in _assessed() if not one.insignificant[i] and not one.unobservable[i]]
     return sorted(found, key=lambda i: -_distance(one, i))
 
 
 def _line(number: int, one: Estimate, found: BagWindows) -> str:
     """Return a window as one line."""
     place = f"{number:4d} {found.seconds(one.start_ns):10.2f} s"
+    if one.stretches:
+        place += f" to {found.seconds(one.end_ns):.2f} s, {counted(one.stretches, 'stretch')}"
     if not one.valid:
         return f"{place}  refused  {shorten(one.reason, _REASON_WIDTH, placeholder=' ...')}"
     faults = [
         f"{FAULTS[i].label} {one.faults[i]:.4f} ± {one.sigma[i]:.4f}" for i in _significant(one)
     ]
     causes = [str(cause).replace("+-", "±") for cause in one.causes]
-    return f"{place}  {one.verdict:8s} {', '.join(faults + causes) or _NOTHING}"
+    words = ", ".join(faults + causes) or _NOTHING
+    unknown = [FAULTS[i].label for i in _assessed() if one.unobservable[i]]
+    if one.stretches and unknown:
+        words += f"; not shown: {', '.join(unknown)}"
+    return f"{place}  {one.verdict:8s} {words}"
 
 
 def _summary(estimates: Sequence[Estimate]) -> list[str]:
@@ -157,7 +209,8 @@ def _summary(estimates: Sequence[Estimate]) -> list[str]:
     valid = [(number, one) for number, one in enumerate(estimates) if one.valid]
     counts = Counter(one.verdict for one in estimates)
     verdicts = ", ".join(f"{counts[name]} {name}" for name in ("valid", "degraded", "refused"))
-    lines = [f"{counted(len(estimates), 'window')}: {verdicts}"]
+    what = "estimate" if any(one.stretches for one in estimates) else "window"
+    lines = [f"{counted(len(estimates), what)}: {verdicts}"]
     # Reasons that differ in their figures only are the same.
     reasons: dict[str, list[str]] = {}
     for one in estimates:
@@ -183,7 +236,8 @@ def _figure(value: float) -> str:
 
 def _print(number: int, one: Estimate, found: BagWindows) -> None:
     start, end = found.seconds(one.start_ns), found.seconds(one.end_ns)
-    title = f"window {number}, {start:.4f} s to {end:.4f} s"
+    what = counted(one.stretches, "stretch") if one.stretches else f"window {number}"
+    title = f"{what}, {start:.4f} s to {end:.4f} s"
     if not one.valid:
         click.echo(f"{title}: no valid estimate: {one.reason}")
         return

@@ -141,7 +141,13 @@ def prognose(
         calibration = options.calibration()
         for remark in record.remarks:
             click.echo(remark, err=True)
-        estimates = estimate_windows(record.windows, calibration, options, force=source.force)
+        estimates = estimate_windows(
+            record.windows,
+            calibration,
+            options,
+            force=source.force,
+            any_motion=source.any_motion,
+        )
         course = follow(record, estimates, calibration.unit_parameters, settings)
         for number, estimate in enumerate(estimates):
             if not estimate.valid:

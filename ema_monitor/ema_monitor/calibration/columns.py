@@ -11,7 +11,7 @@ from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
 _LOWEST_CORRELATION: Final = 0.5
-_NEAR: Final = 0.3
+_NEAR: Final = 0.6
 _KNOWN_FACTORS: Final = {
     1.0: "",
     180.0 / math.pi: "degrees in place of radians",
@@ -32,10 +32,11 @@ def column_defect(window: Window, expected: Response) -> str:
     """
     measured = window.telemetry
     travel = window.command - window.command[0]
+    moves = window.moves
     pairs = {
         "position": (measured.position - measured.position[0], travel),
         "speed": (measured.speed[1:], expected.speed[0]),
-        "current": (measured.current[1:], expected.current[0]),
+        "current": (measured.current[1:] * moves, expected.current[0] * moves),
     }
     for name, (row, model) in pairs.items():
         h = window.sample_period

@@ -134,16 +134,15 @@ class _Group(Sequence[Window]):
 def _missed(windows: Sequence[Window], model: MonitorModel) -> Iterator[NDArray[np.float64]]:
     """Yield what a healthy model misses of current and speed, ``(2, n)`` [A, rad/s] a window.
 
-    All windows are laid over the first.
+    All windows are laid over the first. Where the command dwells, nothing counts as missed.
     """
-    command = windows[0].command
+    command, moves = windows[0].command, windows[0].moves
     for window in windows:
         response = _healthy_response(window, model)
         shift = shift_between(window.command, command)
         measured = (window.current, window.telemetry.speed[1:])
-        yield np.array(
-            [moved(row - one[0], -shift) for row, one in zip(measured, response, strict=True)]
-        )
+        rows = zip(measured, response, strict=True)
+        yield np.array([moves * moved(row - one[0], -shift) for row, one in rows])
 
 
 def _mean_missed(windows: Sequence[Window], model: MonitorModel) -> NDArray[np.float64]:
@@ -202,7 +201,9 @@ class _UnitProblem:
         columns = []
         for group in self._groups:
             response = model.respond(group[0], faults, _play(group[0]), deviations=sides)
-            rows = np.array([self._in_band(np.array(row)) for row in zip(*response, strict=True)])
+            moves = group[0].moves
+            pairs = zip(*response, strict=True)
+            rows = np.array([self._in_band(moves * np.array(row)) for row in pairs])
             above, below = np.split(rows, 2)
             columns.append(((above - below) / (up + down)[:, None]).T)
         return np.concatenate(columns)
@@ -343,8 +344,9 @@ def _rms_in_band(rows: Iterable[NDArray[np.float64]], h: float) -> NDArray[np.fl
     for row in rows:
         band = band_limited(row, h)
         squares += np.sum(np.square(band), axis=1)
-        count += band.shape[1]
-    return np.sqrt(squares / count)
+        # Where the command dwells there is exactly nothing.
+        count += np.count_nonzero(np.any(band, axis=0))
+    return np.sqrt(squares / max(1, count))
 
 
 def _known(scatters: NDArray[np.float64]) -> tuple[float, float]:

@@ -16,22 +16,21 @@ from ema_core.faults import (
     healthy_faults,
 )
 from ema_core.quantity import check_quantities, quantity
+from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.defects import drive_defect
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
-from ema_monitor.identification.knowledge import Before, Knowledge, information
-from ema_monitor.identification.objective import Coordinates, Linearisation, Objective
+from ema_monitor.identification.knowledge import Before, Knowledge
+from ema_monitor.identification.objective import Coordinates
+from ema_monitor.identification.preview import NUISANCES, Motion, Preview
 from ema_monitor.identification.search import Identification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.uncertainty import SPANS, UNOBSERVABLE_SIGMA
-from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
-NUISANCES: Final = ("load_torque",)
-"""Hidden causes that are usual in ordinary motion: fitted to every stretch, without evidence."""
-
-WORTHWHILE: Final = 0.9
+WORTHWHILE: Final = 0.97
 """What a stretch must lower the standard deviation of a fault to at least, of that before [-]."""
 
 MOST_SURPRISE: Final = 60.0
@@ -39,7 +38,7 @@ MOST_SURPRISE: Final = 60.0
 
 _CARTESIAN: Final = Coordinates(play=0.0, cartesian=True)
 _RANGE: Final = np.diag((SPANS / UNOBSERVABLE_SIGMA) ** 2)
-_LOADS: Final = 17
+_UNFIT: Final = 2.0
 _REFUSED_IN_A_ROW: Final = 3
 _REACHED: Final = 1.2
 
@@ -58,7 +57,7 @@ class CombinationSettings:
         0.01, "-", 1e-4, 0.25, "standard deviation of each fault at which motion gives an estimate"
     )
     most_stretches: int = quantity(
-        20, "-", 1, 10_000, "largest number of stretches of motion in an estimate"
+        60, "-", 1, 10_000, "largest number of stretches of motion looked at for an estimate"
     )
     longest_s: float = quantity(
         600.0, "s", 0.01, 1e7, "longest time from the first to the last stretch of an estimate"
@@ -90,6 +89,13 @@ class Tally(NamedTuple):
     skipped: int = 0
     refused: int = 0
     reason: str = ""
+
+    def __str__(self) -> str:
+        words = (
+            f"{counted(self.stretches, 'stretch')} of motion: {self.combined} combined, "
+            f"{self.skipped} told nothing new, {self.refused} refused"
+        )
+        return f"{words} (the latest: {self.reason})" if self.reason else words
 
 
 class Combination:
@@ -150,7 +156,6 @@ class Combination:
         self._settings = settings or CombinationSettings()
         self._previous = healthy_faults() if previous is None else fault_vector(previous)
         self._force = force
-        self._loads: tuple[float, ...] = ()
         self.tally = Tally()
         self._refused_in_a_row = 0
         self._begin()
@@ -164,13 +169,16 @@ class Combination:
             The stretch, or why there is none.
         """
         self._count(stretches=1)
+        if isinstance(stretch, Refusal):
+            self._count(refused=1)
+            self.tally = self.tally._replace(reason=stretch.reason)
+            return []
         estimates: list[Estimate] = []
-        if self._is_too_old(stretch):
+        if self._is_complete(stretch):
             estimates += self._conclude("")
-        if (
-            isinstance(stretch, Window)
-            and not isinstance(self._calibration, str)
-            and not self._is_worthwhile(stretch, self._calibration)
+        self._looked_at += 1
+        if not isinstance(self._calibration, str) and not self._is_worthwhile(
+            stretch, self._calibration
         ):
             self._count(skipped=1)
             return estimates
@@ -190,33 +198,42 @@ class Combination:
 
     def _begin(self) -> None:
         self._estimates: list[Estimate] = []
+        self._motions: list[Motion] = []
+        self._looked_at = 0
         self._known = self._nothing
+        self._preview: Preview | None = None
 
     def _count(self, **more: int) -> None:
         counts = {name: getattr(self.tally, name) + number for name, number in more.items()}
         self.tally = self.tally._replace(**counts)
 
-    def _is_too_old(self, stretch: Window | Refusal) -> bool:
+    def _is_complete(self, stretch: Window) -> bool:
+        """Return whether the limit of number or time is reached before a stretch."""
         if not self._estimates:
             return False
-        return (stretch.end_ns - self._estimates[0].start_ns) * 1e-9 > self._settings.longest_s
+        age_s = (stretch.end_ns - self._estimates[0].start_ns) * 1e-9
+        return self._looked_at >= self._settings.most_stretches or age_s > self._settings.longest_s
 
     def _is_worthwhile(self, stretch: Window, calibration: Calibration) -> bool:
-        """Return whether a stretch lowers a standard deviation that is larger than wanted."""
+        """Return whether a stretch is worth a search.
+
+        It is if it lowers a standard deviation that is larger than wanted, if what is known does
+        not explain it, or to be refused with its reason.
+        """
+        self._preview = None
         if calibration.shape_mismatch(stretch) or stretch.excitation_defect():
-            # To be refused with its reason.
             return True
-        causes = Before(None, NUISANCES).causes(calibration.parameters, stretch)
-        objective = Objective(stretch, calibration, causes=causes)
-        # What moves the motor shows what a stretch can tell: first to a load that explains it.
-        points = np.tile(objective.encode(self._start), (_LOADS, 1))
-        points[:, -1] = np.linspace(0.0, 1.0, _LOADS)
-        costs = np.sum(objective.residuals(points) ** 2, axis=1)
-        at = objective.linearise(points[np.argmin(costs)])
-        at = objective.linearise(_explained(at, self._known, objective.noise))
-        self._loads = (float(at.point[-1]),)
-        gained = information(at.jacobian, objective.noise)
-        known = self._known
+        if drive_defect(stretch, calibration.parameters):
+            return True
+        self._preview = preview = Preview.of(stretch, calibration, self._known, self._start)
+        if self._estimates and preview.misfit > _UNFIT * self._known.misfit:
+            return True
+        if any(preview.motion.repeats(one) for one in self._motions):
+            return False
+        return self._lowers(self._known, preview.gained)
+
+    def _lowers(self, known: Knowledge, gained: NDArray[np.float64]) -> bool:
+        """Return whether information lowers a standard deviation that is larger than wanted."""
         before = _RANGE + known.gained
         left = np.sqrt(np.diag(np.linalg.inv(before + gained)) / np.diag(np.linalg.inv(before)))
         sigma, common = known.sigma, known.systematic_sigma
@@ -234,7 +251,7 @@ class Combination:
         """Faults at which the next search begins, ``(8,)``."""
         return np.array(self._estimates[-1].faults) if self._estimates else self._previous
 
-    def _identify(self, stretch: Window | Refusal, known: Knowledge) -> Identification:
+    def _identify(self, stretch: Window, known: Knowledge) -> Identification:
         run = Identification(
             stretch,
             self._description,
@@ -242,7 +259,7 @@ class Combination:
             self._search,
             force=self._force,
             previous=self._start,
-            before=Before(known, NUISANCES, self._loads),
+            before=Before(known, NUISANCES, self._preview.start if self._preview else ()),
         )
         for _ in run:
             pass
@@ -273,10 +290,9 @@ class Combination:
         self._count(combined=1)
         self._known = run.knowledge
         self._estimates.append(run.estimate)
-        reached = not np.any(self._not_reached(run.knowledge))
-        if reached or len(self._estimates) >= self._settings.most_stretches:
-            return self._conclude("")
-        return []
+        if self._preview is not None:
+            self._motions.append(self._preview.motion)
+        return [] if np.any(self._not_reached(run.knowledge)) else self._conclude("")
 
     def _conclude(self, remark: str) -> list[Estimate]:
         """Return the estimate of what was combined, and begin anew."""
@@ -327,21 +343,72 @@ class Combination:
         return replace(estimate, calibration_id=self._calibration_id)
 
 
-def _explained(at: Linearisation, known: Knowledge, noise: float) -> NDArray[np.float64]:
-    """Return the point, ``(d,)``, that explains a stretch best, by the linear model.
+class Combined(NamedTuple):
+    """An estimate of a combination, and the actuator that it is of."""
 
-    Parameters
-    ----------
-    at
-        Linearisation of the stretch alone.
-    known
-        What is known of the faults.
-    noise
-        Variance of an effective residual.
+    description: ActuatorDescription
+    estimate: Estimate
+
+
+class Combinations:
+    """The combinations of several actuators.
+
+    They depend on the stretches and their order alone: live, in a replay and offline, the same
+    stretches give the same estimates. Under another description, calibration or other settings a
+    new combination begins.
     """
-    normal, gradient = at.jacobian.T @ at.jacobian / noise, at.jacobian.T @ at.residuals / noise
-    normal += 1e-9 * max(np.max(np.diag(normal)), 1e-200) * np.eye(len(normal))
-    faults, rows = slice(0, N_FAULTS), known.rows()
-    normal[faults, faults] += rows.T @ rows
-    gradient[faults] += rows.T @ (rows @ (at.point[faults] - known.point))
-    return lowest_in_box(normal, gradient, at.point)
+
+    def __init__(self) -> None:
+        self._of: dict[str, tuple[tuple[object, ...], ActuatorDescription, Combination]] = {}
+
+    def add(
+        self,
+        description: ActuatorDescription,
+        calibration: Calibration | str,
+        search: SearchSettings,
+        settings: CombinationSettings,
+        stretch: Window | Refusal,
+        *,
+        previous: ArrayLike | None = None,
+        force: bool = False,
+    ) -> list[Combined]:
+        """Process the next stretch of an actuator; return the estimates that it completes.
+
+        Parameters
+        ----------
+        description, calibration, search, settings, previous, force
+            As of `Combination`; the latter two hold for a new one.
+        stretch
+            The stretch, or why there is none.
+
+        Raises
+        ------
+        ValueError
+            As of `Combination`.
+        """
+        identity = calibration if isinstance(calibration, str) else calibration.calibration_id
+        key, found = (description, identity, search, settings), []
+        held = self._of.get(description.actuator_id)
+        if held is None or held[0] != key:
+            if held is not None:
+                found += [Combined(held[1], estimate) for estimate in held[2].finish()]
+            combination = Combination(
+                description, calibration, search, settings, previous=previous, force=force
+            )
+            held = self._of[description.actuator_id] = (key, description, combination)
+        found += [Combined(description, estimate) for estimate in held[2].add(stretch)]
+        return found
+
+    def tally(self, actuator_id: str) -> Tally:
+        """Return how many stretches of an actuator there were since its combination was set up."""
+        held = self._of.get(actuator_id)
+        return Tally() if held is None else held[2].tally
+
+    def finish(self) -> list[Combined]:
+        """End all motion; return the estimates of what was combined so far."""
+        held = list(self._of.values())
+        return [Combined(one, estimate) for _, one, found in held for estimate in found.finish()]
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._of.clear()

@@ -179,17 +179,10 @@ class Explainer:
             self._effects = at, self._objective.unit_effects(at.point) / MISMATCH_FACTOR
         return self._effects[1]
 
-    def knowledge(
-        self, explanation: Explanation, misfit: float
-    ) -> tuple[Knowledge, NDArray[np.float64]]:
+    def knowledge(self, explanation: Explanation) -> tuple[Knowledge, NDArray[np.float64]]:
         """Return what is known of the faults after the window, and its own information, ``(8, 8)``.
 
         None of the faults is set to healthy, and none held at the bounds of the box (M29).
-
-        Parameters
-        ----------
-        misfit
-            How many times larger than when healthy the residuals are.
         """
         objective, at = self._objective, explanation.at
         shown = explanation.kept | explanation.confused | self.faults_alone
@@ -206,7 +199,7 @@ class Explainer:
             at.point[faults] + step[faults, 0],
             covariance[faults, faults],
             effects[faults],
-            max(1.0, misfit),
+            max(1.0, objective.misfit(at.residuals)),
             total,
         )
         return known, gained

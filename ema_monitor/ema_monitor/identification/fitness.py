@@ -37,12 +37,15 @@ class Fitness(Protocol):
     effective
         Effective number of residuals: the cost of a healthy window over ``noise``; 0 where it is
         not known.
+    weights
+        What a value of a row counts [-].
     """
 
     spacing: float
     good_cost: float
     noise: float
     effective: float
+    weights: NDArray[np.float64]
 
     def __init__(self, window: Window, calibration: Calibration) -> None: ...
 
@@ -89,13 +92,13 @@ class BandLimited:
         self._stiffness = stiffness / max(1.0, excess) if np.isfinite(excess) else stiffness
         magnitude = np.abs(self._measured[1])
         slow = _SLOW_SHARE * rms(speed)
-        self._weights = magnitude / np.hypot(magnitude, slow)
+        self.weights = magnitude / np.hypot(magnitude, slow)
         self.spacing = h * band_samples(len(window), h)
         self.good_cost = _GOOD_COST * scatter**2 * h * len(window)
         self.noise = _CORRELATION * self.spacing * scatter**2
         excess = self._stiffness * speed_scatter / scatter
         both = 1.0 + excess**2 if np.isfinite(excess) else 2.0
-        self.effective = both * float(np.sum(self._weights**2)) / _CORRELATION
+        self.effective = both * float(np.sum(self.weights**2)) / _CORRELATION
 
     def residuals(self, expected: Response) -> NDArray[np.float64]:
         """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)].
@@ -108,8 +111,8 @@ class BandLimited:
         current, speed = self._measured
         distance = np.concatenate(
             [
-                (current - band_limited(expected.current, self._h)) * self._weights,
-                (speed - band_limited(expected.speed, self._h)) * self._weights * self._stiffness,
+                (current - band_limited(expected.current, self._h)) * self.weights,
+                (speed - band_limited(expected.speed, self._h)) * self.weights * self._stiffness,
             ],
             axis=-1,
         )
@@ -145,12 +148,12 @@ class TotalLeastSquares:
         slope = np.gradient(self._measured, h)
         typical = rms(slope)
         relative = slope / typical if typical > 0.0 else slope
-        self._weights = np.sqrt(h / np.sqrt(relative**2 + 1.0))
+        self.weights = np.sqrt(h / np.sqrt(relative**2 + 1.0))
         self.spacing, self.good_cost, self.noise, self.effective = h, 0.0, 0.0, 0.0
 
     def residuals(self, expected: Response) -> NDArray[np.float64]:
         """Return the residuals of each individual, ``(m, n)``; see :meth:`Fitness.residuals`."""
-        return (self._measured - expected.current) * self._weights
+        return (self._measured - expected.current) * self.weights
 
 
 class LeastSquares:
@@ -159,6 +162,7 @@ class LeastSquares:
     def __init__(self, window: Window, calibration: Calibration) -> None:
         self._measured = window.current
         self.spacing, self.good_cost = window.sample_period, 0.0
+        self.weights = np.ones(len(window))
         self.noise, self.effective = 0.0, 0.0
 
     def residuals(self, expected: Response) -> NDArray[np.float64]:

@@ -150,7 +150,7 @@ class Inference:
         )
         known = explainer.uncertainty(explanation) * np.outer(self._span, self._span)
         if self._before.nuisances:
-            self.knowledge, gained = explainer.knowledge(explanation, goodness)
+            self.knowledge, gained = explainer.knowledge(explanation)
             if self._before.known is not None:
                 self.surprise = surprise(self._before.known, self.knowledge, gained)
         covariance, unobservable = uncertainty_of_faults(faults, known, goodness)
@@ -253,7 +253,10 @@ class Inference:
         missed = np.array(
             [window.current - expected.current, window.telemetry.speed[1:] - expected.speed]
         )
-        in_band = np.sqrt(np.mean(band_limited(missed, window.sample_period) ** 2, axis=-1))
+        squares = band_limited(missed, window.sample_period) ** 2
+        # Ordinary motion dwells, where neither model nor fit says what current flows.
+        weights = self._objective.weights**2 if self._before.nuisances else None
+        in_band = np.sqrt(np.average(squares, axis=-1, weights=weights))
         scatters = np.array(calibration.scatter(window))
         ratios = in_band / scatters[:, None]
         excess = np.maximum(np.nansum(np.square(ratios) - 1.0, axis=0), 0.0)

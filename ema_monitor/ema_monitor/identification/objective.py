@@ -229,6 +229,16 @@ class Objective:
         return misfit**2 * self._fitness.noise
 
     @property
+    def weights(self) -> NDArray[np.float64]:
+        """What a value of the band-limited rows counts, ``(n_band,)`` [-]."""
+        return self._fitness.weights
+
+    def misfit(self, residuals: NDArray[np.float64]) -> float:
+        """Return how many times larger than when healthy residuals, ``(r,)``, are."""
+        of_window = residuals[: len(residuals) - self.priors]
+        return math.sqrt(float(of_window @ of_window) / (self._fitness.noise * self.effective))
+
+    @property
     def priors(self) -> int:
         """Number of residuals, the last ones, that are priors."""
         return len(self._known_rows) + len(self._priors)

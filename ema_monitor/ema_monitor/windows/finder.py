@@ -9,7 +9,15 @@ from dataclasses import dataclass
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_monitor.windows.trigger import LOOKBACK_S, Defect, Refusal, TriggerSettings, WindowTrigger
+from ema_monitor.windows.stretches import StretchTrigger
+from ema_monitor.windows.trigger import (
+    ANY_MOTION,
+    LOOKBACK_S,
+    Defect,
+    Refusal,
+    TriggerSettings,
+    WindowTrigger,
+)
 from ema_monitor.windows.window import Window
 
 
@@ -25,11 +33,14 @@ class Segment:
         The actuator, as it was described at the time.
     window
         The window, or why there is none.
+    is_stretch
+        Whether it is a stretch of ordinary motion, to be combined with others.
     """
 
     number: int
     description: ActuatorDescription
     window: Window | Refusal
+    is_stretch: bool = False
 
 
 class WindowFinder:
@@ -77,6 +88,11 @@ class WindowFinder:
         return self._trigger.longest_motion_s if self._trigger else 0.0
 
     @property
+    def passed_over(self) -> int:
+        """Number of stretches of motion with too little travel."""
+        return self._trigger.passed_over if isinstance(self._trigger, StretchTrigger) else 0
+
+    @property
     def has_rested(self) -> bool:
         """Whether the command was ever at rest."""
         return self._trigger is not None and self._trigger.has_rested
@@ -93,7 +109,7 @@ class WindowFinder:
             return []
         events = self.restart(self._settings, "the description of the actuator changed")
         self.description = description
-        self._trigger = WindowTrigger(description.parameters, self._settings)
+        self._trigger = _trigger(description, self._settings)
         self._period_reported = False
         undescribed, self._undescribed = self._undescribed, deque()
         for item in undescribed:
@@ -118,7 +134,7 @@ class WindowFinder:
         if self._trigger is not None and self._last is not None:
             events = self._number([self._trigger.interrupt(self._last.stamp_ns, reason)])
         if self.description is not None:
-            self._trigger = WindowTrigger(self.description.parameters, settings)
+            self._trigger = _trigger(self.description, settings)
         return events
 
     def feed(self, block: Telemetry) -> list[Segment | Defect]:
@@ -161,7 +177,7 @@ class WindowFinder:
         events = self._number(self._trigger.finish() if self._trigger else [])
         self._last = None
         if self.description is not None:
-            self._trigger = WindowTrigger(self.description.parameters, self._settings)
+            self._trigger = _trigger(self.description, self._settings)
         return events
 
     def _keep(self, item: Telemetry | Defect) -> None:
@@ -194,6 +210,12 @@ class WindowFinder:
             if isinstance(event, Defect):
                 numbered.append(event)
             elif self.description is not None:
-                numbered.append(Segment(self.windows, self.description, event))
+                is_stretch = self._settings.windows == ANY_MOTION
+                numbered.append(Segment(self.windows, self.description, event, is_stretch))
                 self.windows += 1
         return numbered
+
+
+def _trigger(description: ActuatorDescription, settings: TriggerSettings) -> WindowTrigger:
+    kind = StretchTrigger if settings.windows == ANY_MOTION else WindowTrigger
+    return kind(description.parameters, settings)

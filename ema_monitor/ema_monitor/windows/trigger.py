@@ -12,13 +12,19 @@ from numpy.typing import NDArray
 
 from ema_core.commands import approach_travel
 from ema_core.parameters import ActuatorParameters
-from ema_core.quantity import check_quantities, quantity
+from ema_core.quantity import check_quantities, quantity, text
 from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_core.wording import counted
 from ema_monitor.windows.window import Window
 
 LOOKBACK_S: Final = 10.0
 """How much telemetry is kept, to determine how a window was approached [s]."""
+
+TEST_CYCLE: Final = "test_cycle"
+"""Windows that begin when the command leaves its rest, each identified by itself."""
+
+ANY_MOTION: Final = "any_motion"
+"""Stretches of ordinary motion, which are combined."""
 
 _RATE_TOLERANCE: Final = 0.01
 
@@ -49,6 +55,8 @@ class TriggerSettings:
 
     Attributes
     ----------
+    windows
+        What is a window: a test cycle, or any stretch of motion.
     window_s
         Length of a window [s].
     rest_s
@@ -62,6 +70,11 @@ class TriggerSettings:
         When a figure is outside its range; the message names it.
     """
 
+    windows: str = text(
+        TEST_CYCLE,
+        "what is identified: the motion after a rest, or any motion, combined",
+        (TEST_CYCLE, ANY_MOTION),
+    )
     window_s: float = quantity(0.5, "s", 0.01, 100.0, "length of a window")
     rest_s: float = quantity(0.02, "s", 1e-4, 10.0, "time at rest of the command before a window")
     threshold: float = quantity(1e-6, "rad", 1e-12, 1.0, "smallest change that counts as motion")

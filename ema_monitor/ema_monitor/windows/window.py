@@ -4,12 +4,19 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ema_core.telemetry import Telemetry
 
 MIN_TRAVEL: Final = 1e-3
 """Travel of the command below which a window does not excite the faults [rad]."""
+
+
+DWELL_S: Final = 0.02
+"""How long the command must be at rest to count as dwelling [s]."""
+
+_REST: Final = 2e-4
 
 
 @dataclass(frozen=True)
@@ -65,6 +72,17 @@ class Window:
     def excitation(self) -> float:
         """Travel of the command [rad]."""
         return float(np.ptp(self.command))
+
+    @property
+    def moves(self) -> NDArray[np.bool_]:
+        """Where the command moves after the start, ``(n,)``.
+
+        Where it dwells, the shaft sticks wherever it came to rest, and no model says what current
+        holds it there.
+        """
+        n = min(max(1, round(DWELL_S / self.sample_period)), len(self))
+        rests = np.ptp(sliding_window_view(self.command, n + 1), axis=1) <= _REST * self.excitation
+        return np.convolve(rests, np.ones(n + 1))[1:] < 0.5
 
     def excitation_defect(self) -> str:
         """Return why the window does not excite the faults; empty when it does."""

@@ -1,0 +1,134 @@
+"""What a stretch of ordinary motion can tell, before it is searched (M28)."""
+
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import N_FAULTS
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.knowledge import Before, Knowledge, information
+from ema_monitor.identification.objective import Linearisation, Objective
+from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
+from ema_monitor.windows.band import band_limited
+from ema_monitor.windows.window import Window
+
+NUISANCES: Final = ("load_torque",)
+"""Hidden causes that are usual in ordinary motion: fitted to every stretch, without evidence."""
+
+_LOADS: Final = 17
+_NEAR: Final = 0.05
+_REPEATED: Final = 0.8
+
+
+class Motion(NamedTuple):
+    """Where a stretch went, a value a millisecond.
+
+    Attributes
+    ----------
+    states
+        Position and speed, ``(n, 2)`` [rad, rad/s].
+    scale
+        Travel and largest speed, ``(2,)`` [rad, rad/s].
+    load
+        Load over the largest that is possible [-].
+    """
+
+    states: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    load: float
+
+    @classmethod
+    def of(cls, stretch: Window, load: float) -> Self:
+        """Return that of a stretch under a load."""
+        telemetry = stretch.telemetry
+        rows = band_limited(np.array([telemetry.position, telemetry.speed]), stretch.sample_period)
+        scale = np.array([np.ptp(rows[0]), np.max(np.abs(rows[1]))])
+        return cls(rows.T, np.maximum(scale, 1e-12), load)
+
+    def repeats(self, other: Self) -> bool:
+        """Return whether it went where another one did before: the model errs there as it did."""
+        if abs(self.load - other.load) > _NEAR:
+            return False
+        scale = np.maximum(self.scale, other.scale)
+        apart = np.abs(self.states[:, None] - other.states[None]) / scale
+        near = np.any(np.all(apart <= _NEAR, axis=2), axis=1)
+        return bool(np.mean(near) >= _REPEATED)
+
+
+class Preview(NamedTuple):
+    """What a stretch can tell of the faults.
+
+    Attributes
+    ----------
+    start
+        Where a search for the nuisances begins, in the unit box.
+    misfit
+        How many times larger than when healthy its residuals are, by the linear model, where what
+        is known explains it best.
+    gained
+        Its information on the faults, ``(8, 8)``, with the noise of a healthy window.
+    motion
+        Where it went.
+    """
+
+    start: tuple[float, ...]
+    misfit: float
+    gained: NDArray[np.float64]
+    motion: Motion
+
+    @classmethod
+    def of(
+        cls,
+        stretch: Window,
+        calibration: Calibration,
+        known: Knowledge,
+        faults: NDArray[np.float64],
+    ) -> Self:
+        """Return that of a stretch.
+
+        What moves the motor shows what a stretch can tell: it is judged under the load that
+        explains it best.
+
+        Parameters
+        ----------
+        stretch, calibration
+            The stretch, and the calibration of its unit.
+        known
+            What is known of the faults.
+        faults
+            Where they are judged, ``(8,)``.
+        """
+        [load] = causes = Before(None, NUISANCES).causes(calibration.parameters, stretch)
+        objective = Objective(stretch, calibration, causes=causes)
+        points = np.tile(objective.encode(faults), (_LOADS, 1))
+        points[:, -1] = np.linspace(0.0, 1.0, _LOADS)
+        costs = np.sum(objective.residuals(points) ** 2, axis=1)
+        at = objective.linearise(points[np.argmin(costs)])
+        at = objective.linearise(_explained(at, known, objective.noise))
+        return cls(
+            (float(at.point[-1]),),
+            objective.misfit(at.residuals),
+            information(at.jacobian, objective.noise),
+            Motion.of(stretch, float(objective.causes(at.point)[0]) / load.reach),
+        )
+
+
+def _explained(at: Linearisation, known: Knowledge, noise: float) -> NDArray[np.float64]:
+    """Return the point, ``(d,)``, that explains a stretch best, by the linear model.
+
+    Parameters
+    ----------
+    at
+        Linearisation of the stretch alone.
+    known
+        What is known of the faults.
+    noise
+        Variance of an effective residual.
+    """
+    normal, gradient = at.jacobian.T @ at.jacobian / noise, at.jacobian.T @ at.residuals / noise
+    normal += 1e-9 * max(np.max(np.diag(normal)), 1e-200) * np.eye(len(normal))
+    faults, rows = slice(0, N_FAULTS), known.rows()
+    normal[faults, faults] += rows.T @ rows
+    gradient[faults] += rows.T @ (rows @ (at.point[faults] - known.point))
+    return lowest_in_box(normal, gradient, at.point)
