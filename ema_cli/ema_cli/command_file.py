@@ -16,11 +16,11 @@ def command_from(shape: str, figures: dict[str, float]) -> Command:
     Parameters
     ----------
     shape
-        "step", "ramp", "sine", "chirp" or the path of a CSV file whose last column holds one
-        angle [rad] a sample; a first line that is no number is taken for a heading.
+        "step", "ramp", "sine", "chirp", "moves" or the path of a CSV file whose last column holds
+        one angle [rad] a sample; a first line that is no number is taken for a heading.
     figures
-        Figures of the shape by name. A step goes to 1 rad and a sine has 2 Hz unless they say
-        otherwise.
+        Figures of the shape by name. A step goes to 1 rad, a sine has 2 Hz and moves last 10 s
+        unless they say otherwise.
 
     Raises
     ------
@@ -43,6 +43,7 @@ def command_from(shape: str, figures: dict[str, float]) -> Command:
         "step": {"amplitude": 1.0},
         "ramp": {"amplitude": 0.05},
         "sine": {"start_frequency": 2.0},
+        "moves": {"duration": 10.0},
     }
     return Command(shape, **{**own.get(shape, {}), **figures})
 

@@ -15,11 +15,14 @@ from ema_core.faults import BACKLASH, FAULTS, FRICTION, GAIN
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.quantity import check_quantities, finite_samples, hint_of_unit, quantity, text
 
-COMMAND_SHAPES: Final = ("step", "ramp", "sine", "chirp", "custom")
+COMMAND_SHAPES: Final = ("step", "ramp", "sine", "chirp", "moves", "custom")
 
 APPROACH_DEPTH: Final = 2e-3
 """Default distance over which a cycle approaches its start from below [rad]."""
 
+_SLOWEST_MOVE = 0.1
+_SHORTEST_MOVE_S = 0.05
+_LONGEST_DWELL_S = 0.3
 _APPROACH_SPEED = 5e-3
 _RETREAT_S = 0.1
 _HOLD_S = 0.1
@@ -43,12 +46,16 @@ class Command:
 
     shape: str = text("chirp", "shape of the command", COMMAND_SHAPES)
     amplitude: float = quantity(
-        0.005, "rad", -10.0, 10.0, "amplitude, height of the step, end value of the ramp"
+        0.005,
+        "rad",
+        -10.0,
+        10.0,
+        "amplitude, height of the step, end value of the ramp, reach of the moves",
     )
     duration: float = quantity(0.5, "s", 1e-3, 3600.0, "length of the command")
     start_time: float = quantity(0.01, "s", 0.0, 3600.0, "when a step or ramp starts")
     rate: float = quantity(
-        0.1, "rad/s", 0.0, 100.0, "speed at which the ramp goes to its end value"
+        0.1, "rad/s", 0.0, 100.0, "speed of the ramp, largest speed of the moves"
     )
     start_frequency: float = quantity(
         0.0, "Hz", 0.0, 1e3, "frequency of the sine, or of the chirp at its start"
@@ -57,10 +64,13 @@ class Command:
     final_fraction: float = quantity(
         1.0, "-", 0.0, 1.0, "share of the chirp's amplitude that is left at its end"
     )
+    seed: int = quantity(0, "-", 0, 2**62, "seed of the moves")
     samples: ArrayLike = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         check_quantities(self)
+        if self.shape == "moves" and self.rate == 0.0:
+            raise ValueError("rate = 0 rad/s: expected a positive speed of the moves")
         if self.shape == "custom":
             object.__setattr__(
                 self, "samples", finite_samples("shape = 'custom': samples", self.samples)
@@ -107,6 +117,8 @@ class Command:
         if self.shape == "ramp":
             travel = self.rate * np.maximum(t - self.start_time, 0.0)
             return np.copysign(np.minimum(travel, abs(self.amplitude)), self.amplitude)
+        if self.shape == "moves":
+            return self._moves(n, sample_period)
         f0 = self.start_frequency
         if self.shape == "sine":
             return self.amplitude * np.sin(2 * math.pi * f0 * t)
@@ -114,6 +126,19 @@ class Command:
         envelope = 1.0 - (1.0 - self.final_fraction) * t / T
         phase = 2 * math.pi * (f0 * t + (f1 - f0) * t**2 / (2 * T))
         return self.amplitude * envelope * np.sin(phase)
+
+    def _moves(self, n: int, h: float) -> NDArray[np.float64]:
+        """Return smooth moves between random angles, with dwells: ordinary motion, ``(n,)``."""
+        rng = np.random.default_rng(self.seed)
+        reach, parts, at, done = abs(self.amplitude), [], 0.0, 0
+        while done < n:
+            to = float(rng.uniform(-reach, reach))
+            speed = rng.uniform(_SLOWEST_MOVE, 1.0) * self.rate
+            lasts = max(math.pi / 2.0 * abs(to - at) / speed, _SHORTEST_MOVE_S)
+            dwell = np.full(round(rng.uniform(0.0, _LONGEST_DWELL_S) / h), to)
+            parts += [_smooth_move(at, to, lasts, h), dwell]
+            at, done = to, done + len(parts[-2]) + len(dwell)
+        return np.concatenate(parts)[:n]
 
 
 THESIS_CHIRP: Final = Command()

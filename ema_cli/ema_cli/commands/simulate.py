@@ -54,7 +54,8 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
     "--command",
     "shape",
     default="chirp",
-    help="step, ramp, sine, chirp, or a CSV file with one angle [rad] a sample in its last column.",
+    help="step, ramp, sine, chirp, moves (random smooth moves with dwells, as in ordinary motion), "
+    "or a CSV file with one angle [rad] a sample in its last column.",
 )
 @click.option(
     "--command-set",
@@ -62,7 +63,7 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
     type=Assignments(),
     multiple=True,
     help="Figures of the command: amplitude [rad], duration [s], start_time [s], rate [rad/s], "
-    "start_frequency, end_frequency [Hz], final_fraction [-].",
+    "start_frequency, end_frequency [Hz], final_fraction [-], seed.",
 )
 @click.option(
     "--set",

@@ -17,6 +17,8 @@ NUISANCES: Final = ("load_torque",)
 """Hidden causes that are usual in ordinary motion: fitted to every stretch, without evidence."""
 
 _LOADS: Final = 17
+_REFINEMENTS: Final = 2
+_STEPS: Final = np.array([0.0, 0.3, 0.6, 1.0])
 _NEAR: Final = 0.05
 _REPEATED: Final = 0.8
 
@@ -103,15 +105,27 @@ class Preview(NamedTuple):
         objective = Objective(stretch, calibration, causes=causes)
         points = np.tile(objective.encode(faults), (_LOADS, 1))
         points[:, -1] = np.linspace(0.0, 1.0, _LOADS)
-        costs = np.sum(objective.residuals(points) ** 2, axis=1)
-        at = objective.linearise(points[np.argmin(costs)])
-        at = objective.linearise(_explained(at, known, objective.noise))
+        point, _ = _lowest(objective, points)
+        at = objective.linearise(point)
+        for _ in range(_REFINEMENTS):
+            target = _explained(at, known, objective.noise)
+            point, left = _lowest(objective, at.point + _STEPS[:, None] * (target - at.point))
+            at = objective.linearise(point)
         return cls(
-            (float(at.point[-1]),),
-            objective.misfit(at.residuals),
+            (float(point[-1]),),
+            objective.misfit(left),
             information(at.jacobian, objective.noise),
-            Motion.of(stretch, float(objective.causes(at.point)[0]) / load.reach),
+            Motion.of(stretch, float(objective.causes(point)[0]) / load.reach),
         )
+
+
+def _lowest(
+    objective: Objective, points: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return which of some points, ``(m, d)``, costs least, and its residuals."""
+    residuals = objective.residuals(points)
+    best = int(np.argmin(np.sum(residuals**2, axis=1)))
+    return points[best], residuals[best]
 
 
 def _explained(at: Linearisation, known: Knowledge, noise: float) -> NDArray[np.float64]:

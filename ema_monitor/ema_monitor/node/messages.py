@@ -43,6 +43,7 @@ def estimate_to_message(
         window=int(window),
         window_start=stamp_to_message(estimate.start_ns),
         window_end=stamp_to_message(estimate.end_ns),
+        stretches=int(estimate.stretches),
         covariance=estimate.covariance.astype(np.float64).ravel(),
         faults=faults_to_message(estimate.faults),
         unobservable=_bits(estimate.unobservable),
