@@ -3,6 +3,7 @@
 import csv
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from ema_core.commands import COMMAND_SHAPES, Command
 from ema_core.wording import unknown_name
@@ -39,7 +40,7 @@ def command_from(shape: str, figures: dict[str, float]) -> Command:
     if shape not in COMMAND_SHAPES or shape == "custom":
         shapes = ", ".join(name for name in COMMAND_SHAPES if name != "custom")
         raise ValueError(f"command {shape!r} is neither one of {shapes} nor a .csv file")
-    own = {
+    own: dict[str, dict[str, Any]] = {
         "step": {"amplitude": 1.0},
         "ramp": {"amplitude": 0.05},
         "sine": {"start_frequency": 2.0},

@@ -9,6 +9,7 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
+from ema_monitor.identification.combination import CombinationSettings
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node import worker as identification_worker
@@ -38,7 +39,13 @@ class Published:
 
     def worker(self) -> IdentificationWorker:
         return IdentificationWorker(
-            lambda _: "no calibration", lambda _: None, SearchSettings, self._publish, self._log
+            lambda _: "no calibration",
+            lambda _: None,
+            SearchSettings,
+            CombinationSettings,
+            self._publish,
+            lambda *_: None,
+            self._log,
         )
 
     def until(self, condition: Callable[[], bool]) -> None:

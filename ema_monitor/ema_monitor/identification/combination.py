@@ -344,8 +344,9 @@ class Combination:
 
 
 class Combined(NamedTuple):
-    """An estimate of a combination, and the actuator that it is of."""
+    """An estimate of ordinary motion, its running number, and the actuator that it is of."""
 
+    number: int
     description: ActuatorDescription
     estimate: Estimate
 
@@ -359,7 +360,7 @@ class Combinations:
     """
 
     def __init__(self) -> None:
-        self._of: dict[str, tuple[tuple[object, ...], ActuatorDescription, Combination]] = {}
+        self._of: dict[str, _Held] = {}
 
     def add(
         self,
@@ -387,28 +388,43 @@ class Combinations:
             As of `Combination`.
         """
         identity = calibration if isinstance(calibration, str) else calibration.calibration_id
-        key, found = (description, identity, search, settings), []
+        key, ended = (description, identity, search, settings), []
         held = self._of.get(description.actuator_id)
-        if held is None or held[0] != key:
-            if held is not None:
-                found += [Combined(held[1], estimate) for estimate in held[2].finish()]
+        if held is None or held.key != key:
+            ended = held.numbered(held.combination.finish()) if held else []
             combination = Combination(
                 description, calibration, search, settings, previous=previous, force=force
             )
-            held = self._of[description.actuator_id] = (key, description, combination)
-        found += [Combined(description, estimate) for estimate in held[2].add(stretch)]
-        return found
+            held = _Held(key, description, combination, held.estimates if held else 0)
+            self._of[description.actuator_id] = held
+        return ended + held.numbered(held.combination.add(stretch))
 
     def tally(self, actuator_id: str) -> Tally:
         """Return how many stretches of an actuator there were since its combination was set up."""
         held = self._of.get(actuator_id)
-        return Tally() if held is None else held[2].tally
+        return Tally() if held is None else held.combination.tally
 
     def finish(self) -> list[Combined]:
         """End all motion; return the estimates of what was combined so far."""
-        held = list(self._of.values())
-        return [Combined(one, estimate) for _, one, found in held for estimate in found.finish()]
+        return [
+            one for held in self._of.values() for one in held.numbered(held.combination.finish())
+        ]
 
     def clear(self) -> None:
         """Forget all."""
         self._of.clear()
+
+
+@dataclass
+class _Held:
+    """The combination of one actuator, what it depends on, and how many estimates there were."""
+
+    key: tuple[object, ...]
+    description: ActuatorDescription
+    combination: Combination
+    estimates: int
+
+    def numbered(self, found: list[Estimate]) -> list[Combined]:
+        """Give estimates their numbers."""
+        first, self.estimates = self.estimates, self.estimates + len(found)
+        return [Combined(first + i, self.description, one) for i, one in enumerate(found)]

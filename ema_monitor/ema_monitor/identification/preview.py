@@ -105,7 +105,7 @@ class Preview(NamedTuple):
         objective = Objective(stretch, calibration, causes=causes)
         points = np.tile(objective.encode(faults), (_LOADS, 1))
         points[:, -1] = np.linspace(0.0, 1.0, _LOADS)
-        point, _ = _lowest(objective, points)
+        point, left = _lowest(objective, points)
         at = objective.linearise(point)
         for _ in range(_REFINEMENTS):
             target = _explained(at, known, objective.noise)

@@ -11,6 +11,7 @@ from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import Health
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.store import CalibrationStore
+from ema_monitor.identification.combination import CombinationSettings
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node.calls import MonitorCalls
@@ -43,6 +44,7 @@ class MonitorNode(ManagedNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("monitor", **kwargs)
         self._search = LiveSettings(self, SearchSettings)
+        self._combining = LiveSettings(self, CombinationSettings)
         self._operation = LiveSettings(self, Operation)
         self._trigger = LiveSettings(
             self, TriggerSettings, on_change=lambda new: self._units.restart(new)
@@ -62,7 +64,9 @@ class MonitorNode(ManagedNode):
             self._calibration_of,
             self._prognosis.latest,
             lambda: self._search.value,
+            lambda: self._combining.value,
             self._publish_estimate,
+            self._units.report_tally,
             lambda text: self.get_logger().error(text),
         )
         self._is_active = False

@@ -7,6 +7,7 @@ from dataclasses import replace
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_interfaces.msg import Health as HealthMessage
+from ema_monitor.identification.combination import Tally
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.messages import health_to_message
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
@@ -39,6 +40,8 @@ class Unit:
         Finds the windows in its telemetry.
     latest
         Its latest complete window; None when there was none.
+    tally
+        What became of the stretches of its motion.
     """
 
     def __init__(
@@ -51,6 +54,7 @@ class Unit:
         self.actuator_id = actuator_id
         self.finder = WindowFinder(settings)
         self.latest: Segment | None = None
+        self.tally = Tally()
         self._publish = publish
         # What was wrong, and the number of the first window after it.
         self._open_defects: deque[tuple[int, str]] = deque(maxlen=_MOST_NAMED)
@@ -168,6 +172,8 @@ class Unit:
             level, message = WARN, self._defects
         elif not finder.blocks:
             level, message = WARN, "no telemetry so far"
+        elif self.tally.reason:
+            level, message = WARN, str(self.tally)
         else:
             level, message = OK, f"{self._valid} valid estimates"
         counts = {
@@ -180,6 +186,13 @@ class Unit:
             "estimates invalid": self._invalid,
             "latency [s]": self._latency_s,
         }
+        if self.tally.stretches or finder.passed_over:
+            counts |= {
+                "stretches combined": self.tally.combined,
+                "stretches without news": self.tally.skipped,
+                "stretches refused": self.tally.refused,
+                "stretches with too little travel": finder.passed_over,
+            }
         summary = LEVEL_NAMES[health.level]
         if self._outlook.dominant:
             summary += f": {self._outlook.dominant}"

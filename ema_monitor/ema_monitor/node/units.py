@@ -8,6 +8,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, WARN
 from ema_core.wording import counted
 from ema_interfaces.msg import Health as HealthMessage
+from ema_monitor.identification.combination import Tally
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.unit import Unit
 from ema_monitor.prognosis.outlook import Outlook
@@ -177,6 +178,12 @@ class Units(dict[str, Unit]):
         """Record an estimate, and publish the outlook after it; None when it is not valid."""
         with self.lock:
             self[segment.description.actuator_id].record(segment, estimate, outlook, now_ns)
+
+    def report_tally(self, actuator_id: str, tally: Tally) -> None:
+        """Record what became of the stretches of an actuator's motion so far."""
+        with self.lock:
+            if actuator_id in self:
+                self[actuator_id].tally = tally
 
     def publish_stale(self, expected_period_s: float) -> list[HealthMessage]:
         """Publish, and return, the health of the units whose health has just become stale."""

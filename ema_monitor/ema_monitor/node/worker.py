@@ -7,10 +7,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.combination import (
+    Combinations,
+    CombinationSettings,
+    Tally,
+)
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.search import Identification, LastFaults
 from ema_monitor.identification.settings import SearchSettings
@@ -155,8 +163,13 @@ class IdentificationWorker:
         begins there.
     settings
         Gives the settings of the next search.
+    combining
+        Gives until when stretches of ordinary motion are combined.
     publish
-        Called with each window and its estimate.
+        Called with each window and its estimate; of stretches of ordinary motion, with the one
+        that completes an estimate, and that.
+    report_tally
+        Called with the name of an actuator, and what became of its stretches so far.
     log_error
         Called with the traceback of a failure.
 
@@ -171,15 +184,20 @@ class IdentificationWorker:
         calibration_of: Callable[[ActuatorDescription], Calibration | str],
         latest_estimate: Callable[[ActuatorDescription], Estimate | None],
         settings: Callable[[], SearchSettings],
+        combining: Callable[[], CombinationSettings],
         publish: Callable[[Segment, Estimate], None],
+        report_tally: Callable[[str, Tally], None],
         log_error: Callable[[str], object],
     ) -> None:
         self._calibration_of = calibration_of
         self._latest_estimate = latest_estimate
         self._settings = settings
+        self._combining = combining
         self._publish = publish
+        self._report_tally = report_tally
         self._log_error = log_error
         self._last_faults = LastFaults()
+        self._combinations = Combinations()
         self._searched: set[str] = set()
         self._thread: threading.Thread | None = None
         self._queue = WindowQueue()
@@ -223,6 +241,7 @@ class IdentificationWorker:
     def forget(self) -> None:
         """Begin later searches anew."""
         self._last_faults.clear()
+        self._combinations.clear()
         self._searched.clear()
 
     def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
@@ -234,7 +253,10 @@ class IdentificationWorker:
             return []
 
     def stop(self) -> None:
-        """Stop, even within a window, and refuse the windows that wait."""
+        """Stop, even within a window, and refuse the windows that wait.
+
+        What stretches of ordinary motion have told so far is published.
+        """
         thread, self._thread = self._thread, None
         if thread is None:
             return
@@ -247,10 +269,19 @@ class IdentificationWorker:
             self.refuse(current, _STOPPED_DURING)
         for segment in waiting:
             self.refuse(segment, "the monitor was stopped before the window was identified")
+        if not thread.is_alive():
+            # Those of a thread that still computes are lost.
+            for number, description, estimate in self._combinations.finish():
+                self._publish(_completed(number, description, estimate), estimate)
+        self._combinations.clear()
 
     def refuse(self, segment: Segment, reason: str) -> None:
-        """Publish why a window is not identified; its own refusal when the reason is empty."""
-        self._publish(segment, self._refusal(segment, reason))
+        """Publish why a window is not identified; its own refusal when the reason is empty.
+
+        A stretch of ordinary motion is one of many: that it is not identified is no news.
+        """
+        if not segment.is_stretch:
+            self._publish(segment, self._refusal(segment, reason))
 
     def _run(self, queue: WindowQueue) -> None:
         try:
@@ -266,6 +297,9 @@ class IdentificationWorker:
                 self.refuse(segment, failure)
 
     def _identify_and_publish(self, segment: Segment, queue: WindowQueue) -> None:
+        if segment.is_stretch:
+            self._combine_and_publish(segment, queue)
+            return
         # A failure in one window must not end the identification of the others.
         try:
             estimate = self._identify(segment, queue)
@@ -284,16 +318,52 @@ class IdentificationWorker:
                 except Exception as second:
                     self._log_failure(segment, second)
 
-    def _identify(self, segment: Segment, queue: WindowQueue) -> Estimate:
+    def _combine_and_publish(self, segment: Segment, queue: WindowQueue) -> None:
         description = segment.description
-        calibration = self._calibration_of(description)
+        try:
+            found = self._combinations.add(
+                description,
+                self._calibration_of(description),
+                self._settings(),
+                self._combining(),
+                segment.window,
+                previous=self._previous(description),
+            )
+        except Exception as error:
+            tally = self._combinations.tally(description.actuator_id)
+            reason = self._log_failure(segment, error)
+            self._report_tally(description.actuator_id, tally._replace(reason=reason))
+            with queue.publishing(segment):
+                return
+        with queue.publishing(segment) as may_publish:
+            if not may_publish:
+                return
+            for number, of, estimate in found:
+                self._last_faults.record(of, estimate)
+                try:
+                    self._publish(_completed(number, of, estimate), estimate)
+                except Exception as error:
+                    self._log_failure(segment, error)
+            self._report_tally(
+                description.actuator_id, self._combinations.tally(description.actuator_id)
+            )
+
+    def _previous(self, description: ActuatorDescription) -> NDArray[np.float64] | None:
+        """Return the faults at which the next search begins, None for a healthy actuator."""
         if description.actuator_id not in self._searched:
             self._searched.add(description.actuator_id)
             if (latest := self._latest_estimate(description)) is not None:
                 self._last_faults.record(description, latest)
-        previous = self._last_faults.of(description, calibration)
+        return self._last_faults.of(description, self._calibration_of(description))
+
+    def _identify(self, segment: Segment, queue: WindowQueue) -> Estimate:
+        description = segment.description
         run = Identification(
-            segment.window, description, calibration, self._settings(), previous=previous
+            segment.window,
+            description,
+            self._calibration_of(description),
+            self._settings(),
+            previous=self._previous(description),
         )
         try:
             for _ in run:
@@ -316,3 +386,9 @@ class IdentificationWorker:
             window = Refusal(window.start_ns, window.end_ns, reason)
         calibration = self._calibration_of(segment.description)
         return refusal(window, calibration, self._settings(), window.reason)
+
+
+def _completed(number: int, description: ActuatorDescription, estimate: Estimate) -> Segment:
+    """Return what an estimate of ordinary motion is of; its telemetry is not kept."""
+    span = Refusal(estimate.start_ns, estimate.end_ns, estimate.reason)
+    return Segment(number, description, span, is_stretch=True)

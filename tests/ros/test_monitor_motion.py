@@ -1,0 +1,73 @@
+"""Ordinary motion as other nodes see it: few estimates of many stretches, the same as offline."""
+
+import numpy as np
+import pytest
+
+from ema_core.commands import Command
+from ema_core.faults import FAULT_NAMES, fault_vector
+from ema_core.telemetry import Telemetry
+from ema_interfaces.msg import FaultEstimate
+from ema_monitor import CombinationSettings, identify_motion
+from ema_ros.stamps import stamp_from_message
+from ema_sim.actuator import SimulatedActuator
+
+from .monitor_session import FLAP, START_NS, monitor
+
+MOTION = {"windows": "any_motion", "wanted_sigma": 0.02}
+BLOCK = 500
+
+
+def blocks(command: np.ndarray, **faults: float) -> list[Telemetry]:
+    actuator = SimulatedActuator(stamp_ns=START_NS)
+    actuator.faults = fault_vector(faults)
+    actuator.causes = {"load_torque": 0.3}
+    whole = actuator.advance(command)
+    return [whole.part(i, min(i + BLOCK, len(whole))) for i in range(0, len(whole), BLOCK)]
+
+
+@pytest.fixture(scope="module")
+def moves() -> list[Telemetry]:
+    command = Command("moves", amplitude=0.008, rate=0.3, duration=6.0, seed=3).sample(1e-4)
+    return blocks(command, friction=0.2, short_circuit_b=0.1)
+
+
+@pytest.mark.slow
+def test_motion_gives_the_estimates_that_it_gives_offline(moves: list[Telemetry]):
+    """Live, stretches are the same to the last bit, and so are the estimates."""
+    expected = identify_motion(moves, settings=CombinationSettings(wanted_sigma=0.02))
+    assert len(expected) >= 2
+    with monitor({**MOTION, "waiting_windows": 1000}) as session:
+        session.describe()
+        session.feed(moves)
+        # The last one ends with the motion, when the monitor is deactivated.
+        for one in expected[:-1]:
+            live = session.next_estimate()
+            faults = [getattr(live.faults, name) for name in FAULT_NAMES]
+            np.testing.assert_array_equal(faults, one.faults)
+            assert live.stretches == one.stretches >= 1
+            assert stamp_from_message(live.window_start) == one.start_ns
+            assert stamp_from_message(live.window_end) == one.end_ns
+            assert live.verdict == FaultEstimate.VALID
+        assert [one.window for one in session.estimates()] == list(range(len(expected) - 1))
+
+
+@pytest.mark.slow
+def test_rest_gives_no_estimate_and_stretches_are_counted(moves: list[Telemetry]):
+    """At rest, and in a motion of less than a milliradian, nothing is published."""
+    h = FLAP.sample_period
+    t = h * np.arange(1, 20_001)
+    small = 2e-4 * np.sin(2 * np.pi * 2.0 * t)
+    with monitor(MOTION) as session:
+        session.describe()
+        session.feed(blocks(np.concatenate([np.zeros(5000), small, np.zeros(5000)])))
+
+        def counted() -> dict[str, str]:
+            for status in reversed(session.statuses("flap telemetry")):
+                values = {item.key: item.value for item in status.values}
+                if int(values.get("stretches with too little travel", 0)) >= 3:
+                    return values
+            return {}
+
+        values = session.until(counted)
+        assert values["windows"] == "0"
+        assert session.estimates() == []
