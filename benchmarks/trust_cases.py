@@ -4,7 +4,7 @@ A unit is the simulator's own actuator or a foreign one (`foreign`). Every windo
 from its task.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Final, Literal, NamedTuple, get_args
@@ -110,12 +110,9 @@ class Task:
         """
         rng = np.random.default_rng([*self.seed, 0])
         commands = self._commands(rng)
-        if self.unit.kind == "own":
-            telemetry = _own_telemetry(commands, self, rng)
-        else:
-            telemetry = _foreign(self.unit).telemetry(
-                commands, self.faults, self.causes, rng, self.sample_period
-            )
+        telemetry = telemetry_of(
+            self.unit, commands, self.faults, self.causes, rng, self.sample_period
+        )
         events = WindowTrigger(_NOMINAL).feed(telemetry)
         if len(events) != 1 or not isinstance(events[0], Window):
             raise RuntimeError(f"{self}: no window: {events}")
@@ -304,12 +301,28 @@ def two_shorts(kind: Kind, plants: int, count: int) -> list[Task]:
     return tasks
 
 
-def _own_telemetry(
-    commands: NDArray[np.float64], task: Task, rng: np.random.Generator
+def telemetry_of(
+    unit: Unit,
+    commands: NDArray[np.float64],
+    faults: Sequence[float],
+    causes: Mapping[str, float],
+    rng: np.random.Generator,
+    sample_period: float,
 ) -> Telemetry:
-    actuator = SimulatedActuator(_NOMINAL, sample_period=task.sample_period)
-    actuator.faults = np.array(task.faults)
-    actuator.causes = task.causes
+    """Record a unit from rest at the first of some commands, ``(n,)`` [rad].
+
+    Parameters
+    ----------
+    unit, faults, causes, sample_period
+        As of `Task`.
+    rng
+        Random numbers of all noise.
+    """
+    if unit.kind != "own":
+        return _foreign(unit).telemetry(commands, faults, causes, rng, sample_period)
+    actuator = SimulatedActuator(_NOMINAL, sample_period=sample_period)
+    actuator.faults = np.array(faults)
+    actuator.causes = causes
     start = float(commands[0]) / _NOMINAL.tau
     actuator.state = at_rest(start, start)
     sensors = Sensors(CURRENT_NOISE, RESOLUTIONS, rng)

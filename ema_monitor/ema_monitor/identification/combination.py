@@ -41,6 +41,7 @@ _RANGE: Final = np.diag((SPANS / UNOBSERVABLE_SIGMA) ** 2)
 _UNFIT: Final = 2.0
 _REFUSED_IN_A_ROW: Final = 3
 _REACHED: Final = 1.2
+_PLANE: Final = [ECCENTRICITY, ECCENTRICITY_PHASE]
 
 
 @dataclass(frozen=True)
@@ -292,7 +293,9 @@ class Combination:
         self._estimates.append(run.estimate)
         if self._preview is not None:
             self._motions.append(self._preview.motion)
-        return [] if np.any(self._not_reached(run.knowledge)) else self._conclude("")
+        # As well as wanted, or as further motion can tell.
+        enough = np.maximum(self._settings.wanted_sigma, _REACHED * run.knowledge.systematic_sigma)
+        return self._conclude("") if np.all(run.knowledge.sigma <= enough) else []
 
     def _conclude(self, remark: str) -> list[Estimate]:
         """Return the estimate of what was combined, and begin anew."""
@@ -303,7 +306,8 @@ class Combination:
         if not estimates:
             return []
         last = estimates[-1]
-        unknown = last.unobservable | self._not_reached(known)
+        unknown = last.unobservable | (known.sigma > self._settings.wanted_sigma)
+        unknown[_PLANE] |= np.any(known.sigma[_PLANE] > self._settings.wanted_sigma)
         if np.all(unknown | (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)):
             return []
         self.tally = self.tally._replace(reason="")
@@ -329,15 +333,6 @@ class Combination:
             reason="; ".join(filter(None, [*remarks, last.reason])),
         )
         return [self._signed(combined)]
-
-    def _not_reached(self, known: Knowledge) -> NDArray[np.bool_]:
-        """Return which faults are not known as well as wanted, nor as well as can be, ``(8,)``."""
-        enough = np.maximum(self._settings.wanted_sigma, _REACHED * known.systematic_sigma)
-        missed = known.sigma > enough
-        missed[[ECCENTRICITY, ECCENTRICITY_PHASE]] = np.any(
-            missed[[ECCENTRICITY, ECCENTRICITY_PHASE]]
-        )
-        return missed
 
     def _signed(self, estimate: Estimate) -> Estimate:
         return replace(estimate, calibration_id=self._calibration_id)
