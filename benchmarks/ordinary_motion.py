@@ -279,7 +279,7 @@ def rows(figures: dict[str, Any]) -> list[Row]:
                 wrong <= WRONG_AND_CONFIDENT,
             )
         )
-        inside = [COVERAGE <= one["coverage"] for one in chosen.values()]
+        inside = [one["coverage"] >= COVERAGE for one in chosen.values()]
         least = min((one["coverage"] for one in chosen.values()), default=float("nan"))
         result.append(
             Row(

@@ -203,7 +203,7 @@ class _UnitProblem:
             response = model.respond(group[0], faults, _play(group[0]), deviations=sides)
             moves = group[0].moves
             pairs = zip(*response, strict=True)
-            rows = np.array([self._in_band(moves * np.array(row)) for row in pairs])
+            rows = np.array([self._in_band(np.array(row) * moves) for row in pairs])
             above, below = np.split(rows, 2)
             columns.append(((above - below) / (up + down)[:, None]).T)
         return np.concatenate(columns)
