@@ -77,12 +77,6 @@ def _drift(rng: np.random.Generator, t: NDArray[np.float64]) -> NDArray[np.float
     return rng.choice([-1.0, 1.0]) * rng.uniform(1e-4, 1.5e-3) * t
 
 
-def _one_ramp(rng: np.random.Generator, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return one slow ramp, and rest."""
-    speed = rng.uniform(2e-3, 5e-3)
-    return rng.choice([-1.0, 1.0]) * np.minimum(speed * t, rng.uniform(2e-3, _REACH))
-
-
 MOTIONS: Final[Mapping[str, Callable[..., NDArray[np.float64]]]] = {
     "moves": _moves,
     "ramps": _ramps,
@@ -94,7 +88,6 @@ UNINFORMATIVE: Final[Mapping[str, Callable[..., NDArray[np.float64]]]] = {
     "rest": _rest,
     "tiny sine": _tiny,
     "drift": _drift,
-    "one slow ramp": _one_ramp,
 }
 """Motions that do not show the faults."""
 
@@ -116,7 +109,7 @@ class Recording:
     causes
         Hidden causes by name, in the units of the registry.
     calibrated_on
-        "chirp", the test cycle, or "motion".
+        "chirp", the test cycle, "motion", or "chirp and motion".
     """
 
     unit: Unit

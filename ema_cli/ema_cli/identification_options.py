@@ -40,6 +40,11 @@ _OF_A_SERIES = (
         default=CombinationSettings.longest_s,
         help="With --any-motion: after so much time an estimate is made in any case [s].",
     ),
+    click.option(
+        "--pause-s",
+        default=CombinationSettings.pause_s,
+        help="With --any-motion: motion within this time after an estimate is passed over [s].",
+    ),
 )
 _OF_EACH_SEARCH = (
     click.option("--fitness", default=SearchSettings.fitness, type=NameChoice("fitness", FITNESS)),

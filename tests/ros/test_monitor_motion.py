@@ -13,7 +13,7 @@ from ema_sim.actuator import SimulatedActuator
 
 from .monitor_session import FLAP, START_NS, monitor
 
-MOTION = {"windows": "any_motion", "wanted_sigma": 0.02}
+MOTION = {"windows": "any_motion", "wanted_sigma": 0.02, "pause_s": 0.0}
 BLOCK = 500
 
 
@@ -34,7 +34,7 @@ def moves() -> list[Telemetry]:
 @pytest.mark.slow
 def test_motion_gives_the_estimates_that_it_gives_offline(moves: list[Telemetry]):
     """Live, stretches are the same to the last bit, and so are the estimates."""
-    expected = identify_motion(moves, settings=CombinationSettings(wanted_sigma=0.02))
+    expected = identify_motion(moves, settings=CombinationSettings(wanted_sigma=0.02, pause_s=0.0))
     assert len(expected) >= 2
     with monitor({**MOTION, "waiting_windows": 1000}) as session:
         session.describe()

@@ -63,6 +63,9 @@ class CombinationSettings:
     longest_s: float = quantity(
         600.0, "s", 0.01, 1e7, "longest time from the first to the last stretch of an estimate"
     )
+    pause_s: float = quantity(
+        10.0, "s", 0.0, 1e7, "time after an estimate in which motion is not looked at"
+    )
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -78,9 +81,11 @@ class Tally(NamedTuple):
     combined
         Those that an estimate rests on, or the next one will.
     skipped
-        Those that would not have told anything new.
+        Those that would not have told anything new, or that followed an estimate too soon.
     refused
-        Those that nothing explains.
+        Those that nothing explains, or that cannot be used.
+    fruitless
+        Combinations that have shown no fault as well as wanted.
     reason
         Why the latest one was refused; empty when an estimate has been made since.
     """
@@ -89,6 +94,7 @@ class Tally(NamedTuple):
     combined: int = 0
     skipped: int = 0
     refused: int = 0
+    fruitless: int = 0
     reason: str = ""
 
     def __str__(self) -> str:
@@ -159,6 +165,7 @@ class Combination:
         self._force = force
         self.tally = Tally()
         self._refused_in_a_row = 0
+        self._resume_ns = -(2**63)
         self._begin()
 
     def add(self, stretch: Window | Refusal) -> list[Estimate]:
@@ -177,6 +184,9 @@ class Combination:
         estimates: list[Estimate] = []
         if self._is_complete(stretch):
             estimates += self._conclude("")
+        if stretch.start_ns < self._resume_ns and not self._is_defective(stretch):
+            self._count(skipped=1)
+            return estimates
         self._looked_at += 1
         if not isinstance(self._calibration, str) and not self._is_worthwhile(
             stretch, self._calibration
@@ -224,7 +234,7 @@ class Combination:
         self._preview = None
         if calibration.shape_mismatch(stretch) or stretch.excitation_defect():
             return True
-        if drive_defect(stretch, calibration.parameters):
+        if self._is_defective(stretch):
             return True
         self._preview = preview = Preview.of(stretch, calibration, self._known, self._start)
         if self._estimates and preview.misfit > _UNFIT * self._known.misfit:
@@ -232,6 +242,10 @@ class Combination:
         if any(preview.motion.repeats(one) for one in self._motions):
             return False
         return self._lowers(self._known, preview.gained)
+
+    def _is_defective(self, stretch: Window) -> bool:
+        """Return whether drive or shaft has a defect that must be named."""
+        return bool(drive_defect(stretch, self._description.parameters))
 
     def _lowers(self, known: Knowledge, gained: NDArray[np.float64]) -> bool:
         """Return whether information lowers a standard deviation that is larger than wanted."""
@@ -274,13 +288,14 @@ class Combination:
         return self._is_valid(run) and run.surprise <= MOST_SURPRISE
 
     def _refuse(self, run: Identification) -> list[Estimate]:
-        """Count a stretch that nothing explains; several in a row are worth saying once."""
+        """Count a stretch that is refused; several in a row without any estimate are said once."""
         if run.estimate is None:
             raise RuntimeError("the identification ended without an estimate")
         self._count(refused=1)
         self.tally = self.tally._replace(reason=run.estimate.reason)
-        self._refused_in_a_row += 1
-        if self._refused_in_a_row != _REFUSED_IN_A_ROW:
+        # One that has an estimate may be more than the model can follow: the status counts these.
+        self._refused_in_a_row += run.knowledge is None
+        if run.knowledge is not None or self._refused_in_a_row != _REFUSED_IN_A_ROW:
             return []
         return [self._signed(replace(run.estimate, stretches=1))]
 
@@ -309,8 +324,10 @@ class Combination:
         unknown = last.unobservable | (known.sigma > self._settings.wanted_sigma)
         unknown[_PLANE] |= np.any(known.sigma[_PLANE] > self._settings.wanted_sigma)
         if np.all(unknown | (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)):
+            self._count(fruitless=1)
             return []
         self.tally = self.tally._replace(reason="")
+        self._resume_ns = last.end_ns + round(self._settings.pause_s * 1e9)
         covariance = last.covariance.copy()
         covariance[unknown, :] = np.nan
         covariance[:, unknown] = np.nan

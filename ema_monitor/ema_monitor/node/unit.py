@@ -192,6 +192,7 @@ class Unit:
                 "stretches without news": self.tally.skipped,
                 "stretches refused": self.tally.refused,
                 "stretches with too little travel": finder.passed_over,
+                "combinations without estimate": self.tally.fruitless,
             }
         summary = LEVEL_NAMES[health.level]
         if self._outlook.dominant:
