@@ -156,7 +156,7 @@ def test_fit_driven_to_a_bound_is_refused_with_name_and_value(description):
     assert "the units and signs of the columns right?" in message
 
 
-@pytest.mark.parametrize(("name", "scale"), [("J_m", 5.0), ("f_sm", 4.0)])
+@pytest.mark.parametrize(("name", "scale"), [("J_m", 5.0), ("f_sm", 7.0)])
 def test_description_of_another_actuator_is_refused(description, name, scale):
     """Before anything is fitted, where the current is beyond what a unit deviates by."""
     p = PARAMETERS.replace({name: scale * getattr(PARAMETERS, name)})
