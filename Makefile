@@ -50,11 +50,12 @@ types: setup
 demo: setup ## watch an actuator wear out: live table, bag and picture (DEMO_S=60 is its length)
 	@$(activate) && exec ema demo --duration $(DEMO_S)
 
-bench: setup ## all targets of speed and accuracy in one table; 50 minutes, writes JSON and plots
+bench: setup ## all targets of speed and accuracy in one table; an hour, writes JSON and plots
 	$(activate) && cd benchmarks && python kernels.py --json kernels.json
 	$(activate) && cd benchmarks && python accuracy.py --json accuracy.json
 	$(activate) && cd benchmarks && python goodness.py --json goodness.json
 	$(activate) && cd benchmarks && python trust.py --json trust.json
+	$(activate) && cd benchmarks && python ordinary_motion.py --json ordinary_motion.json
 	$(activate) && cd benchmarks && python live.py --json live.json
 	$(activate) && cd benchmarks && python fleet.py --json fleet.json
 	$(activate) && cd benchmarks && python promptness.py --json promptness.json

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import memory
+import ordinary_motion
 import prognosis_tables
 import startup
 import targets
@@ -94,6 +95,7 @@ def main() -> None:
     parts = {
         "accuracy": targets.rows,
         "trust": trust.rows,
+        "ordinary_motion": ordinary_motion.rows,
         "kernels": kernel_rows,
         "live": live_rows,
         "fleet": fleet_rows,

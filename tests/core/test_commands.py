@@ -108,6 +108,33 @@ def test_sine():
     assert np.mean(c**2) == pytest.approx(0.01**2 / 2, rel=1e-12)
 
 
+class TestMoves:
+    def test_stay_within_their_reach_and_speed(self):
+        c = Command("moves", amplitude=0.008, rate=0.2, duration=20.0, seed=1).sample(H)
+        assert np.abs(c).max() <= 0.008
+        # Of angles drawn evenly, some of twenty come near either end.
+        assert c.max() > 0.004
+        assert c.min() < -0.004
+        # The fastest moves are shorter than their shortest time and slower for it.
+        assert np.abs(np.diff(c)).max() / H <= 0.2 * (1 + 1e-6)
+
+    def test_begin_at_zero_move_smoothly_and_dwell(self):
+        c = np.concatenate([[0.0], Command("moves", duration=10.0, seed=2).sample(H)])
+        speed = np.diff(c) / H
+        # Half a cosine of at least 50 ms to twice the amplitude away: no jump of the speed.
+        assert np.abs(np.diff(speed)).max() <= math.pi**2 / 2 * 0.01 / 0.05**2 * H * 1.01
+        assert np.mean(speed == 0.0) > 0.05
+
+    def test_are_those_of_their_seed(self):
+        one, same, other = (Command("moves", seed=seed).sample(H) for seed in (3, 3, 4))
+        np.testing.assert_array_equal(one, same)
+        assert np.any(one != other)
+
+    def test_need_a_speed(self):
+        with pytest.raises(ValueError, match=r"rate = 0 rad/s: expected a positive speed"):
+            Command("moves", rate=0.0)
+
+
 def test_custom_is_what_was_given():
     row = [0.0, 0.1, -0.2]
     command = Command("custom", samples=row)

@@ -52,7 +52,7 @@ def combined(
 def known_of(objective: Objective, point: NDArray[np.float64]) -> Knowledge:
     """What a stretch tells with the noise of a healthy window, without anything known before."""
     at = objective.linearise(point)
-    covariance = np.linalg.inv(information(at.jacobian, objective.noise))
+    covariance = np.array(np.linalg.inv(information(at.jacobian, objective.noise)), dtype=float)
     nothing = np.zeros((N_FAULTS, 0))
     return Knowledge(
         point[:N_FAULTS], (covariance + covariance.T) / 2.0, nothing, 1.0, 0.0 * covariance

@@ -11,7 +11,7 @@ from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
 _LOWEST_CORRELATION: Final = 0.5
-_NEAR: Final = 0.6
+_NEAR: Final = 0.4
 _KNOWN_FACTORS: Final = {
     1.0: "",
     180.0 / math.pi: "degrees in place of radians",

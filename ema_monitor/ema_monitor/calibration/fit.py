@@ -131,23 +131,39 @@ class _Group(Sequence[Window]):
         return self._windows[self._numbers[index]]
 
 
-def _missed(windows: Sequence[Window], model: MonitorModel) -> Iterator[NDArray[np.float64]]:
+def _missed(
+    windows: Sequence[Window], model: MonitorModel, weights: NDArray[np.float64] | float = 1.0
+) -> Iterator[NDArray[np.float64]]:
     """Yield what a healthy model misses of current and speed, ``(2, n)`` [A, rad/s] a window.
 
-    All windows are laid over the first. Where the command dwells, nothing counts as missed.
+    All windows are laid over the first. What is missed is multiplied by ``weights``, ``(n,)``.
     """
-    command, moves = windows[0].command, windows[0].moves
+    command = windows[0].command
     for window in windows:
         response = _healthy_response(window, model)
         shift = shift_between(window.command, command)
         measured = (window.current, window.telemetry.speed[1:])
         rows = zip(measured, response, strict=True)
-        yield np.array([moves * moved(row - one[0], -shift) for row, one in rows])
+        yield np.array([weights * moved(row - one[0], -shift) for row, one in rows])
 
 
-def _mean_missed(windows: Sequence[Window], model: MonitorModel) -> NDArray[np.float64]:
+def _mean_missed(
+    windows: Sequence[Window], model: MonitorModel, weights: NDArray[np.float64] | float = 1.0
+) -> NDArray[np.float64]:
     """Return the mean over windows of what a healthy model misses, ``(2, n)``."""
-    return reduce(np.add, _missed(windows, model)) / len(windows)
+    return reduce(np.add, _missed(windows, model, weights)) / len(windows)
+
+
+def _weights(groups: Sequence[Sequence[Window]]) -> list[NDArray[np.float64] | float]:
+    """Return what a sample counts in the fit of a unit, ``(n,)`` for each command.
+
+    Ordinary motion is slow or stands still for much of its time, where the model of the mean
+    current is at its worst: as soon as a window dwells, samples count as they do in an estimate
+    (M15). In test cycles alone all count alike.
+    """
+    if all(np.all(group[0].moves) for group in groups):
+        return [1.0] * len(groups)
+    return [group[0].weights for group in groups]
 
 
 def _healthy_response(window: Window, model: MonitorModel) -> Response:
@@ -164,6 +180,7 @@ class _UnitProblem:
         self, groups: Sequence[Sequence[Window]], parameters: ActuatorParameters, dt: float
     ) -> None:
         self._groups, self._parameters, self._dt = groups, parameters, dt
+        self._weights = _weights(groups)
         self._h = groups[0][0].sample_period
         self._stiffness = speed_weight(parameters)
         self.priors = unit_priors(parameters, max(group[0].excitation for group in groups))
@@ -189,7 +206,12 @@ class _UnitProblem:
     def missed(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what the model misses, ``(r,)`` [A]."""
         model = self._model(x)
-        return np.concatenate([self._in_band(_mean_missed(group, model)) for group in self._groups])
+        return np.concatenate(
+            [
+                self._in_band(_mean_missed(group, model, weights))
+                for group, weights in zip(self._groups, self._weights, strict=True)
+            ]
+        )
 
     def slopes(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the derivatives of the model's response, ``(r, d)``."""
@@ -199,11 +221,10 @@ class _UnitProblem:
         sides = self.deviations(np.concatenate([np.diag(up), -np.diag(down)]))
         faults = np.tile(healthy_faults(), (len(sides), 1))
         columns = []
-        for group in self._groups:
+        for group, weights in zip(self._groups, self._weights, strict=True):
             response = model.respond(group[0], faults, _play(group[0]), deviations=sides)
-            moves = group[0].moves
             pairs = zip(*response, strict=True)
-            rows = np.array([self._in_band(np.array(row) * moves) for row in pairs])
+            rows = np.array([self._in_band(np.array(row) * weights) for row in pairs])
             above, below = np.split(rows, 2)
             columns.append(((above - below) / (up + down)[:, None]).T)
         return np.concatenate(columns)
@@ -335,7 +356,12 @@ def _uncorrected(
     groups: Sequence[Sequence[Window]], model: MonitorModel, h: float
 ) -> tuple[float, float]:
     """Return the rms in current and speed that the model alone misses in its band."""
-    return _known(_rms_in_band((missed for group in groups for missed in _missed(group, model)), h))
+    rows = (
+        missed
+        for group, weights in zip(groups, _weights(groups), strict=True)
+        for missed in _missed(group, model, weights)
+    )
+    return _known(_rms_in_band(rows, h))
 
 
 def _rms_in_band(rows: Iterable[NDArray[np.float64]], h: float) -> NDArray[np.float64]:
@@ -344,9 +370,8 @@ def _rms_in_band(rows: Iterable[NDArray[np.float64]], h: float) -> NDArray[np.fl
     for row in rows:
         band = band_limited(row, h)
         squares += np.sum(np.square(band), axis=1)
-        # Where the command dwells there is exactly nothing.
-        count += np.count_nonzero(np.any(band, axis=0))
-    return np.sqrt(squares / max(1, count))
+        count += band.shape[1]
+    return np.sqrt(squares / count)
 
 
 def _known(scatters: NDArray[np.float64]) -> tuple[float, float]:

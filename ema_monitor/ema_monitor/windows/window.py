@@ -1,5 +1,6 @@
 """A window of telemetry: the stretch of samples that one diagnosis rests on."""
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,6 +16,9 @@ MIN_TRAVEL: Final = 1e-3
 
 DWELL_S: Final = 0.02
 """How long the command must be at rest to count as dwelling [s]."""
+
+SMOOTHED_S: Final = 4e-3
+"""Over how long the speed is averaged that weights samples [s]."""
 
 _REST: Final = 2e-4
 
@@ -83,6 +87,20 @@ class Window:
         n = min(max(1, round(DWELL_S / self.sample_period)), len(self))
         rests = np.ptp(sliding_window_view(self.command, n + 1), axis=1) <= _REST * self.excitation
         return np.convolve(rests, np.ones(n + 1))[1:] < 0.5
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """What samples count where the motor is slow or the command dwells, ``(n,)`` [-].
+
+        It is ``|omega| / hypot(|omega|, omega_rms / 2)`` with the speed averaged over some
+        milliseconds, 0 where the command dwells, scaled to a mean square of 1.
+        """
+        speed = self.telemetry.speed[1:]
+        n = max(1, round(SMOOTHED_S / self.sample_period))
+        smooth = np.convolve(np.abs(speed), np.ones(n) / n, mode="same")
+        slow = 0.5 * math.sqrt(float(np.mean(speed**2)))
+        weights = self.moves * smooth / np.hypot(smooth, max(slow, 1e-12))
+        return weights / max(math.sqrt(float(np.mean(weights**2))), 1e-12)
 
     def excitation_defect(self) -> str:
         """Return why the window does not excite the faults; empty when it does."""
