@@ -12,6 +12,7 @@ _COMMANDS: Final = {
     "lives": "Simulate actuators from new until a fault reaches its limit, test by test.",
     "calibrate": "Average the windows in BAGS of one healthy actuator into a calibration.",
     "estimate": "Name the faults in each window of BAG, with their uncertainty.",
+    "certify": "Tell which faults a test will show, how well, and what it cannot tell apart.",
     "compare": "Compare algorithms on one window of BAG: what each finds, how well, and how fast.",
     "prognose": "Predict how many flight hours a unit has left, from the tests in each "
     "BAG or folder of bags.",

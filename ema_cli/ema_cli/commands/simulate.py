@@ -10,6 +10,14 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Column, Table
 
+from ema_cli.bench_options import (
+    actuator_option,
+    command_option,
+    current_noise_option,
+    figures_option,
+    resolutions_option,
+    true_values_option,
+)
 from ema_cli.command_file import command_from
 from ema_cli.errors import Assignments, merged, one_clear_line
 from ema_cli.new_bag import new_bag
@@ -50,34 +58,10 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
     help="Draw a multiple fault by the law of the thesis, most of it small, from --seed.",
 )
 @click.option("--cycles", default=1, type=click.IntRange(1, 100_000))
-@click.option(
-    "--command",
-    "shape",
-    default="chirp",
-    help="step, ramp, sine, chirp, moves (random smooth moves with dwells, as in ordinary motion), "
-    "or a CSV file with one angle [rad] a sample in its last column.",
-)
-@click.option(
-    "--command-set",
-    "figures",
-    type=Assignments(),
-    multiple=True,
-    help="Figures of the command: amplitude [rad], duration [s], start_time [s], rate [rad/s], "
-    "start_frequency, end_frequency [Hz], final_fraction [-], seed.",
-)
-@click.option(
-    "--set",
-    "true_values",
-    type=Assignments(),
-    multiple=True,
-    help="True parameter of the plant, e.g. R_s=2.24; the description keeps the nominal one.",
-)
-@click.option(
-    "--actuator",
-    "actuator_file",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="YAML file that describes the actuator; without it the built-in one.",
-)
+@command_option
+@figures_option
+@true_values_option
+@actuator_option
 @click.option("--serial-number", help="Serial number in the description.")
 @click.option("--load", default=0.0, help="External torque, motor shaft [N.m].")
 @click.option(
@@ -85,18 +69,8 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
     default=0.0,
     help="K_noise of the white noise on the reference current.",
 )
-@click.option(
-    "--current-noise",
-    default=0.0,
-    help="Standard deviation of Gaussian noise on each published current sample [A].",
-)
-@click.option(
-    "--quantise",
-    "resolutions",
-    type=Assignments(),
-    multiple=True,
-    help="Resolution of a published column, e.g. current=0.01,position=1e-6 [A, rad, rad/s].",
-)
+@current_noise_option
+@resolutions_option
 @click.option(
     "--seed",
     default=0,

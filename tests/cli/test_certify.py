@@ -1,0 +1,61 @@
+"""``ema certify``: the whole way from options to the promise, and wrong options."""
+
+import json
+
+import pytest
+
+from ema_core.faults import COMPONENTS
+
+
+@pytest.mark.slow
+def test_certificate_promises_what_simulated_tests_give(ema):
+    result = ema("certify", "--monte-carlo", "12", "--require", "friction=0.0001", "--json")
+    assert result.exit_code == 3
+    certificate = json.loads(result.stdout)
+    assert certificate["unmet"][0].startswith("friction has sigma 0.00")
+    assert [one["name"] for one in certificate["faults"]] == list(COMPONENTS)
+    assert all(one["shown"] for one in certificate["faults"])
+    for one in certificate["repeated"]:
+        assert one["windows"] == (4 if one["name"].startswith("short") else 12)
+        # Four windows: a spread of some per cent of what they state.
+        assert one["predicted_sigma"] == pytest.approx(one["sigma"], rel=0.25)
+    verdicts = {one["name"]: one["verdict"] for one in certificate["causes"]}
+    assert verdicts["load_torque"] == "named"
+    assert verdicts["winding_temperature"] == "does not show"
+
+
+@pytest.mark.slow
+def test_slow_coarse_sensors_promise_less_and_a_step_is_refused(ema, tmp_path):
+    coarse = ema(
+        *("certify", "--sample-rate", "1000", "--current-noise", "0.3"),
+        *("--quantise", "current=0.1,speed=5", "--json"),
+    )
+    assert coarse.exit_code == 0
+    certificate = json.loads(coarse.stdout)
+    assert certificate["sample_period"] == pytest.approx(1e-3)
+    assert max(one["sigma"] or 0.0 for one in certificate["faults"]) > 0.01
+    step = ema("certify", "--command", "step")
+    assert step.exit_code == 1
+    assert "the command step made 0 windows: a test moves to and fro" in step.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (("--sample-rate", "333"), ("333", "whole number of microseconds")),
+        (("--sample-rate", "10"), ("--sample-rate", "10")),
+        (("--require", "frictoin=0.1"), ("'frictoin'", "did you mean 'friction'")),
+        (("--require", "friction=0"), ("friction = 0", "more than 0")),
+        (("--require", "gain=1,gain=2"), ("gain", "more than once")),
+        (("--command", "square"), ("'square'", "chirp")),
+        (("--quantise", "torque=1"), ("'torque'", "current")),
+        (("--calibration", "missing.yaml"), ("missing.yaml",)),
+        (("--monte-carlo", "-1"), ("--monte-carlo", "-1")),
+    ],
+)
+def test_certify_refuses_by_name_and_value(ema, arguments, parts):
+    result = ema("certify", *arguments)
+    assert result.exit_code in (1, 2)
+    error = result.stderr.strip().splitlines()[-1]
+    for part in parts:
+        assert part in error
