@@ -21,6 +21,7 @@ setup(
         "matplotlib>=3.8,<4",
         "numpy>=1.26,<3",
         "pandas>=2.2,<4",
+        "pyyaml>=6,<7",
         "rich>=13,<16",
     ],
     python_requires=">=3.11",

@@ -1,11 +1,14 @@
 """Options that describe an actuator on its test bench, the same for every command that has them."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import click
 
 from ema_cli.errors import Assignments
+from ema_core.description import ActuatorDescription
+from ema_ros.actuator_file import load_description
 
 actuator_option: Final = click.option(
     "--actuator",
@@ -17,7 +20,9 @@ command_option: Final = click.option(
     "--command",
     "shape",
     default="chirp",
-    help="step, ramp, sine, chirp, or a CSV file with one angle [rad] a sample in its last column.",
+    help="step, ramp, sine, chirp, swing (a chirp that begins and ends at rest), moves (random smooth "
+    "moves with dwells, as in ordinary motion), a CSV file with one angle [rad] a sample in its "
+    "last column, or a YAML file of `ema design`.",
 )
 figures_option: Final = click.option(
     "--command-set",
@@ -25,7 +30,7 @@ figures_option: Final = click.option(
     type=Assignments(),
     multiple=True,
     help="Figures of the command: amplitude [rad], duration [s], start_time [s], rate [rad/s], "
-    "start_frequency, end_frequency [Hz], final_fraction [-].",
+    "start_frequency, end_frequency [Hz], final_fraction [-], seed.",
 )
 true_values_option: Final = click.option(
     "--set",
@@ -46,3 +51,40 @@ resolutions_option: Final = click.option(
     multiple=True,
     help="Resolution of a published column, e.g. current=0.01,position=1e-6 [A, rad, rad/s].",
 )
+sample_rate_option: Final = click.option(
+    "--sample-rate",
+    type=click.FloatRange(100.0, 1e6),
+    help="Samples per second of the telemetry, in place of the description's sample_period [Hz].",
+)
+calibration_option: Final = click.option(
+    "--calibration",
+    "calibration_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Calibration of the unit: the simulated actuator deviates and scatters as it does.",
+)
+
+
+def described(actuator_file: Path | None, sample_rate: float | None) -> ActuatorDescription:
+    """Return the description of the actuator, with the sample rate that is asked for.
+
+    Parameters
+    ----------
+    actuator_file
+        The built-in actuator when None.
+    sample_rate
+        In place of that of the description [Hz].
+
+    Raises
+    ------
+    ValueError
+        When the file is no description, or the period no whole number of microseconds.
+    """
+    description = load_description(actuator_file) if actuator_file else ActuatorDescription()
+    if sample_rate is None:
+        return description
+    sample_period = round(1e6 / sample_rate) * 1e-6
+    if abs(sample_period * sample_rate - 1.0) > 1e-6:
+        raise ValueError(
+            f"--sample-rate {sample_rate:g} Hz: the period must be a whole number of microseconds"
+        )
+    return replace(description, sample_period=sample_period)

@@ -13,6 +13,8 @@ _COMMANDS: Final = {
     "calibrate": "Average the windows in BAGS of one healthy actuator into a calibration.",
     "estimate": "Name the faults in each window of BAG, with their uncertainty.",
     "certify": "Tell which faults a test will show, how well, and what it cannot tell apart.",
+    "design": "Find the shortest test command that reaches wanted standard deviations within "
+    "limits.",
     "compare": "Compare algorithms on one window of BAG: what each finds, how well, and how fast.",
     "prognose": "Predict how many flight hours a unit has left, from the tests in each "
     "BAG or folder of bags.",
@@ -62,5 +64,5 @@ def main() -> None:
     """Simulate electromechanical actuators, and find the faults in their telemetry.
 
     Exit codes: 0 done, 1 the input cannot be used, 2 wrong usage, 3 some windows have no valid
-    estimate (prognose: none has).
+    estimate (prognose: none has), or a test cannot reach what is wanted (certify, design).
     """

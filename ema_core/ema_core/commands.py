@@ -15,7 +15,7 @@ from ema_core.faults import BACKLASH, FAULTS, FRICTION, GAIN
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.quantity import check_quantities, finite_samples, hint_of_unit, quantity, text
 
-COMMAND_SHAPES: Final = ("step", "ramp", "sine", "chirp", "moves", "custom")
+COMMAND_SHAPES: Final = ("step", "ramp", "sine", "chirp", "swing", "moves", "custom")
 
 APPROACH_DEPTH: Final = 2e-3
 """Default distance over which a cycle approaches its start from below [rad]."""
@@ -32,6 +32,10 @@ _RETURN_S = 0.3
 @dataclass(frozen=True, eq=False)
 class Command:
     """A command, defined by its shape and parameters.
+
+    A swing has the frequencies and the envelope of a chirp, but begins at rest: its first half
+    period leads from the start to the amplitude, those that follow from turning point to turning
+    point. Over a whole number of them it ends at rest, too.
 
     Attributes
     ----------
@@ -58,11 +62,11 @@ class Command:
         0.1, "rad/s", 0.0, 100.0, "speed of the ramp, largest speed of the moves"
     )
     start_frequency: float = quantity(
-        0.0, "Hz", 0.0, 1e3, "frequency of the sine, or of the chirp at its start"
+        0.0, "Hz", 0.0, 1e3, "frequency of the sine, or of chirp or swing at its start"
     )
-    end_frequency: float = quantity(15.0, "Hz", 0.0, 1e3, "frequency of the chirp at its end")
+    end_frequency: float = quantity(15.0, "Hz", 0.0, 1e3, "frequency of chirp or swing at its end")
     final_fraction: float = quantity(
-        1.0, "-", 0.0, 1.0, "share of the chirp's amplitude that is left at its end"
+        1.0, "-", 0.0, 1.0, "share of the amplitude of chirp or swing that is left at its end"
     )
     seed: int = quantity(0, "-", 0, 2**62, "seed of the moves")
     samples: ArrayLike = field(default=(), repr=False)
@@ -125,6 +129,9 @@ class Command:
         f1, T = self.end_frequency, self.duration
         envelope = 1.0 - (1.0 - self.final_fraction) * t / T
         phase = 2 * math.pi * (f0 * t + (f1 - f0) * t**2 / (2 * T))
+        if self.shape == "swing":
+            swing = np.where(phase < math.pi, (1.0 - np.cos(phase)) / 2.0, -np.cos(phase))
+            return self.amplitude * envelope * swing
         return self.amplitude * envelope * np.sin(phase)
 
     def _moves(self, n: int, h: float) -> NDArray[np.float64]:

@@ -108,6 +108,19 @@ def test_sine():
     assert np.mean(c**2) == pytest.approx(0.01**2 / 2, rel=1e-12)
 
 
+def test_swing_begins_and_ends_at_rest_and_turns_at_its_amplitude():
+    swing = Command(
+        "swing", amplitude=0.004, duration=0.25, start_frequency=10.0, end_frequency=14.0
+    ).sample(H)
+    # 12 Hz on average: six half periods.
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(swing)))) + 1
+    np.testing.assert_allclose(swing[turns], 0.004 * np.array([1, -1, 1, -1, 1]), rtol=1e-4)
+    assert swing[-1] == pytest.approx(-0.004, rel=1e-9)
+    # At its start and end a sample moves by far less than the fastest in between.
+    steps = np.abs(np.diff(swing, prepend=0.0))
+    assert max(steps[0], steps[-1]) < 0.02 * steps.max()
+    # It nowhere jumps, nor does its speed.
+    assert np.abs(np.diff(steps)).max() < 0.02 * steps.max()
 class TestMoves:
     def test_stay_within_their_reach_and_speed(self):
         c = Command("moves", amplitude=0.008, rate=0.2, duration=20.0, seed=1).sample(H)

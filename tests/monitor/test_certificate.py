@@ -15,10 +15,10 @@ from ema_monitor.design.certificate import (
     HALF_WIDTH,
     CauseProspect,
     Certificate,
-    FaultProspect,
     Repeated,
 )
 from ema_monitor.design.prediction import prospect
+from ema_monitor.design.rehearsal import FaultProspect
 from ema_monitor.design.states import N_COMBINED, combined_faults, present, single_faults
 from ema_monitor.identification.search import identify
 from ema_monitor.windows.window import Window
@@ -51,11 +51,11 @@ def test_predicted_scatter_is_that_of_repeated_estimates():
         identify(modelled(faults, rng), description, calibration, previous=faults)
         for _ in range(40)
     ]
-    measured = np.std([one.faults for one in found], axis=0, ddof=1)
+    measured = np.std([np.array(one.faults) for one in found], axis=0, ddof=1)
     shown = present(faults)
     # The standard deviation of 40 values is known to 11 %, the prediction to about 8 %.
     np.testing.assert_allclose(predicted.scatter[shown], measured[shown], rtol=0.4)
-    stated = np.median([one.sigma for one in found], axis=0)
+    stated = np.median([np.array(one.sigma) for one in found], axis=0)
     np.testing.assert_allclose(predicted.sigma[shown], stated[shown], rtol=0.1)
     assert np.all(np.isnan(predicted.scatter[~predicted.shown]))
 

@@ -41,6 +41,11 @@ _OPTIONS = (
         is_flag=True,
         help="Windows are stretches of ordinary motion and not test cycles.",
     ),
+    click.option(
+        "--window-s",
+        default=_DEFAULTS.window_s,
+        help="Length of a window, that of the test command [s].",
+    ),
 )
 
 
@@ -64,6 +69,7 @@ class Source:
     actuator_file: Path | None = None
     force: bool = False
     any_motion: bool = False
+    window_s: float = _DEFAULTS.window_s
 
     def trigger_settings(self) -> TriggerSettings:
         """Return the settings of the window trigger.
@@ -74,7 +80,7 @@ class Source:
             When a figure is not positive.
         """
         windows = ANY_MOTION if self.any_motion else TEST_CYCLE
-        return TriggerSettings(windows, rest_s=self.rest_s, threshold=self.threshold)
+        return TriggerSettings(windows, self.window_s, self.rest_s, self.threshold)
 
 
 def source_options(

@@ -2,17 +2,18 @@
 
 import json
 import sys
-from dataclasses import replace
-from pathlib import Path
 
 import click
 
 from ema_cli.bench_options import (
     actuator_option,
+    calibration_option,
     command_option,
     current_noise_option,
+    described,
     figures_option,
     resolutions_option,
+    sample_rate_option,
     true_values_option,
 )
 from ema_cli.command_file import command_from
@@ -20,35 +21,23 @@ from ema_cli.errors import REFUSED, Assignments, merged, one_clear_line
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.rehearsal import Rehearsal
 from ema_cli.show.progress import progress_bar
-from ema_core.description import ActuatorDescription
 from ema_core.faults import COMPONENTS
 from ema_core.wording import as_identifier, unknown_name
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.design.certificate import certify as certify_test
+from ema_monitor.design.certifying import CERTIFIED_WINDOWS
+from ema_monitor.design.certifying import certify as certify_test
 from ema_monitor.model.monitor_model import compile_kernels
-from ema_ros.actuator_file import load_description
-
-_WINDOWS = 60
 
 
 @click.command()
 @actuator_option
 @command_option
 @figures_option
-@click.option(
-    "--sample-rate",
-    type=click.FloatRange(100.0, 1e6),
-    help="Samples per second of the telemetry, in place of the description's sample_period [Hz].",
-)
+@sample_rate_option
 @current_noise_option
 @resolutions_option
 @true_values_option
-@click.option(
-    "--calibration",
-    "calibration_file",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Calibration of the unit: the simulated actuator deviates and scatters as it does.",
-)
+@calibration_option
 @click.option(
     "--monte-carlo",
     "repetitions",
@@ -92,18 +81,11 @@ def certify(
                 raise ValueError(unknown_name("fault", name, COMPONENTS))
             if not sigma > 0.0:
                 raise ValueError(f"--require: {name} = {sigma:g}: expected more than 0")
-        description = load_description(actuator_file) if actuator_file else ActuatorDescription()
-        if sample_rate is not None:
-            description = replace(description, sample_period=round(1e6 / sample_rate) * 1e-6)
-            if abs(description.sample_period * sample_rate - 1.0) > 1e-6:
-                raise ValueError(
-                    f"--sample-rate {sample_rate:g} Hz: the period must be a whole number of "
-                    "microseconds"
-                )
+        description = described(actuator_file, sample_rate)
         command = command_from(shape, merged(figures, "--command-set"))
         if warning := command.travel_warning(description.parameters):
             click.echo(f"warning: {warning}", err=True)
-        task = progress.add_task("rehearsing", total=_WINDOWS + repetitions)
+        task = progress.add_task("rehearsing", total=CERTIFIED_WINDOWS + repetitions)
 
         def follow() -> None:
             if stop:

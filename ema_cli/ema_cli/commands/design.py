@@ -1,0 +1,207 @@
+"""``ema design``: the shortest test command that reaches wanted standard deviations."""
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from ema_cli.bags.output_path import require_free
+from ema_cli.bench_options import (
+    actuator_option,
+    calibration_option,
+    current_noise_option,
+    described,
+    resolutions_option,
+    sample_rate_option,
+    true_values_option,
+)
+from ema_cli.command_file import save_command
+from ema_cli.errors import REFUSED, Assignments, merged, one_clear_line
+from ema_cli.processes.stop_request import deferred_signals
+from ema_cli.rehearsal import Rehearsal
+from ema_cli.show.progress import progress_bar
+from ema_core.commands import THESIS_CHIRP
+from ema_core.faults import COMPONENTS
+from ema_core.wording import as_identifier
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.design.certifying import certificate_of
+from ema_monitor.design.designing import Design, design_command
+from ema_monitor.design.limits import UNITS, Limits
+from ema_monitor.model.monitor_model import compile_kernels
+
+_OWN = "nine tenths of the actuator's own when not given"
+
+
+class WantedSigmas(Assignments):
+    """``name=value`` pairs, or one value for every fault."""
+
+    name = "sigma"
+
+    def convert(self, value, param, ctx):
+        """Return pairs of name and standard deviation."""
+        if isinstance(value, str) and "=" not in value:
+            value = ",".join(f"{name}={value}" for name in COMPONENTS)
+        return super().convert(value, param, ctx)
+
+
+@click.command()
+@actuator_option
+@click.option(
+    "--travel",
+    required=True,
+    type=float,
+    help="Largest travel of the user shaft, from one end to the other [rad].",
+)
+@click.option("--torque", type=float, help=f"Largest motor torque; {_OWN} [N.m].")
+@click.option("--current", type=float, help=f"Largest current; {_OWN} [A].")
+@click.option("--speed", type=float, help=f"Largest speed of the motor shaft; {_OWN} [rad/s].")
+@click.option("--longest", default=0.5, help="Longest duration of the command [s].")
+@click.option(
+    "--sigma",
+    "wanted",
+    type=WantedSigmas(as_identifier),
+    multiple=True,
+    help="Wanted standard deviation, of all faults (0.01) or of some (friction=0.005,gain=0.002); "
+    "without it those of the thesis's chirp.",
+)
+@sample_rate_option
+@current_noise_option
+@resolutions_option
+@true_values_option
+@calibration_option
+@click.option("--seed", default=0, type=click.IntRange(0), help="Of all noise.")
+@click.option("--json", "as_json", is_flag=True, help="Print one object.")
+@click.option("--force", is_flag=True, help="Replace OUTPUT if it is there.")
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="YAML file to write: ROS parameters of actuator and monitor, also for --command.",
+)
+def design(
+    actuator_file,
+    travel,
+    torque,
+    current,
+    speed,
+    longest,
+    wanted,
+    sample_rate,
+    current_noise,
+    resolutions,
+    true_values,
+    calibration_file,
+    seed,
+    as_json,
+    force,
+    output,
+) -> None:
+    """Find the shortest test command that reaches wanted standard deviations within limits.
+
+    Limits of torque, current and speed hold for the model of the actuator, healthy and with
+    faults; the ripple of the inverter comes on top. Exit code 3 when the wishes cannot be met:
+    nothing is written then.
+    """
+    with one_clear_line(), progress_bar() as progress, deferred_signals() as stop:
+        if output.suffix not in (".yaml", ".yml"):
+            raise ValueError(f"{output}: expected a name that ends in .yaml")
+        require_free(output, [actuator_file] if actuator_file else [], force=force)
+        description = described(actuator_file, sample_rate)
+        limits = Limits.within(
+            description.parameters,
+            travel=travel,
+            torque=torque,
+            current=current,
+            speed=speed,
+            longest=longest,
+        )
+        task = progress.add_task("designing", total=None)
+
+        def follow() -> None:
+            if stop:
+                raise click.Abort
+
+        def say(words: str) -> None:
+            follow()
+            progress.update(task, state=words)
+
+        record = Rehearsal(
+            description,
+            description.parameters.replace(merged(true_values, "--set")),
+            current_noise,
+            merged(resolutions, "--quantise"),
+            seed,
+            follow,
+        )
+        compile_kernels(["fast"])
+        if calibration_file is not None:
+            record.stand_for(Calibration.load(calibration_file), THESIS_CHIRP)
+        sigmas = merged(wanted, "--sigma")
+        found = design_command(record, description, limits, sigmas or None, on_progress=say)
+        say("judging hidden causes")
+        certificate = certificate_of(found.rehearsed, record, found.command, description)
+        if found.reached:
+            save_command(output, found.command, found.command.duration, _heading(found))
+    if as_json:
+        click.echo(json.dumps(_record(found) | {"certificate": certificate.record()}, indent=2))
+    else:
+        click.echo(str(certificate))
+        click.echo(_in_words(found))
+        if found.reached:
+            click.echo(_next_steps(output, found, actuator_file))
+    if not found.reached:
+        if not as_json:
+            click.echo(f"not written: {output}", err=True)
+        sys.exit(REFUSED)
+
+
+def _record(found: Design) -> dict:
+    figures = ("shape", "amplitude", "duration", "start_frequency", "end_frequency")
+    command = {name: getattr(found.command, name) for name in (*figures, "final_fraction")}
+    return {
+        "reached": found.reached,
+        "verdict": found.verdict,
+        "command": command,
+        "wanted": dict(found.wanted),
+        "limits": asdict(found.limits),
+        "demands": found.demands._asdict(),
+        "binding": found.binding,
+    }
+
+
+def _in_words(found: Design) -> str:
+    command = found.command
+    demands = ", ".join(
+        f"{name} {demand:.4g} of {getattr(found.limits, name):.4g} {UNITS[name]}"
+        for name, demand in found.demands._asdict().items()
+        if name != "longest"
+    )
+    beside = f", the chirp takes {found.reference_s:g} s" if found.reference_s else ""
+    return (
+        f"swing of {1e3 * command.amplitude:.3g} mrad to {command.final_fraction:.3g} of it, "
+        f"{command.start_frequency:.3g} to {command.end_frequency:.3g} Hz, "
+        f"{command.duration:.4g} s{beside}: {found.verdict}\n"
+        f"It demands: {demands}"
+    )
+
+
+def _heading(found: Design) -> str:
+    sigmas = ", ".join(f"{name} {sigma:.4f}" for name, sigma in found.sigma.items())
+    return f"A test command of `ema design`. Standard deviations to expect:\n{sigmas}"
+
+
+def _next_steps(output: Path, found: Design, actuator_file: Path | None) -> str:
+    actuator = f" --actuator {actuator_file}" if actuator_file else ""
+    window = f" --window-s {found.command.duration:g}"
+    return "\n".join(
+        (
+            f"{output}: next",
+            f"  ema simulate --command {output}{actuator} --cycles 12 -o healthy.mcap",
+            f"  ema calibrate healthy.mcap{window}{actuator} -o calibration.yaml",
+            f"  ema estimate case.mcap{window} --calibration calibration.yaml{actuator}",
+            f"  ema up --params {output}",
+        )
+    )

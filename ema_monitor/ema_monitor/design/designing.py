@@ -1,0 +1,302 @@
+"""The shortest test with which wanted standard deviations are reached (M31)."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.commands import THESIS_CHIRP, Command
+from ema_core.description import ActuatorDescription
+from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
+from ema_core.wording import unknown_name
+from ema_monitor.design.information import Demands, Information
+from ema_monitor.design.limits import SHORTEST_S, UNITS, Limits
+from ema_monitor.design.rehearsal import Rehearsed, rehearse
+from ema_monitor.design.states import Recorder
+from ema_monitor.optimizers.differential_evolution import DifferentialEvolution
+from ema_monitor.optimizers.driver import Termination, minimise
+
+MOST_ROUNDS: Final = 5
+"""How often a command is designed, rehearsed and corrected at most."""
+
+FINEST: Final = 1e-3
+"""Smallest standard deviation that is wanted of itself, where it is to be that of the chirp [-]."""
+
+# A calibration that is made anew changes what is not known of the unit by some per cent.
+_SAME: Final = 1.1
+_MARGIN: Final = 0.98
+_WORTHWHILE: Final = 0.95
+_BINDING: Final = 0.96
+_POPULATION: Final = 24
+_SEARCH: Final = Termination(_POPULATION * 40, stall_generations=8, tolerance=2e-3)
+_SEED: Final = 0
+# Highest frequency of a swing, up to that for which the mismatch of the model is known; its lowest
+# is a third of it at most.
+_END_FREQUENCIES: Final = (3.0, 15.0)
+_START_SHARES: Final = (0.03, 0.33)
+_SMALLEST_TRAVEL: Final = 0.05
+_LAST_FRACTIONS: Final = (0.1, 1.0)
+_START: Final = np.array([0.8, 0.9, 0.8, 0.5, 0.8])
+_LEAST_CORRECTED: Final = 0.3
+# Above what any duration or ratio of standard deviations costs.
+_BEYOND_LIMITS: Final = 10.0
+
+
+@dataclass(frozen=True)
+class Design:
+    """A designed test.
+
+    Attributes
+    ----------
+    command
+        The command, a swing.
+    wanted
+        Largest standard deviations by fault [-].
+    limits, demands
+        What the command may demand, and what it does demand of the model.
+    rehearsed
+        Its rehearsal, by which it is judged.
+    reference_s
+        Duration of the thesis's chirp where its standard deviations were wanted [s]; else None.
+    least
+        Standard deviation by fault that the mismatch of the model, and what is not known of the
+        unit, leave to any motion [-].
+    """
+
+    command: Command
+    wanted: Mapping[str, float]
+    limits: Limits
+    demands: Demands
+    rehearsed: Rehearsed
+    reference_s: float | None
+    least: Mapping[str, float]
+
+    @property
+    def sigma(self) -> dict[str, float]:
+        """Rehearsed standard deviations by fault; NaN where a fault is not shown."""
+        return {one.name: one.sigma for one in self.rehearsed.faults}
+
+    @property
+    def reached(self) -> bool:
+        """Whether all wanted standard deviations are reached."""
+        return _worst(self.sigma, self.wanted)[1] <= 1.0
+
+    @property
+    def binding(self) -> list[str]:
+        """Names of the limits that the command exhausts."""
+        return [
+            name
+            for name, demand in self.demands._asdict().items()
+            if demand >= _BINDING * getattr(self.limits, name)
+        ]
+
+    @property
+    def verdict(self) -> str:
+        """Whether the wishes are met, and what stands against it, in words."""
+        if self.reached:
+            return "all wanted standard deviations are reached"
+        name, _ = _worst(self.sigma, self.wanted)
+        label, best = FAULTS[FAULT_NAMES.index(name)].label, self.sigma[name]
+        reached = f"at best {best:.4f}" if math.isfinite(best) else "not shown at all"
+        words = f"{label}: sigma {self.wanted[name]:g} is not reached, {reached}"
+        if self.least[name] >= self.wanted[name]:
+            return (
+                f"{words}; no motion reaches less than {self.least[name]:.4f}, which the mismatch "
+                "of the model and what is not known of the unit leave"
+            )
+        bounds = [f"{name} {getattr(self.limits, name):g} {UNITS[name]}" for name in self.binding]
+        return f"{words}; limited by {' and '.join(bounds) or 'none of the limits'}"
+
+
+def design_command(
+    record: Recorder,
+    description: ActuatorDescription,
+    limits: Limits,
+    wanted: Mapping[str, float] | None = None,
+    *,
+    on_progress: Callable[[str], None] = lambda _: None,
+) -> Design:
+    """Return the shortest test with which wanted standard deviations are reached.
+
+    Swings are searched by differential evolution on the model's information; the best is rehearsed,
+    and the prediction corrected by what the rehearsal gives, until both agree.
+
+    Parameters
+    ----------
+    record
+        Records windows, by simulation as a rule.
+    description
+        The actuator.
+    limits
+        What the command may demand.
+    wanted
+        Largest standard deviations by fault; when None, those of the thesis's chirp, rehearsed on
+        this actuator with these sensors, to a tenth and no finer than ``FINEST``.
+    on_progress
+        Called with what is being done.
+
+    Returns
+    -------
+    Design
+        Where the wishes cannot be met, that which comes closest.
+
+    Raises
+    ------
+    ValueError
+        When a wanted figure is impossible, or no motion within the limits makes a window.
+    """
+    for name, sigma in (wanted or {}).items():
+        if name not in COMPONENTS:
+            raise ValueError(unknown_name("fault", name, COMPONENTS))
+        if not 0.0 < sigma < math.inf:
+            raise ValueError(f"wanted sigma of {name} = {sigma:g}: expected above 0")
+    on_progress("rehearsing the chirp")
+    chirp = THESIS_CHIRP
+    if wanted is not None:
+        chirp = replace(chirp, amplitude=min(chirp.amplitude, limits.travel / 2.0))
+    rehearsed = rehearse(record, chirp, description)
+    reference_s = None
+    if wanted is None:
+        reference_s = chirp.duration
+        wanted = {one.name: max(_SAME * one.sigma, FINEST) for one in rehearsed.faults if one.shown}
+    found: list[Design] = []
+    command, start = chirp, _START
+    for number in range(MOST_ROUNDS):
+        search = _Search(rehearsed, command, limits, wanted)
+        for point, cost in search.run(start):
+            on_progress(f"round {number + 1}: {search.words(point, cost)}")
+            start = point
+        command = search.command(start)
+        is_feasible = search.is_feasible(start)
+        reached = [one.command.duration for one in found if one.reached]
+        if reached and not (is_feasible and command.duration < _WORTHWHILE * min(reached)):
+            break
+        on_progress(f"round {number + 1}: rehearsing {command.duration:.3f} s")
+        rehearsed = rehearse(record, command, description)
+        information = Information(rehearsed.calibration)
+        windows = information.windows(command)
+        least = dict(zip(FAULT_NAMES, information.sigma(windows, noise=0.0).tolist(), strict=True))
+        demands = information.demands(windows)
+        found.append(Design(command, wanted, limits, demands, rehearsed, reference_s, least))
+        if number and not found[-1].reached and not is_feasible:
+            break
+    if any(one.reached for one in found):
+        return min((one for one in found if one.reached), key=lambda one: one.command.duration)
+    return min(found, key=lambda one: _worst(one.sigma, wanted)[1])
+
+
+def _worst(sigma: Mapping[str, float], wanted: Mapping[str, float]) -> tuple[str, float]:
+    """Return the fault whose standard deviation is farthest above the wanted one, and how far."""
+    ratios = {name: sigma[name] / limit for name, limit in wanted.items()}
+    ratios = {name: ratio if ratio == ratio else math.inf for name, ratio in ratios.items()}
+    worst = max(ratios, key=lambda name: ratios[name])
+    return worst, ratios[worst]
+
+
+class _Search:
+    """Searches the swing for which the model predicts what is wanted.
+
+    Parameters
+    ----------
+    rehearsed, command
+        A rehearsal and its command: by how much its variances are off for that command, the
+        prediction is corrected for any.
+    limits
+        What a command may demand.
+    wanted
+        Largest standard deviations by fault.
+    """
+
+    def __init__(
+        self,
+        rehearsed: Rehearsed,
+        command: Command,
+        limits: Limits,
+        wanted: Mapping[str, float],
+    ) -> None:
+        self._information = Information(rehearsed.calibration)
+        self._limits = limits
+        self._h = rehearsed.calibration.sample_period
+        self._numbers = [FAULT_NAMES.index(name) for name in wanted]
+        predicted = self._information.sigma(self._information.windows(command))
+        given = {one.name: one.sigma for one in rehearsed.faults}
+        errors = np.array([given[name] for name in wanted]) ** 2 - predicted[self._numbers] ** 2
+        # A fault that was not shown tells nothing of the correction.
+        self._corrections = np.nan_to_num(errors, nan=0.0)
+        self._wanted = _MARGIN * np.array(list(wanted.values()))
+
+    def run(self, start: NDArray[np.float64]):
+        """Yield the best point, ``(5,)``, and its cost after each generation.
+
+        Parameters
+        ----------
+        start
+            Point where one individual starts, ``(5,)``.
+        """
+        rng = np.random.default_rng(_SEED)
+        optimizer = DifferentialEvolution(start, rng, population=_POPULATION, F=0.6, CR=0.9)
+        for progress in minimise(self._residuals, optimizer, _SEARCH):
+            yield progress.point, math.sqrt(progress.cost)
+
+    def command(self, point: NDArray[np.float64]) -> Command:
+        """Return the swing of a point of the unit box, ``(5,)``.
+
+        It has a whole number of half periods, so that it ends at rest. It begins slowly: over a
+        wide range of speeds the mismatch of the model averages out, which would move the estimates
+        beyond their standard deviations at a single one.
+        """
+        limits = self._limits
+        of_duration, of_frequency, of_amplitude, of_start, of_end = point.tolist()
+        duration = SHORTEST_S * (limits.longest / SHORTEST_S) ** of_duration
+        duration = self._h * math.floor(duration / self._h + 1e-6)
+        low, high = _END_FREQUENCIES
+        least, most = _START_SHARES
+        end = low * (high / low) ** of_frequency
+        start = round(end * (least + (most - least) * of_start), 3)
+        halves = max(3, round((start + end) * duration))
+        share = _SMALLEST_TRAVEL ** (1.0 - of_amplitude)
+        first, last = _LAST_FRACTIONS
+        return Command(
+            "swing",
+            amplitude=float(f"{0.5 * limits.travel * share:.4g}"),
+            duration=round(duration, 9),
+            start_frequency=start,
+            end_frequency=round(halves / duration - start, 6),
+            final_fraction=round(first + (last - first) * of_end, 3),
+        )
+
+    def is_feasible(self, point: NDArray[np.float64]) -> bool:
+        """Return whether the model predicts that a point reaches what is wanted."""
+        return self._cost(point) <= 1.0
+
+    def words(self, point: NDArray[np.float64], cost: float) -> str:
+        """Return what has been found, in words."""
+        if cost <= 1.0:
+            return f"{self.command(point).duration:.3f} s"
+        if cost < _BEYOND_LIMITS:
+            return f"sigma {math.exp(cost - 1.0):.2f} times what is wanted"
+        return "beyond the limits"
+
+    def _residuals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.array([[self._cost(point)] for point in points])
+
+    def _cost(self, point: NDArray[np.float64]) -> float:
+        """Return the share of the longest duration; above 1, by how much a wish is missed."""
+        command = self.command(point)
+        windows = self._information.windows(command)
+        demands = self._information.demands(windows)
+        excess = max(
+            demand / getattr(self._limits, name) for name, demand in demands._asdict().items()
+        )
+        # Rounding may take a share of the travel and the duration beyond their limits.
+        if excess > 1.0 + 1e-3:
+            return _BEYOND_LIMITS + math.log(excess)
+        sigma = self._information.sigma(windows)[self._numbers]
+        variance = np.maximum(sigma**2 + self._corrections, (_LEAST_CORRECTED * sigma) ** 2)
+        worst = float(np.max(np.sqrt(variance) / self._wanted))
+        if worst > 1.0:
+            return 1.0 + min(math.log(worst), _BEYOND_LIMITS - 2.0)
+        return command.duration / self._limits.longest

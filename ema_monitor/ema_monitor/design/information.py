@@ -1,0 +1,131 @@
+"""What a command tells of the faults, by the model alone (M31)."""
+
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.commands import Command
+from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, N_FAULTS, healthy_faults
+from ema_core.telemetry import Telemetry
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.design.states import N_COMBINED, combined_faults, present
+from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.uncertainty import (
+    MISMATCH_FACTOR,
+    covariance_of_effects,
+    sandwich_covariance,
+    uncertainty_of_faults,
+)
+from ema_monitor.windows.window import Window
+
+_PLAY: Final = 1.0
+_NOT_SHOWN: Final = 1.0
+
+
+class Demands(NamedTuple):
+    """What a command demands of the actuator: the largest values [rad, A, N.m, rad/s, s].
+
+    The names are those of ``Limits``.
+    """
+
+    travel: float
+    current: float
+    torque: float
+    speed: float
+    longest: float
+
+
+class Information:
+    """Predicts standard deviations by the model, for actuators with several faults.
+
+    Parameters
+    ----------
+    calibration
+        Of the unit, under any command; its scatter is that of healthy windows.
+    """
+
+    def __init__(self, calibration: Calibration) -> None:
+        self._calibration = calibration
+        self._states = [combined_faults(number) for number in range(N_COMBINED)]
+        # The eccentricity is a vector of the plane in a point of the box, which is half as wide.
+        self._span = np.ones(N_FAULTS)
+        self._span[[ECCENTRICITY, ECCENTRICITY_PHASE]] = 2.0
+
+    def windows(self, command: Command) -> list[Window]:
+        """Return what the model expects of a command: the healthy actuator, then the faulty."""
+        h = self._calibration.sample_period
+        samples = np.concatenate([[0.0], command.sample(h)])
+        still = np.zeros_like(samples)
+        at_rest = Window(Telemetry(0, h, 1, samples, still, still, still), play=_PLAY)
+        faults = np.stack([healthy_faults(), *self._states])
+        response = self._calibration.model().respond(at_rest, faults, _PLAY)
+        return [
+            replace(
+                at_rest,
+                telemetry=replace(
+                    at_rest.telemetry,
+                    current=np.concatenate([[0.0], current]),
+                    speed=np.concatenate([[0.0], speed]),
+                ),
+            )
+            for current, speed in zip(*response, strict=True)
+        ]
+
+    def demands(self, windows: list[Window]) -> Demands:
+        """Return what a command demands at most.
+
+        Parameters
+        ----------
+        windows
+            As `windows` returns them.
+        """
+        first = windows[0]
+        current = max(float(np.max(np.abs(window.current))) for window in windows)
+        return Demands(
+            travel=first.excitation,
+            current=current,
+            torque=self._calibration.parameters.k_t * current,
+            speed=max(float(np.max(np.abs(window.telemetry.speed))) for window in windows),
+            longest=first.sample_period * len(first),
+        )
+
+    def sigma(self, windows: list[Window], *, noise: float = 1.0) -> NDArray[np.float64]:
+        """Return the standard deviation of each component, the largest over actuators, ``(8,)``.
+
+        Parameters
+        ----------
+        windows
+            As `windows` returns them.
+        noise
+            Share of the healthy scatter that counts; without any, what is left is the mismatch of
+            the model and what is not known of the unit.
+
+        Returns
+        -------
+        numpy.ndarray
+            1 where a component is not shown.
+        """
+        first = windows[0]
+        still = np.zeros(len(first))
+        # As after a calibration under this command.
+        calibration = replace(
+            self._calibration,
+            command=first.command,
+            correction=still,
+            speed_correction=still,
+        )
+        rows = []
+        for faults, window in zip(self._states, windows[1:], strict=True):
+            objective = Objective(window, calibration)
+            at = objective.linearise(objective.encode(faults, _PLAY))
+            effects = objective.unit_effects(at.point) / MISMATCH_FACTOR
+            white = np.full(len(at.residuals), noise * np.sqrt(objective.noise))
+            known = sandwich_covariance(at.jacobian, white, lags=0)
+            known += covariance_of_effects(at.jacobian, effects)
+            known *= np.outer(self._span, self._span)
+            found = uncertainty_of_faults(faults, known, float("nan"))
+            sigma = np.nan_to_num(np.sqrt(np.diag(found.covariance)), nan=_NOT_SHOWN)
+            rows.append(np.where(present(faults), sigma, 0.0))
+        return np.max(rows, axis=0)

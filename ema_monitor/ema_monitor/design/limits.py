@@ -1,0 +1,104 @@
+"""What a test may demand of an actuator."""
+
+from dataclasses import dataclass, fields
+from typing import Final, Self
+
+from ema_core.parameters import ActuatorParameters
+
+SHORTEST_S: Final = 0.05
+"""Shortest test [s]."""
+
+_SHARE: Final = 0.9
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a test; of current and torque, of their mean without the ripple of the inverter.
+
+    Attributes
+    ----------
+    travel
+        Of the command, from one end to the other [rad].
+    current
+        Equivalent current, magnitude [A].
+    torque
+        Of the motor, magnitude [N.m].
+    speed
+        Of the motor shaft, magnitude [rad/s].
+    longest
+        Duration of the command [s].
+
+    Raises
+    ------
+    ValueError
+        When one is not above 0, or the longest duration is shorter than any test.
+    """
+
+    travel: float
+    current: float
+    torque: float
+    speed: float
+    longest: float
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not 0.0 < value < float("inf"):
+                raise ValueError(f"{item.name} = {value:g} {UNITS[item.name]}: expected above 0")
+        if self.longest < SHORTEST_S:
+            raise ValueError(
+                f"longest = {self.longest:g} s: a test takes at least {SHORTEST_S:g} s"
+            )
+
+    @classmethod
+    def within(
+        cls,
+        parameters: ActuatorParameters,
+        *,
+        travel: float,
+        current: float | None = None,
+        torque: float | None = None,
+        speed: float | None = None,
+        longest: float = 0.5,
+    ) -> Self:
+        """Return limits, where none is given nine tenths of the actuator's own.
+
+        Parameters
+        ----------
+        parameters
+            The actuator.
+        travel, current, torque, speed, longest
+            As of the class.
+
+        Raises
+        ------
+        ValueError
+            When one is impossible, or beyond what the actuator can do.
+        """
+        own = {
+            "travel": parameters.theta_stop,
+            "current": parameters.I_max,
+            "torque": parameters.T_max,
+            "speed": parameters.omega_max,
+        }
+        given = {"travel": travel, "current": current, "torque": torque, "speed": speed}
+        for name, value in given.items():
+            if value is not None and value > own[name]:
+                raise ValueError(
+                    f"{name} = {value:g} {UNITS[name]} is beyond the actuator's own limit "
+                    f"{own[name]:g} {UNITS[name]}"
+                )
+        chosen = {
+            name: _SHARE * own[name] if value is None else value for name, value in given.items()
+        }
+        return cls(**chosen, longest=longest)
+
+
+UNITS: Final = {
+    "travel": "rad",
+    "current": "A",
+    "torque": "N.m",
+    "speed": "rad/s",
+    "longest": "s",
+}
+"""Unit of each limit."""
