@@ -12,13 +12,12 @@ from ema_core.faults import BACKLASH, COMPONENTS, FAULTS, SHORT_CIRCUITS, health
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.design.certificate import (
-    HALF_WIDTH,
     CauseProspect,
     Certificate,
     Repeated,
 )
 from ema_monitor.design.prediction import prospect
-from ema_monitor.design.rehearsal import FaultProspect
+from ema_monitor.design.rehearsal import HALF_WIDTH, FaultProspect
 from ema_monitor.design.states import N_COMBINED, combined_faults, present, single_faults
 from ema_monitor.identification.search import identify
 from ema_monitor.windows.window import Window

@@ -9,11 +9,8 @@ from typing import Any, Final, NamedTuple
 from ema_core.causes import CAUSE_BY_NAME
 from ema_core.faults import FAULT_NAMES, FAULTS
 from ema_core.wording import text_table
-from ema_monitor.design.rehearsal import FaultProspect
+from ema_monitor.design.rehearsal import HALF_WIDTH, FaultProspect
 from ema_monitor.identification.estimate import plain_number
-
-HALF_WIDTH: Final = 1.645
-"""Half-width of a 90 % interval [standard deviations]."""
 
 _WIDTH: Final = 100
 

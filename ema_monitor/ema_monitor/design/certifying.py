@@ -11,9 +11,16 @@ from ema_core.commands import Command
 from ema_core.description import ActuatorDescription
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.design.certificate import HALF_WIDTH, CauseProspect, Certificate, Repeated
+from ema_monitor.design.certificate import CauseProspect, Certificate, Repeated
 from ema_monitor.design.prediction import Prospect
-from ema_monitor.design.rehearsal import REHEARSED_WINDOWS, Rehearsed, claimed, fewest, rehearse
+from ema_monitor.design.rehearsal import (
+    HALF_WIDTH,
+    REHEARSED_WINDOWS,
+    Rehearsed,
+    claimed,
+    fewest,
+    rehearse,
+)
 from ema_monitor.design.states import Recorder, present
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import identify

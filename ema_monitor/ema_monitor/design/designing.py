@@ -41,6 +41,10 @@ _SMALLEST_TRAVEL: Final = 0.05
 _LAST_FRACTIONS: Final = (0.1, 1.0)
 _START: Final = np.array([0.8, 0.9, 0.8, 0.5, 0.8])
 _LEAST_CORRECTED: Final = 0.3
+_NOT_SHOWN: Final = 10.0
+_FLOOR: Final = 0.8
+# A whole number of half periods moves the frequency.
+_TOLERANCE: Final = 1.1
 # Above what any duration or ratio of standard deviations costs.
 _BEYOND_LIMITS: Final = 10.0
 
@@ -61,9 +65,9 @@ class Design:
         Its rehearsal, by which it is judged.
     reference_s
         Duration of the thesis's chirp where its standard deviations were wanted [s]; else None.
-    least
-        Standard deviation by fault that the mismatch of the model, and what is not known of the
-        unit, leave to any motion [-].
+    predicted, least
+        Standard deviations by fault that the model predicts, and what would be left of them without
+        noise: the mismatch of the model, and what is not known of the unit [-].
     """
 
     command: Command
@@ -72,17 +76,37 @@ class Design:
     demands: Demands
     rehearsed: Rehearsed
     reference_s: float | None
+    predicted: Mapping[str, float]
     least: Mapping[str, float]
 
     @property
     def sigma(self) -> dict[str, float]:
-        """Rehearsed standard deviations by fault; NaN where a fault is not shown."""
-        return {one.name: one.sigma for one in self.rehearsed.faults}
+        """Rehearsed standard deviations by fault, not below what the rehearsed errors need.
+
+        NaN where a fault is not shown.
+        """
+        return {one.name: one.effective for one in self.rehearsed.faults}
 
     @property
     def reached(self) -> bool:
         """Whether all wanted standard deviations are reached."""
-        return _worst(self.sigma, self.wanted)[1] <= 1.0
+        sigma = self.sigma
+        return all(sigma[name] <= limit for name, limit in self.wanted.items())
+
+    @property
+    def worst(self) -> tuple[str, float]:
+        """The fault whose standard deviation is farthest above the wanted one, and the ratio.
+
+        Of a fault that is not shown, it is that of the prediction, ten times at least.
+        """
+        ratios = {
+            name: self.sigma[name] / limit
+            if math.isfinite(self.sigma[name])
+            else max(self.predicted[name] / limit, _NOT_SHOWN)
+            for name, limit in self.wanted.items()
+        }
+        worst = max(ratios, key=lambda name: ratios[name])
+        return worst, ratios[worst]
 
     @property
     def binding(self) -> list[str]:
@@ -98,17 +122,19 @@ class Design:
         """Whether the wishes are met, and what stands against it, in words."""
         if self.reached:
             return "all wanted standard deviations are reached"
-        name, _ = _worst(self.sigma, self.wanted)
+        name, _ = self.worst
         label, best = FAULTS[FAULT_NAMES.index(name)].label, self.sigma[name]
         reached = f"at best {best:.4f}" if math.isfinite(best) else "not shown at all"
         words = f"{label}: sigma {self.wanted[name]:g} is not reached, {reached}"
-        if self.least[name] >= self.wanted[name]:
+        if self.least[name] >= _FLOOR * best:
             return (
-                f"{words}; no motion reaches less than {self.least[name]:.4f}, which the mismatch "
-                "of the model and what is not known of the unit leave"
+                f"{words}; {self.least[name]:.4f} of it are the mismatch of the model and what is "
+                "not known of the unit, whatever the noise and the length of the test"
             )
         bounds = [f"{name} {getattr(self.limits, name):g} {UNITS[name]}" for name in self.binding]
-        return f"{words}; limited by {' and '.join(bounds) or 'none of the limits'}"
+        if not bounds:
+            return f"{words}; none of the limits is exhausted: swings reach no more"
+        return f"{words}; limited by {', '.join(bounds)}"
 
 
 def design_command(
@@ -161,7 +187,9 @@ def design_command(
     reference_s = None
     if wanted is None:
         reference_s = chirp.duration
-        wanted = {one.name: max(_SAME * one.sigma, FINEST) for one in rehearsed.faults if one.shown}
+        wanted = {
+            one.name: max(_SAME * one.effective, FINEST) for one in rehearsed.faults if one.shown
+        }
     found: list[Design] = []
     command, start = chirp, _START
     for number in range(MOST_ROUNDS):
@@ -178,22 +206,19 @@ def design_command(
         rehearsed = rehearse(record, command, description)
         information = Information(rehearsed.calibration)
         windows = information.windows(command)
-        least = dict(zip(FAULT_NAMES, information.sigma(windows, noise=0.0).tolist(), strict=True))
+        predicted, least = (
+            dict(zip(FAULT_NAMES, information.sigma(windows, noise=noise).tolist(), strict=True))
+            for noise in (1.0, 0.0)
+        )
         demands = information.demands(windows)
-        found.append(Design(command, wanted, limits, demands, rehearsed, reference_s, least))
+        found.append(
+            Design(command, wanted, limits, demands, rehearsed, reference_s, predicted, least)
+        )
         if number and not found[-1].reached and not is_feasible:
             break
     if any(one.reached for one in found):
         return min((one for one in found if one.reached), key=lambda one: one.command.duration)
-    return min(found, key=lambda one: _worst(one.sigma, wanted)[1])
-
-
-def _worst(sigma: Mapping[str, float], wanted: Mapping[str, float]) -> tuple[str, float]:
-    """Return the fault whose standard deviation is farthest above the wanted one, and how far."""
-    ratios = {name: sigma[name] / limit for name, limit in wanted.items()}
-    ratios = {name: ratio if ratio == ratio else math.inf for name, ratio in ratios.items()}
-    worst = max(ratios, key=lambda name: ratios[name])
-    return worst, ratios[worst]
+    return min(found, key=lambda one: one.worst[1])
 
 
 class _Search:
@@ -222,7 +247,7 @@ class _Search:
         self._h = rehearsed.calibration.sample_period
         self._numbers = [FAULT_NAMES.index(name) for name in wanted]
         predicted = self._information.sigma(self._information.windows(command))
-        given = {one.name: one.sigma for one in rehearsed.faults}
+        given = {one.name: one.effective for one in rehearsed.faults}
         errors = np.array([given[name] for name in wanted]) ** 2 - predicted[self._numbers] ** 2
         # A fault that was not shown tells nothing of the correction.
         self._corrections = np.nan_to_num(errors, nan=0.0)
@@ -289,7 +314,8 @@ class _Search:
         windows = self._information.windows(command)
         demands = self._information.demands(windows)
         excess = max(
-            demand / getattr(self._limits, name) for name, demand in demands._asdict().items()
+            command.end_frequency / (_TOLERANCE * _END_FREQUENCIES[1]),
+            *(demand / getattr(self._limits, name) for name, demand in demands._asdict().items()),
         )
         # Rounding may take a share of the travel and the duration beyond their limits.
         if excess > 1.0 + 1e-3:

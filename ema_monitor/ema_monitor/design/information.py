@@ -14,14 +14,14 @@ from ema_monitor.design.states import N_COMBINED, combined_faults, present
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
+    MISMATCH_SIGMA,
     covariance_of_effects,
     sandwich_covariance,
-    uncertainty_of_faults,
+    with_mismatch,
 )
 from ema_monitor.windows.window import Window
 
 _PLAY: Final = 1.0
-_NOT_SHOWN: Final = 1.0
 
 
 class Demands(NamedTuple):
@@ -92,7 +92,7 @@ class Information:
         )
 
     def sigma(self, windows: list[Window], *, noise: float = 1.0) -> NDArray[np.float64]:
-        """Return the standard deviation of each component, the largest over actuators, ``(8,)``.
+        """Return the standard deviation of each fault, the largest over actuators, ``(8,)``.
 
         Parameters
         ----------
@@ -101,11 +101,6 @@ class Information:
         noise
             Share of the healthy scatter that counts; without any, what is left is the mismatch of
             the model and what is not known of the unit.
-
-        Returns
-        -------
-        numpy.ndarray
-            1 where a component is not shown.
         """
         first = windows[0]
         still = np.zeros(len(first))
@@ -124,8 +119,12 @@ class Information:
             white = np.full(len(at.residuals), noise * np.sqrt(objective.noise))
             known = sandwich_covariance(at.jacobian, white, lags=0)
             known += covariance_of_effects(at.jacobian, effects)
-            known *= np.outer(self._span, self._span)
-            found = uncertainty_of_faults(faults, known, float("nan"))
-            sigma = np.nan_to_num(np.sqrt(np.diag(found.covariance)), nan=_NOT_SHOWN)
-            rows.append(np.where(present(faults), sigma, 0.0))
-        return np.max(rows, axis=0)
+            known = with_mismatch(known * np.outer(self._span, self._span), MISMATCH_SIGMA)
+            variance = np.diag(known).copy()
+            # Of the eccentricity along its own direction; the direction is no fault.
+            phi = (2.0 * faults[ECCENTRICITY_PHASE] - 1.0) * np.pi
+            along = np.array([np.cos(phi), np.sin(phi)])
+            plane = [ECCENTRICITY, ECCENTRICITY_PHASE]
+            variance[plane] = along @ known[np.ix_(plane, plane)] @ along, 0.0
+            rows.append(np.where(present(faults), variance, 0.0))
+        return np.sqrt(np.max(rows, axis=0))

@@ -30,6 +30,9 @@ _SINGLE: Final = 2
 _COMBINED: Final = 6
 _STRONG_CORRELATION: Final = 0.95
 
+HALF_WIDTH: Final = 1.645
+"""Half-width of a 90 % interval [standard deviations]."""
+
 REHEARSED_WINDOWS: Final = _HEALTHY + len(COMPONENTS) * _SINGLE + N_COMBINED * _COMBINED
 """How many windows a rehearsal takes."""
 
@@ -63,6 +66,11 @@ class FaultProspect(NamedTuple):
     error: float
     smallest: float
     not_told_from: tuple[str, ...]
+
+    @property
+    def effective(self) -> float:
+        """Standard deviation with which 90 % intervals would hold the rehearsed errors, too [-]."""
+        return max(self.sigma, self.error / HALF_WIDTH) if self.shown else math.nan
 
     @property
     def meaning(self) -> str:
