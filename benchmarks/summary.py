@@ -10,6 +10,7 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
+import design
 import memory
 import ordinary_motion
 import prognosis_tables
@@ -95,6 +96,7 @@ def main() -> None:
     parts = {
         "accuracy": targets.rows,
         "trust": trust.rows,
+        "design": design.rows,
         "ordinary_motion": ordinary_motion.rows,
         "kernels": kernel_rows,
         "live": live_rows,

@@ -8,6 +8,10 @@ from ema_core.faults import FAULTS, FaultVector
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate
+from ema_monitor.design.certificate import Certificate
+from ema_monitor.design.certifying import certify
+from ema_monitor.design.designing import Design, design_command
+from ema_monitor.design.limits import MotionLimits
 from ema_monitor.health import Health, HealthLimits, assess
 from ema_monitor.identification.combination import Combination, CombinationSettings
 from ema_monitor.identification.estimate import Estimate
@@ -24,13 +28,16 @@ from ema_monitor.windows.window import Window
 __all__ = [
     "FAULTS",
     "Calibration",
+    "Certificate",
     "Combination",
     "CombinationSettings",
+    "Design",
     "Estimate",
     "FaultVector",
     "Health",
     "HealthLimits",
     "Identification",
+    "MotionLimits",
     "Prognosis",
     "RemainingLife",
     "SearchSettings",
@@ -42,6 +49,8 @@ __all__ = [
     "WindowFinder",
     "assess",
     "calibrate",
+    "certify",
+    "design_command",
     "find_windows",
     "identify",
     "identify_motion",

@@ -28,7 +28,7 @@ from ema_core.wording import as_identifier
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.design.certifying import certificate_of
 from ema_monitor.design.designing import Design, design_command
-from ema_monitor.design.limits import UNITS, Limits
+from ema_monitor.design.limits import UNITS, MotionLimits
 from ema_monitor.model.monitor_model import compile_kernels
 
 _OWN = "nine tenths of the actuator's own when not given"
@@ -110,7 +110,7 @@ def design(
             raise ValueError(f"{output}: expected a name that ends in .yaml")
         require_free(output, [actuator_file] if actuator_file else [], force=force)
         description = described(actuator_file, sample_rate)
-        limits = Limits.within(
+        limits = MotionLimits.within(
             description.parameters,
             travel=travel,
             torque=torque,

@@ -13,7 +13,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.wording import unknown_name
 from ema_monitor.design.information import Demands, Information
-from ema_monitor.design.limits import SHORTEST_S, UNITS, Limits
+from ema_monitor.design.limits import SHORTEST_S, UNITS, MotionLimits
 from ema_monitor.design.rehearsal import Rehearsed, rehearse
 from ema_monitor.design.states import Recorder
 from ema_monitor.optimizers.differential_evolution import DifferentialEvolution
@@ -72,7 +72,7 @@ class Design:
 
     command: Command
     wanted: Mapping[str, float]
-    limits: Limits
+    limits: MotionLimits
     demands: Demands
     rehearsed: Rehearsed
     reference_s: float | None
@@ -140,7 +140,7 @@ class Design:
 def design_command(
     record: Recorder,
     description: ActuatorDescription,
-    limits: Limits,
+    limits: MotionLimits,
     wanted: Mapping[str, float] | None = None,
     *,
     on_progress: Callable[[str], None] = lambda _: None,
@@ -239,7 +239,7 @@ class _Search:
         self,
         rehearsed: Rehearsed,
         command: Command,
-        limits: Limits,
+        limits: MotionLimits,
         wanted: Mapping[str, float],
     ) -> None:
         self._information = Information(rehearsed.calibration)

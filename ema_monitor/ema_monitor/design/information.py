@@ -27,7 +27,7 @@ _PLAY: Final = 1.0
 class Demands(NamedTuple):
     """What a command demands of the actuator: the largest values [rad, A, N.m, rad/s, s].
 
-    The names are those of ``Limits``.
+    The names are those of ``MotionLimits``.
     """
 
     travel: float

@@ -12,7 +12,7 @@ _SHARE: Final = 0.9
 
 
 @dataclass(frozen=True)
-class Limits:
+class MotionLimits:
     """Limits of a test; of current and torque, of their mean without the ripple of the inverter.
 
     Attributes

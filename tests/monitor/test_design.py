@@ -1,0 +1,171 @@
+"""Test commands by design: information, limits, the form of the command, and the verdict."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.commands import THESIS_CHIRP, Command
+from ema_core.faults import BACKLASH, COMPONENTS, FRICTION
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.design.designing import Design, _Search
+from ema_monitor.design.information import Demands, Information
+from ema_monitor.design.limits import SHORTEST_S, MotionLimits
+from ema_monitor.design.prediction import Prospect
+from ema_monitor.design.rehearsal import FaultProspect, Rehearsed
+
+PARAMETERS = ActuatorParameters()
+
+
+@pytest.fixture(scope="module")
+def information() -> Information:
+    return Information(Calibration.builtin())
+
+
+@pytest.fixture(scope="module")
+def limits() -> MotionLimits:
+    return MotionLimits.within(PARAMETERS, travel=0.02, current=15.0, speed=400.0)
+
+
+def test_longer_motion_tells_more_of_what_noise_hides(information):
+    swing = Command("swing", amplitude=0.005, start_frequency=5.0, end_frequency=15.0)
+    short, long = (
+        information.windows(replace(swing, duration=duration)) for duration in (0.2, 0.8)
+    )
+    noise = [
+        np.sqrt(information.sigma(one) ** 2 - information.sigma(one, noise=0.0) ** 2)[FRICTION]
+        for one in (short, long)
+    ]
+    # Four times the time is half the standard deviation; the motion is not quite the same.
+    assert noise[1] == pytest.approx(0.5 * noise[0], rel=0.2)
+
+
+def test_sigma_without_noise_is_what_is_not_known_of_the_unit(information):
+    windows = information.windows(THESIS_CHIRP)
+    least, sigma = information.sigma(windows, noise=0.0), information.sigma(windows)
+    shown = sigma > 0.0
+    assert np.all(least[shown] < sigma[shown])
+    # The width of the play of a unit is hardly known, so that no test tells the backlash better.
+    assert least[BACKLASH] > 0.9 * sigma[BACKLASH]
+
+
+def test_demands_of_a_swing_are_its_own(information):
+    swing = Command("swing", amplitude=0.004, start_frequency=4.0, end_frequency=12.0)
+    demands = information.demands(information.windows(swing))
+    assert demands.travel == pytest.approx(0.008, rel=1e-3)
+    assert demands.longest == pytest.approx(0.5)
+    assert demands.torque == pytest.approx(PARAMETERS.k_t * demands.current)
+    # The motor follows a slow swing: its largest speed is that of the command at the gear.
+    fastest = np.max(np.abs(np.diff(swing.sample(1e-4)))) / 1e-4 / PARAMETERS.tau
+    assert demands.speed == pytest.approx(fastest, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("given", "parts"),
+    [
+        ({"travel": 0.0}, ("travel = 0 rad", "above 0")),
+        ({"travel": 2.0}, ("travel = 2 rad", "1.2 rad")),
+        ({"travel": 0.01, "current": 30.0}, ("current = 30 A", "22.5 A")),
+        ({"travel": 0.01, "torque": -1.0}, ("torque = -1 N.m", "above 0")),
+        ({"travel": 0.01, "longest": 0.01}, ("longest = 0.01 s", f"{SHORTEST_S:g} s")),
+    ],
+)
+def test_impossible_limit_is_refused_by_name_value_and_unit(given, parts):
+    with pytest.raises(ValueError, match=r"expected|limit|least") as refused:
+        MotionLimits.within(PARAMETERS, **given)
+    for part in parts:
+        assert part in str(refused.value)
+
+
+def test_limits_that_are_not_given_are_nine_tenths_of_the_actuators_own():
+    limits = MotionLimits.within(PARAMETERS, travel=0.01)
+    assert limits.current == pytest.approx(0.9 * PARAMETERS.I_max)
+    assert limits.speed == pytest.approx(0.9 * PARAMETERS.omega_max)
+
+
+def made(sigma: dict[str, float], calibration: Calibration) -> Rehearsed:
+    """A rehearsal that gave some standard deviations."""
+
+    class Made(Rehearsed):
+        @property
+        def faults(self):
+            return tuple(
+                FaultProspect(name, math.isfinite(sigma[name]), sigma[name], 0.0, 0.0, 0.0, ())
+                for name in COMPONENTS
+            )
+
+    nothing = Prospect(np.zeros(8), [], np.zeros(8), np.zeros(8))
+    window = Information(calibration).windows(THESIS_CHIRP)[0]
+    return Made(calibration, window, nothing, {}, [])
+
+
+@pytest.fixture(scope="module")
+def search(limits, information) -> _Search:
+    calibration = Calibration.builtin()
+    sigma = dict.fromkeys(COMPONENTS, 0.005)
+    return _Search(made(sigma, calibration), THESIS_CHIRP, limits, dict.fromkeys(COMPONENTS, 0.01))
+
+
+def test_points_are_swings_that_end_at_a_turning_point(search, limits):
+    for point in np.random.default_rng(3).random((50, 5)):
+        command = search.command(point)
+        halves = (command.start_frequency + command.end_frequency) * command.duration
+        assert halves == pytest.approx(round(halves), abs=1e-5)
+        assert SHORTEST_S - 1e-4 <= command.duration <= limits.longest
+        assert 2.0 * command.amplitude <= limits.travel * 1.001
+        assert command.end_frequency > command.start_frequency
+
+
+@pytest.mark.slow
+def test_search_finds_a_short_swing_within_the_limits(search, limits, information):
+    point = np.full(5, 0.5)
+    for best, _ in search.run(point):
+        point = best
+    assert search.is_feasible(point)
+    command = search.command(point)
+    demands = information.demands(information.windows(command))
+    for name, demand in demands._asdict().items():
+        assert demand <= getattr(limits, name) * 1.002
+    # Twice the chirp's standard deviation: a fourth of its time, or less.
+    assert command.duration < 0.5 * THESIS_CHIRP.duration
+
+
+def design(sigma, wanted, demands, limits, least=0.001) -> Design:
+    calibration = Calibration.builtin()
+    values = dict.fromkeys(COMPONENTS, 0.005) | sigma
+    return Design(
+        THESIS_CHIRP,
+        wanted,
+        limits,
+        demands,
+        made(values, calibration),
+        None,
+        dict.fromkeys(COMPONENTS, 0.3),
+        dict.fromkeys(COMPONENTS, least),
+    )
+
+
+def test_wish_that_cannot_be_met_is_answered_by_fault_and_limit(limits):
+    demands = Demands(travel=0.01, current=14.9, torque=1.1, speed=300.0, longest=0.5)
+    one = design({"gain": 0.004}, {"friction": 0.01, "gain": 0.002}, demands, limits)
+    assert not one.reached
+    assert one.binding == ["current", "longest"]
+    assert one.verdict == (
+        "gain: sigma 0.002 is not reached, at best 0.0040; limited by current 15 A, longest 0.5 s"
+    )
+    floor = design({"gain": 0.004}, {"gain": 0.002}, demands, limits, least=0.0039)
+    assert "0.0039 of it are the mismatch of the model" in floor.verdict
+    hidden = design({"gain": math.nan}, {"gain": 0.002}, demands, limits)
+    assert hidden.worst == ("gain", pytest.approx(150.0))
+    assert "gain: sigma 0.002 is not reached, not shown at all" in hidden.verdict
+    assert design({}, {"friction": 0.005}, demands, limits).reached
+
+
+def test_design_counts_errors_that_its_intervals_do_not_hold():
+    honest = FaultProspect(COMPONENTS[0], True, 0.002, 0.001, 0.003, 0.01, ())
+    wrong = honest._replace(error=0.00658)
+    assert honest.effective == 0.002
+    assert wrong.effective == pytest.approx(0.004)
+    assert math.isnan(honest._replace(shown=False).effective)
