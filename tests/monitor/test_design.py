@@ -66,6 +66,7 @@ def test_demands_of_a_swing_are_its_own(information):
     ("given", "parts"),
     [
         ({"travel": 0.0}, ("travel = 0 rad", "above 0")),
+        ({"travel": 0.001}, ("travel = 0.001 rad", "0.0015 rad")),
         ({"travel": 2.0}, ("travel = 2 rad", "1.2 rad")),
         ({"travel": 0.01, "current": 30.0}, ("current = 30 A", "22.5 A")),
         ({"travel": 0.01, "torque": -1.0}, ("torque = -1 N.m", "above 0")),

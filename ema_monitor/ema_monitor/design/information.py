@@ -67,6 +67,10 @@ class Information:
                 telemetry=replace(
                     at_rest.telemetry,
                     current=np.concatenate([[0.0], current]),
+                    # Of the motor over the gear: the play does not matter for its angle.
+                    position=self._calibration.parameters.tau
+                    * h
+                    * np.concatenate([[0.0], np.cumsum(speed)]),
                     speed=np.concatenate([[0.0], speed]),
                 ),
             )

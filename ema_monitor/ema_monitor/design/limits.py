@@ -4,9 +4,13 @@ from dataclasses import dataclass, fields
 from typing import Final, Self
 
 from ema_core.parameters import ActuatorParameters
+from ema_monitor.windows.window import MIN_TRAVEL
 
 SHORTEST_S: Final = 0.05
 """Shortest test [s]."""
+
+SMALLEST_TRAVEL: Final = 1.5 * MIN_TRAVEL
+"""Smallest travel of a test, somewhat more than a window needs [rad]."""
 
 _SHARE: Final = 0.9
 
@@ -31,7 +35,7 @@ class MotionLimits:
     Raises
     ------
     ValueError
-        When one is not above 0, or the longest duration is shorter than any test.
+        When one is not above 0, or travel or duration are below those of any test.
     """
 
     travel: float
@@ -45,6 +49,10 @@ class MotionLimits:
             value = getattr(self, item.name)
             if not 0.0 < value < float("inf"):
                 raise ValueError(f"{item.name} = {value:g} {UNITS[item.name]}: expected above 0")
+        if self.travel < SMALLEST_TRAVEL:
+            raise ValueError(
+                f"travel = {self.travel:g} rad: a test travels at least {SMALLEST_TRAVEL:g} rad"
+            )
         if self.longest < SHORTEST_S:
             raise ValueError(
                 f"longest = {self.longest:g} s: a test takes at least {SHORTEST_S:g} s"

@@ -1,0 +1,126 @@
+"""``ema design``: from the wish to a command that keeps its promise on recorded tests."""
+
+import json
+
+import pytest
+import yaml
+
+from ema_cli.command_file import command_from, save_command
+from ema_core.commands import Command
+
+NOISE = ("--current-noise", "0.02", "--quantise", "current=0.005,position=1e-6,speed=0.05")
+
+
+@pytest.mark.long
+def test_designed_command_gives_the_promised_sigma_on_recorded_tests(ema, tmp_path):
+    file, healthy, case, calibration = (
+        tmp_path / name for name in ("quick.yaml", "healthy.mcap", "case.mcap", "calibration.yaml")
+    )
+    limits = ("--travel", "0.03", "--current", "15", "--speed", "400")
+    designed = ema("design", *limits, *NOISE, "--json", "-o", file)
+    assert designed.exit_code == 0
+    design = json.loads(designed.stdout)
+    assert design["reached"]
+    assert design["command"]["duration"] <= 0.3
+    for name, demand in design["demands"].items():
+        assert demand <= design["limits"][name] * 1.002
+    window = ("--window-s", str(design["command"]["duration"]))
+    command = ("--command", file)
+    assert ema("simulate", *command, *NOISE, "--cycles", "12", "-o", healthy).exit_code == 0
+    assert ema("calibrate", healthy, *window, "-o", calibration).exit_code == 0
+    promised = {one["name"]: one for one in design["certificate"]["faults"]}
+    for number, (name, value) in enumerate(
+        {"friction": 0.2, "short_circuit_b": 0.1, "eccentricity": 0.2, "gain": 0.6}.items()
+    ):
+        fault = ("--fault", f"{name}={value}", "--seed", str(100 + number))
+        assert ema("simulate", *command, *NOISE, *fault, "--force", "-o", case).exit_code == 0
+        found = ema("estimate", case, *window, "--calibration", calibration, "--json")
+        assert found.exit_code == 0
+        [estimate] = json.loads(found.stdout)
+        # The promise is of the least favourable actuator; the calibration is another one.
+        assert estimate["sigma"][name] <= 1.25 * promised[name]["sigma"]
+        assert estimate["faults"][name] == pytest.approx(
+            value, abs=3.0 * max(promised[name]["sigma"], promised[name]["error"])
+        )
+
+
+@pytest.mark.long
+def test_impossible_wish_names_fault_best_sigma_and_limit_and_writes_nothing(ema, tmp_path):
+    file = tmp_path / "quick.yaml"
+    wish = ("--travel", "0.004", "--current", "5", "--longest", "0.15", "--sigma", "gain=0.0008")
+    result = ema("design", *wish, "-o", file)
+    assert result.exit_code == 3
+    assert "gain: sigma 0.0008 is not reached, at best 0.0" in result.stdout
+    assert not file.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        ((), ("--travel",)),
+        (("--travel", "5"), ("travel = 5 rad", "1.2 rad")),
+        (("--travel", "0"), ("travel = 0 rad", "above 0")),
+        (("--travel", "0.01", "--speed", "-3"), ("speed = -3 rad/s", "above 0")),
+        (("--travel", "0.01", "--longest", "0.01"), ("longest = 0.01 s", "0.05 s")),
+        (("--travel", "0.01", "--sigma", "0.1,3"), ("'3'", "name=value")),
+        (("--travel", "0.01", "--sigma", "frict=1"), ("'frict'", "did you mean 'friction'")),
+        (("--travel", "0.01", "--sigma", "gain=0"), ("gain = 0", "above 0")),
+        (("--travel", "0.01", "--actuator", "missing.yaml"), ("missing.yaml",)),
+    ],
+)
+def test_design_refuses_by_name_value_and_unit(ema, tmp_path, arguments, parts):
+    result = ema("design", *arguments, "-o", tmp_path / "quick.yaml")
+    assert result.exit_code in (1, 2)
+    error = result.stderr.strip().splitlines()[-1]
+    for part in parts:
+        assert part in error
+
+
+def test_design_writes_yaml_only_and_replaces_only_when_forced(ema, tmp_path):
+    wrong = ema("design", "--travel", "0.01", "-o", tmp_path / "quick.csv")
+    assert "expected a name that ends in .yaml" in wrong.stderr
+    there = tmp_path / "there.yaml"
+    there.write_text("")
+    again = ema("design", "--travel", "0.01", "-o", there)
+    assert "is there already: --force replaces it" in again.stderr
+
+
+def test_command_is_read_from_its_file_as_it_was_written(tmp_path):
+    file = tmp_path / "quick.yaml"
+    swing = Command("swing", amplitude=0.0075, duration=0.21, start_frequency=4.5)
+    save_command(file, swing, 0.21, "made by a test\nof two lines")
+    assert vars(command_from(str(file), {})) == vars(swing)
+    content = yaml.safe_load(file.read_text())
+    assert content["/**/monitor"]["ros__parameters"] == {"window_s": 0.21}
+    assert file.read_text().startswith("# made by a test\n# of two lines\n")
+
+
+@pytest.mark.parametrize(
+    ("content", "part"),
+    [
+        ("[1, 2]", "has no parameters `command`"),
+        ("{", "is not a YAML file"),
+        ("/**/actuator: {ros__parameters: {command: {shape: square}}}", "'square'"),
+        ("/**/actuator: {ros__parameters: {command: {loudness: 1}}}", "'loudness'"),
+        ("/**/actuator: {ros__parameters: {command: {amplitude: 99}}}", "amplitude = 99"),
+    ],
+)
+def test_wrong_command_file_is_refused_by_name(ema, tmp_path, content, part):
+    file = tmp_path / "wrong.yaml"
+    file.write_text(content)
+    result = ema("simulate", "--command", file, "-o", tmp_path / "case.mcap")
+    assert result.exit_code == 1
+    assert part in result.stderr
+    assert "wrong.yaml" in result.stderr
+
+
+def test_window_length_of_a_bag_can_be_given(ema, tmp_path):
+    case = tmp_path / "case.mcap"
+    swing = ("--command", "swing", "--command-set", "duration=0.25")
+    assert ema("simulate", *swing, "-o", case).exit_code == 0
+    found = ema("estimate", case, "--window-s", "0.25", "--json")
+    [window] = json.loads(found.stdout)
+    assert window["end"] - window["start"] == pytest.approx(0.25)
+    wrong = ema("estimate", case, "--window-s", "0")
+    assert wrong.exit_code == 1
+    assert "window_s = 0" in wrong.stderr
