@@ -110,10 +110,7 @@ def _scatter(
         free = np.ones(objective.dimension, dtype=bool)
         free[:N_FAULTS] = kept
         jacobian = at.jacobian[:, free]
-        # What is robust against outliers bends less than the squares of its residuals do.
-        bend = 1.0 + at.residuals**2 / (2.0 * objective.noise)
-        hessian = (jacobian.T * (2.0 / (bend * (1.0 + bend)))) @ jacobian
-        weights = _turn(objective, at.point)[:, free] @ np.linalg.pinv(hessian) @ jacobian.T
+        weights = _turn(objective, at.point)[:, free] @ np.linalg.pinv(jacobian)
         moves = weights * (at.residuals - common)
         # Current and speed at the same time: the ripple is in both.
         moves = np.sum(np.split(moves, 2, axis=1), axis=0)
