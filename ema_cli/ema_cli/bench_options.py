@@ -20,9 +20,9 @@ command_option: Final = click.option(
     "--command",
     "shape",
     default="chirp",
-    help="step, ramp, sine, chirp, swing (a chirp that begins and ends at rest), moves (random smooth "
-    "moves with dwells, as in ordinary motion), a CSV file with one angle [rad] a sample in its "
-    "last column, or a YAML file of `ema design`.",
+    help="step, ramp, sine, chirp, swing (a chirp that begins and ends at rest), moves (random "
+    "smooth moves with dwells, as in ordinary motion), a CSV file with one angle [rad] a sample in "
+    "its last column, or a YAML file of `ema design`.",
 )
 figures_option: Final = click.option(
     "--command-set",
