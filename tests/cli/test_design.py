@@ -17,7 +17,8 @@ def test_designed_command_gives_the_promised_sigma_on_recorded_tests(ema, tmp_pa
         tmp_path / name for name in ("quick.yaml", "healthy.mcap", "case.mcap", "calibration.yaml")
     )
     limits = ("--travel", "0.03", "--current", "15", "--speed", "400")
-    designed = ema("design", *limits, *NOISE, "--json", "-o", file)
+    wish = ("--sigma", "friction=0.005,short_circuit_b=0.015,eccentricity=0.01,gain=0.005")
+    designed = ema("design", *limits, *wish, *NOISE, "--json", "-o", file)
     assert designed.exit_code == 0
     design = json.loads(designed.stdout)
     assert design["reached"]
