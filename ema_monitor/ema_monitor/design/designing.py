@@ -19,7 +19,7 @@ from ema_monitor.design.states import Recorder
 from ema_monitor.optimizers.differential_evolution import DifferentialEvolution
 from ema_monitor.optimizers.driver import Termination, minimise
 
-MOST_ROUNDS: Final = 4
+MOST_ROUNDS: Final = 5
 """How often a command is designed, rehearsed and corrected at most."""
 
 FINEST: Final = 2e-3
@@ -31,7 +31,7 @@ _SAME: Final = 1.1
 _MARGIN: Final = 0.98
 _WORTHWHILE: Final = 0.95
 _BINDING: Final = 0.96
-_POPULATION: Final = 16
+_POPULATION: Final = 24
 _SEARCH: Final = Termination(_POPULATION * 40, stall_generations=8, tolerance=2e-3)
 # Highest frequency of a swing, up to that for which the mismatch of the model is known; its lowest
 # is a third of it at most.
