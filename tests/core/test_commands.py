@@ -121,6 +121,8 @@ def test_swing_begins_and_ends_at_rest_and_turns_at_its_amplitude():
     assert max(steps[0], steps[-1]) < 0.02 * steps.max()
     # It nowhere jumps, nor does its speed.
     assert np.abs(np.diff(steps)).max() < 0.02 * steps.max()
+
+
 class TestMoves:
     def test_stay_within_their_reach_and_speed(self):
         c = Command("moves", amplitude=0.008, rate=0.2, duration=20.0, seed=1).sample(H)
