@@ -4,6 +4,8 @@ from collections.abc import Callable, Collection, Sequence
 from functools import wraps
 from typing import Any
 
+from ema_cli.errors import one_clear_line
+
 Command = Callable[..., None]
 
 
@@ -29,7 +31,9 @@ def gathered(
         @wraps(command)
         def with_options(**given: Any) -> None:
             own = {key: given.pop(key) for key in names if key in given}
-            command(**{name: build(**own)}, **given)
+            with one_clear_line():
+                built = build(**own)
+            command(**{name: built}, **given)
 
         decorated: Command = with_options
         for option in reversed(options):

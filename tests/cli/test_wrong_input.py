@@ -79,6 +79,26 @@ def test_compare_refuses_before_it_draws(ema, record, faulty_blocks, arguments, 
     assert list(bag.parent.iterdir()) == [bag]
 
 
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (("--wanted-sigma", "0"), ("wanted_sigma", "0", "[0.0001, 0.25]")),
+        (("--wanted-sigma", "nan"), ("wanted_sigma", "nan", "[0.0001, 0.25]")),
+        (("--most-stretches", "0"), ("most_stretches", "0", "[1, 10000]")),
+        (("--longest-s", "-1"), ("longest_s", "-1", "[0.01, 1e+07] s")),
+        (("--pause-s", "-1"), ("pause_s", "-1", "[0, 1e+07] s")),
+        (("--fitness", "least_squares"), ("fitness", "'least_squares'", "'band_limited'")),
+    ],
+)
+def test_estimate_of_any_motion_refuses_by_name_value_and_range(
+    ema, record, faulty_blocks, arguments, parts
+):
+    result = ema("estimate", record(faulty_blocks), "--any-motion", *arguments)
+    assert result.exit_code == 1
+    for part in parts:
+        assert part in result.stderr.strip().splitlines()[-1]
+
+
 def test_compare_without_windows(ema, record, faulty_blocks):
     result = ema("compare", record(faulty_blocks[:9]))
     assert result.exit_code == 1
