@@ -1,6 +1,7 @@
 """Stretches of ordinary motion are combined as one fit of all of them would be."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -272,3 +273,21 @@ def test_another_calibration_begins_a_new_combination(stretches):
     assert ended.estimate.stretches == 1
     assert combinations.tally(FLAP.actuator_id).stretches == 1
     assert combinations.finish() == []
+
+
+def earlier(stretch: Window, by_ns: int) -> Window:
+    telemetry = replace(stretch.telemetry, stamp_ns=stretch.start_ns - by_ns)
+    return Window(telemetry, stretch.play)
+
+
+@pytest.mark.slow
+def test_a_clock_that_goes_back_ends_the_combination_and_the_pause(stretches):
+    """A bag that is played again: no estimate ends before it starts, and none waits for the time
+    to come round."""
+    hour_ns = 3_600_000_000_000
+    again = [earlier(one, hour_ns) for one in stretches]
+    found, combination = combined([*stretches[:1], *again], CombinationSettings(wanted_sigma=0.02))
+    found += combination.finish()
+    assert found[0].stretches == 1
+    assert len(found) >= 2
+    assert all(one.start_ns < one.end_ns for one in found)

@@ -165,7 +165,7 @@ class Combination:
         self._force = force
         self.tally = Tally()
         self._refused_in_a_row = 0
-        self._resume_ns = -(2**63)
+        self._pause_ns = (0, 0)
         self._begin()
 
     def add(self, stretch: Window | Refusal) -> list[Estimate]:
@@ -184,7 +184,9 @@ class Combination:
         estimates: list[Estimate] = []
         if self._is_complete(stretch):
             estimates += self._conclude("")
-        if stretch.start_ns < self._resume_ns and not self._is_defective(stretch):
+        # A clock that has gone back must not lengthen the pause.
+        begin_ns, end_ns = self._pause_ns
+        if begin_ns <= stretch.start_ns < end_ns and not self._is_defective(stretch):
             self._count(skipped=1)
             return estimates
         self._looked_at += 1
@@ -197,8 +199,9 @@ class Combination:
         if self._estimates and not self._belongs(run):
             alone = self._identify(stretch, self._nothing)
             if self._is_valid(alone):
+                preview = self._preview
                 estimates += self._conclude("the motion that followed does not agree with it")
-                run = alone
+                run, self._preview = alone, preview
         if not self._is_valid(run):
             return estimates + self._refuse(run)
         return estimates + self._accept(run)
@@ -219,9 +222,14 @@ class Combination:
         self.tally = self.tally._replace(**counts)
 
     def _is_complete(self, stretch: Window) -> bool:
-        """Return whether the limit of number or time is reached before a stretch."""
+        """Return whether the limit of number or time is reached before a stretch.
+
+        So it is where the clock has gone back: an estimate ends after it has started.
+        """
         if not self._estimates:
             return False
+        if stretch.start_ns < self._estimates[-1].start_ns:
+            return True
         age_s = (stretch.end_ns - self._estimates[0].start_ns) * 1e-9
         return self._looked_at >= self._settings.most_stretches or age_s > self._settings.longest_s
 
@@ -327,7 +335,8 @@ class Combination:
             self._count(fruitless=1)
             return []
         self.tally = self.tally._replace(reason="")
-        self._resume_ns = last.end_ns + round(self._settings.pause_s * 1e9)
+        pause_ns = round(self._settings.pause_s * 1e9)
+        self._pause_ns = (last.end_ns, last.end_ns + pause_ns)
         covariance = last.covariance.copy()
         covariance[unknown, :] = np.nan
         covariance[:, unknown] = np.nan
@@ -403,10 +412,10 @@ class Combinations:
         key, ended = (description, identity, search, settings), []
         held = self._of.get(description.actuator_id)
         if held is None or held.key != key:
-            ended = held.numbered(held.combination.finish()) if held else []
             combination = Combination(
                 description, calibration, search, settings, previous=previous, force=force
             )
+            ended = held.numbered(held.combination.finish()) if held else []
             held = _Held(key, description, combination, held.estimates if held else 0)
             self._of[description.actuator_id] = held
         return ended + held.numbered(held.combination.add(stretch))
