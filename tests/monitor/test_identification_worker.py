@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
-from ema_monitor.identification.combination import CombinationSettings
+from ema_monitor.identification.combination import CombinationSettings, Tally
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node import worker as identification_worker
@@ -34,6 +35,8 @@ class Published:
     def __init__(self) -> None:
         self.estimates: list[tuple[int, str]] = []
         self.errors: list[str] = []
+        self.tallies: list[Tally] = []
+        self.search = SearchSettings()
         self.hold: Callable[[], Any] = lambda: None
         self._changed = threading.Condition()
 
@@ -41,10 +44,10 @@ class Published:
         return IdentificationWorker(
             lambda _: "no calibration",
             lambda _: None,
-            SearchSettings,
+            lambda: self.search,
             CombinationSettings,
             self._publish,
-            lambda *_: None,
+            self._report,
             self._log,
         )
 
@@ -55,6 +58,11 @@ class Published:
     def _log(self, text: str) -> None:
         with self._changed:
             self.errors.append(text)
+            self._changed.notify_all()
+
+    def _report(self, actuator_id: str, tally: Tally) -> None:
+        with self._changed:
+            self.tallies.append(tally)
             self._changed.notify_all()
 
     def _publish(self, found: Segment, estimate: Estimate) -> None:
@@ -82,6 +90,19 @@ def may_compile(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
     monkeypatch.setattr(identification_worker, "_JOIN_S", 0.0)
     yield event
     event.set()
+
+
+def test_settings_that_motion_cannot_be_combined_with_are_named_without_a_traceback(
+    published: Published,
+):
+    published.search = SearchSettings(fitness="least_squares")
+    worker = published.worker()
+    worker.start()
+    worker.add(replace(found(0), is_stretch=True), None)
+    published.until(lambda: len(published.tallies) == 1)
+    worker.stop()
+    assert "'least_squares'" in published.tallies[0].reason
+    assert (published.errors, published.estimates) == ([], [])
 
 
 def test_windows_are_published_in_order(published: Published):

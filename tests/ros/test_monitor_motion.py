@@ -8,6 +8,12 @@ from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultEstimate
 from ema_monitor import CombinationSettings, identify_motion
+from ema_monitor.identification.estimate import refusal
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.node.unit import Unit
+from ema_monitor.prognosis.outlook import unknown_outlook
+from ema_monitor.windows.finder import Segment
+from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_ros.stamps import stamp_from_message
 from ema_sim.actuator import SimulatedActuator
 
@@ -71,3 +77,16 @@ def test_rest_gives_no_estimate_and_stretches_are_counted(moves: list[Telemetry]
         values = session.until(counted)
         assert values["windows"] == "0"
         assert session.estimates() == []
+
+
+def test_an_estimate_of_later_motion_ends_a_defect():
+    """Stretches are counted apart from the estimates that are made of them."""
+    unit = Unit(FLAP.actuator_id, TriggerSettings(windows="any_motion"), lambda _: None, 0)
+    unit.finder.describe(FLAP)
+    unit.finder.windows = 40
+    unit.add_defect("the description is impossible")
+    estimate = refusal(Refusal(5, 9, ""), "", SearchSettings(), "")
+    for last, is_open in ((39, True), (40, False)):
+        combined = Segment(3, FLAP, Refusal(5, 9, ""), is_stretch=True, last_stretch=last)
+        unit.record(combined, estimate, unknown_outlook("no test"), 0)
+        assert ("impossible" in unit.tasks(0)[0].message) == is_open

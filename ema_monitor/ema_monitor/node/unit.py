@@ -95,12 +95,13 @@ class Unit:
         self, segment: Segment, estimate: Estimate, outlook: Outlook | None, now_ns: int
     ) -> None:
         """Record an estimate, and publish the outlook after it; None when it is not valid."""
+        last = segment.number if segment.last_stretch is None else segment.last_stretch
         if outlook is None:
             self._invalid += 1
-            self.add_defect(f"window {segment.number}: {estimate.reason}", segment.number + 1)
+            self.add_defect(f"window {segment.number}: {estimate.reason}", last + 1)
             return
         self._valid += 1
-        while self._open_defects and self._open_defects[0][0] <= segment.number:
+        while self._open_defects and self._open_defects[0][0] <= last:
             self._open_defects.popleft()
         self._latency_s = (now_ns - estimate.end_ns) * 1e-9
         if not self._is_mounted(segment.description):

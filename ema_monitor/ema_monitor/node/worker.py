@@ -199,6 +199,8 @@ class IdentificationWorker:
         self._last_faults = LastFaults()
         self._combinations = Combinations()
         self._searched: set[str] = set()
+        # Numbers of the latest stretches.
+        self._looked_at: dict[str, int] = {}
         self._thread: threading.Thread | None = None
         self._queue = WindowQueue()
         self._queue.close()
@@ -243,6 +245,7 @@ class IdentificationWorker:
         self._last_faults.clear()
         self._combinations.clear()
         self._searched.clear()
+        self._looked_at.clear()
 
     def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
         """Queue a window as ``WindowQueue.add`` does; refuse it if the thread does not run."""
@@ -272,7 +275,8 @@ class IdentificationWorker:
         if not thread.is_alive():
             # Those of a thread that still computes are lost.
             for number, description, estimate in self._combinations.finish():
-                self._publish(_completed(number, description, estimate), estimate)
+                last = self._looked_at.get(description.actuator_id, number)
+                self._publish(_completed(number, last, description, estimate), estimate)
         self._combinations.clear()
 
     def refuse(self, segment: Segment, reason: str) -> None:
@@ -320,6 +324,7 @@ class IdentificationWorker:
 
     def _combine_and_publish(self, segment: Segment, queue: WindowQueue) -> None:
         description = segment.description
+        self._looked_at[description.actuator_id] = segment.number
         try:
             found = self._combinations.add(
                 description,
@@ -331,7 +336,11 @@ class IdentificationWorker:
             )
         except Exception as error:
             tally = self._combinations.tally(description.actuator_id)
-            reason = self._log_failure(segment, error)
+            # Settings that cannot be used fail for each stretch anew: the status names them.
+            if isinstance(error, ValueError) and not isinstance(error, np.linalg.LinAlgError):
+                reason = str(error)
+            else:
+                reason = self._log_failure(segment, error)
             self._report_tally(description.actuator_id, tally._replace(reason=reason))
             with queue.publishing(segment):
                 return
@@ -341,7 +350,7 @@ class IdentificationWorker:
             for number, of, estimate in found:
                 self._last_faults.record(of, estimate)
                 try:
-                    self._publish(_completed(number, of, estimate), estimate)
+                    self._publish(_completed(number, segment.number, of, estimate), estimate)
                 except Exception as error:
                     self._log_failure(segment, error)
             self._report_tally(
@@ -388,7 +397,9 @@ class IdentificationWorker:
         return refusal(window, calibration, self._settings(), window.reason)
 
 
-def _completed(number: int, description: ActuatorDescription, estimate: Estimate) -> Segment:
+def _completed(
+    number: int, last: int, description: ActuatorDescription, estimate: Estimate
+) -> Segment:
     """Return what an estimate of ordinary motion is of; its telemetry is not kept."""
     span = Refusal(estimate.start_ns, estimate.end_ns, estimate.reason)
-    return Segment(number, description, span, is_stretch=True)
+    return Segment(number, description, span, is_stretch=True, last_stretch=last)
