@@ -19,8 +19,9 @@ from ema_monitor.identification.combination import (
 )
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.knowledge import Before, Knowledge, information
-from ema_monitor.identification.objective import Objective
+from ema_monitor.identification.objective import Coordinates, Objective
 from ema_monitor.identification.preview import NUISANCES, Motion
+from ema_monitor.identification.search import Identification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.uncertainty import sandwich_covariance, shifts_of
 from ema_monitor.windows.trigger import Refusal
@@ -291,3 +292,33 @@ def test_a_clock_that_goes_back_ends_the_combination_and_the_pause(stretches):
     assert found[0].stretches == 1
     assert len(found) >= 2
     assert all(one.start_ns < one.end_ns for one in found)
+
+
+def test_a_population_searches_in_the_coordinates_in_which_faults_are_known_already(stretches):
+    """Where the search begins at what is known, it begins without a distance from it."""
+    faults = fault_vector(FAULTS | {"eccentricity": 0.15, "eccentricity_phase": 0.9})
+    calibration = Calibration.builtin().of_any_motion()
+    before = Knowledge.of_range(Coordinates(play=0.0, cartesian=True).encode(faults))
+    known = before._replace(covariance=1e-4 * np.eye(N_FAULTS))
+    causes = Before(known, NUISANCES).causes(calibration.parameters, stretches[0])
+    alone = Objective(stretches[0], calibration, causes=causes)
+    [at_start] = alone.residuals(alone.encode(faults)[None])
+    run = Identification(
+        stretches[0],
+        FLAP,
+        calibration,
+        SearchSettings(algorithm="pso"),
+        previous=faults,
+        before=Before(known, NUISANCES),
+    )
+    assert next(iter(run)).fitness <= at_start @ at_start * (1.0 + 1e-9)
+
+
+@pytest.mark.slow
+def test_a_load_is_fitted_where_components_that_do_not_show_are_kept_too(stretches):
+    combination = Combination(FLAP, Calibration.builtin(), SearchSettings(parsimonious=False))
+    for stretch in stretches[:2]:
+        combination.add(stretch)
+    assert combination.tally.combined == 2
+    [cause] = combination.finish()[0].causes
+    assert (cause.name, cause.value) == ("load_torque", pytest.approx(0.3, abs=0.05))

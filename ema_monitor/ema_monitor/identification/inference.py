@@ -65,7 +65,7 @@ class Inference:
         self._settings = settings
         # The other measures of distance know no noise that priors could be weighed against; and
         # what is never put back to healthy leaves nothing for causes to stand in for.
-        causes = ()
+        causes = before.causes(calibration.parameters, window)
         in_band = settings.fitness == DEFAULT_FITNESS and calibration.form == "fast"
         if in_band and settings.parsimonious:
             causes = hidden_causes(calibration.parameters, window.excitation)

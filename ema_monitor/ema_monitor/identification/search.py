@@ -109,7 +109,8 @@ class Identification:
             window,
             calibration,
             settings.fitness,
-            cartesian=optimizer_class.uses_residuals,
+            # What is known already is known in Cartesian coordinates.
+            cartesian=optimizer_class.uses_residuals or self._before.known is not None,
             causes=self._before.causes(calibration.parameters, window),
             known=self._before.known,
         )
