@@ -168,9 +168,9 @@ def test_description_of_another_actuator_is_refused(description, name, scale):
     ("column", "factor", "said"),
     [
         ("current", -1.0, "the sign is reversed"),
-        ("speed", 30.0 / np.pi, "it seems to be in rpm in place of rad/s"),
-        ("position", 180.0 / np.pi, "it seems to be in degrees in place of radians"),
-        ("current", -1000.0, "the sign is reversed and it seems to be in thousandths of the unit"),
+        ("speed", 30.0 / np.pi, "speed: it seems to be in rpm"),
+        ("position", 180.0 / np.pi, "position: it seems to be in degrees"),
+        ("current", -1000.0, "the sign is reversed and it seems to be in mA"),
         ("speed", PARAMETERS.tau, "is its unit, or the gear ratio, right?"),
         ("current", 0.0, "is it another column?"),
     ],

@@ -13,10 +13,9 @@ from ema_monitor.windows.window import Window
 _LOWEST_CORRELATION: Final = 0.5
 _NEAR: Final = 0.4
 _KNOWN_FACTORS: Final = {
-    1.0: "",
-    180.0 / math.pi: "degrees in place of radians",
-    30.0 / math.pi: "rpm in place of rad/s",
-    1000.0: "thousandths of the unit",
+    "position": {180.0 / math.pi: "degrees", 1e3: "mrad"},
+    "speed": {30.0 / math.pi: "rpm", 180.0 / math.pi: "degrees per second", 1e3: "mrad/s"},
+    "current": {1e3: "mA"},
 }
 
 
@@ -40,12 +39,15 @@ def column_defect(window: Window, expected: Response) -> str:
     }
     for name, (row, model) in pairs.items():
         h = window.sample_period
-        if reason := _difference(band_limited(row, h), band_limited(model, h)):
+        factors = {1.0: ""} | _KNOWN_FACTORS[name]
+        if reason := _difference(band_limited(row, h), band_limited(model, h), factors):
             return f"{name}: {reason}"
     return ""
 
 
-def _difference(row: NDArray[np.float64], model: NDArray[np.float64]) -> str:
+def _difference(
+    row: NDArray[np.float64], model: NDArray[np.float64], factors: dict[float, str]
+) -> str:
     """Return how a row differs from what it should be about; empty when it does not."""
     size = float(np.linalg.norm(row) * np.linalg.norm(model))
     correlation = float(row @ model) / size if size > 0.0 else 0.0
@@ -56,7 +58,7 @@ def _difference(row: NDArray[np.float64], model: NDArray[np.float64]) -> str:
         )
     ratio = float(row @ model) / float(model @ model)
     sign = "the sign is reversed" if ratio < 0.0 else ""
-    for factor, unit in _KNOWN_FACTORS.items():
+    for factor, unit in factors.items():
         if abs(abs(ratio) / factor - 1.0) < _NEAR:
             return " and ".join(filter(None, [sign, unit and f"it seems to be in {unit}"]))
     return f"it is {ratio:.3g} times what the model expects: is its unit, or the gear ratio, right?"
