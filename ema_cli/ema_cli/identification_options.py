@@ -58,7 +58,8 @@ _OF_EACH_SEARCH = (
         "--goodness-limit",
         default=SearchSettings.goodness_limit,
         type=click.FloatRange(0.1, 1e6),
-        help="Goodness of fit beyond which no fault explains a window, without short circuit.",
+        help="Goodness of fit beyond which an estimate is degraded, or refused where most is "
+        "unexplained; more for a shorted motor.",
     ),
     click.option("--seed", default=0, type=click.IntRange(0), help="Of the algorithm."),
     click.option(

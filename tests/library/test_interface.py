@@ -62,6 +62,7 @@ def test_estimates_make_a_table(estimate):
     assert table.friction.tolist() == [estimate.faults.friction] * 2
     assert table.friction_sigma.dtype == np.float64
     assert table.valid.all()
+    assert table.verdict.tolist() == [estimate.verdict] * 2
 
 
 def test_recorded_windows_are_those_of_the_bag():

@@ -82,6 +82,22 @@ def test_record_of_an_earlier_version_has_no_causes():
     assert np.isnan(again.unexplained_share)
 
 
+@pytest.mark.parametrize(("valid", "verdict"), [(True, "valid"), (False, "refused")])
+def test_record_of_an_earlier_version_has_the_verdict_that_its_validity_is(valid, verdict):
+    record = estimate_record(ESTIMATE) | {"valid": valid}
+    del record["verdict"]
+    assert estimate_of(record).verdict == verdict
+
+
+def test_component_that_is_unobservable_is_not_called_healthy():
+    unknown = np.arange(len(FAULT_NAMES)) == 0
+    one = replace(
+        ESTIMATE, unobservable=unknown, insignificant=np.ones(len(FAULT_NAMES), dtype=bool)
+    )
+    assert one.meanings[0] == "not shown"
+    assert set(one.meanings[1:]) == {"healthy (not significant)"}
+
+
 @pytest.mark.parametrize(
     ("cause", "said"),
     [

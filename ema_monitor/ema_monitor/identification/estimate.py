@@ -124,9 +124,13 @@ class Estimate:
     def meanings(self) -> tuple[str, ...]:
         """What each fault amounts to, in words."""
         return tuple(
-            "healthy (not significant)" if is_healthy else fault.physical(value)
-            for fault, value, is_healthy in zip(
-                FAULTS, self.faults, self.insignificant, strict=True
+            "not shown"
+            if is_unknown
+            else "healthy (not significant)"
+            if is_healthy
+            else fault.physical(value)
+            for fault, value, is_healthy, is_unknown in zip(
+                FAULTS, self.faults, self.insignificant, self.unobservable, strict=True
             )
         )
 
@@ -135,8 +139,9 @@ class Estimate:
         row = {"start_ns": self.start_ns, "end_ns": self.end_ns, "valid": self.valid}
         row |= self.faults._asdict()
         row |= {f"{name}_sigma": value for name, value in self.sigma._asdict().items()}
-        names = ("goodness_of_fit", "goodness_limit", "fitness", "algorithm", "evaluations")
-        names += ("computing_time_s", "calibration_id", "reason")
+        names = ("verdict", "goodness_of_fit", "goodness_limit", "unexplained_share", "fitness")
+        names += ("stretches", "algorithm", "evaluations", "computing_time_s")
+        names += ("calibration_id", "reason")
         return row | {name: getattr(self, name) for name in names}
 
     def __str__(self) -> str:
@@ -236,6 +241,8 @@ def estimate_of(record: dict[str, Any]) -> Estimate:
         When it is not the record of an estimate.
     """
     values = {item.name: record[item.name] for item in fields(Estimate) if item.name in record}
+    # Records of an earlier version have none.
+    values.setdefault("verdict", "valid" if record.get("valid") else "refused")
     for item in fields(Estimate):
         if item.name not in values and item.default is item.default_factory is MISSING:
             raise ValueError(f"{item.name} is missing")

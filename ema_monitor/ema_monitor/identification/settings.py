@@ -43,7 +43,7 @@ class SearchSettings:
         "-",
         0.1,
         1e6,
-        "goodness of fit beyond which no fault explains a window; larger for a shorted motor",
+        "goodness of fit beyond which an estimate is degraded or refused; more for a shorted motor",
     )
     seed: int = quantity(0, "-", 0, 2**53, "seed of the optimizer's random numbers")
     warm_start: bool = flag(True, "start the search from the actuator's last valid estimate")
