@@ -51,13 +51,22 @@ def combined(
     return found, combination
 
 
+def earlier(stretch: Window, by_ns: int) -> Window:
+    telemetry = replace(stretch.telemetry, stamp_ns=stretch.start_ns - by_ns)
+    return Window(telemetry, stretch.play)
+
+
 def known_of(objective: Objective, point: NDArray[np.float64]) -> Knowledge:
     """What a stretch tells with the noise of a healthy window, without anything known before."""
     at = objective.linearise(point)
     covariance = np.array(np.linalg.inv(information(at.jacobian, objective.noise)), dtype=float)
     nothing = np.zeros((N_FAULTS, 0))
     return Knowledge(
-        point[:N_FAULTS], (covariance + covariance.T) / 2.0, nothing, 1.0, 0.0 * covariance
+        point[:N_FAULTS],
+        (covariance + covariance.T) / 2.0,
+        nothing,
+        1.0,
+        np.zeros((N_FAULTS, N_FAULTS)),
     )
 
 
@@ -250,6 +259,21 @@ def test_a_jam_is_named_once():
     assert combination.finish() == []
 
 
+@pytest.mark.slow
+def test_stretches_refused_before_the_first_do_not_count_against_the_limit(stretches):
+    actuator = SimulatedActuator()
+    actuator.causes = {"jam": 1.0}
+    refused = stretches_of(actuator.advance(moves(4.0)))
+    assert len(refused) >= 3
+    shortly_before = refused[-1].start_ns
+    after = [earlier(one, -shortly_before) for one in stretches[:3]]
+    settings = CombinationSettings(wanted_sigma=5e-3, most_stretches=3)
+    _, combination = combined([*refused, *after], settings)
+    assert combination.tally.refused == len(refused)
+    assert combination.tally.combined == 3
+    assert [one.stretches for one in combination.finish()] == [3]
+
+
 def test_a_stretch_that_cannot_be_used_is_only_counted():
     found, combination = combined([Refusal(5, 9, "dropped")] * 4)
     assert found == []
@@ -274,11 +298,6 @@ def test_another_calibration_begins_a_new_combination(stretches):
     assert ended.estimate.stretches == 1
     assert combinations.tally(FLAP.actuator_id).stretches == 1
     assert combinations.finish() == []
-
-
-def earlier(stretch: Window, by_ns: int) -> Window:
-    telemetry = replace(stretch.telemetry, stamp_ns=stretch.start_ns - by_ns)
-    return Window(telemetry, stretch.play)
 
 
 @pytest.mark.slow

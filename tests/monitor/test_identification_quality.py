@@ -156,6 +156,7 @@ def test_single_window_calibration_does_not_tell_the_fit(windows_of, healthy_win
     assert estimate.valid
     assert "the fit cannot be judged" in estimate.reason
     assert np.isnan(estimate.goodness_of_fit)
+    assert np.isnan(estimate.unexplained_share)
 
 
 @pytest.mark.parametrize("windows", [2, 5])

@@ -311,6 +311,8 @@ class Combination:
         if run.estimate is None or run.knowledge is None:
             raise RuntimeError("the identification ended without an estimate")
         self._refused_in_a_row = 0
+        if not self._estimates:
+            self._looked_at = 1  # those refused before it are none of this estimate
         self._count(combined=1)
         self._known = run.knowledge
         self._estimates.append(run.estimate)

@@ -79,7 +79,8 @@ class Estimate:
         "valid"; "degraded": usable, with standard deviations that say how far, and ``reason`` why;
         or "refused".
     unexplained_share
-        What is left of the window's departure from healthy at the estimate [-].
+        What is left of the window's departure from healthy at the estimate [-]; NaN where the
+        goodness of fit is.
     causes
         Hidden causes that are part of what explains the window.
     alternatives

@@ -262,6 +262,8 @@ class Inference:
         excess = np.maximum(np.nansum(np.square(ratios) - 1.0, axis=0), 0.0)
         # Where one scatter is unknown, the other judges.
         goodness = float(np.fmax(*ratios[:, 0]))
+        if math.isnan(goodness):
+            return goodness, math.nan
         share = math.sqrt(excess[0] / excess[1]) if excess[1] > 0.0 else float(excess[0] > 0.0)
         return goodness, share
 
