@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_core.cause_profiles import Profile
+from ema_core.causes import CAUSE_BY_NAME
 from ema_core.description import ActuatorDescription
 from ema_core.faults import estimation_error, fault_vector
 from ema_core.parameters import ActuatorParameters
@@ -12,6 +14,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import Identification, identify
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.windows.window import Window
+from ema_sim.actuator import SimulatedActuator
 
 FAULTS = {"friction": 0.25}
 OTHER_UNIT = ActuatorDescription(serial_number="SIM-0002")
@@ -68,6 +71,16 @@ def test_motor_that_stands_still_is_refused_with_the_defect(
     stuck = changed(window, speed=still, position=still, current=still + flows)
     estimate = identify(stuck, description, calibration, force=force)
     check_refused(estimate, *said)
+
+
+@pytest.mark.parametrize("cause", ["jam", "open_phase_a", "dead_switch"])
+def test_defect_that_comes_up_within_a_window_is_named(window, calibration, description, cause):
+    """Two fifths before its end: without current, the motor takes a while to come to rest."""
+    actuator = SimulatedActuator()
+    actuator.causes = {cause: Profile(1.0, start_s=0.3, end_s=0.3)}
+    telemetry = actuator.advance(window.command)
+    estimate = identify(replace(window, telemetry=telemetry), description, calibration)
+    check_refused(estimate, CAUSE_BY_NAME[cause].label, "the motor stands still")
 
 
 @pytest.mark.parametrize("force", [False, True])

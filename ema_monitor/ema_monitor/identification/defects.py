@@ -9,7 +9,8 @@ from ema_core.parameters import ActuatorParameters
 from ema_monitor.windows.window import Window
 
 _STANDSTILL: Final = 1e-3
-_STANDING: Final = 0.6
+# Of a window: it is enough that the defect comes up in it.
+_STANDING: Final = 0.1
 _AT_LIMIT: Final = 0.8
 _FLOWS: Final = 0.5
 
@@ -17,10 +18,10 @@ _FLOWS: Final = 0.5
 def drive_defect(window: Window, parameters: ActuatorParameters) -> str:
     """Return which defect of drive or shaft a window shows; empty when it shows none.
 
-    The motor stands still for most of the window although position and speed loop want the current
-    limit (M1), even at half their gain. Where that current flows the shaft is blocked; where it
-    does not, a phase is open or a switch dead. A speed loop with other than a proportional gain is
-    not judged.
+    The motor stands still for a tenth of the window although position and speed loop want nearly
+    the current limit (M1), even at half their gain. Where that current flows the shaft is blocked;
+    where it does not, a phase is open or a switch dead. A speed loop with other than a proportional
+    gain is not judged.
 
     Parameters
     ----------
@@ -32,14 +33,12 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> str:
     p, t = parameters, window.telemetry
     if p.GAI != 0.0 or p.GAD != 0.0:
         return ""
-    stands = np.abs(t.speed) < _STANDSTILL * p.omega_max
+    error = np.clip(0.5 * p.G_prop * (t.command - t.position), -p.omega_max, p.omega_max)
+    wanted = np.abs(np.clip(p.GAP * (error - t.speed) / p.k_t, -p.I_max, p.I_max))
+    stands = (np.abs(t.speed) < _STANDSTILL * p.omega_max) & (wanted > _AT_LIMIT * p.I_max)
     if np.mean(stands) < _STANDING:
         return ""
-    error = np.clip(0.5 * p.G_prop * (t.command - t.position), -p.omega_max, p.omega_max)
-    wanted = np.clip(p.GAP * (error - t.speed) / p.k_t, -p.I_max, p.I_max)[stands]
-    amount = float(np.median(np.abs(wanted)))
-    if amount < _AT_LIMIT * p.I_max:
-        return ""
+    amount = float(np.median(wanted[stands]))
     flows = float(np.median(np.abs(t.current[stands])))
     if flows > _FLOWS * amount:
         return (
