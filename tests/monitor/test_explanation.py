@@ -159,6 +159,20 @@ def test_faults_beside_a_load_are_right(simulated, calibration, description, fau
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("load", [0.4, -0.5])
+def test_causes_that_cancel_do_not_take_the_place_of_a_friction(
+    simulated, calibration, description, load
+):
+    """In proportion to friction and load, torque constant and inertia hardly change the motion."""
+    faults = {"friction": 0.6}
+    estimate = identify(simulated({"load_torque": load}, faults), description, calibration)
+    check_faults(estimate, faults)
+    [cause] = estimate.causes
+    assert (cause.name, cause.value) == ("load_torque", pytest.approx(load, abs=0.005))
+    assert estimate.verdict == "valid"
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["load_torque", "current_offset", "speed_gain"])
 def test_fault_and_cause_of_the_model_are_both_found(modelled, calibration, description, name):
     faults = {"friction": 0.15, "gain": 0.6}

@@ -250,8 +250,29 @@ class Explainer:
             # The optimum of the faults alone may have led astray.
             trial = kept | self.faults_alone
             at, kept = self._better(self._objective.healthy[None], trial, at, kept) or (at, kept)
+            at, kept = self._without_what_cancels(at, kept)
         confused, alternatives = self._alternatives(at, kept)
         return Explanation(at, kept, confused, alternatives)
+
+    def _without_what_cancels(
+        self, at: Linearisation, kept: NDArray[np.bool_]
+    ) -> tuple[Linearisation, NDArray[np.bool_]]:
+        """Return an explanation without two causes that cancel, or itself.
+
+        Torque constant, or equal short circuits, and inertia hardly change a motion in which load
+        and friction are in the same proportion: each is significant beside the other.
+        """
+        parts = [group for group in self._groups(kept) if group[0] in self._suspects]
+        if np.all(kept[SHORT_CIRCUITS]):
+            parts.append(list(SHORT_CIRCUITS))
+        for one, other in combinations(parts, 2):
+            both = one + other
+            if np.all(kept[both]):
+                trial = _without(kept | self.faults_alone, both)
+                starts = np.stack([self._predicted(at, trial)[1], at.point])
+                starts[:, both] = self._objective.healthy[both]
+                at, kept = self._better(starts, trial, at, kept) or (at, kept)
+        return at, kept
 
     def _better(
         self,
