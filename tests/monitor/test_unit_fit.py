@@ -107,10 +107,10 @@ def test_several_commands_make_one_unit(of_several):
 
 
 def test_another_command_narrows_what_the_first_leaves_open(of_several, description):
-    """A ramp goes further, and a sine turns back more slowly."""
+    """A ramp goes further, and at constant speed."""
     _, windows, calibration = of_several
     chirp_alone = calibrate(windows[:2], description)
-    for name in ("load_stiffness", "stribeck_speed"):
+    for name in ("load_stiffness", "speed_gain"):
         assert sigma_of(calibration, name) < 0.9 * sigma_of(chirp_alone, name), name
 
 
