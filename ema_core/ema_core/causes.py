@@ -6,7 +6,7 @@ competing explanations. A cause that is absent has the value 0.
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 COPPER: Final = 3.93e-3
 """Relative rise of the resistance of copper with its temperature [1/K]."""
@@ -126,3 +126,16 @@ CAUSES: Final = tuple(
 """All hidden causes."""
 
 CAUSE_BY_NAME: Final = {cause.name: cause for cause in CAUSES}
+
+
+class CauseEstimate(NamedTuple):
+    """A hidden cause as a window shows it, or as it was measured: value and sigma in its unit."""
+
+    name: str
+    value: float
+    sigma: float
+
+    def __str__(self) -> str:
+        cause = CAUSE_BY_NAME[self.name]
+        scale, unit = (100.0, "%") if cause.unit == "-" else (1.0, cause.unit)
+        return f"{cause.label} {scale * self.value:+.3g} +- {scale * self.sigma:.2g} {unit}"

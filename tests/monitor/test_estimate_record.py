@@ -8,7 +8,6 @@ import pytest
 
 from ema_core.faults import FAULT_NAMES, FaultVector
 from ema_monitor.identification.estimate import (
-    CauseEstimate,
     Estimate,
     estimate_of,
     estimate_record,

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_core.causes import CauseEstimate
 from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.identification.estimate import CauseEstimate, Estimate
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.inference import MOST_UNEXPLAINED
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.search import identify

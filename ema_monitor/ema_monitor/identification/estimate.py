@@ -3,12 +3,12 @@
 import math
 from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.causes import CAUSE_BY_NAME
+from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, FAULTS, N_FAULTS, FaultVector
 from ema_core.wording import text_table
 from ema_monitor.calibration.calibration import Calibration
@@ -17,19 +17,7 @@ from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 _FLAGS: Final = ("unobservable", "insignificant")
-
-
-class CauseEstimate(NamedTuple):
-    """A hidden cause that is part of what explains a window: name, value and sigma in its unit."""
-
-    name: str
-    value: float
-    sigma: float
-
-    def __str__(self) -> str:
-        cause = CAUSE_BY_NAME[self.name]
-        scale, unit = (100.0, "%") if cause.unit == "-" else (1.0, cause.unit)
-        return f"{cause.label} {scale * self.value:+.3g} +- {scale * self.sigma:.2g} {unit}"
+_CAUSES: Final = ("causes", "measured")
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +76,8 @@ class Estimate:
     stretches
         Number of stretches of ordinary motion that it rests on, from the start of the first to the
         end of the last; 0 of a test cycle, which is one window.
+    measured
+        Hidden causes that were measured, as they were used.
     """
 
     start_ns: int
@@ -115,6 +105,7 @@ class Estimate:
     causes: tuple[CauseEstimate, ...] = ()
     alternatives: tuple[tuple[str, str], ...] = ()
     stretches: int = 0
+    measured: tuple[CauseEstimate, ...] = ()
 
     @property
     def sigma(self) -> FaultVector:
@@ -220,7 +211,8 @@ def estimate_record(estimate: Estimate) -> dict[str, Any]:
     record["covariance"] = [[plain_number(value) for value in row] for row in estimate.covariance]
     for name in _FLAGS:
         record[name] = [FAULT_NAMES[number] for number in np.flatnonzero(record[name])]
-    record["causes"] = [cause._asdict() for cause in estimate.causes]
+    for name in _CAUSES:
+        record[name] = [cause._asdict() for cause in getattr(estimate, name)]
     record["alternatives"] = [list(pair) for pair in estimate.alternatives]
     return {
         name: plain_number(value) if isinstance(value, float | np.generic) else value
@@ -257,7 +249,8 @@ def estimate_of(record: dict[str, Any]) -> Estimate:
         raise ValueError(f"covariance has shape {values['covariance'].shape}")
     for name in _FLAGS:
         values[name] = np.isin(FAULT_NAMES, record.get(name, []))
-    values["causes"] = tuple(CauseEstimate(**cause) for cause in record.get("causes", []))
+    for name in _CAUSES:
+        values[name] = tuple(CauseEstimate(**cause) for cause in record.get(name, []))
     values["alternatives"] = tuple(tuple(pair) for pair in record.get("alternatives", []))
     return Estimate(**values)
 

@@ -157,7 +157,9 @@ class Explainer:
         at, kept = explanation.at, explanation.kept | explanation.confused
         effects = np.zeros((len(at.residuals), 0))
         # At the healthy point under a calibrated command there is no effect: it was measured.
-        if np.any(explanation.kept[:N_FAULTS]) or np.any(explanation.kept[self._causes.start :]):
+        departs = np.any(explanation.kept[:N_FAULTS])
+        departs |= np.any(explanation.kept[self._causes.start :])
+        if departs or self._objective.is_measured:
             effects = self.effects(at)
         if not np.any(kept[self._suspects]):
             return self._covariance_with(at, self.faults_alone, effects)

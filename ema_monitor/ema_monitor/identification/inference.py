@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.causes import CauseEstimate
 from ema_core.faults import (
     ECCENTRICITY,
     ECCENTRICITY_PHASE,
@@ -17,7 +18,7 @@ from ema_core.faults import (
     healthy_faults,
 )
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.estimate import CauseEstimate, Estimate
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.explanation import Explainer, Explanation
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
 from ema_monitor.identification.knowledge import NOTHING_KNOWN, Before, Knowledge, surprise
@@ -30,7 +31,7 @@ from ema_monitor.identification.uncertainty import (
     SIGNIFICANT_CAUSE,
     uncertainty_of_faults,
 )
-from ema_monitor.model.deviations import hidden_causes
+from ema_monitor.model.measured import expected_causes
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
@@ -65,11 +66,16 @@ class Inference:
         self._settings = settings
         # The other measures of distance know no noise that priors could be weighed against; and
         # what is never put back to healthy leaves nothing for causes to stand in for.
-        causes = before.causes(calibration.parameters, window)
-        in_band = settings.fitness == DEFAULT_FITNESS and calibration.form == "fast"
-        if in_band and settings.parsimonious:
-            causes = hidden_causes(calibration.parameters, window.excitation)
+        causes = ()
+        if settings.fitness == DEFAULT_FITNESS:
+            causes = before.causes(calibration.parameters, window)
+            if calibration.form == "fast" and settings.parsimonious:
+                causes = expected_causes(
+                    calibration.parameters, window.excitation, window.measured
+                )
         self._before = before
+        self._fitted = before.fitted(window)
+        self._measured = {one.name: one for one in window.measured}
         self._objective = Objective(
             window,
             calibration,
@@ -102,7 +108,7 @@ class Inference:
         started: float,
         *,
         warm_start: bool,
-        nuisances: NDArray[np.float64],
+        fitted: NDArray[np.float64],
     ) -> Estimate:
         """Return the estimate; ``knowledge`` is then what is known after the window.
 
@@ -118,8 +124,8 @@ class Inference:
             When the identification began, by ``time.perf_counter`` [s].
         warm_start
             Whether the search began at earlier faults.
-        nuisances
-            The nuisances at the optimum, in the unit box.
+        fitted
+            The causes that always are components at the optimum, in the unit box.
 
         Raises
         ------
@@ -137,10 +143,10 @@ class Inference:
             most_evaluations=(
                 self._settings.termination.budget - evaluations - objective.unit_evaluations - 2
             ),
-            nuisances=self._before.nuisances,
+            nuisances=self._fitted,
         )
         optimum = objective.encode(faults, play)
-        optimum[self._nuisances] = nuisances
+        optimum[self._always] = fitted
         explanation = explainer.explain(optimum)
         at, kept = explanation.at, explanation.kept
         optimum, plays = objective.decode(at.point[None])
@@ -163,7 +169,7 @@ class Inference:
                 "the fit cannot be judged: the healthy windows of the calibration "
                 f"({self._calibration.windows}) do not give their scatter"
             )
-        reservations += [str(cause) for cause in causes]
+        reservations += [self._words(cause) for cause in causes]
         doubts = _confusions(explanation.alternatives)
         defects = []
         if goodness > limit:
@@ -203,6 +209,7 @@ class Inference:
             unexplained_share=share,
             causes=causes,
             alternatives=tuple(explanation.alternatives),
+            measured=window.measured,
         )
 
     def _causes(
@@ -223,19 +230,27 @@ class Inference:
             )
             if explanation.kept[first + i]
         ]
-        return tuple(
-            cause
-            for cause in found
-            if cause.name not in self._before.nuisances
-            or abs(cause.value) > SIGNIFICANT_CAUSE * cause.sigma
-        )
+        return tuple(cause for cause in found if self._is_news(cause))
+
+    def _is_news(self, cause: CauseEstimate) -> bool:
+        """Return whether a cause differs significantly from what was expected of it."""
+        if measured := self._measured.get(cause.name):
+            sigma = math.hypot(cause.sigma, measured.sigma)
+            return abs(cause.value - measured.value) > SIGNIFICANT_CAUSE * sigma
+        if cause.name in self._before.nuisances:
+            return abs(cause.value) > SIGNIFICANT_CAUSE * cause.sigma
+        return True
+
+    def _words(self, cause: CauseEstimate) -> str:
+        measured = self._measured.get(cause.name)
+        return f"{cause}, but measured was {measured}" if measured else str(cause)
 
     @property
-    def _nuisances(self) -> list[int]:
-        """Numbers of the components that are nuisances, in their order."""
+    def _always(self) -> list[int]:
+        """Numbers of the components that are causes which always take part, in their order."""
         names = [one.name for one in self._objective.hidden_causes]
         first = self._objective.dimension - len(names)
-        return [first + i for i, name in enumerate(names) if name in self._before.nuisances]
+        return [first + i for i, name in enumerate(names) if name in self._fitted]
 
     def _goodness_of_fit(self, expected: Response) -> tuple[float, float]:
         """Return how many times larger than when healthy the residual is, and what is unexplained.

@@ -14,7 +14,8 @@ from ema_monitor.identification.uncertainty import (
     UNOBSERVABLE_SIGMA,
     with_mismatch,
 )
-from ema_monitor.model.deviations import Prior, hidden_causes
+from ema_monitor.model.deviations import Prior
+from ema_monitor.model.measured import expected_causes
 from ema_monitor.windows.window import Window
 
 _LEAST_VARIANCE = 1e-12
@@ -102,10 +103,18 @@ class Before(NamedTuple):
     nuisances: tuple[str, ...] = ()
     start: tuple[float, ...] = ()
 
+    def fitted(self, window: Window) -> set[str]:
+        """Return the names of the causes that always are components in a window.
+
+        What was measured is one of them: its error is part of the uncertainty.
+        """
+        return {*self.nuisances, *(one.name for one in window.measured)}
+
     def causes(self, parameters: ActuatorParameters, window: Window) -> tuple[Prior, ...]:
-        """Return the nuisances with what may be expected of them in a window."""
-        suspects = hidden_causes(parameters, window.excitation)
-        return tuple(one for one in suspects if one.name in self.nuisances)
+        """Return these with what may be expected of them in a window."""
+        suspects = expected_causes(parameters, window.excitation, window.measured)
+        names = self.fitted(window)
+        return tuple(one for one in suspects if one.name in names)
 
 
 NOTHING_KNOWN: Final = Before()

@@ -81,13 +81,14 @@ class Coordinates:
         """Return the hidden causes of points in their units, ``(m, n_causes)``."""
         reach = np.array([one.reach for one in self.hidden])
         lowest = np.array([one.lowest for one in self.hidden])
+        expected = np.array([one.expected for one in self.hidden])
         first = points.shape[1] - len(self.hidden)
-        return np.maximum(reach * (2.0 * points[:, first:] - 1.0), lowest)
+        return np.maximum(expected + reach * (2.0 * points[:, first:] - 1.0), lowest)
 
     def encode(self, faults: NDArray[np.float64], play: float = 0.0) -> NDArray[np.float64]:
         """Return the point, ``(d,)``, of a fault vector, ``(8,)``, and a place in the play.
 
-        Hidden causes are absent there.
+        Hidden causes are what is expected of them there: absent, where they are not measured.
         """
         point = faults.copy()
         if self.cartesian:
@@ -116,7 +117,7 @@ class Objective:
     Parameters
     ----------
     window
-        The window.
+        The window; hidden causes that were measured have their values in every response.
     calibration
         Calibration of the model; it has as many samples as the window.
     fitness
@@ -162,6 +163,9 @@ class Objective:
         self._coordinates = Coordinates(window.play, cartesian, causes)
         self.hidden_causes = causes
         self._columns = [NAMES.index(one.name) for one in causes]
+        self._measured = np.zeros(N_DEVIATIONS)
+        for one in window.measured:
+            self._measured[NAMES.index(one.name)] = one.value
         self.evaluations = 0
         self.known = known
         self._priors = math.sqrt(self.noise) * np.array(
@@ -252,11 +256,21 @@ class Objective:
         """Return the hidden causes of a point in their units, ``(n_causes,)``."""
         return self._coordinates.causes(point[None])[0]
 
+    def _deviations(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the deviations at points, ``(m, 25)``: the measured ones and the components."""
+        deviations = np.tile(self._measured, (len(points), 1))
+        deviations[:, self._columns] = self._coordinates.causes(points)
+        return deviations
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether hidden causes were measured, so that the healthy point is not as calibrated."""
+        return bool(self._window.measured)
+
     def expect(self, points: NDArray[np.float64]) -> Response:
         """Return the calibrated response at points of the unit box, ``(m, d)``."""
         faults, play = self.decode(points)
-        deviations = np.zeros((len(points), N_DEVIATIONS))
-        deviations[:, self._columns] = self._coordinates.causes(points)
+        deviations = self._deviations(points)
         # A sensor's error takes no run of the model of its own.
         of_sensors = deviations[:, -N_SENSOR:].copy()
         deviations[:, -N_SENSOR:] = 0.0
@@ -315,8 +329,7 @@ class Objective:
         knows = self._knows
         bases = np.stack([point, self.healthy]) if knows else point[None]
         faults, play = self.decode(bases)
-        deviations = np.zeros((1, N_DEVIATIONS))
-        deviations[:, self._columns] = self._coordinates.causes(point[None])
+        deviations = self._deviations(point[None])
         effects = []
         for k, place in zip(faults, play, strict=True):
             m = 1 + len(steps)

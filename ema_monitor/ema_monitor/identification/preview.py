@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from ema_core.faults import N_FAULTS
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.knowledge import Before, Knowledge, information
+from ema_monitor.identification.knowledge import Knowledge, information
 from ema_monitor.identification.objective import Linearisation, Objective
+from ema_monitor.model.measured import expected_causes
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
@@ -101,7 +102,8 @@ class Preview(NamedTuple):
         faults
             Where they are judged, ``(8,)``.
         """
-        [load] = causes = Before(None, NUISANCES).causes(calibration.parameters, stretch)
+        suspects = expected_causes(calibration.parameters, stretch.excitation, stretch.measured)
+        [load] = causes = tuple(one for one in suspects if one.name in NUISANCES)
         objective = Objective(stretch, calibration, causes=causes)
         points = np.tile(objective.encode(faults), (_LOADS, 1))
         points[:, -1] = np.linspace(0.0, 1.0, _LOADS)

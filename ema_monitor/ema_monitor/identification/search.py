@@ -2,20 +2,22 @@
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.description import ActuatorDescription
-from ema_core.faults import fault_vector
+from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.defects import drive_defect
 from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.fitness import DEFAULT_FITNESS
 from ema_monitor.identification.inference import Inference
 from ema_monitor.identification.knowledge import NOTHING_KNOWN, Before, Knowledge
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.model.measured import MeasuredCauses, measured_causes
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import minimise
 from ema_monitor.optimizers.interface import Hints
@@ -39,7 +41,8 @@ class Identification:
     Parameters
     ----------
     window
-        The window, or why there is none: then the estimate is a refusal.
+        The window, with what was measured beside it, or why there is none: then the estimate is a
+        refusal.
     description
         The actuator of the window.
     calibration
@@ -105,19 +108,23 @@ class Identification:
             return
         settings = self._settings
         optimizer_class = ALGORITHMS[settings.algorithm]
+        causes = ()
+        if settings.fitness == DEFAULT_FITNESS:
+            causes = self._before.causes(calibration.parameters, window)
         objective = Objective(
             window,
             calibration,
             settings.fitness,
             # What is known already is known in Cartesian coordinates.
             cartesian=optimizer_class.uses_residuals or self._before.known is not None,
-            causes=self._before.causes(calibration.parameters, window),
+            causes=causes,
             known=self._before.known,
         )
         warm = self._previous is not None
-        start = objective.healthy if self._previous is None else objective.encode(self._previous)
-        if self._before.start:
-            start = np.concatenate([start[: -len(self._before.start)], self._before.start])
+        start = objective.encode(healthy_faults() if self._previous is None else self._previous)
+        begin = dict(zip(self._before.nuisances, self._before.start, strict=False))
+        for number, one in enumerate(causes, start=-len(causes)):
+            start[number] = begin.get(one.name, start[number])
         inference = Inference(window, calibration, settings, self._before)
         termination = settings.termination
         fair_cost, before = objective.fair_cost(), objective.evaluations
@@ -149,7 +156,7 @@ class Identification:
                 caveats,
                 started,
                 warm_start=warm,
-                nuisances=progress.point[objective.dimension - len(self._before.nuisances) :],
+                fitted=progress.point[objective.dimension - len(causes) :],
             )
             self.knowledge, self.surprise = inference.knowledge, inference.surprise
         except np.linalg.LinAlgError as error:
@@ -178,6 +185,7 @@ def identify(
     *,
     force: bool = False,
     previous: ArrayLike | None = None,
+    measured: MeasuredCauses | None = None,
 ) -> Estimate:
     """Identify the faults in a window, without progress.
 
@@ -186,7 +194,18 @@ def identify(
     window, description, calibration, settings, force, previous
         As of ``Identification``. Description and calibration are those of the built-in actuator
         when None.
+    measured
+        Hidden causes that were measured, value and standard deviation by name, as of
+        ``measured_causes``; those of the window when None.
+
+    Raises
+    ------
+    ValueError
+        As of ``measured_causes``.
     """
+    if measured is not None:
+        known = measured_causes(measured)
+        window = window if isinstance(window, Refusal) else replace(window, measured=known)
     identification = Identification(
         window,
         description or ActuatorDescription(),

@@ -6,13 +6,13 @@ from dataclasses import asdict
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.causes import CAUSE_BY_NAME
+from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import FaultEstimate, HiddenCause, RemainingUsefulLife
 from ema_interfaces.msg import FaultHealth as FaultHealthMessage
 from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.health import FaultHealth
-from ema_monitor.identification.estimate import CauseEstimate, Estimate
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from ema_core.causes import CauseEstimate
 from ema_core.telemetry import Telemetry
 
 MIN_TRAVEL: Final = 1e-3
@@ -33,10 +34,13 @@ class Window:
         ``n + 1`` samples without gap; the first belongs to the start.
     play
         Where in its play the motor stands at the start [half-widths, -1 to 1]; None when unknown.
+    measured
+        Hidden causes that were measured, as `measured_causes` returns them.
     """
 
     telemetry: Telemetry
     play: float | None = None
+    measured: tuple[CauseEstimate, ...] = ()
 
     def __len__(self) -> int:
         return len(self.telemetry) - 1

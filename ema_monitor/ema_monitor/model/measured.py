@@ -1,0 +1,117 @@
+"""Hidden causes that are measured: what is known of them in a window, and with which sigma."""
+
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
+from ema_core.parameters import ActuatorParameters
+from ema_core.quantity import is_finite_number
+from ema_core.wording import as_identifier, unknown_name
+from ema_monitor.model.deviations import HIDDEN_CAUSES, Prior, hidden_causes
+
+GRAMMAR: Final = "NAME=VALUE:SIGMA"
+"""Text of a measured cause: value and standard deviation in its unit."""
+
+MeasuredCauses = Mapping[str, tuple[float, float]] | Iterable[CauseEstimate]
+"""Value and sigma by name, or as estimates of other origin than the window."""
+
+
+def measured_causes(given: MeasuredCauses) -> tuple[CauseEstimate, ...]:
+    """Return measured causes, checked, in the order of `HIDDEN_CAUSES`.
+
+    Parameters
+    ----------
+    given
+        Value and standard deviation by name, such as ``{"load_torque": (0.1, 0.005)}``, in the unit
+        of the registry (`ema_core.causes`). They count from the calibrated state of the unit.
+
+    Raises
+    ------
+    ValueError
+        When the model does not know a cause, it is given twice, its value is not a number in its
+        range, or its sigma is not positive; the message names the cause, its value and unit.
+    """
+    if isinstance(given, Mapping):
+        given = [CauseEstimate(name, *_pair(name, item)) for name, item in given.items()]
+    found: dict[str, CauseEstimate] = {}
+    for one in given:
+        name = as_identifier(one.name)
+        if name not in HIDDEN_CAUSES:
+            raise ValueError(unknown_name("measured cause", one.name, HIDDEN_CAUSES))
+        if name in found:
+            raise ValueError(f"measured cause {name} is given more than once")
+        found[name] = _checked(one._replace(name=name))
+    return tuple(found[name] for name in HIDDEN_CAUSES if name in found)
+
+
+def measured_causes_of(texts: Iterable[str]) -> tuple[CauseEstimate, ...]:
+    """Return the measured causes that texts of the form `GRAMMAR` stand for.
+
+    Raises
+    ------
+    ValueError
+        When a text is not of that form, and as of `measured_causes`.
+    """
+    return measured_causes([_parsed(text) for text in texts])
+
+
+def expected_causes(
+    parameters: ActuatorParameters, travel: float, measured: tuple[CauseEstimate, ...]
+) -> tuple[Prior, ...]:
+    """Return all hidden causes that the model knows, with what may be expected of them.
+
+    A measurement takes the place of what occurs on a healthy unit: it is expected, with its sigma.
+
+    Parameters
+    ----------
+    parameters, travel
+        As of `hidden_causes`.
+    measured
+        What was measured, checked.
+    """
+    by_name = {one.name: one for one in measured}
+    return tuple(
+        _around(by_name[one.name], one) if one.name in by_name else one
+        for one in hidden_causes(parameters, travel)
+    )
+
+
+def _around(measured: CauseEstimate, usual: Prior) -> Prior:
+    lowest = max(measured.value - usual.reach, usual.cause.lowest)
+    return usual._replace(expected=measured.value, sigma=measured.sigma, lowest=lowest)
+
+
+def _pair(name: str, item: tuple[float, float]) -> tuple[float, float]:
+    try:
+        value, sigma = item
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"measured cause {name} = {item!r}: expected its value and its standard deviation"
+        ) from None
+    return value, sigma
+
+
+def _parsed(text: str) -> CauseEstimate:
+    name, equals, figures = text.partition("=")
+    value, colon, sigma = figures.partition(":")
+    try:
+        if not (equals and colon):
+            raise ValueError
+        return CauseEstimate(name.strip(), float(value), float(sigma))
+    except ValueError:
+        raise ValueError(f"measured cause {text!r}: expected {GRAMMAR}, two numbers") from None
+
+
+def _checked(one: CauseEstimate) -> CauseEstimate:
+    cause = CAUSE_BY_NAME[one.name]
+    if not (is_finite_number(one.value) and cause.lowest <= one.value <= cause.highest):
+        raise ValueError(
+            f"measured cause {one.name} = {one.value!r}: expected a number in [{cause.lowest:g}, "
+            f"{cause.highest:g}] {cause.unit}"
+        )
+    if not (is_finite_number(one.sigma) and one.sigma > 0.0):
+        raise ValueError(
+            f"measured cause {one.name}: sigma = {one.sigma!r}: expected a positive, finite number "
+            f"in {cause.unit}"
+        )
+    return CauseEstimate(one.name, float(one.value), float(one.sigma))
