@@ -14,7 +14,13 @@ from sensor_msgs.msg import JointState
 
 from ema_core.quantity import check_quantities, flag, quantity, text
 from ema_core.wording import counted
-from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, TelemetryBlock, Usage
+from ema_interfaces.msg import (
+    ActuatorDescription,
+    FaultVectorStamped,
+    MeasuredCauses,
+    TelemetryBlock,
+    Usage,
+)
 from ema_recording.message_type import message_class, type_name
 from ema_recording.playback import Playback
 from ema_recording.qos import recorded_qos, replay_qos
@@ -28,7 +34,17 @@ from ema_ros.status import ERROR, OK, WARN, Task
 _CLOCK: Final = "/clock"
 _TELEMETRY: Final = type_name(TelemetryBlock)
 _ACTUATOR_TYPES: Final = frozenset(
-    map(type_name, (TelemetryBlock, ActuatorDescription, FaultVectorStamped, JointState, Usage))
+    map(
+        type_name,
+        (
+            TelemetryBlock,
+            ActuatorDescription,
+            FaultVectorStamped,
+            JointState,
+            Usage,
+            MeasuredCauses,
+        ),
+    )
 )
 _SHARED_TOPICS: Final = frozenset(("/diagnostics", "/rosout", "/parameter_events", "/tf"))
 _POLL_S: Final = 0.05

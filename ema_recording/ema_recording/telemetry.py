@@ -15,6 +15,7 @@ TELEMETRY_TYPE: Final = "ema_interfaces/msg/TelemetryBlock"
 DESCRIPTION_TYPE: Final = "ema_interfaces/msg/ActuatorDescription"
 TRUE_FAULTS_TYPE: Final = "ema_interfaces/msg/FaultVectorStamped"
 USAGE_TYPE: Final = "ema_interfaces/msg/Usage"
+MEASURED_TYPE: Final = "ema_interfaces/msg/MeasuredCauses"
 ESTIMATE_TYPE: Final = "ema_interfaces/msg/FaultEstimate"
 HEALTH_TYPE: Final = "ema_interfaces/msg/Health"
 

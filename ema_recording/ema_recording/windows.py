@@ -3,29 +3,34 @@
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
 from ema_core.telemetry import Telemetry, join
 from ema_core.wording import counted
+from ema_monitor.model.measured import measured_causes
 from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.measurements import MAX_AGE_S, MeasurementLog
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_recording.reader import Bag, Place
 from ema_recording.telemetry import (
+    MEASURED_TYPE,
     TRUE_FAULTS_TYPE,
     Malformed,
     RecordedTelemetry,
     read_telemetry,
 )
 from ema_ros.faults import StampedFaults, stamped_faults_from_message
+from ema_ros.measured import measured_from_message
 
 _MOST_DEFECTS: Final = 5
 _KEPT_WINDOWS: Final = 64
@@ -72,6 +77,8 @@ class RecordedWindow:
         Where in its play the motor stands at the start [half-widths]; None when unknown.
     place
         Where its samples are, or why it cannot be used.
+    measured
+        Hidden causes that were measured.
     """
 
     number: int
@@ -80,13 +87,14 @@ class RecordedWindow:
     end_ns: int
     play: float | None
     place: WindowPlace | Refusal
+    measured: tuple[CauseEstimate, ...] = ()
 
     @property
     def window(self) -> Window | Refusal:
         """The window, read from the bag anew each time, or why there is none."""
         if isinstance(self.place, Refusal):
             return self.place
-        return Window(self.place.read(), self.play)
+        return Window(self.place.read(), self.play, self.measured)
 
 
 @dataclass(frozen=True)
@@ -147,6 +155,27 @@ class BagWindows:
             start, end = self.seconds(item.start_ns), self.seconds(item.end_ns)
             lines.append(f"{item.number:4d}  {start:.4f} s to {end:.4f} s: {state}")
         return "\n".join([*lines, *self.remarks])
+
+    def with_measured(self, measured: tuple[CauseEstimate, ...]) -> Self:
+        """Return the same with causes that were measured throughout, beside those recorded.
+
+        Parameters
+        ----------
+        measured
+            As `measured_causes` returns them; each takes the place of what the bag holds of it.
+        """
+        return replace(
+            self,
+            windows=[
+                replace(
+                    item,
+                    measured=measured_causes(
+                        {one.name: (one.value, one.sigma) for one in (*item.measured, *measured)}
+                    ),
+                )
+                for item in self.windows
+            ],
+        )
 
     def seconds(self, stamp_ns: int) -> float:
         """Return a stamp in seconds since the first sample."""
@@ -212,6 +241,7 @@ def read_windows(
     topic: str | None = None,
     actuator_id: str | None = None,
     description: ActuatorDescription | None = None,
+    measured_max_age_s: float = MAX_AGE_S,
 ) -> BagWindows:
     """Read a recording and find the windows in the telemetry of one actuator.
 
@@ -219,7 +249,7 @@ def read_windows(
     ----------
     path
         The recording: an ``.mcap`` file, or a folder as ``ros2 bag record`` makes it.
-    settings, description
+    settings, description, measured_max_age_s
         As of ``find_recorded_windows``.
     topic, actuator_id
         Which telemetry; needed where there is a choice.
@@ -232,7 +262,9 @@ def read_windows(
         When it cannot be opened.
     """
     recorded = read_telemetry(Bag(path), topic, actuator_id)
-    return find_recorded_windows(recorded, settings, description=description)
+    return find_recorded_windows(
+        recorded, settings, description=description, measured_max_age_s=measured_max_age_s
+    )
 
 
 def find_recorded_windows(
@@ -240,6 +272,7 @@ def find_recorded_windows(
     settings: TriggerSettings | None = None,
     *,
     description: ActuatorDescription | None = None,
+    measured_max_age_s: float = MAX_AGE_S,
     on_block: Callable[[Telemetry], None] | None = None,
 ) -> BagWindows:
     """Find the windows in recorded telemetry, which is kept no longer than needed.
@@ -248,6 +281,8 @@ def find_recorded_windows(
     ----------
     description
         The actuator; as the recording describes it when None.
+    measured_max_age_s
+        Age at the start of a window up to which a recorded measurement holds for it [s].
 
     Raises
     ------
@@ -287,6 +322,10 @@ def find_recorded_windows(
     windows += [
         _recorded_window(event, latest) for event in finder.finish() if isinstance(event, Segment)
     ]
+    measurements, wrong = _recorded_measurements(recorded)
+    for number, item in enumerate(windows):
+        measured = measurements.at(recorded.actuator_id, item.start_ns, measured_max_age_s)
+        windows[number] = replace(item, measured=measured)
     first_ns = first.stamp_ns if first else 0
     remarks = [
         f"at {(defect.stamp_ns - first_ns) * 1e-9:.4f} s: {defect.reason}"
@@ -294,6 +333,9 @@ def find_recorded_windows(
     ]
     if defects > _MOST_DEFECTS:
         remarks.append(f"and {counted(defects - _MOST_DEFECTS, 'more defect')} of the telemetry")
+    if wrong:
+        said = counted(len(wrong), "impossible measurement")
+        remarks.append(f"ignored: {said}, the latest: {wrong[-1]}")
     if recorded.bag.damage:
         remarks.append(recorded.bag.damage)
     if first is None or finder.description is None:
@@ -323,6 +365,18 @@ def _recorded_window(found: Segment, latest: _LatestBlocks) -> RecordedWindow:
         window.play if is_whole else None,
         latest.place_of(window) if is_whole else window,
     )
+
+
+def _recorded_measurements(recorded: RecordedTelemetry) -> tuple[MeasurementLog, list[str]]:
+    """Return what was measured of the actuator, and what is wrong with other messages of it."""
+    log, wrong = MeasurementLog(), []
+    for item in recorded.bag.messages(recorded.bag.topics_of(MEASURED_TYPE)):
+        if item.message.actuator_id == recorded.actuator_id:
+            try:
+                log.add(recorded.actuator_id, *measured_from_message(item.message))
+            except ValueError as error:
+                wrong.append(str(error))
+    return log, wrong
 
 
 def _recorded_truths(recorded: RecordedTelemetry) -> list[StampedFaults]:

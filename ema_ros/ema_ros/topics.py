@@ -16,6 +16,7 @@ from ema_interfaces.msg import (
     FaultEstimate,
     FaultVectorStamped,
     Health,
+    MeasuredCauses,
     TelemetryBlock,
     Usage,
 )
@@ -25,6 +26,7 @@ DESCRIPTION: Final = "actuator_description"
 SIMULATED_FAULTS: Final = "simulated_faults"
 JOINT_STATES: Final = "joint_states"
 USAGE: Final = "usage"
+MEASURED_CAUSES: Final = "measured_causes"
 FAULT_ESTIMATE: Final = "fault_estimate"
 HEALTH: Final = "health"
 
@@ -49,6 +51,11 @@ ACTUATOR_TOPICS: Final = {
     USAGE: (Usage, LATCHED),
 }
 """Message class and quality of service of what a simulated actuator publishes, by topic."""
+
+SYSTEM_TOPICS: Final = {
+    MEASURED_CAUSES: (MeasuredCauses, STREAM),
+}
+"""Message class and quality of service of what the system around may tell a monitor, by topic."""
 
 MONITOR_TOPICS: Final = {
     FAULT_ESTIMATE: (FaultEstimate, STATE),

@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from ema_core.causes import CauseEstimate
 from ema_core.faults import FAULT_NAMES, FaultVector
 from ema_monitor.identification.estimate import (
     Estimate,
@@ -42,6 +43,7 @@ ESTIMATE = Estimate(
     unexplained_share=1.0 / 7.0,
     causes=(CauseEstimate("load_torque", 0.1 + 0.2, 1e-300), CauseEstimate("inertia", -0.05, 0.01)),
     alternatives=(("inertia", "torque constant"), ("gain", "speed sensor gain")),
+    measured=(CauseEstimate("winding_temperature", 40.0, 1.0 / 3.0),),
 )
 
 

@@ -8,6 +8,8 @@ from typing import Final
 import click
 
 from ema_cli.gathered_options import Command, gathered
+from ema_monitor.model.measured import GRAMMAR, describe_measurable
+from ema_monitor.windows.measurements import MAX_AGE_S
 from ema_monitor.windows.trigger import ANY_MOTION, TEST_CYCLE, TriggerSettings
 
 USE_OPTIONS: Final = (
@@ -47,6 +49,23 @@ _OPTIONS = (
         help="Length of a window, that of the test command [s].",
     ),
 )
+_MEASURED = (
+    click.option(
+        "--measured",
+        multiple=True,
+        metavar=GRAMMAR,
+        help="A hidden cause that was measured, with its standard deviation, e.g. "
+        "load_torque=0.1:0.005, instead of what the bag holds of it; may be repeated; known, with "
+        f"unit: {describe_measurable()}.",
+    ),
+    click.option(
+        "--measured-max-age",
+        "measured_max_age_s",
+        default=MAX_AGE_S,
+        type=click.FloatRange(0.0),
+        help="Age at the start of a window up to which a measurement in the bag holds for it [s].",
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -60,6 +79,10 @@ class Source:
         for a bag that has one too, and a calibration that does not fit it.
     any_motion
         Whether windows are stretches of ordinary motion.
+    measured
+        Hidden causes that were measured, as texts, for all windows.
+    measured_max_age_s
+        Age up to which a measurement in the bag holds for a window [s].
     """
 
     actuator_id: str | None
@@ -70,6 +93,8 @@ class Source:
     force: bool = False
     any_motion: bool = False
     window_s: float = _DEFAULTS.window_s
+    measured: tuple[str, ...] = ()
+    measured_max_age_s: float = MAX_AGE_S
 
     def trigger_settings(self) -> TriggerSettings:
         """Return the settings of the window trigger.
@@ -85,6 +110,8 @@ class Source:
 
 def source_options(
     force: str = "Use --actuator even against the description in the bag.",
+    *,
+    identifies: bool = False,
 ) -> Callable[[Command], Command]:
     """Return a decorator that gives a command the options; it gets them as one, ``source``.
 
@@ -92,6 +119,9 @@ def source_options(
     ----------
     force
         Help of ``--force``, for a command where it means more.
+    identifies
+        Whether the command identifies windows, so that it matters what was measured.
     """
-    offered = (*_OPTIONS, click.option("--force", is_flag=True, help=force))
+    measured = _MEASURED if identifies else ()
+    offered = (*_OPTIONS, *measured, click.option("--force", is_flag=True, help=force))
     return gathered("source", Source, Source.__annotations__, offered)

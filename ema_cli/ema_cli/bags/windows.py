@@ -9,6 +9,7 @@ from ema_cli.bags.chosen_description import choose_description
 from ema_cli.bags.source_options import Source
 from ema_cli.show.progress import progress_bar
 from ema_core.telemetry import Telemetry
+from ema_monitor.model.measured import measured_causes_of
 from ema_monitor.windows.window import MIN_TRAVEL
 from ema_recording.reader import Bag
 from ema_recording.telemetry import read_telemetry
@@ -23,10 +24,12 @@ def read_windows(
     Raises
     ------
     ValueError
-        When the bag cannot be read, or has no telemetry or no description of the actuator.
+        When the bag cannot be read, or has no telemetry or no description of the actuator; when
+        a cause cannot have been measured as the options say.
     OSError
         When it cannot be opened.
     """
+    measured = measured_causes_of(source.measured)
     recorded = read_telemetry(Bag(path), source.topic, source.actuator_id)
     description, warning = choose_description(
         path, recorded.actuator_id, recorded.descriptions, source
@@ -41,8 +44,14 @@ def read_windows(
                 on_block(block)
 
         found = find_recorded_windows(
-            recorded, source.trigger_settings(), description=description, on_block=follow
+            recorded,
+            source.trigger_settings(),
+            description=description,
+            measured_max_age_s=source.measured_max_age_s,
+            on_block=follow,
         )
+    if measured:
+        found = found.with_measured(measured)
     if warning:
         found.remarks.insert(0, warning)
     return found

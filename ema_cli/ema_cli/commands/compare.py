@@ -40,7 +40,7 @@ class _Algorithms(click.ParamType):
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@source_options(USE_OPTIONS)
+@source_options(USE_OPTIONS, identifies=True)
 @click.option(
     "--algorithms",
     default=",".join(ALGORITHMS),

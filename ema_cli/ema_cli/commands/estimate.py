@@ -35,7 +35,7 @@ _REASON_WIDTH: Final = 90
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@source_options(USE_OPTIONS)
+@source_options(USE_OPTIONS, identifies=True)
 @identification_options
 @click.option("--json", "as_json", is_flag=True, help="Print one list, an object a window.")
 @click.option(
@@ -198,6 +198,9 @@ def _line(number: int, one: Estimate, found: BagWindows) -> str:
     ]
     causes = [str(cause).replace("+-", "±") for cause in one.causes]
     words = ", ".join(faults + causes) or _NOTHING
+    if one.measured:
+        measured = (str(cause).replace("+-", "±") for cause in one.measured)
+        words += f"; measured: {', '.join(measured)}"
     unknown = [FAULTS[i].label for i in _assessed() if one.unobservable[i]]
     if one.stretches and unknown:
         words += f"; not shown: {', '.join(unknown)}"
@@ -250,6 +253,9 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
         table.add_row(fault.label, f"{value:.4f}", known, meaning)
     Console().print(table)
     click.echo(f"found: {found_in_words(one)}")
+    if one.measured:
+        words = "; ".join(str(cause).replace("+-", "±") for cause in one.measured)
+        click.echo(f"measured: {words}")
     click.echo(
         f"fitness {one.fitness:.5f} A^2.s, goodness of fit {_figure(one.goodness_of_fit)} "
         f"(limit {one.goodness_limit:.2f}), {one.verdict}; command travels "

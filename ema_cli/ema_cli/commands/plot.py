@@ -28,7 +28,7 @@ _SHADE: Final = 0.12
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@source_options(USE_OPTIONS)
+@source_options(USE_OPTIONS, identifies=True)
 @identification_options
 @click.option("--window", "number", type=click.IntRange(0), help="Show the fit of this window.")
 @click.option(

@@ -63,7 +63,7 @@ def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> 
 
 @click.command()
 @click.argument("bags", metavar="BAG...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@source_options(USE_OPTIONS)
+@source_options(USE_OPTIONS, identifies=True)
 @identification_options
 @click.option(
     "--hours-per-cycle",

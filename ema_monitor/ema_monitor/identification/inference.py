@@ -70,9 +70,7 @@ class Inference:
         if settings.fitness == DEFAULT_FITNESS:
             causes = before.causes(calibration.parameters, window)
             if calibration.form == "fast" and settings.parsimonious:
-                causes = expected_causes(
-                    calibration.parameters, window.excitation, window.measured
-                )
+                causes = expected_causes(calibration.parameters, window.excitation, window.measured)
         self._before = before
         self._fitted = before.fitted(window)
         self._measured = {one.name: one for one in window.measured}

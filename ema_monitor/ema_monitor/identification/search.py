@@ -1,7 +1,7 @@
 """Identification: from a window, or its refusal, to the estimate of the faults."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from ema_monitor.identification.inference import Inference
 from ema_monitor.identification.knowledge import NOTHING_KNOWN, Before, Knowledge
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import SearchSettings
-from ema_monitor.model.measured import MeasuredCauses, measured_causes
+from ema_monitor.model.measured import measured_causes
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import minimise
 from ema_monitor.optimizers.interface import Hints
@@ -185,7 +185,7 @@ def identify(
     *,
     force: bool = False,
     previous: ArrayLike | None = None,
-    measured: MeasuredCauses | None = None,
+    measured: Mapping[str, tuple[float, float]] | None = None,
 ) -> Estimate:
     """Identify the faults in a window, without progress.
 

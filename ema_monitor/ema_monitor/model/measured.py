@@ -12,11 +12,8 @@ from ema_monitor.model.deviations import HIDDEN_CAUSES, Prior, hidden_causes
 GRAMMAR: Final = "NAME=VALUE:SIGMA"
 """Text of a measured cause: value and standard deviation in its unit."""
 
-MeasuredCauses = Mapping[str, tuple[float, float]] | Iterable[CauseEstimate]
-"""Value and sigma by name, or as estimates of other origin than the window."""
 
-
-def measured_causes(given: MeasuredCauses) -> tuple[CauseEstimate, ...]:
+def measured_causes(given: Mapping[str, tuple[float, float]]) -> tuple[CauseEstimate, ...]:
     """Return measured causes, checked, in the order of `HIDDEN_CAUSES`.
 
     Parameters
@@ -28,11 +25,20 @@ def measured_causes(given: MeasuredCauses) -> tuple[CauseEstimate, ...]:
     Raises
     ------
     ValueError
+        As of `checked_causes`.
+    """
+    return checked_causes([CauseEstimate(name, *_pair(name, item)) for name, item in given.items()])
+
+
+def checked_causes(given: Iterable[CauseEstimate]) -> tuple[CauseEstimate, ...]:
+    """Return causes that may have been measured, in the order of `HIDDEN_CAUSES`.
+
+    Raises
+    ------
+    ValueError
         When the model does not know a cause, it is given twice, its value is not a number in its
         range, or its sigma is not positive; the message names the cause, its value and unit.
     """
-    if isinstance(given, Mapping):
-        given = [CauseEstimate(name, *_pair(name, item)) for name, item in given.items()]
     found: dict[str, CauseEstimate] = {}
     for one in given:
         name = as_identifier(one.name)
@@ -44,15 +50,20 @@ def measured_causes(given: MeasuredCauses) -> tuple[CauseEstimate, ...]:
     return tuple(found[name] for name in HIDDEN_CAUSES if name in found)
 
 
+def describe_measurable() -> str:
+    """Return the names of the causes that may be measured, with their units."""
+    return ", ".join(f"{name} [{CAUSE_BY_NAME[name].unit}]" for name in HIDDEN_CAUSES)
+
+
 def measured_causes_of(texts: Iterable[str]) -> tuple[CauseEstimate, ...]:
     """Return the measured causes that texts of the form `GRAMMAR` stand for.
 
     Raises
     ------
     ValueError
-        When a text is not of that form, and as of `measured_causes`.
+        When a text is not of that form, and as of `checked_causes`.
     """
-    return measured_causes([_parsed(text) for text in texts])
+    return checked_causes([_parsed(text) for text in texts])
 
 
 def expected_causes(

@@ -54,6 +54,7 @@ def estimate_to_message(
         goodness_limit=float(estimate.goodness_limit),
         unexplained_share=float(estimate.unexplained_share),
         hidden_causes=[_hidden_cause(cause, estimate) for cause in estimate.causes],
+        measured_causes=[_hidden_cause(cause) for cause in estimate.measured],
         confusions=[" or ".join(pair) for pair in estimate.alternatives],
         verdict=_VERDICTS[estimate.verdict],
         excitation=float(estimate.excitation),
@@ -72,9 +73,11 @@ def estimate_to_message(
     return message
 
 
-def _hidden_cause(one: CauseEstimate, estimate: Estimate) -> HiddenCause:
+def _hidden_cause(one: CauseEstimate, estimate: Estimate | None = None) -> HiddenCause:
+    """Return a cause as a message, of an estimate with what else could stand in for it."""
     cause = CAUSE_BY_NAME[one.name]
-    others = [other for label, other in estimate.alternatives if label == cause.label]
+    pairs = estimate.alternatives if estimate else ()
+    others = [other for label, other in pairs if label == cause.label]
     return HiddenCause(
         name=one.name, value=one.value, sigma=one.sigma, unit=cause.unit, alternatives=others
     )

@@ -56,6 +56,7 @@ class MonitorNode(ManagedNode):
             self._add_health_publisher,
             lambda description: self._prognosis.describe(description),
             self._queue_window,
+            lambda: self._operation.value.measured_max_age_s,
             self._warn,
         )
         self._prognosis = MonitorPrognosis(self, self._calibration_of, self._units, self._resume)
@@ -101,11 +102,11 @@ class MonitorNode(ManagedNode):
                 if unit.description is not None:
                     self._prognosis.describe(unit.description)
         receiving = MutuallyExclusiveCallbackGroup()
+        known = topics.ACTUATOR_TOPICS | topics.SYSTEM_TOPICS
         self._subscriptions_in_use = [
-            self.create_subscription(
-                topics.ACTUATOR_TOPICS[name][0], name, callback, qos, callback_group=receiving
-            )
+            self.create_subscription(known[name][0], name, callback, qos, callback_group=receiving)
             for name, callback, qos in (
+                (topics.MEASURED_CAUSES, self._units.receive_measured, topics.STREAM),
                 (topics.USAGE, self._prognosis.receive_usage, topics.LATCHED_BY_MANY),
                 (topics.DESCRIPTION, self._units.receive_description, topics.LATCHED_BY_MANY),
                 (topics.TELEMETRY, self._units.receive_telemetry, topics.STREAM),

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ema_core.quantity import check_quantities, quantity, text
+from ema_monitor.windows.measurements import MAX_AGE_S
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Files:
 
 @dataclass(frozen=True)
 class Operation:
-    """Window queue, staleness and calibration of the monitor.
+    """Window queue, staleness, calibration and measured causes of the monitor.
 
     Raises
     ------
@@ -54,6 +55,13 @@ class Operation:
     )
     calibration_timeout_s: float = quantity(
         60.0, "s", 1.0, 1e5, "timeout of a calibration for its next window"
+    )
+    measured_max_age_s: float = quantity(
+        MAX_AGE_S,
+        "s",
+        0.0,
+        1e7,
+        "age at the start of a window up to which a measured cause holds for it",
     )
 
     def __post_init__(self) -> None:

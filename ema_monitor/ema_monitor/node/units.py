@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Any
 
 from ema_core.description import ActuatorDescription
@@ -13,15 +14,18 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.unit import Unit
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment
+from ema_monitor.windows.measurements import MeasurementLog
 from ema_monitor.windows.trigger import Defect, TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_ros.description import description_from_message
+from ema_ros.measured import measured_from_message
 from ema_ros.stamps import stamp_from_message
 from ema_ros.status import Task
 from ema_ros.telemetry import telemetry_from_message
 
 _UNNAMED = "messages without actuator_id"
 _UNKNOWN = "wrong messages of actuators that are not monitored"
+_MOST_MEASUREMENTS = 10_000
 
 
 class Units(dict[str, Unit]):
@@ -39,6 +43,8 @@ class Units(dict[str, Unit]):
         Called with each description that differs from the one before.
     queue_window
         Called with each window, or its refusal.
+    max_age_s
+        Gives the age up to which what was measured holds for a window [s].
     warn
         Called with what is wrong, and whether the status has to be published at once.
 
@@ -56,6 +62,7 @@ class Units(dict[str, Unit]):
         add_publisher: Callable[[], Callable[[HealthMessage], None]],
         describe: Callable[[ActuatorDescription], None],
         queue_window: Callable[[Segment], None],
+        max_age_s: Callable[[], float],
         warn: Callable[[str, bool], None],
     ) -> None:
         super().__init__()
@@ -67,12 +74,15 @@ class Units(dict[str, Unit]):
         self._add_publisher = add_publisher
         self._describe = describe
         self._queue_window = queue_window
+        self._max_age_s = max_age_s
+        self._measurements = MeasurementLog(_MOST_MEASUREMENTS)
         self._warn = warn
 
     def clear(self) -> None:
         """Remove all."""
         super().clear()
         self._unmatched.clear()
+        self._measurements.clear()
 
     def receive_description(self, message: Any) -> None:
         """Apply ``ema_interfaces/msg/ActuatorDescription``, which may be impossible."""
@@ -107,6 +117,21 @@ class Units(dict[str, Unit]):
                 self._handle(unit, unit.finder.reject(stamp_ns, str(error)))
             else:
                 self._handle(unit, unit.finder.feed(block))
+
+    def receive_measured(self, message: Any) -> None:
+        """Keep ``ema_interfaces/msg/MeasuredCauses``, which may be impossible."""
+        actuator_id = message.actuator_id
+        if not actuator_id:
+            self.add_defect("", "measured causes without actuator_id")
+            return
+        try:
+            stamp_ns, measured = measured_from_message(message)
+        except ValueError as error:
+            # A measurement alone does not make an actuator known.
+            self.add_defect(actuator_id, str(error), is_known=actuator_id in self)
+            return
+        with self.lock:
+            self._measurements.add(actuator_id, stamp_ns, measured)
 
     def restart(self, settings: TriggerSettings) -> None:
         """Look for windows with other settings from now on."""
@@ -222,5 +247,9 @@ class Units(dict[str, Unit]):
                 self.add_defect(unit.actuator_id, event.reason)
                 continue
             if isinstance(event.window, Window):
+                measured = self._measurements.at(
+                    unit.actuator_id, event.window.start_ns, self._max_age_s()
+                )
+                event = replace(event, window=replace(event.window, measured=measured))
                 unit.latest = event
             self._queue_window(event)

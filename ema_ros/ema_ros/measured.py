@@ -1,0 +1,31 @@
+"""Conversion of ema_interfaces/MeasuredCauses to stamp and measured causes."""
+
+from typing import TYPE_CHECKING
+
+from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
+from ema_monitor.model.measured import checked_causes
+from ema_ros.stamps import stamp_from_message
+
+if TYPE_CHECKING:
+    from ema_interfaces.msg import MeasuredCauses
+
+
+def measured_from_message(message: "MeasuredCauses") -> tuple[int, tuple[CauseEstimate, ...]]:
+    """Return when causes were measured [ns], and what they are.
+
+    Raises
+    ------
+    ValueError
+        When there is no stamp, a unit is not that of the registry, or as of `checked_causes`.
+    """
+    stamp_ns = stamp_from_message(message.header.stamp)
+    if stamp_ns <= 0:
+        raise ValueError(f"stamp = {stamp_ns} ns: expected the time of the measurement")
+    measured = checked_causes(
+        [CauseEstimate(one.name, one.value, one.sigma) for one in message.causes]
+    )
+    for one in message.causes:
+        unit = CAUSE_BY_NAME[one.name].unit if one.name in CAUSE_BY_NAME else ""
+        if one.unit not in ("", unit):
+            raise ValueError(f"measured cause {one.name}: unit = {one.unit!r}: expected {unit!r}")
+    return stamp_ns, measured
