@@ -81,7 +81,9 @@ class MonitorSession:
         self.probe = Node("probe", context=context, namespace="/ema")
         self._publishers = {
             name: self.probe.create_publisher(message_class, name, qos)
-            for name, (message_class, qos) in topics.ACTUATOR_TOPICS.items()
+            for name, (message_class, qos) in (
+                topics.ACTUATOR_TOPICS | topics.SYSTEM_TOPICS
+            ).items()
         }
         for name, (message_class, qos) in topics.MONITOR_TOPICS.items():
             self.subscribe(message_class, name, qos)
@@ -130,7 +132,8 @@ class MonitorSession:
         self.until_subscribed()
 
     def until_subscribed(self) -> None:
-        listened = [self._publishers[name] for name in (topics.TELEMETRY, topics.DESCRIPTION)]
+        names = (topics.TELEMETRY, topics.DESCRIPTION, topics.MEASURED_CAUSES)
+        listened = [self._publishers[name] for name in names]
         wait_for(lambda: all(item.get_subscription_count() for item in listened), "the monitor")
 
     def describe(self, description: ActuatorDescription = FLAP) -> None:

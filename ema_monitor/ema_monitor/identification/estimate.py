@@ -152,7 +152,8 @@ class Estimate:
         ]
         table = text_table(("fault", "estimate", "sigma", "which means"), rows)
         fit = f"goodness of fit {self.goodness_of_fit:.2f} (limit {self.goodness_limit:.2f})"
-        return "\n".join(filter(None, (table, f"{self.verdict}, {fit}", self.reason)))
+        known = f"measured: {'; '.join(map(str, self.measured))}" if self.measured else ""
+        return "\n".join(filter(None, (table, f"{self.verdict}, {fit}", known, self.reason)))
 
 
 def refusal(

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.causes import CauseEstimate
+from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.faults import (
     ECCENTRICITY,
     ECCENTRICITY_PHASE,
@@ -241,7 +241,10 @@ class Inference:
 
     def _words(self, cause: CauseEstimate) -> str:
         measured = self._measured.get(cause.name)
-        return f"{cause}, but measured was {measured}" if measured else str(cause)
+        if measured is None:
+            return str(cause)
+        label = CAUSE_BY_NAME[cause.name].label
+        return f"{cause}, measured as {str(measured).removeprefix(label).lstrip()}"
 
     @property
     def _always(self) -> list[int]:

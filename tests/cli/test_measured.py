@@ -1,0 +1,63 @@
+"""``ema estimate --measured``: what is known of a hidden cause beside the bag."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from ema_monitor.model.deviations import HIDDEN_CAUSES
+
+RIGHT = ("--measured", "load_torque=0.3:0.01")
+
+
+@pytest.fixture(scope="module")
+def bag(ema, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("bags") / "loaded.mcap"
+    result = ema("simulate", "--cause", "load_torque=0.3", "--fault", "friction=0.2", "-o", path)
+    assert result.exit_code == 0, result.output
+    return path
+
+
+def test_measured_load_is_shown_and_no_hidden_cause(ema, bag):
+    result = ema("estimate", bag, *RIGHT, "--measured", "winding_temperature=0:2")
+    assert result.exit_code == 0
+    assert "measured: load torque +0.3 ± 0.01 N.m; winding temperature +0 ± 2 K" in result.stdout
+    # To 0.002, as without a load.
+    assert re.search(r"found: friction 0\.(199|20[012]) \([^;]*$", result.stdout, re.MULTILINE)
+    assert "note:" not in result.stdout
+
+
+def test_measured_load_is_in_the_objects(ema, bag):
+    [one] = json.loads(ema("estimate", bag, *RIGHT, "--json").stdout)
+    assert one["measured"] == [{"name": "load_torque", "value": 0.3, "sigma": 0.01}]
+    assert one["causes"] == []
+
+
+def test_wrong_measurement_is_named(ema, bag):
+    result = ema("estimate", bag, "--measured", "load_torque=0:0.01")
+    assert "load torque +0.3 +- " in result.stdout
+    assert "measured as +0 +- 0.01 N.m" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("load_torque=0.1", "measured cause 'load_torque=0.1': expected NAME=VALUE:SIGMA"),
+        ("cogging=0.1:0.1", "unknown measured cause 'cogging'"),
+        ("load_torque=11:0.1", "load_torque = 11.0: expected a number in [-10, 10] N.m"),
+        ("load_torque=0.1:0", "load_torque: sigma = 0.0: expected a positive"),
+    ],
+)
+def test_impossible_measurement_is_one_clear_line(ema, bag, text, said):
+    result = ema("estimate", bag, "--measured", text)
+    assert result.exit_code != 0
+    assert said in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", ["estimate", "compare", "plot", "prognose"])
+def test_help_lists_what_may_be_measured(ema, command):
+    said = " ".join(ema(command, "--help").stdout.split())
+    for name in HIDDEN_CAUSES:
+        assert f"{name} [" in said

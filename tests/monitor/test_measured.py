@@ -1,0 +1,243 @@
+"""A hidden cause that is measured is no longer to be told from faults; a wrong one is found out."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.causes import CauseEstimate
+from ema_core.faults import ECCENTRICITY_PHASE, fault_vector, healthy_faults
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.identification.combination import Combination
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.search import identify
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.model.deviations import HIDDEN_CAUSES
+from ema_monitor.model.measured import expected_causes, measured_causes, measured_causes_of
+from ema_monitor.windows.measurements import MeasurementLog
+from ema_monitor.windows.trigger import WindowTrigger
+from ema_monitor.windows.window import Window
+from ema_sim.api import simulate
+
+PARAMETERS = ActuatorParameters()
+FRICTION = {"friction": 0.2}
+SHORT = {"short_circuit_a": 0.15}
+GAIN = {"gain": 0.65, "backlash": 0.05}
+NS = 1_000_000_000
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    """Window of the simulated actuator with faults and hidden causes, each made once."""
+    made: dict[str, Window] = {}
+
+    def simulated(causes, faults) -> Window:
+        key = f"{causes} {faults}"
+        if key not in made:
+            [window] = WindowTrigger(PARAMETERS).feed(simulate(faults, causes=causes, seed=3))
+            assert isinstance(window, Window)
+            made[key] = window
+        return made[key]
+
+    return simulated
+
+
+def error(estimate: Estimate, faults) -> float:
+    off = np.delete(estimate.faults - fault_vector(faults), ECCENTRICITY_PHASE)
+    return float(np.max(np.abs(off)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("faults", [{}, FRICTION, SHORT, GAIN], ids=["healthy", *"fsg"])
+@pytest.mark.parametrize("off", [0.0, 0.01], ids=["exact", "one sigma off"])
+def test_faults_under_a_measured_load_are_as_without(
+    simulated, calibration, description, faults, off
+):
+    estimate = identify(
+        simulated({"load_torque": 0.3}, faults),
+        description,
+        calibration,
+        measured={"load_torque": (0.3 + off, 0.01)},
+    )
+    assert (estimate.verdict, estimate.causes, estimate.alternatives) == ("valid", (), ())
+    # Without a load up to 0.0013; measured 0.0018.
+    assert error(estimate, faults) < 0.003
+    assert estimate.measured == (CauseEstimate("load_torque", 0.3 + off, 0.01),)
+
+
+@pytest.mark.slow
+def test_measured_load_saves_the_search_for_what_it_is(simulated, calibration, description):
+    window = simulated({"load_torque": 0.3}, FRICTION)
+    unknown = identify(window, description, calibration)
+    known = identify(window, description, calibration, measured={"load_torque": (0.3, 0.01)})
+    # Measured 308 and 1998.
+    assert known.evaluations < unknown.evaluations / 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("faults", [{}, FRICTION], ids=["healthy", "friction"])
+@pytest.mark.parametrize(("load", "said"), [(0.0, 0.3), (0.3, 0.1)])
+def test_wrong_measurement_is_contradicted_by_the_window(
+    simulated, calibration, description, faults, load, said
+):
+    window = simulated({"load_torque": load} if load else {}, faults)
+    estimate = identify(window, description, calibration, measured={"load_torque": (said, 0.01)})
+    [cause] = estimate.causes
+    # The measurement draws it by its share of the information, measured 0.3 % of the difference.
+    assert abs(cause.value - load) < 0.01 * abs(said - load) + 3.0 * cause.sigma
+    assert f"measured as {said:+.3g} +- 0.01 N.m" in estimate.reason
+    assert error(estimate, faults) < 0.003
+
+
+@pytest.mark.slow
+def test_measured_torque_constant_is_told_from_shorts(simulated, calibration, description):
+    """Without the measurement neither it nor friction is known (0.036 off, degraded)."""
+    window = simulated({"torque_constant": -0.05}, FRICTION)
+    assert identify(window, description, calibration).verdict == "degraded"
+    estimate = identify(
+        window, description, calibration, measured={"torque_constant": (-0.05, 0.002)}
+    )
+    assert (estimate.verdict, estimate.causes) == ("valid", ())
+    assert error(estimate, FRICTION) < 0.003
+
+
+@pytest.mark.slow
+def test_measured_temperature_is_taken_for_known(simulated, calibration, description):
+    window = simulated({"winding_temperature": 60.0}, FRICTION)
+    estimate = identify(
+        window, description, calibration, measured={"winding_temperature": (60.0, 3.0)}
+    )
+    assert (estimate.verdict, estimate.causes) == ("valid", ())
+    assert error(estimate, FRICTION) < 0.003
+
+
+@pytest.mark.slow
+def test_measured_sigma_is_part_of_the_uncertainty(simulated, calibration, description):
+    """Which of three shorts and torque constant it is, only the measurement tells."""
+    window = simulated({"torque_constant": -0.05}, {})
+    sigma = [
+        identify(
+            window, description, calibration, measured={"torque_constant": (-0.05, one)}
+        ).sigma.short_circuit_a
+        for one in (0.002, 0.02)
+    ]
+    assert sigma[0] < 0.5 * sigma[1]
+
+
+def test_estimate_without_measurement_is_the_same_to_the_bit(windows_of, calibration, description):
+    window = windows_of({}, 7)[-1]
+    one, other = (
+        identify(window, description, calibration, measured=given) for given in (None, {})
+    )
+    assert one.measured == other.measured == ()
+    np.testing.assert_array_equal(one.faults, other.faults)
+    np.testing.assert_array_equal(one.covariance, other.covariance)
+    usual = expected_causes(PARAMETERS, 0.01, ())
+    assert all(prior.expected == 0.0 for prior in usual)
+
+
+def test_other_distances_take_the_measured_value(simulated, calibration, description):
+    """They know no noise to weigh its sigma by."""
+    window = simulated({"load_torque": 0.3}, {})
+    settings = SearchSettings(fitness="least_squares")
+    blind, seeing = (
+        identify(window, description, calibration, settings, measured=given)
+        for given in ({}, {"load_torque": (0.3, 0.01)})
+    )
+    assert seeing.fitness < 0.1 * blind.fitness
+    assert error(seeing, {}) < 0.02
+
+
+@pytest.mark.slow
+def test_measured_causes_of_a_stretch_are_used_in_a_combination(
+    simulated, calibration, description
+):
+    measured = measured_causes({"load_torque": (0.3, 0.01), "winding_temperature": (0.0, 2.0)})
+    window = replace(simulated({"load_torque": 0.3}, FRICTION), measured=measured)
+    combination = Combination(description, calibration)
+    [estimate] = [*combination.add(window), *combination.finish()]
+    assert (estimate.measured, estimate.causes) == (measured, ())
+    assert abs(estimate.faults.friction - 0.2) < 0.003
+
+
+def test_warm_search_begins_at_the_measurement(simulated, calibration, description):
+    window = simulated({"load_torque": 0.3}, FRICTION)
+    estimate = identify(
+        window,
+        description,
+        calibration,
+        previous=healthy_faults(),
+        measured={"load_torque": (0.3, 0.01)},
+    )
+    assert estimate.warm_start
+    assert error(estimate, FRICTION) < 0.003
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"cogging": (0.1, 0.01)}, "unknown measured cause 'cogging'; .*known: load_torque"),
+        ({"load_torqe": (0.1, 0.01)}, "did you mean 'load_torque'"),
+        ({"load_torque": (math.nan, 0.01)}, r"load_torque = nan: expected .*\[-10, 10\] N.m"),
+        ({"load_torque": (11.0, 0.01)}, r"load_torque = 11.0: expected .*\[-10, 10\] N.m"),
+        ({"load_torque": (0.1, 0.0)}, "load_torque: sigma = 0.0: expected a positive"),
+        ({"load_torque": (0.1, math.inf)}, "load_torque: sigma = inf: expected a positive"),
+        ({"load_torque": 0.1}, "load_torque = 0.1: expected its value and its standard deviation"),
+    ],
+)
+def test_impossible_measurement_is_refused_by_name_and_value(given, said):
+    with pytest.raises(ValueError, match=said):
+        measured_causes(given)
+
+
+@pytest.mark.parametrize(
+    ("texts", "said"),
+    [
+        (["load_torque=0.1"], "'load_torque=0.1': expected NAME=VALUE:SIGMA"),
+        (["load_torque=a:1"], "'load_torque=a:1': expected NAME=VALUE:SIGMA"),
+        (["inertia=0:1", "inertia=0:2"], "inertia is given more than once"),
+    ],
+)
+def test_text_of_no_measurement_is_refused(texts, said):
+    with pytest.raises(ValueError, match=said):
+        measured_causes_of(texts)
+
+
+def test_measured_causes_have_the_order_of_the_model():
+    found = measured_causes_of(["speed_gain = 0.01:0.001", "load-torque=0.1:0.005"])
+    assert [one.name for one in found] == ["load_torque", "speed_gain"]
+    assert set(HIDDEN_CAUSES) >= {one.name for one in found}
+
+
+def test_latest_measurement_of_each_cause_at_the_start_holds():
+    log = MeasurementLog()
+
+    def add(stamp_s: float, **given: float) -> None:
+        measured = measured_causes({name: (value, 0.1) for name, value in given.items()})
+        log.add("flap", round(stamp_s * NS), measured)
+
+    add(3.0, load_torque=0.3)
+    add(1.0, load_torque=0.1, winding_temperature=20.0)
+    add(2.0, load_torque=0.2)
+
+    def at(start_s: float, max_age_s: float = 10.0) -> dict[str, float]:
+        found = log.at("flap", round(start_s * NS), max_age_s)
+        return {one.name: one.value for one in found}
+
+    assert at(0.9) == {}
+    assert at(1.0) == {"load_torque": 0.1, "winding_temperature": 20.0}
+    assert at(2.9) == {"load_torque": 0.2, "winding_temperature": 20.0}
+    assert at(4.0, 1.0) == {"load_torque": 0.3}
+    assert at(4.1, 1.0) == {}
+    assert log.at("rudder", 2 * NS) == ()
+
+
+def test_only_the_latest_measurements_are_kept():
+    log = MeasurementLog(most=2)
+    for second in range(1, 4):
+        log.add("flap", second * NS, measured_causes({"inertia": (0.1 * second, 0.01)}))
+    assert log.at("flap", NS) == ()
+    assert log.at("flap", 2 * NS)[0].value == pytest.approx(0.2)
+    log.clear()
+    assert log.at("flap", 2 * NS) == ()

@@ -1,0 +1,197 @@
+"""What is measured of a load or a temperature reaches the windows that it holds for."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ema_cli.bags.source_options import Source
+from ema_cli.bags.windows import read_windows
+from ema_cli.commands.estimate import estimate_windows
+from ema_cli.identification_options import IdentificationOptions
+from ema_core.faults import fault_vector
+from ema_core.telemetry import Telemetry
+from ema_interfaces.msg import FaultEstimate, HiddenCause, MeasuredCauses
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.node.messages import estimate_to_message
+from ema_monitor.windows.trigger import TriggerSettings
+from ema_recording.actuator_bag import SimulatedActuatorBag
+from ema_recording.writer import BagWriter
+from ema_ros import topics
+from ema_ros.stamps import stamp_from_message, stamp_to_message
+from ema_sim.actuator import SimulatedActuator
+
+from ..waiting import wait_for
+from .monitor_session import CYCLE, FLAP, START_NS, MonitorSession, monitor
+
+LOAD, SIGMA = 0.3, 0.01
+CYCLES = 4
+S = 1_000_000_000
+PERIOD_NS = 100_000
+CYCLE_NS = len(CYCLE.samples) * PERIOD_NS
+MAX_AGE_S = 1.5
+TOPIC = f"{topics.NAMESPACE}/{topics.MEASURED_CAUSES}"
+WARN = b"\x01"
+
+
+def measurement(
+    stamp_ns: int, value: float = LOAD, *, actuator_id: str = "flap", **given: Any
+) -> MeasuredCauses:
+    """A message with a load, or what is given instead."""
+    values = {"name": "load_torque", "value": value, "sigma": SIGMA} | given
+    message = MeasuredCauses(actuator_id=actuator_id, causes=[HiddenCause(**values)])
+    message.header.stamp = stamp_to_message(stamp_ns)
+    return message
+
+
+def window_start(cycle: int) -> int:
+    """A time just before the window of a cycle, in which the command has come to rest [ns]."""
+    return START_NS + cycle * CYCLE_NS + CYCLE.start * PERIOD_NS - 10_000_000
+
+
+@pytest.fixture(scope="module")
+def cycles() -> list[list[Telemetry]]:
+    """Test cycles of an actuator with friction under a load, in blocks."""
+    actuator = SimulatedActuator(stamp_ns=START_NS)
+    actuator.faults = fault_vector({"friction": 0.2})
+    actuator.causes = {"load_torque": LOAD}
+    found = []
+    for _ in range(CYCLES):
+        whole = actuator.advance(CYCLE.samples)
+        stops = [*range(500, len(whole), 500), len(whole)]
+        found.append([whole.part(a, b) for a, b in zip([0, *stops], stops, strict=False)])
+    return found
+
+
+@pytest.fixture(scope="module")
+def messages() -> list[MeasuredCauses]:
+    """Measurements before the windows of cycles 0 and 2 alone; others are not for them."""
+    return [
+        measurement(window_start(0) - S, 0.1),
+        measurement(window_start(0) - S // 2),
+        # The whole of cycle 1 has none: too old, of another actuator, during the window.
+        measurement(window_start(1) - round((MAX_AGE_S + 0.1) * S), 0.1),
+        measurement(window_start(1) - S // 2, 0.1, actuator_id="rudder"),
+        measurement(window_start(1) + S // 4, 0.1),
+        measurement(window_start(2) - S // 2),
+        # Of what is measured at different times, each counts.
+        measurement(window_start(2) - S, 0.0, name="winding_temperature", sigma=2.0, unit="K"),
+        measurement(window_start(3) - S // 2, 0.1),
+    ]
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory, cycles, messages) -> Path:
+    path = tmp_path_factory.mktemp("bags") / "loaded.mcap"
+    writer = BagWriter(path)
+    with SimulatedActuatorBag(writer, FLAP, START_NS) as recording:
+        writer.add_topic(TOPIC, *topics.SYSTEM_TOPICS[topics.MEASURED_CAUSES])
+        for block in (block for blocks in cycles for block in blocks):
+            recording.write_block(block, 0.0)
+        # Their stamps count, not when they were recorded.
+        for message in (*messages, measurement(START_NS, name="cogging")):
+            writer.write(TOPIC, message, START_NS, stamp_from_message(message.header.stamp))
+    return path
+
+
+@pytest.fixture(scope="module")
+def offline(bag: Path) -> list[FaultEstimate]:
+    """What `ema estimate` finds, as messages."""
+    settings = TriggerSettings()
+    source = Source(None, None, settings.threshold, settings.rest_s, measured_max_age_s=MAX_AGE_S)
+    found = read_windows(bag, source)
+    assert any("1 impossible measurement" in one and "cogging" in one for one in found.remarks)
+    options = IdentificationOptions(SearchSettings(), None)
+    estimates = estimate_windows(found.windows, Calibration.builtin(), options)
+    return [
+        estimate_to_message(one, item.number, item.description)
+        for one, item in zip(estimates, found.windows, strict=True)
+    ]
+
+
+@pytest.fixture(scope="module")
+def session() -> Iterator[MonitorSession]:
+    with monitor({"measured_max_age_s": MAX_AGE_S}) as running:
+        running.describe()
+        yield running
+
+
+@pytest.fixture(scope="module")
+def live(session: MonitorSession, cycles, messages) -> list[FaultEstimate]:
+    for message in messages:
+        session.send(topics.MEASURED_CAUSES, message)
+    log = session.node._units._measurements
+    wait_for(
+        lambda: any(one.value == 0.1 for one in log.at("flap", window_start(3))), "the measurements"
+    )
+    found = []
+    for blocks in cycles:
+        session.feed(blocks)
+        # More than two windows do not wait.
+        found.append(session.next_estimate())
+    return found
+
+
+def loads(causes: list[HiddenCause]) -> list[tuple[str, float, str]]:
+    return [(one.name, one.value, one.unit) for one in causes]
+
+
+def test_measurement_at_the_start_of_a_window_is_used_and_no_other(live: list[FaultEstimate]):
+    known = ("load_torque", LOAD, "N.m")
+    assert [loads(one.measured_causes) for one in live] == [
+        [known],
+        [],
+        [known, ("winding_temperature", 0.0, "K")],
+        [("load_torque", 0.1, "N.m")],
+    ]
+    assert live[0].measured_causes[0].sigma == SIGMA
+    for number in (0, 2):
+        assert (live[number].verdict, live[number].hidden_causes) == (FaultEstimate.VALID, [])
+    # What was not measured, or wrongly, is found.
+    for number in (1, 3):
+        [cause] = live[number].hidden_causes
+        assert cause.name == "load_torque"
+        assert abs(cause.value - LOAD) < 3.0 * cause.sigma
+    assert "measured as +0.1 +- 0.01 N.m" in live[3].reason
+
+
+def test_bag_gives_the_estimates_of_the_monitor(live, offline):
+    for one, other in zip(live, offline, strict=True):
+        assert one.measured_causes == other.measured_causes
+        assert (one.hidden_causes, one.reason) == (other.hidden_causes, other.reason)
+        assert one.faults == other.faults
+        np.testing.assert_array_equal(one.covariance, other.covariance)
+        assert one.evaluations == other.evaluations
+
+
+WRONG: dict[str, tuple[Callable[[], MeasuredCauses], str]] = {
+    "name": (lambda: measurement(S, name="cogging"), "unknown measured cause 'cogging'"),
+    "value": (lambda: measurement(S, 11.0), "load_torque = 11.0: expected a number in [-10, 10]"),
+    "not finite": (lambda: measurement(S, float("nan")), "load_torque = nan: expected a number"),
+    "sigma": (lambda: measurement(S, sigma=-1.0), "sigma = -1.0: expected a positive"),
+    "unit": (lambda: measurement(S, unit="mN.m"), "unit = 'mN.m': expected 'N.m'"),
+    "stamp": (lambda: measurement(0), "stamp = 0 ns: expected the time of the measurement"),
+}
+
+
+@pytest.mark.usefixtures("live")
+@pytest.mark.parametrize("case", WRONG)
+def test_impossible_measurement_is_named_and_counted(session: MonitorSession, case: str):
+    make, said = WRONG[case]
+    before = session.node._units["flap"]._defect_count
+    session.send(topics.MEASURED_CAUSES, make())
+    status = session.until_status("flap telemetry", said, WARN)
+    assert {item.key: item.value for item in status.values}["defects"] == str(before + 1)
+
+
+@pytest.mark.usefixtures("live")
+def test_measurement_of_nobody_or_of_an_unknown_actuator(session: MonitorSession):
+    session.send(topics.MEASURED_CAUSES, measurement(S, actuator_id=""))
+    session.until_status("input", "measured causes without actuator_id", WARN)
+    session.send(topics.MEASURED_CAUSES, measurement(S, 11.0, actuator_id="tab"))
+    session.until_status("input", "'tab': measured cause load_torque = 11.0", WARN)
+    session.send(topics.MEASURED_CAUSES, measurement(S, actuator_id="tab"))
+    assert "tab" not in session.node._units
