@@ -3,29 +3,25 @@
 from typing import TYPE_CHECKING
 
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
-from ema_monitor.model.measured import checked_causes
 from ema_ros.stamps import stamp_from_message
 
 if TYPE_CHECKING:
     from ema_interfaces.msg import MeasuredCauses
 
 
-def measured_from_message(message: "MeasuredCauses") -> tuple[int, tuple[CauseEstimate, ...]]:
-    """Return when causes were measured [ns], and what they are.
+def measured_from_message(message: "MeasuredCauses") -> tuple[int, list[CauseEstimate]]:
+    """Return when causes were measured [ns], and what they are; their values are not checked.
 
     Raises
     ------
     ValueError
-        When there is no stamp, a unit is not that of the registry, or as of `checked_causes`.
+        When there is no stamp, or a unit is not that of the registry.
     """
     stamp_ns = stamp_from_message(message.header.stamp)
     if stamp_ns <= 0:
         raise ValueError(f"stamp = {stamp_ns} ns: expected the time of the measurement")
-    measured = checked_causes(
-        [CauseEstimate(one.name, one.value, one.sigma) for one in message.causes]
-    )
     for one in message.causes:
         unit = CAUSE_BY_NAME[one.name].unit if one.name in CAUSE_BY_NAME else ""
         if one.unit not in ("", unit):
             raise ValueError(f"measured cause {one.name}: unit = {one.unit!r}: expected {unit!r}")
-    return stamp_ns, measured
+    return stamp_ns, [CauseEstimate(one.name, one.value, one.sigma) for one in message.causes]

@@ -126,12 +126,11 @@ class Units(dict[str, Unit]):
             return
         try:
             stamp_ns, measured = measured_from_message(message)
+            with self.lock:
+                self._measurements.add(actuator_id, stamp_ns, measured)
         except ValueError as error:
             # A measurement alone does not make an actuator known.
             self.add_defect(actuator_id, str(error), is_known=actuator_id in self)
-            return
-        with self.lock:
-            self._measurements.add(actuator_id, stamp_ns, measured)
 
     def restart(self, settings: TriggerSettings) -> None:
         """Look for windows with other settings from now on."""

@@ -1,10 +1,12 @@
 """Measurements of hidden causes by actuator, and which of them hold for a window."""
 
 from bisect import bisect_right, insort
+from collections.abc import Iterable
 from typing import Final
 
 from ema_core.causes import CauseEstimate
 from ema_monitor.model.deviations import HIDDEN_CAUSES
+from ema_monitor.model.measured import checked_causes
 
 MAX_AGE_S: Final = 10.0
 """Usual age at the start of a window up to which a measurement holds for it [s]."""
@@ -31,7 +33,7 @@ class MeasurementLog:
         """Forget all."""
         self._by_actuator.clear()
 
-    def add(self, actuator_id: str, stamp_ns: int, measured: tuple[CauseEstimate, ...]) -> None:
+    def add(self, actuator_id: str, stamp_ns: int, measured: Iterable[CauseEstimate]) -> None:
         """Keep what was measured at a time; of more than a thousand actuators, the latest.
 
         Parameters
@@ -39,8 +41,14 @@ class MeasurementLog:
         actuator_id, stamp_ns
             Of which actuator, and when [ns].
         measured
-            As `measured_causes` returns it.
+            What it was.
+
+        Raises
+        ------
+        ValueError
+            As of `checked_causes`; then nothing is kept.
         """
+        measured = checked_causes(measured)
         by_name = self._by_actuator[actuator_id] = self._by_actuator.pop(actuator_id, {})
         for one in measured:
             course = by_name.setdefault(one.name, [])
