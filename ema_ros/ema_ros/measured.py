@@ -21,7 +21,9 @@ def measured_from_message(message: "MeasuredCauses") -> tuple[int, list[CauseEst
     if stamp_ns <= 0:
         raise ValueError(f"stamp = {stamp_ns} ns: expected the time of the measurement")
     for one in message.causes:
-        unit = CAUSE_BY_NAME[one.name].unit if one.name in CAUSE_BY_NAME else ""
-        if one.unit not in ("", unit):
-            raise ValueError(f"measured cause {one.name}: unit = {one.unit!r}: expected {unit!r}")
+        cause = CAUSE_BY_NAME.get(one.name)
+        if cause and one.unit not in ("", cause.unit):
+            raise ValueError(
+                f"measured cause {one.name}: unit = {one.unit!r}: expected {cause.unit!r}"
+            )
     return stamp_ns, [CauseEstimate(one.name, one.value, one.sigma) for one in message.causes]

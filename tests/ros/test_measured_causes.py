@@ -25,6 +25,7 @@ from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_sim.actuator import SimulatedActuator
 
 from ..waiting import wait_for
+from .graph import Graph
 from .monitor_session import CYCLE, FLAP, START_NS, MonitorSession, monitor
 
 LOAD, SIGMA = 0.3, 0.01
@@ -135,7 +136,7 @@ def live(session: MonitorSession, cycles, messages) -> list[FaultEstimate]:
     return found
 
 
-def loads(causes: list[HiddenCause]) -> list[tuple[str, float, str]]:
+def loads(causes: Any) -> list[tuple[str, float, str]]:
     return [(one.name, one.value, one.unit) for one in causes]
 
 
@@ -147,12 +148,12 @@ def test_measurement_at_the_start_of_a_window_is_used_and_no_other(live: list[Fa
         [known, ("winding_temperature", 0.0, "K")],
         [("load_torque", 0.1, "N.m")],
     ]
-    assert live[0].measured_causes[0].sigma == SIGMA
+    assert next(iter(live[0].measured_causes)).sigma == SIGMA
     for number in (0, 2):
-        assert (live[number].verdict, live[number].hidden_causes) == (FaultEstimate.VALID, [])
+        assert (live[number].verdict, list(live[number].hidden_causes)) == (FaultEstimate.VALID, [])
     # What was not measured, or wrongly, is found.
     for number in (1, 3):
-        [cause] = live[number].hidden_causes
+        [cause] = list(live[number].hidden_causes)
         assert cause.name == "load_torque"
         assert abs(cause.value - LOAD) < 3.0 * cause.sigma
     assert "measured as +0.1 +- 0.01 N.m" in live[3].reason
@@ -165,6 +166,19 @@ def test_bag_gives_the_estimates_of_the_monitor(live, offline):
         assert one.faults == other.faults
         np.testing.assert_array_equal(one.covariance, other.covariance)
         assert one.evaluations == other.evaluations
+
+
+@pytest.mark.slow
+def test_replay_of_the_actuator_alone_has_its_measurements(bag: Path, offline: list[FaultEstimate]):
+    with Graph() as graph:
+        graph.start("monitor", use_sim_time=True, measured_max_age_s=MAX_AGE_S)
+        graph.wait_for(lambda: graph.status, "the monitor")
+        graph.start("player", bag=bag, rate=5.0, actuator_only=True)
+        graph.wait_for(lambda: len(graph.estimates) == CYCLES, "the estimates")
+    replayed = sorted(graph.estimates, key=lambda item: item.window)
+    for one, other in zip(replayed, offline, strict=True):
+        assert one.measured_causes == other.measured_causes
+        assert (one.faults, one.reason) == (other.faults, other.reason)
 
 
 WRONG: dict[str, tuple[Callable[[], MeasuredCauses], str]] = {
