@@ -83,10 +83,14 @@ def test_wrong_measurement_is_contradicted_by_the_window(
 ):
     window = simulated({"load_torque": load} if load else {}, faults)
     estimate = identify(window, description, calibration, measured={"load_torque": (said, 0.01)})
-    [cause] = estimate.causes
-    # The measurement draws it by its share of the information, measured 0.3 % of the difference.
-    assert abs(cause.value - load) < 0.01 * abs(said - load) + 3.0 * cause.sigma
-    assert f"measured as {said:+.3g} +- 0.01 N.m" in estimate.reason
+    assert f"contradicts it: measured load torque {said:+.3g} +- 0.01 N.m" in estimate.reason
+    # As if nothing had been measured.
+    alone = identify(window, description, calibration)
+    assert (estimate.measured, estimate.causes) == ((), alone.causes)
+    np.testing.assert_array_equal(estimate.faults, alone.faults)
+    np.testing.assert_array_equal(estimate.covariance, alone.covariance)
+    assert estimate.evaluations > alone.evaluations
+    assert [cause.name for cause in estimate.causes] == (["load_torque"] if load else [])
     assert error(estimate, faults) < 0.003
 
 

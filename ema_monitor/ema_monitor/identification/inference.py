@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
+from ema_core.causes import CauseEstimate
 from ema_core.faults import (
     ECCENTRICITY,
     ECCENTRICITY_PHASE,
@@ -167,7 +167,7 @@ class Inference:
                 "the fit cannot be judged: the healthy windows of the calibration "
                 f"({self._calibration.windows}) do not give their scatter"
             )
-        reservations += [self._words(cause) for cause in causes]
+        reservations += [str(cause) for cause in causes]
         doubts = _confusions(explanation.alternatives)
         defects = []
         if goodness > limit:
@@ -233,18 +233,11 @@ class Inference:
     def _is_news(self, cause: CauseEstimate) -> bool:
         """Return whether a cause differs significantly from what was expected of it."""
         if measured := self._measured.get(cause.name):
-            sigma = math.hypot(cause.sigma, measured.sigma)
-            return abs(cause.value - measured.value) > SIGNIFICANT_CAUSE * sigma
+            # Of both, the window and the measurement, it cannot be known less well than of one.
+            return abs(cause.value - measured.value) > SIGNIFICANT_CAUSE * measured.sigma
         if cause.name in self._before.nuisances:
             return abs(cause.value) > SIGNIFICANT_CAUSE * cause.sigma
         return True
-
-    def _words(self, cause: CauseEstimate) -> str:
-        measured = self._measured.get(cause.name)
-        if measured is None:
-            return str(cause)
-        label = CAUSE_BY_NAME[cause.name].label
-        return f"{cause}, measured as {str(measured).removeprefix(label).lstrip()}"
 
     @property
     def _always(self) -> list[int]:

@@ -101,8 +101,27 @@ class Identification:
             yield from self._search(self._window, self._calibration)
 
     def _search(self, window: Window, calibration: Calibration) -> Iterator[Generation]:
-        started = time.perf_counter()
+        """Search, and again without what was measured and the window contradicts."""
+        started, spent, remarks = time.perf_counter(), 0, []
+        while True:
+            yield from self._search_once(window, calibration, remarks, started)
+            if self.estimate is None:
+                raise RuntimeError("the search ended without an estimate")
+            self.estimate = replace(self.estimate, evaluations=spent + self.estimate.evaluations)
+            spent = self.estimate.evaluations
+            named = {cause.name for cause in self.estimate.causes}
+            wrong = [one for one in self.estimate.measured if one.name in named]
+            if not wrong:
+                return
+            remarks += [f"not used, as the window contradicts it: measured {one}" for one in wrong]
+            left = tuple(one for one in window.measured if one not in wrong)
+            window = replace(window, measured=left)
+
+    def _search_once(
+        self, window: Window, calibration: Calibration, remarks: list[str], started: float
+    ) -> Iterator[Generation]:
         refused, caveats = self._mismatches(window, calibration)
+        caveats = [*remarks, *caveats]
         if refused:
             self.estimate = self._refuse(refused)
             return
@@ -122,7 +141,10 @@ class Identification:
         )
         warm = self._previous is not None
         start = objective.encode(healthy_faults() if self._previous is None else self._previous)
-        begin = dict(zip(self._before.nuisances, self._before.start, strict=False))
+        # The place where they begin is relative to what was measured of them.
+        begin = (
+            {} if remarks else dict(zip(self._before.nuisances, self._before.start, strict=False))
+        )
         for number, one in enumerate(causes, start=-len(causes)):
             start[number] = begin.get(one.name, start[number])
         inference = Inference(window, calibration, settings, self._before)
