@@ -9,16 +9,17 @@ import pytest
 from ema_core.causes import CauseEstimate
 from ema_core.faults import ECCENTRICITY_PHASE, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.identification.combination import Combination
+from ema_monitor.api import find_windows
+from ema_monitor.identification.combination import Combination, CombinationSettings
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import identify
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.deviations import HIDDEN_CAUSES
 from ema_monitor.model.measured import expected_causes, measured_causes, measured_causes_of
 from ema_monitor.windows.measurements import MeasurementLog
-from ema_monitor.windows.trigger import WindowTrigger
+from ema_monitor.windows.trigger import ANY_MOTION, TriggerSettings, WindowTrigger
 from ema_monitor.windows.window import Window
-from ema_sim.api import simulate
+from ema_sim.api import Command, simulate
 
 PARAMETERS = ActuatorParameters()
 FRICTION = {"friction": 0.2}
@@ -163,6 +164,28 @@ def test_measured_causes_of_a_stretch_are_used_in_a_combination(
     [estimate] = [*combination.add(window), *combination.finish()]
     assert (estimate.measured, estimate.causes) == (measured, ())
     assert abs(estimate.faults.friction - 0.2) < 0.003
+
+
+@pytest.mark.slow
+def test_wrong_measurement_in_ordinary_motion_is_not_used(calibration, description):
+    """Believed, it made three shorts of .28 and no friction of it."""
+    moves = Command("moves", amplitude=0.008, rate=0.3, duration=3.0)
+    causes = {"load_torque": 0.3, "torque_constant": -0.03}
+    telemetry = simulate({"friction": 0.2}, command=moves, causes=causes)
+    measured = measured_causes({"load_torque": (0.1, 0.01), "torque_constant": (-0.03, 0.002)})
+    stretches = find_windows(telemetry, description, TriggerSettings(windows=ANY_MOTION))
+    combination = Combination(
+        description, calibration, settings=CombinationSettings(wanted_sigma=0.02)
+    )
+    [estimate, *_] = [
+        found
+        for stretch in stretches
+        for found in combination.add(replace(stretch, measured=measured))
+    ]
+    assert "contradicts it: measured load torque +0.1 +- 0.01 N.m" in estimate.reason
+    assert [one.name for one in estimate.measured] == ["torque_constant"]
+    assert abs(estimate.faults.friction - 0.2) < 3.0 * estimate.sigma.friction
+    assert estimate.faults.short_circuit_a < 3.0 * estimate.sigma.short_circuit_a
 
 
 def test_warm_search_begins_at_the_measurement(simulated, calibration, description):
