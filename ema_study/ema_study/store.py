@@ -29,6 +29,7 @@ _NUMERICS: Final = (
     "ema_monitor.calibration.columns",
     "ema_monitor.model.threads",
     "ema_monitor.model.deviations",
+    "ema_monitor.model.measured",
     "ema_monitor.model.drives",
     "ema_monitor.identification.fitness",
     "ema_monitor.calibration.fit",

@@ -7,7 +7,7 @@ import pytest
 from ema_core.faults import COMPONENTS
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_certificate_promises_what_simulated_tests_give(ema):
     result = ema("certify", "--monte-carlo", "12", "--require", "friction=0.0001", "--json")
     assert result.exit_code == 3
@@ -24,7 +24,7 @@ def test_certificate_promises_what_simulated_tests_give(ema):
     assert verdicts["winding_temperature"] == "does not show"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_slow_coarse_sensors_promise_less_and_a_step_is_refused(ema, tmp_path):
     coarse = ema(
         *("certify", "--sample-rate", "1000", "--current-noise", "0.3"),

@@ -39,7 +39,7 @@ def modelled(faults, rng, noise=1.0) -> Window:
     return replace(window, telemetry=replace(window.telemetry, current=current, speed=speed))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_predicted_scatter_is_that_of_repeated_estimates():
     faults, rng = combined_faults(0), np.random.default_rng(1)
     description, calibration = ActuatorDescription(), Calibration.builtin()

@@ -119,7 +119,7 @@ def test_points_are_swings_that_end_at_a_turning_point(search, limits):
         assert command.end_frequency > command.start_frequency
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_search_finds_a_short_swing_within_the_limits(search, limits, information):
     point = np.full(5, 0.5)
     for best, _ in search.run(point):
