@@ -95,7 +95,8 @@ def test_calibrating_on_more_windows_takes_no_more_memory(bags, monkeypatch):
     short, long = (peak_bytes(lambda n=n: fit(found.windows[:n])) for n in (SHORT, LONG))
     one_window = found.windows[0].window
     assert isinstance(one_window, Window)
-    assert long - short < one_window.telemetry.command.nbytes
+    # Twelve windows more, and less than one of them is held; all else varies by 40 kB.
+    assert long - short < sum(getattr(one_window.telemetry, name).nbytes for name in COLUMNS)
 
 
 def test_window_read_again_is_the_one_that_was_found(record, faulty_blocks, spoiled):
