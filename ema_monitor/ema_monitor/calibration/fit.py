@@ -17,7 +17,7 @@ from ema_monitor.calibration.columns import column_defect
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import FORMS, MonitorModel, Response
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
-from ema_monitor.windows.band import band_limited, rms, speed_weight
+from ema_monitor.windows.band import BAND_CORRELATION, band_limited, rms, speed_weight
 from ema_monitor.windows.window import Window
 
 _STEPS = 0.05
@@ -26,7 +26,6 @@ _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
 _WORTHWHILE = 0.3
 _NOTABLE = 0.4
 _ALWAYS_FITTED = ("lift", "friction", "stribeck_speed", "inertia")
-_CORRELATION = 4.0
 _LEAST_NOISE = 1e-2
 
 
@@ -274,7 +273,7 @@ def _fit_unit(
     while True:
         slopes = problem.slopes(x)
         # The residual that is left, at least a hundredth of an ampere, sets what a value weighs.
-        noise = math.sqrt(_CORRELATION) * max(rms(left), _LEAST_NOISE)
+        noise = math.sqrt(BAND_CORRELATION) * max(rms(left), _LEAST_NOISE)
         away = x - problem.expected
         cost = left @ left / noise**2 + away @ prior @ away
         normal = slopes.T @ slopes / noise**2 + prior

@@ -23,6 +23,7 @@ from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
     covariance_of_effects,
     refitted,
+    ridge_of,
     sandwich_covariance,
     shifts_of,
     significant_components,
@@ -86,8 +87,7 @@ class Quadratic(NamedTuple):
     def of(cls, at: Linearisation) -> Self:
         """Return that of a linearisation."""
         normal = at.jacobian.T @ at.jacobian
-        # A ridge keeps a component solvable that leaves no trace.
-        normal += 1e-9 * max(np.max(np.diag(normal)), 1e-200) * np.eye(len(normal))
+        normal += ridge_of(normal) * np.eye(len(normal))
         return cls(at, at.cost, at.jacobian.T @ at.residuals, normal)
 
     def lowest(

@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.model.monitor_model import Response
-from ema_monitor.windows.band import band_limited, band_samples, rms, speed_weight
+from ema_monitor.windows.band import BAND_CORRELATION, band_limited, band_samples, rms, speed_weight
 from ema_monitor.windows.window import Window
 
 _SLOW_SHARE = 0.5
 _ROBUST_SCALE = 2.0
 _UNKNOWN_SCATTER = 0.05
 _GOOD_COST = 3.0
-_CORRELATION = 4.0
 
 
 class Fitness(Protocol):
@@ -95,10 +94,10 @@ class BandLimited:
         self.weights = magnitude / np.hypot(magnitude, slow)
         self.spacing = h * band_samples(len(window), h)
         self.good_cost = _GOOD_COST * scatter**2 * h * len(window)
-        self.noise = _CORRELATION * self.spacing * scatter**2
+        self.noise = BAND_CORRELATION * self.spacing * scatter**2
         excess = self._stiffness * speed_scatter / scatter
         both = 1.0 + excess**2 if np.isfinite(excess) else 2.0
-        self.effective = both * float(np.sum(self.weights**2)) / _CORRELATION
+        self.effective = both * float(np.sum(self.weights**2)) / BAND_CORRELATION
 
     def residuals(self, expected: Response) -> NDArray[np.float64]:
         """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)].

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from ema_core.causes import CauseEstimate
 from ema_core.faults import (
-    ECCENTRICITY,
     ECCENTRICITY_PHASE,
     FAULTS,
     N_FAULTS,
@@ -29,6 +28,7 @@ from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
     SIGNIFICANT_CAUSE,
+    SPANS,
     uncertainty_of_faults,
 )
 from ema_monitor.model.measured import expected_causes
@@ -85,9 +85,9 @@ class Inference:
         self.knowledge: Knowledge | None = None
         self.surprise = 0.0
         self._lags = max(1, round(CORRELATION_S / self._objective.spacing))
-        # Of one unit of a point: zeta cos(phi), zeta sin(phi) and the play change by 2.
+        # Of one unit of a point: the play changes by 2.
         self._span = np.ones(len(self._objective.healthy))
-        self._span[[ECCENTRICITY, ECCENTRICITY_PHASE]] = 2.0
+        self._span[:N_FAULTS] = SPANS
         if window.play is None:
             self._span[N_FAULTS] = 2.0
 

@@ -12,6 +12,7 @@ from ema_monitor.identification.uncertainty import (
     MISMATCH_SIGMA,
     SPANS,
     UNOBSERVABLE_SIGMA,
+    ridge_of,
     with_mismatch,
 )
 from ema_monitor.model.deviations import Prior
@@ -133,7 +134,7 @@ def information(jacobian: NDArray[np.float64], noise: float) -> NDArray[np.float
     """
     normal = jacobian.T @ jacobian / noise
     others = normal[N_FAULTS:, N_FAULTS:]
-    others = others + 1e-9 * max(np.max(np.diag(others), initial=0.0), 1e-200) * np.eye(len(others))
+    others = others + ridge_of(others) * np.eye(len(others))
     coupling = normal[N_FAULTS:, _FAULTS]
     found = normal[_FAULTS, _FAULTS] - coupling.T @ np.linalg.solve(others, coupling)
     return (found + found.T) / 2.0

@@ -9,6 +9,7 @@ from ema_core.faults import N_FAULTS
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.knowledge import Knowledge, information
 from ema_monitor.identification.objective import Linearisation, Objective
+from ema_monitor.identification.uncertainty import ridge_of
 from ema_monitor.model.measured import expected_causes
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 from ema_monitor.windows.band import band_limited
@@ -143,7 +144,7 @@ def _explained(at: Linearisation, known: Knowledge, noise: float) -> NDArray[np.
         Variance of an effective residual.
     """
     normal, gradient = at.jacobian.T @ at.jacobian / noise, at.jacobian.T @ at.residuals / noise
-    normal += 1e-9 * max(np.max(np.diag(normal)), 1e-200) * np.eye(len(normal))
+    normal += ridge_of(normal) * np.eye(len(normal))
     faults, rows = slice(0, N_FAULTS), known.rows()
     normal[faults, faults] += rows.T @ rows
     gradient[faults] += rows.T @ (rows @ (at.point[faults] - known.point))

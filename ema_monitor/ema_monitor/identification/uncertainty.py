@@ -149,11 +149,18 @@ def shifts_of(jacobian: NDArray[np.float64], effects: NDArray[np.float64]) -> ND
     return bread @ (jacobian.T @ effects)
 
 
+def ridge_of(normal: NDArray[np.float64]) -> float:
+    """Return what to add to the diagonal of a normal matrix, ``(d, d)``, to make it solvable.
+
+    It is far below what any visible component has there, and keeps an invisible one finite.
+    """
+    return 1e-9 * max(float(np.max(np.diag(normal), initial=0.0)), 1e-200)
+
+
 def _inverse_normal(jacobian: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
     """Return the inverse of the normal matrix, and the ridge that it was given."""
     normal = jacobian.T @ jacobian
-    # A ridge far below what any visible component has keeps an invisible one finite.
-    ridge = 1e-9 * max(np.max(np.diag(normal)), 1e-200)
+    ridge = ridge_of(normal)
     inverse: NDArray[np.float64] = np.linalg.inv(normal + ridge * np.eye(len(normal)))  # pyright: ignore[reportAssignmentType]
     return inverse, ridge
 
@@ -282,8 +289,7 @@ def refitted(
     left = residuals + jacobian @ (start - point)
     columns = jacobian[:, shown]
     normal = columns.T @ columns
-    # A ridge keeps a component solvable that leaves no trace.
-    normal += 1e-9 * max(np.max(np.diag(normal), initial=0.0), 1e-200) * np.eye(len(normal))
+    normal += ridge_of(normal) * np.eye(len(normal))
     start[shown] = lowest_in_box(normal, columns.T @ left, start[shown])
     return start
 

@@ -11,6 +11,10 @@ BAND_S: Final = 2e-3
 """Length of the smoothing window [s]; above some 1 kHz there is only the ripple of the PWM."""
 
 
+BAND_CORRELATION: Final = 4.0
+"""How many values of a band-limited residual count as one that is independent [-]."""
+
+
 def band_samples(n: int, sample_period: float) -> int:
     """Return how many samples lie between two values of a band-limited row of ``n`` samples."""
     return max(1, min(round(BAND_S / sample_period / 2.0), n // 2))
