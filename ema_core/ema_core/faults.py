@@ -287,6 +287,47 @@ def fault_vector(values: Mapping[str, float] | ArrayLike) -> NDArray[np.float64]
     return k
 
 
+def eccentricity_angle(phase: Any) -> Any:
+    """Return the direction phi of an eccentricity [rad] from its phase; of any shape."""
+    return (2.0 * phase - 1.0) * np.pi
+
+
+def eccentricity_vector(faults: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``zeta cos(phi)`` and ``zeta sin(phi)`` of fault vectors.
+
+    Parameters
+    ----------
+    faults
+        One fault vector, ``(8,)``, or many, ``(m, 8)``.
+
+    Returns
+    -------
+    numpy.ndarray
+        ``(2,)`` or ``(2, m)``; smooth where the eccentricity is 0 and its phase undefined.
+    """
+    phi = eccentricity_angle(faults[..., ECCENTRICITY_PHASE])
+    return faults[..., ECCENTRICITY] * np.stack([np.cos(phi), np.sin(phi)])
+
+
+def with_eccentricity(
+    faults: NDArray[np.float64], vector: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return fault vectors, ``(m, 8)``, with another eccentricity, one beyond 1 reduced to 1.
+
+    Parameters
+    ----------
+    faults
+        The fault vectors, ``(m, 8)``.
+    vector
+        ``zeta cos(phi)`` and ``zeta sin(phi)`` of each, ``(2, m)``.
+    """
+    x, y = vector
+    result = faults.copy()
+    result[:, ECCENTRICITY] = np.minimum(np.hypot(x, y), 1.0)
+    result[:, ECCENTRICITY_PHASE] = (np.arctan2(y, x) / np.pi + 1.0) / 2.0
+    return result
+
+
 def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
     """Return the constants of a plant with faults; a healthy vector leaves them unchanged.
 
@@ -318,7 +359,7 @@ def degrade(plant: PlantConstants, faults: ArrayLike) -> PlantConstants:
             N_c=plant.motor.N_c * turns_c,
             zeta=plant.motor.zeta + zeta,
             # In this form the healthy direction leaves phi exactly unchanged.
-            phi=plant.motor.phi + (2.0 * phase - 1.0) * np.pi,
+            phi=plant.motor.phi + eccentricity_angle(phase),
         ),
         plant.mechanics._replace(
             f_s=plant.mechanics.f_s * friction,

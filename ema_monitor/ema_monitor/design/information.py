@@ -7,7 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.commands import Command
-from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, N_FAULTS, healthy_faults
+from ema_core.faults import (
+    ECCENTRICITY,
+    ECCENTRICITY_PHASE,
+    N_FAULTS,
+    eccentricity_angle,
+    healthy_faults,
+)
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.design.states import N_COMBINED, combined_faults, present
@@ -126,7 +132,7 @@ class Information:
             known = with_mismatch(known * np.outer(self._span, self._span), MISMATCH_SIGMA)
             variance = np.diag(known).copy()
             # Of the eccentricity along its own direction; the direction is no fault.
-            phi = (2.0 * faults[ECCENTRICITY_PHASE] - 1.0) * np.pi
+            phi = eccentricity_angle(faults[ECCENTRICITY_PHASE])
             along = np.array([np.cos(phi), np.sin(phi)])
             plane = [ECCENTRICITY, ECCENTRICITY_PHASE]
             variance[plane] = along @ known[np.ix_(plane, plane)] @ along, 0.0

@@ -14,7 +14,9 @@ from ema_core.faults import (
     HIGHEST,
     N_FAULTS,
     SHORT_CIRCUITS,
+    eccentricity_vector,
     healthy_faults,
+    with_eccentricity,
 )
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.fitness import DEFAULT_FITNESS, FITNESS
@@ -66,11 +68,9 @@ class Coordinates:
         points
             Points of the box, ``(m, d)``; an eccentricity beyond 1 is reduced to 1.
         """
-        faults = points[:, :N_FAULTS].copy()
+        faults = points[:, :N_FAULTS]
         if self.cartesian:
-            x, y = (2.0 * points[:, _PLANE] - 1.0).T
-            faults[:, ECCENTRICITY] = np.minimum(np.hypot(x, y), 1.0)
-            faults[:, ECCENTRICITY_PHASE] = (np.arctan2(y, x) / np.pi + 1.0) / 2.0
+            faults = with_eccentricity(faults, (2.0 * points[:, _PLANE] - 1.0).T)
         if self.play is None:
             play = 2.0 * points[:, N_FAULTS] - 1.0
         else:
@@ -92,8 +92,7 @@ class Coordinates:
         """
         point = faults.copy()
         if self.cartesian:
-            zeta, phi = faults[ECCENTRICITY], (2.0 * faults[ECCENTRICITY_PHASE] - 1.0) * np.pi
-            point[_PLANE] = (1.0 + zeta * np.array([np.cos(phi), np.sin(phi)])) / 2.0
+            point[_PLANE] = (1.0 + eccentricity_vector(faults)) / 2.0
         place = [] if self.play is not None else [(play + 1.0) / 2.0]
         return np.concatenate([point, place, np.full(len(self.hidden), 0.5)])
 

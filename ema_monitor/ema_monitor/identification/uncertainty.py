@@ -8,7 +8,14 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import COMPONENTS, ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS, N_FAULTS
+from ema_core.faults import (
+    COMPONENTS,
+    ECCENTRICITY,
+    ECCENTRICITY_PHASE,
+    FAULTS,
+    N_FAULTS,
+    eccentricity_angle,
+)
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 
 _PLANE = [ECCENTRICITY, ECCENTRICITY_PHASE]
@@ -196,7 +203,7 @@ def uncertainty_of_faults(
         What the model misses over what it misses of a healthy actuator; NaN when unknown.
     """
     zeta = faults[ECCENTRICITY]
-    phi = (2.0 * faults[ECCENTRICITY_PHASE] - 1.0) * np.pi
+    phi = eccentricity_angle(faults[ECCENTRICITY_PHASE])
     cosine, sine = np.cos(phi), np.sin(phi)
     covariance = with_mismatch(covariance[:N_FAULTS, :N_FAULTS], MISMATCH_SIGMA)
     covariance *= np.fmax(1.0, goodness_of_fit / USUAL_MISFIT) ** 2

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.causes import CAUSE_BY_NAME, COPPER, Cause
-from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE
+from ema_core.faults import eccentricity_vector, with_eccentricity
 from ema_core.parameters import ActuatorParameters, PlantConstants
 
 
@@ -228,12 +228,7 @@ def with_own_eccentricity(
     own = np.stack([d.eccentricity_cos, d.eccentricity_sin])
     if not np.any(own):
         return faults
-    zeta, phi = faults[:, ECCENTRICITY], (2.0 * faults[:, ECCENTRICITY_PHASE] - 1.0) * np.pi
-    x, y = zeta * np.stack([np.cos(phi), np.sin(phi)]) + own
-    total = faults.copy()
-    total[:, ECCENTRICITY] = np.minimum(np.hypot(x, y), 1.0)
-    total[:, ECCENTRICITY_PHASE] = (np.arctan2(y, x) / np.pi + 1.0) / 2.0
-    return total
+    return with_eccentricity(faults, eccentricity_vector(faults) + own)
 
 
 def sensed(

@@ -20,6 +20,7 @@ from ema_core.faults import (
     HIGHEST,
     N_FAULTS,
     SHORT_CIRCUITS,
+    eccentricity_vector,
 )
 from ema_core.simd import LANES, broadcast, load, store
 
@@ -45,9 +46,7 @@ def coordinates(faults: NDArray[np.float64]) -> NDArray[np.float64]:
     torque needed to cross a play grows with that; a short circuit counts to half the turns.
     """
     x = np.clip(faults, 0.0, HIGHEST)
-    phi = (2.0 * x[:, ECCENTRICITY_PHASE] - 1.0) * np.pi
-    zeta = x[:, ECCENTRICITY].copy()
-    x[:, ECCENTRICITY], x[:, ECCENTRICITY_PHASE] = zeta * np.cos(phi), zeta * np.sin(phi)
+    x[:, ECCENTRICITY], x[:, ECCENTRICITY_PHASE] = eccentricity_vector(x)
     x[:, BACKLASH] = np.sqrt(x[:, BACKLASH] + _SMALLEST_BACKLASH)
     x[:, SHORT_CIRCUITS] = np.minimum(x[:, SHORT_CIRCUITS], _WIDEST_SHORT_CIRCUIT)
     x[:, GAIN] = 2.0 * x[:, GAIN] - 1.0
