@@ -6,8 +6,6 @@ Every window comes from the high-fidelity simulation, which the estimator never 
 that nothing was tuned on. Prints tables and writes JSON. Needs g++ for the unit of time.
 """
 
-import json
-import time
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +21,9 @@ from click import Path as PathType
 from click import command, option
 from exactness import Healthy, Sizes, Trial, pooled
 from intervals import coverage
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import Progress
 from tables import show
-from trials import Workers, workers
+from trials import Workers, run_benchmark, workers
 
 
 def measure(progress: Progress, sizes: Sizes, *, with_ablation: bool) -> dict[str, Any]:
@@ -108,17 +105,10 @@ def _bounds(
 @option("--ablation/--no-ablation", "with_ablation", default=True, show_default=True)
 def main(output: Path | None, quick: bool, with_ablation: bool) -> None:
     """Print the tables and write the JSON file."""
-    started = time.perf_counter()
     sizes = Sizes.quick() if quick else Sizes()
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
-        figures = measure(progress, sizes, with_ablation=with_ablation)
-    figures["duration_s"] = time.perf_counter() - started
-    console = Console(width=120)
-    show(console, figures)
-    console.print(f"{figures['duration_s']:.0f} s in all")
-    if output:
-        output.write_text(json.dumps(figures, indent=1))
+    run_benchmark(
+        lambda progress: measure(progress, sizes, with_ablation=with_ablation), show, output, 120
+    )
 
 
 if __name__ == "__main__":

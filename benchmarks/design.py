@@ -7,7 +7,6 @@ designs commands and compares them with the thesis's chirp; runs chirp and desig
 foreign actuators (`foreign`, effects for development), which the design knows nothing of.
 """
 
-import json
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,11 +19,11 @@ from cases import CURRENT_NOISE, RESOLUTIONS
 from foreign.effects import DEVELOPMENT, draw_plant
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import Progress
 from rich.table import Table
 from tables import target_table
 from targets import Row
-from trials import Workers, difference, workers
+from trials import Workers, difference, run_benchmark, workers
 from trust_cases import moderate_faults
 
 from ema_cli.rehearsal import Rehearsal
@@ -354,16 +353,8 @@ def _label(name: str) -> str:
 @click.option("--quick", is_flag=True, help="About half of everything.")
 def main(output: Path | None, quick: bool) -> None:
     """Print the tables and write the JSON file."""
-    started = time.perf_counter()
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
-        figures = measure(progress, Sizes(60, 3, 8) if quick else Sizes())
-    figures["duration_s"] = time.perf_counter() - started
-    console = Console(width=140)
-    show(console, figures)
-    console.print(f"{figures['duration_s']:.0f} s in all")
-    if output:
-        output.write_text(json.dumps(figures, indent=1))
+    sizes = Sizes(60, 3, 8) if quick else Sizes()
+    run_benchmark(lambda progress: measure(progress, sizes), show, output, 140)
 
 
 if __name__ == "__main__":

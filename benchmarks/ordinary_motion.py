@@ -7,7 +7,6 @@ of the torque limit, on the simulator's own actuator and on foreign ones (`forei
 calibrated on healthy windows of the test cycle, or on healthy stretches of ordinary motion.
 """
 
-import json
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -20,11 +19,11 @@ import motion_cases
 import numpy as np
 from motion_cases import CALIBRATION_STRETCHES, MOTIONS, UNINFORMATIVE, Recording
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import Progress
 from rich.table import Table
 from tables import target_table
 from targets import Row
-from trials import ACTUATOR, Workers, difference, workers
+from trials import ACTUATOR, Workers, difference, run_benchmark, workers
 from trust_cases import Kind, Task, Unit
 
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULT_NAMES, FAULTS, N_FAULTS
@@ -364,19 +363,10 @@ def _percent(share: float) -> str:
 @click.option("--recordings", type=int, help="How many recordings of each condition.")
 def main(output: Path | None, quick: bool, plants: int | None, recordings: int | None) -> None:
     """Print the tables and write the JSON file."""
-    started = time.perf_counter()
     sizes = Sizes.quick() if quick else Sizes()
     given = {"plants": plants, "recordings": recordings}
     sizes = replace(sizes, **{name: count for name, count in given.items() if count is not None})
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
-        figures = measure(progress, sizes)
-    figures["duration_s"] = time.perf_counter() - started
-    console = Console(width=160)
-    show(console, figures)
-    console.print(f"{figures['duration_s']:.0f} s in all")
-    if output:
-        output.write_text(json.dumps(figures, indent=1))
+    run_benchmark(lambda progress: measure(progress, sizes), show, output, 160)
 
 
 if __name__ == "__main__":

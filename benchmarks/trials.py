@@ -1,17 +1,27 @@
 """Many windows simulated and identified on all cores, one process a core."""
 
+import json
 import multiprocessing
 import os
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Final, NamedTuple, TypeVar
+from pathlib import Path
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 from cases import Case
 from numpy.typing import ArrayLike, NDArray
-from rich.progress import Progress
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+)
 
 from ema_core.description import ActuatorDescription
 from ema_core.faults import ECCENTRICITY_PHASE, estimation_error
@@ -52,6 +62,37 @@ class Job(NamedTuple):
 
     case: Case
     variants: Sequence[Variant]
+
+
+def run_benchmark(
+    measure: Callable[[Progress], dict[str, Any]],
+    show: Callable[[Console, dict[str, Any]], None],
+    output: Path | None,
+    width: int,
+) -> None:
+    """Measure with progress, print the tables and write the JSON file.
+
+    Parameters
+    ----------
+    measure
+        Returns the figures, and shows its progress.
+    show
+        Prints them.
+    output
+        File to write; None for none.
+    width
+        Columns of the tables.
+    """
+    started = time.perf_counter()
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
+        figures = measure(progress)
+    figures["duration_s"] = time.perf_counter() - started
+    console = Console(width=width)
+    show(console, figures)
+    console.print(f"{figures['duration_s']:.0f} s in all")
+    if output:
+        output.write_text(json.dumps(figures, indent=1))
 
 
 class Workers:

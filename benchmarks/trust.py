@@ -7,8 +7,6 @@ windows, without and with hidden causes; then shows hidden causes alone. With ``
 plants have effects of other forms, which are for one run at the end: nothing may be tuned on it.
 """
 
-import json
-import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -18,11 +16,11 @@ import click
 import trust_cases
 import trust_scores
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import Progress
 from rich.table import Table
 from tables import target_table
 from targets import Row
-from trials import Workers, workers
+from trials import Workers, run_benchmark, workers
 from trust_cases import HIDDEN, MAY_BE_SILENT, Condition, Kind, Task, faulty
 from trust_scores import Judged
 
@@ -362,19 +360,11 @@ def main(output: Path | None, quick: bool, full: bool, held_out: bool, plants: i
     """Print the tables and write the JSON file."""
     if quick and full:
         raise click.UsageError("--quick and --full exclude each other")
-    started = time.perf_counter()
     sizes = Sizes.quick() if quick else Sizes.full() if full else Sizes()
     if plants is not None:
         sizes = replace(sizes, plants=plants)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
-        figures = measure(progress, sizes, "held out" if held_out else "foreign")
-    figures["duration_s"] = time.perf_counter() - started
-    console = Console(width=140)
-    show(console, figures)
-    console.print(f"{figures['duration_s']:.0f} s in all")
-    if output:
-        output.write_text(json.dumps(figures, indent=1))
+    kind: Kind = "held out" if held_out else "foreign"
+    run_benchmark(lambda progress: measure(progress, sizes, kind), show, output, 140)
 
 
 if __name__ == "__main__":

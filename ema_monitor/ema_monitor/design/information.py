@@ -10,7 +10,6 @@ from ema_core.commands import Command
 from ema_core.faults import (
     ECCENTRICITY,
     ECCENTRICITY_PHASE,
-    N_FAULTS,
     eccentricity_angle,
     healthy_faults,
 )
@@ -21,6 +20,7 @@ from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.uncertainty import (
     MISMATCH_FACTOR,
     MISMATCH_SIGMA,
+    SPANS,
     covariance_of_effects,
     sandwich_covariance,
     with_mismatch,
@@ -55,9 +55,6 @@ class Information:
     def __init__(self, calibration: Calibration) -> None:
         self._calibration = calibration
         self._states = [combined_faults(number) for number in range(N_COMBINED)]
-        # The eccentricity is a vector of the plane in a point of the box, which is half as wide.
-        self._span = np.ones(N_FAULTS)
-        self._span[[ECCENTRICITY, ECCENTRICITY_PHASE]] = 2.0
 
     def windows(self, command: Command) -> list[Window]:
         """Return what the model expects of a command: the healthy actuator, then the faulty."""
@@ -129,7 +126,7 @@ class Information:
             white = np.full(len(at.residuals), noise * np.sqrt(objective.noise))
             known = sandwich_covariance(at.jacobian, white, lags=0)
             known += covariance_of_effects(at.jacobian, effects)
-            known = with_mismatch(known * np.outer(self._span, self._span), MISMATCH_SIGMA)
+            known = with_mismatch(known * np.outer(SPANS, SPANS), MISMATCH_SIGMA)
             variance = np.diag(known).copy()
             # Of the eccentricity along its own direction; the direction is no fault.
             phi = eccentricity_angle(faults[ECCENTRICITY_PHASE])
