@@ -234,8 +234,8 @@ def leg_voltage(q, i, half_V, off):
 
 
 @kernel()
-def _plain_currents(
-    effects: NoEffects,
+def undisturbed_currents(
+    effects: Effects | NoEffects,
     phases,
     pauses,
     half_V,
@@ -251,6 +251,7 @@ def _plain_currents(
     k_b,
     k_c,
 ):
+    """Phase currents [A] and remaining dead times [steps] after a step without either (M4)."""
     v_a = half_V * q_a - phases.R_a * i_a - k_a * omega
     v_b = half_V * q_b - phases.R_b * i_b - k_b * omega
     v_c = half_V * q_c - phases.R_c * i_c - k_c * omega
@@ -281,10 +282,23 @@ def disturbed_currents(
     """
     opens = effects.open_phase_a + effects.open_phase_b + effects.open_phase_c
     if opens + effects.dead_switch + pauses[0] + pauses[1] + pauses[2] == 0.0:
-        v_a = half_V * q_a - phases.R_a * i_a - k_a * omega
-        v_b = half_V * q_b - phases.R_b * i_b - k_b * omega
-        v_c = half_V * q_c - phases.R_c * i_c - k_c * omega
-        return *star_currents(phases, dt, v_a, v_b, v_c, i_a, i_b, i_c), pauses
+        return undisturbed_currents(
+            effects,
+            phases,
+            pauses,
+            half_V,
+            omega,
+            dt,
+            q_a,
+            q_b,
+            q_c,
+            i_a,
+            i_b,
+            i_c,
+            k_a,
+            k_b,
+            k_c,
+        )
     off_a = 1.0 if effects.dead_switch != 0.0 and q_a > 0.0 else min(pauses[0], 1.0)
     off_b, off_c = min(pauses[1], 1.0), min(pauses[2], 1.0)
     pauses = max(pauses[0] - 1.0, 0.0), max(pauses[1] - 1.0, 0.0), max(pauses[2] - 1.0, 0.0)
@@ -361,5 +375,5 @@ effects_at: Final = _by_effects(_still_none, effects_of_sample)
 plant_at: Final = _by_effects(_same_plant, changed_plant)
 pauses_at: Final = _by_effects(_no_pauses, pauses_after)
 half_voltage: Final = _by_effects(_same_voltage, rippled_voltage)
-phase_currents: Final = _by_effects(_plain_currents, disturbed_currents)
+phase_currents: Final = _by_effects(undisturbed_currents, disturbed_currents)
 motor_speed: Final = _by_effects(_plain_speed, disturbed_speed)
