@@ -13,12 +13,16 @@ from sensor_msgs.msg import JointState
 
 from ema_interfaces.msg import (
     ActuatorDescription,
+    Advice,
     FaultEstimate,
     FaultVectorStamped,
     Health,
+    HealthForecast,
     MeasuredCauses,
+    PlaybackState,
     TelemetryBlock,
     Usage,
+    WindowFit,
 )
 
 TELEMETRY: Final = "telemetry"
@@ -29,6 +33,10 @@ USAGE: Final = "usage"
 MEASURED_CAUSES: Final = "measured_causes"
 FAULT_ESTIMATE: Final = "fault_estimate"
 HEALTH: Final = "health"
+HEALTH_FORECAST: Final = "health_forecast"
+ADVICE: Final = "advice"
+WINDOW_FIT: Final = "window_fit"
+PLAYBACK_STATE: Final = "playback_state"
 
 NAMESPACE: Final = "/ema"
 
@@ -60,5 +68,13 @@ SYSTEM_TOPICS: Final = {
 MONITOR_TOPICS: Final = {
     FAULT_ESTIMATE: (FaultEstimate, STATE),
     HEALTH: (Health, LATCHED),
+    HEALTH_FORECAST: (HealthForecast, LATCHED),
+    ADVICE: (Advice, LATCHED),
+    WINDOW_FIT: (WindowFit, LATCHED),
 }
 """Message class and quality of service of what a monitor publishes, by topic."""
+
+PLAYER_TOPICS: Final = {
+    PLAYBACK_STATE: (PlaybackState, LATCHED),
+}
+"""Message class and quality of service of what a player publishes about itself, by topic."""
