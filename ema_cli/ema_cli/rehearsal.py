@@ -3,7 +3,8 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Final
+from pathlib import Path
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate
 from ema_monitor.design.states import Recorder
+from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.windows.band import band_limited, rms
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
@@ -66,6 +68,43 @@ class Rehearsal(Recorder):
         self._on_cycle = on_cycle
         self._causes: dict[str, float] = {}
         self._added: tuple[float, ...] = (0.0, 0.0)
+
+    @classmethod
+    def of_unit(
+        cls,
+        description: ActuatorDescription,
+        true_values: Mapping[str, float],
+        current_noise: float,
+        resolutions: Mapping[str, float],
+        seed: int,
+        on_cycle: Callable[[], None],
+        calibration_file: Path | None,
+        command: Command,
+    ) -> Self:
+        """Return that of an actuator whose true parameters differ from those described.
+
+        Parameters
+        ----------
+        description, current_noise, resolutions, seed, on_cycle
+            As of the class.
+        true_values
+            True parameters of the plant by name; those of the description where it names none.
+        calibration_file
+            Calibration of the unit to `stand_for`; None for none.
+        command
+            Command to compare the scatter under.
+
+        Raises
+        ------
+        ValueError, OSError
+            When a parameter is impossible, or the calibration does not fit or cannot be read.
+        """
+        parameters = description.parameters.replace(true_values)
+        rehearsal = cls(description, parameters, current_noise, resolutions, seed, on_cycle)
+        compile_kernels(["fast"])
+        if calibration_file is not None:
+            rehearsal.stand_for(Calibration.load(calibration_file), command)
+        return rehearsal
 
     def __call__(
         self,

@@ -23,10 +23,8 @@ from ema_cli.rehearsal import Rehearsal
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import COMPONENTS
 from ema_core.wording import as_identifier, unknown_name
-from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.design.certifying import CERTIFIED_WINDOWS
 from ema_monitor.design.certifying import certify as certify_test
-from ema_monitor.model.monitor_model import compile_kernels
 
 
 @click.command()
@@ -92,17 +90,16 @@ def certify(
                 raise click.Abort
             progress.advance(task)
 
-        record = Rehearsal(
+        record = Rehearsal.of_unit(
             description,
-            description.parameters.replace(merged(true_values, "--set")),
+            merged(true_values, "--set"),
             current_noise,
             merged(resolutions, "--quantise"),
             seed,
             follow,
+            calibration_file,
+            command,
         )
-        compile_kernels(["fast"])
-        if calibration_file is not None:
-            record.stand_for(Calibration.load(calibration_file), command)
         certificate = certify_test(record, command, description, repetitions=repetitions)
     unmet = certificate.unmet(wanted)
     if as_json:

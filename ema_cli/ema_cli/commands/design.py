@@ -25,11 +25,9 @@ from ema_cli.show.progress import progress_bar
 from ema_core.commands import THESIS_CHIRP
 from ema_core.faults import COMPONENTS
 from ema_core.wording import as_identifier
-from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.design.certifying import certificate_of
 from ema_monitor.design.designing import Design, design_command
 from ema_monitor.design.limits import UNITS, MotionLimits
-from ema_monitor.model.monitor_model import compile_kernels
 
 _OWN = "nine tenths of the actuator's own when not given"
 
@@ -128,17 +126,16 @@ def design(
             follow()
             progress.update(task, state=words)
 
-        record = Rehearsal(
+        record = Rehearsal.of_unit(
             description,
-            description.parameters.replace(merged(true_values, "--set")),
+            merged(true_values, "--set"),
             current_noise,
             merged(resolutions, "--quantise"),
             seed,
             follow,
+            calibration_file,
+            THESIS_CHIRP,
         )
-        compile_kernels(["fast"])
-        if calibration_file is not None:
-            record.stand_for(Calibration.load(calibration_file), THESIS_CHIRP)
         sigmas = merged(wanted, "--sigma")
         found = design_command(record, description, limits, sigmas or None, on_progress=say)
         say("judging hidden causes")
