@@ -17,7 +17,7 @@ from std_msgs.msg import Int64
 
 from ema_ros import rclpy_private
 
-from ..ros.spinning import ros_context
+from ..ros.spinning import ros_context, wait_for_match
 from ..waiting import wait_for
 
 
@@ -54,7 +54,7 @@ def test_message_is_taken_once_and_delivered_by_what_is_returned(node, context):
     executor = SingleThreadedExecutor(context=context)
     try:
         assert rclpy_private.next_message(executor, subscription) is None
-        wait_for(publisher.get_subscription_count, "the subscription")
+        wait_for_match(node, publisher)
         publisher.publish(Int64(data=7))
         deliver = wait_for(
             lambda: rclpy_private.next_message(executor, subscription), "the message"

@@ -32,7 +32,7 @@ from ema_ros.telemetry import telemetry_to_message
 from ema_sim.actuator import SimulatedActuator
 
 from ..waiting import DEADLINE_S, wait_for
-from .spinning import end, made, ros_context, spinning
+from .spinning import end, made, ros_context, spinning, wait_for_match
 
 START_NS = 1_700_000_000_000_000_000
 FLAP = ActuatorDescription()
@@ -133,8 +133,7 @@ class MonitorSession:
 
     def until_subscribed(self) -> None:
         names = (topics.TELEMETRY, topics.DESCRIPTION, topics.MEASURED_CAUSES)
-        listened = [self._publishers[name] for name in names]
-        wait_for(lambda: all(item.get_subscription_count() for item in listened), "the monitor")
+        wait_for_match(self.node, *(self._publishers[name] for name in names))
 
     def describe(self, description: ActuatorDescription = FLAP) -> None:
         self.send(topics.DESCRIPTION, description_to_message(description))

@@ -9,9 +9,12 @@ from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 
 from ema_ros.executor import NodeExecutor
 from ema_ros.managed_node import ManagedNode
+
+from ..waiting import wait_for
 
 
 def fail(error: Exception) -> None:
@@ -53,6 +56,22 @@ def spinning(executor: Executor, *nodes: Node) -> Iterator[None]:
         ending.set()
         thread.join()
         executor.shutdown()
+
+
+def wait_for_match(node: Node, *publishers: Publisher) -> None:
+    """Wait until publishers and the subscriptions of a node know of each other.
+
+    A subscription learns of its match after the publisher; until then it loses what is not latched.
+    """
+    names = [item.topic_name for item in publishers]
+
+    def is_matched() -> bool:
+        return all(item.get_subscription_count() for item in publishers) and all(
+            item.get_publisher_count() >= names.count(item.topic_name)
+            for item in node.subscriptions
+        )
+
+    wait_for(is_matched, f"the subscriptions of {names}")
 
 
 def made(kind: type[Any], *arguments: Any, **more: Any) -> Any:

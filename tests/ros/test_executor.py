@@ -9,7 +9,7 @@ from std_srvs.srv import Trigger
 from ema_ros.executor import NodeExecutor, WaitingCallbackGroup
 
 from ..waiting import DEADLINE_S, wait_for
-from .spinning import fail
+from .spinning import fail, wait_for_match
 
 
 def test_messages_are_heard_in_order_while_a_service_waits(context, make_node, spin):
@@ -34,7 +34,7 @@ def test_messages_are_heard_in_order_while_a_service_waits(context, make_node, s
     for item in (node, peer):
         spin(NodeExecutor(fail, context=context), item)
     wait_for(client.service_is_ready, "the service")
-    wait_for(publisher.get_subscription_count, "the subscription")
+    wait_for_match(node, publisher)
     answers = [client.call_async(Trigger.Request()) for _ in range(2)]
     wait_for(lambda: begun, "the call")
     for number in range(500):
@@ -81,7 +81,7 @@ def test_messages_that_have_come_are_heard_in_a_row_but_not_without_end(context,
     publisher = peer.create_publisher(Int64, "flood", 1000)
     executor = NodeExecutor(lambda error: failures.append(str(error)), context=context)
     executor.add_node(node)
-    wait_for(publisher.get_subscription_count, "the subscription")
+    wait_for_match(node, publisher)
     for number in range(250):
         publisher.publish(Int64(data=number))
     assert publisher.wait_for_all_acked()

@@ -28,7 +28,7 @@ from ema_ros.status import ERROR, OK, WARN, Task
 
 from ..waiting import DEADLINE_S, wait_for
 from .recorded_messages import ros_messages
-from .spinning import Spinning, made, ros_context
+from .spinning import Spinning, made, ros_context, wait_for_match
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STREAM = QoSProfile(depth=500)
@@ -61,10 +61,6 @@ def task(recorder: RecorderNode) -> Task:
     return only
 
 
-def heard(*publishers: Any) -> None:
-    wait_for(lambda: all(item.get_subscription_count() for item in publishers), "subscriptions")
-
-
 def recorded(recorder: RecorderNode, count: int) -> None:
     wait_for(lambda: int(task(recorder).values["messages"]) >= count, f"{count} messages recorded")
 
@@ -90,7 +86,7 @@ def test_everything_published_is_recorded_in_order(graph: Graph, tmp_path: Path,
     text = source.create_publisher(String, "text", STREAM)
     recorder = graph.recorder(tmp_path / name, topics=["telemetry", "/ema/text", "latched"])
     assert recorder.bring_up()
-    heard(telemetry, text, latched)
+    wait_for_match(recorder, telemetry, text, latched)
     begin_ns = time.time_ns()
     for number in range(200):
         telemetry.publish(block(number))
@@ -131,7 +127,7 @@ def test_default_is_the_namespace_and_the_diagnostics(graph: Graph, tmp_path: Pa
     ]
     recorder = graph.recorder(tmp_path / "flight", namespace="/flap_1")
     assert recorder.bring_up()
-    heard(wanted)
+    wait_for_match(recorder, wanted)
     for publisher in (*others, wanted):
         publisher.publish(String())
     wait_for(lambda: "/diagnostics" in str(task(recorder).values["topics"]), "diagnostics")
@@ -172,7 +168,7 @@ def test_pausing_goes_on_in_the_same_bag(graph: Graph, tmp_path: Path):
     publisher = graph.node().create_publisher(String, "text", STREAM)
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
-    heard(publisher)
+    wait_for_match(recorder, publisher)
     publisher.publish(String(data="before"))
     recorded(recorder, 1)
     recorder.trigger_deactivate()
@@ -180,7 +176,7 @@ def test_pausing_goes_on_in_the_same_bag(graph: Graph, tmp_path: Path):
     wait_for(lambda: not publisher.get_subscription_count(), "the end of the subscription")
     publisher.publish(String(data="meanwhile"))
     recorder.trigger_activate()
-    heard(publisher)
+    wait_for_match(recorder, publisher)
     publisher.publish(String(data="after"))
     recorded(recorder, 2)
     recorder.trigger_shutdown()
@@ -243,12 +239,12 @@ def test_every_publisher_is_heard_whatever_it_offers(graph: Graph, tmp_path: Pat
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
     wait_for(lambda: len(recorder.get_publishers_info_by_topic("text")) == 2, "both publishers")
     assert recorder.bring_up()
-    heard(reliable, best_effort)
+    wait_for_match(recorder, reliable, best_effort)
     reliable.publish(String(data="reliable"))
     best_effort.publish(String(data="best effort"))
     recorded(recorder, 2)
     late = graph.node("late").create_publisher(String, "text", BEST_EFFORT)
-    heard(late)
+    wait_for_match(recorder, late)
 
 
 def test_publisher_that_offers_less_than_the_others_is_told(graph: Graph, tmp_path: Path):
@@ -256,7 +252,7 @@ def test_publisher_that_offers_less_than_the_others_is_told(graph: Graph, tmp_pa
     reliable = source.create_publisher(String, "text", STREAM)
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
-    heard(reliable)
+    wait_for_match(recorder, reliable)
     graph.node("shy").create_publisher(String, "text", BEST_EFFORT)
     wait_for(lambda: "nothing received from shy" in task(recorder).message, "the remark")
     assert task(recorder).level == WARN
@@ -267,7 +263,7 @@ def test_gone_publisher_is_told(graph: Graph, tmp_path: Path):
     publisher = source.create_publisher(String, "text", STREAM)
     recorder = graph.recorder(tmp_path / "flight", topics=["text", "never"])
     assert recorder.bring_up()
-    heard(publisher)
+    wait_for_match(recorder, publisher)
     assert "/ema/never: no publisher yet" in task(recorder).message
     source.destroy_publisher(publisher)
     wait_for(lambda: task(recorder).values["publisher gone"] == "/ema/text", "the remark")
@@ -318,7 +314,7 @@ def test_messages_that_the_middleware_drops_are_counted(
     publisher = graph.node().create_publisher(String, "text", QoSProfile(depth=5))
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
-    heard(publisher)
+    wait_for_match(recorder, publisher)
     publisher.publish(String(data="first"))
     recorded(recorder, 1)
     with recorder._writing:  # a disk that does not answer
@@ -413,7 +409,7 @@ def test_killed_recorder_leaves_what_it_wrote_out_though_no_more_came(graph: Gra
     publisher = graph.node().create_publisher(String, "text", STREAM)
     with recorder_process(tmp_path / "flight") as process:
         try:
-            heard(publisher)
+            wait_for(publisher.get_subscription_count, "the recorder")
             send(publisher, range(150))
             wait_for(lambda: 149 in on_disk(tmp_path / "flight"), "the last message on disk")
             send(publisher, range(150, 300))
@@ -430,7 +426,7 @@ def test_interrupted_recorder_leaves_a_whole_bag(graph: Graph, tmp_path: Path, n
     publisher = graph.node().create_publisher(String, "text", STREAM)
     with recorder_process(tmp_path / "flight") as process:
         try:
-            heard(publisher)
+            wait_for(publisher.get_subscription_count, "the recorder")
             send(publisher, range(50))
             wait_for(lambda: 49 in on_disk(tmp_path / "flight"), "the last message on disk")
             process.send_signal(number)
@@ -468,7 +464,7 @@ def test_full_disk_ends_the_recorder_and_is_told(graph: Graph, tmp_path: Path):
     publisher = source.create_publisher(String, "text", STREAM)
     with recorder_process(tmp_path / "flight", script=FULL_DISK) as process:
         try:
-            heard(publisher)
+            wait_for(publisher.get_subscription_count, "the recorder")
             numbers = itertools.count()
 
             def has_ended() -> bool:
@@ -492,7 +488,7 @@ def test_write_error_is_an_error_in_the_status(graph: Graph, tmp_path: Path):
     publisher = graph.node().create_publisher(String, "text", STREAM)
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
-    heard(publisher)
+    wait_for_match(recorder, publisher)
     assert recorder._bag is not None
     recorder._bag.failure = OSError(28, "No space left on device")
     assert recorder.finished.wait(DEADLINE_S)
