@@ -12,11 +12,8 @@ from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULTS, fault_vec
 from ema_core.telemetry import Telemetry
 from ema_monitor.api import identify_motion
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.combination import (
-    Combination,
-    Combinations,
-    CombinationSettings,
-)
+from ema_monitor.identification.combination import Combination, CombinationSettings, Tally
+from ema_monitor.identification.combinations import Combinations
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.knowledge import Before, Knowledge, information
 from ema_monitor.identification.objective import Coordinates, Objective
@@ -275,9 +272,26 @@ def test_stretches_refused_before_the_first_do_not_count_against_the_limit(stret
 
 
 def test_a_stretch_that_cannot_be_used_is_only_counted():
-    found, combination = combined([Refusal(5, 9, "dropped")] * 4)
+    found, combination = combined([Refusal(5, 9, "a gap")] * 4)
     assert found == []
-    assert combination.tally == (4, 0, 0, 4, 0, "dropped")
+    assert combination.tally == Tally(stretches=4, refused=4, reason="a gap")
+
+
+def test_a_stretch_that_waited_for_too_long_is_counted_as_dropped():
+    _, combination = combined([Refusal(5, 9, "more than 2 waited", is_dropped=True)])
+    assert combination.tally == Tally(stretches=1, dropped=1, reason="more than 2 waited")
+    assert "1 dropped (the latest: more than 2 waited)" in str(combination.tally)
+
+
+@pytest.mark.slow
+def test_a_stretch_that_is_given_up_leaves_what_was_combined_before(stretches):
+    combination = Combination(FLAP, Calibration.builtin())
+    before = combination.add(stretches[0])
+    asked = []
+    assert combination.add(stretches[1], lambda: bool(asked.append(1) or True)) == before == []
+    assert len(asked) == 1
+    [estimate] = combination.finish()
+    assert (estimate.start_ns, estimate.end_ns) == (stretches[0].start_ns, stretches[0].end_ns)
 
 
 def test_another_distance_than_that_with_a_noise_is_refused():

@@ -1,5 +1,7 @@
 """What an estimate says of its own quality: cost, goodness of fit and standard deviations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -153,10 +155,24 @@ def test_sigma_is_that_of_the_faults_themselves(windows_of, calibration, descrip
 def test_single_window_calibration_does_not_tell_the_fit(windows_of, healthy_windows, description):
     [window] = windows_of(CASES["friction low"])
     estimate = identify(window, description, calibrate(healthy_windows[:1], description))
-    assert estimate.valid
+    assert (estimate.valid, estimate.verdict) == (True, "degraded")
     assert "the fit cannot be judged" in estimate.reason
+    assert "healthy windows of the calibration (1)" in estimate.reason
     assert np.isnan(estimate.goodness_of_fit)
     assert np.isnan(estimate.unexplained_share)
+
+
+def test_unknown_goodness_widens_as_the_worst_valid_one(windows_of, healthy_windows, description):
+    """With a known scatter at which the same residual is at the limit, nothing else changes."""
+    [window] = windows_of(CASES["friction low"])
+    blind = calibrate(healthy_windows[:1], description)
+    seeing = replace(blind, healthy_rms=1e-3, healthy_speed_rms=1e3)
+    settings = SearchSettings(fitness="least_squares", goodness_limit=1e6)
+    unknown, known = (identify(window, description, one, settings) for one in (blind, seeing))
+    np.testing.assert_array_equal(unknown.faults, known.faults)
+    ratio = np.array(unknown.sigma) / np.array(known.sigma)
+    expected = GOODNESS_LIMIT / max(USUAL_MISFIT, known.goodness_of_fit)
+    assert ratio[0] == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("windows", [2, 5])

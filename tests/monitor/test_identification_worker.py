@@ -10,8 +10,10 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
-from ema_monitor.identification.combination import CombinationSettings, Tally
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification import combination
+from ema_monitor.identification.combination import Combination, CombinationSettings, Tally
+from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.search import Generation, Identification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node import worker as identification_worker
 from ema_monitor.node.worker import IdentificationWorker
@@ -243,3 +245,34 @@ def test_window_that_cannot_be_published_does_not_end_the_others(published: Publ
     published.until(lambda: published.estimates == [(1, "no calibration")])
     assert worker.is_running
     worker.stop()
+
+
+class _Endless(Identification):
+    """An identification that goes on until it is given up."""
+
+    begun = threading.Event()
+
+    def __iter__(self) -> Iterator[Generation]:
+        while True:
+            self.begun.set()
+            yield Generation(1, 1, 0.0, np.zeros(8))
+
+
+def test_stop_ends_the_identification_of_a_stretch_at_once(
+    published: Published, monkeypatch: pytest.MonkeyPatch
+):
+    """What was combined before it is published; the stretch itself is no news."""
+    monkeypatch.setattr(combination, "Identification", _Endless)
+    monkeypatch.setattr(Combination, "_is_worthwhile", lambda *_: True)
+    estimate = refusal(Refusal(5, 6, ""), "", SearchSettings(), "combined so far")
+    monkeypatch.setattr(Combination, "finish", lambda _: [estimate])
+    _Endless.begun.clear()
+    worker = published.worker()
+    worker.start()
+    worker.add(replace(found(0), is_stretch=True), None)
+    assert _Endless.begun.wait(DEADLINE_S)
+    thread = worker._thread
+    worker.stop()
+    assert thread is not None
+    assert not thread.is_alive()
+    assert published.estimates == [(0, "combined so far")]

@@ -3,12 +3,13 @@
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ema_core.description import ActuatorDescription
-from ema_monitor.node.worker import QueueClosedError, WindowQueue
+from ema_monitor.node.window_queue import QueueClosedError, WindowQueue
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -17,6 +18,7 @@ from .windows import window_from
 
 WINDOW = window_from(np.linspace(0.0, 1.0, 3))
 REFUSAL = Refusal(5, 6, "gap")
+FLAP = ActuatorDescription().actuator_id
 
 
 def found(number: int, window: Window | Refusal = WINDOW) -> Segment:
@@ -31,7 +33,7 @@ def drain(queue: WindowQueue, count: int) -> list[Segment]:
 def test_any_number_waits_in_order_when_there_is_no_limit():
     queue = WindowQueue()
     assert [queue.add(found(number), None) for number in range(100)] == [[]] * 100
-    assert (len(queue), queue.dropped) == (100, 0)
+    assert (len(queue), queue.dropped) == (100, {})
     assert drain(queue, 100) == [found(number) for number in range(100)]
     assert len(queue) == 0
 
@@ -40,14 +42,29 @@ def test_oldest_is_dropped_and_leaves_its_refusal_in_its_place():
     queue = WindowQueue()
     gone = [queue.add(found(number), 2) for number in range(5)]
     assert [[item.number for item in items] for items in gone] == [[], [], [0], [1], [2]]
-    assert (len(queue), queue.dropped) == (2, 3)
+    assert (len(queue), queue.dropped) == (2, {FLAP: 3})
     left = drain(queue, 5)
     assert [item.number for item in left] == [0, 1, 2, 3, 4]
     assert [isinstance(item.window, Window) for item in left] == [False] * 3 + [True] * 2
     for item in left[:3]:
         assert isinstance(item.window, Refusal)
         assert "more than 2 windows waited" in item.window.reason
+        assert item.window.is_dropped
         assert (item.window.start_ns, item.window.end_ns) == (WINDOW.start_ns, WINDOW.end_ns)
+
+
+def test_stretches_of_motion_never_drop_a_test():
+    """Tests wait when the monitor is set to ordinary motion: a burst of it is no reason."""
+    queue = WindowQueue()
+    for number in range(2):
+        queue.add(found(number), 2)
+    stretches = [replace(found(number), is_stretch=True) for number in range(2, 6)]
+    gone = [queue.add(stretch, 2) for stretch in stretches]
+    assert gone == [[], [], [stretches[0]], [stretches[1]]]
+    left = drain(queue, 6)
+    assert left[:2] == [found(0), found(1)]
+    assert left[4:] == stretches[2:]
+    assert "more than 2 stretches waited" in getattr(left[2].window, "reason", "")
 
 
 def test_refusals_take_no_place():
@@ -67,7 +84,7 @@ def test_limit_that_is_lowered_holds_from_the_next_window_on():
         queue.add(found(number), None)
     assert len(queue) == 4
     queue.add(found(4), 2)
-    assert (len(queue), queue.dropped) == (2, 3)
+    assert (len(queue), queue.dropped) == (2, {FLAP: 3})
     left = drain(queue, 5)
     assert [isinstance(item.window, Window) for item in left] == [False] * 3 + [True] * 2
 

@@ -22,7 +22,7 @@ from ema_cli.show.progress import progress_bar
 from ema_core.faults import FAULTS
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.combination import Combinations
+from ema_monitor.identification.combinations import Combinations
 from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
 from ema_monitor.identification.search import Identification, LastFaults
 from ema_monitor.model.monitor_model import compile_kernels

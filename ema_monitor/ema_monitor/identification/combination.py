@@ -1,5 +1,6 @@
 """Stretches of ordinary motion, combined until the faults are known well enough (M29)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -7,17 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.description import ActuatorDescription
-from ema_core.faults import (
-    ECCENTRICITY,
-    ECCENTRICITY_PHASE,
-    FAULTS,
-    N_FAULTS,
-    fault_vector,
-    healthy_faults,
-)
+from ema_core.faults import fault_vector, healthy_faults
 from ema_core.quantity import check_quantities, quantity
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.combined import Part, combined_estimate
 from ema_monitor.identification.defects import drive_defect
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
@@ -41,7 +36,6 @@ _RANGE: Final = np.diag((SPANS / UNOBSERVABLE_SIGMA) ** 2)
 _UNFIT: Final = 2.0
 _REFUSED_IN_A_ROW: Final = 3
 _REACHED: Final = 1.2
-_PLANE: Final = [ECCENTRICITY, ECCENTRICITY_PHASE]
 
 
 @dataclass(frozen=True)
@@ -84,16 +78,19 @@ class Tally(NamedTuple):
         Those that would not have told anything new, or that followed an estimate too soon.
     refused
         Those that nothing explains, or that cannot be used.
+    dropped
+        Those that had to wait for too long.
     fruitless
         Combinations that have shown no fault as well as wanted.
     reason
-        Why the latest one was refused; empty when an estimate has been made since.
+        Why the latest one was refused or dropped; empty when an estimate has been made since.
     """
 
     stretches: int = 0
     combined: int = 0
     skipped: int = 0
     refused: int = 0
+    dropped: int = 0
     fruitless: int = 0
     reason: str = ""
 
@@ -102,6 +99,7 @@ class Tally(NamedTuple):
             f"{counted(self.stretches, 'stretch')} of motion: {self.combined} combined, "
             f"{self.skipped} told nothing new, {self.refused} refused"
         )
+        words += f", {self.dropped} dropped" if self.dropped else ""
         return f"{words} (the latest: {self.reason})" if self.reason else words
 
 
@@ -168,17 +166,22 @@ class Combination:
         self._pause_ns = (0, 0)
         self._begin()
 
-    def add(self, stretch: Window | Refusal) -> list[Estimate]:
+    def add(
+        self, stretch: Window | Refusal, is_stopped: Callable[[], bool] = lambda: False
+    ) -> list[Estimate]:
         """Process the next stretch; return the estimates that it completes.
 
         Parameters
         ----------
         stretch
             The stretch, or why there is none.
+        is_stopped
+            Asked after each generation of the search; once it says so, the stretch is given up and
+            what was combined before it is left as it is.
         """
         self._count(stretches=1)
         if isinstance(stretch, Refusal):
-            self._count(refused=1)
+            self._count(**{"dropped" if stretch.is_dropped else "refused": 1})
             self.tally = self.tally._replace(reason=stretch.reason)
             return []
         estimates: list[Estimate] = []
@@ -195,13 +198,17 @@ class Combination:
         ):
             self._count(skipped=1)
             return estimates
-        run = self._identify(stretch, self._known)
-        if self._estimates and not self._belongs(run):
-            alone = self._identify(stretch, self._nothing)
+        run = self._identify(stretch, self._known, is_stopped)
+        if run is not None and self._parts and not self._belongs(run):
+            alone = self._identify(stretch, self._nothing, is_stopped)
+            if alone is None:
+                return estimates
             if self._is_valid(alone):
                 preview = self._preview
                 estimates += self._conclude("the motion that followed does not agree with it")
                 run, self._preview = alone, preview
+        if run is None:
+            return estimates
         if not self._is_valid(run):
             return estimates + self._refuse(run)
         return estimates + self._accept(run)
@@ -211,7 +218,7 @@ class Combination:
         return self._conclude("the motion ended")
 
     def _begin(self) -> None:
-        self._estimates: list[Estimate] = []
+        self._parts: list[Part] = []
         self._motions: list[Motion] = []
         self._looked_at = 0
         self._known = self._nothing
@@ -226,11 +233,11 @@ class Combination:
 
         So it is where the clock has gone back: an estimate ends after it has started.
         """
-        if not self._estimates:
+        if not self._parts:
             return False
-        if stretch.start_ns < self._estimates[-1].start_ns:
+        if stretch.start_ns < self._parts[-1].estimate.start_ns:
             return True
-        age_s = (stretch.end_ns - self._estimates[0].start_ns) * 1e-9
+        age_s = (stretch.end_ns - self._parts[0].estimate.start_ns) * 1e-9
         return self._looked_at >= self._settings.most_stretches or age_s > self._settings.longest_s
 
     def _is_worthwhile(self, stretch: Window, calibration: Calibration) -> bool:
@@ -245,7 +252,7 @@ class Combination:
         if self._is_defective(stretch):
             return True
         self._preview = preview = Preview.of(stretch, calibration, self._known, self._start)
-        if self._estimates and preview.misfit > _UNFIT * self._known.misfit:
+        if self._parts and preview.misfit > _UNFIT * self._known.misfit:
             return True
         if any(preview.motion.repeats(one) for one in self._motions):
             return False
@@ -272,9 +279,12 @@ class Combination:
     @property
     def _start(self) -> NDArray[np.float64]:
         """Faults at which the next search begins, ``(8,)``."""
-        return np.array(self._estimates[-1].faults) if self._estimates else self._previous
+        return np.array(self._parts[-1].estimate.faults) if self._parts else self._previous
 
-    def _identify(self, stretch: Window, known: Knowledge) -> Identification:
+    def _identify(
+        self, stretch: Window, known: Knowledge, is_stopped: Callable[[], bool]
+    ) -> Identification | None:
+        """Return the identification of a stretch; None when it is to stop."""
         run = Identification(
             stretch,
             self._description,
@@ -285,8 +295,9 @@ class Combination:
             before=Before(known, NUISANCES, self._preview.start if self._preview else ()),
         )
         for _ in run:
-            pass
-        return run
+            if is_stopped():
+                return None
+        return None if is_stopped() else run
 
     @staticmethod
     def _is_valid(run: Identification) -> bool:
@@ -308,146 +319,36 @@ class Combination:
         return [self._signed(replace(run.estimate, stretches=1))]
 
     def _accept(self, run: Identification) -> list[Estimate]:
-        if run.estimate is None or run.knowledge is None:
-            raise RuntimeError("the identification ended without an estimate")
+        part = Part.of(run)
         self._refused_in_a_row = 0
-        if not self._estimates:
+        if not self._parts:
             self._looked_at = 1  # those refused before it are none of this estimate
         self._count(combined=1)
-        self._known = run.knowledge
-        self._estimates.append(run.estimate)
+        self._known = part.knowledge
+        self._parts.append(part)
         if self._preview is not None:
             self._motions.append(self._preview.motion)
         # As well as wanted, or as further motion can tell.
-        enough = np.maximum(self._settings.wanted_sigma, _REACHED * run.knowledge.systematic_sigma)
-        return self._conclude("") if np.all(run.knowledge.sigma <= enough) else []
+        systematic = _REACHED * part.knowledge.systematic_sigma
+        enough = np.maximum(self._settings.wanted_sigma, systematic)
+        return self._conclude("") if np.all(part.knowledge.sigma <= enough) else []
 
     def _conclude(self, remark: str) -> list[Estimate]:
         """Return the estimate of what was combined, and begin anew."""
-        known, estimates = self._known, self._estimates
-        if estimates:
-            self._previous = np.array(estimates[-1].faults)
+        parts = self._parts
+        if parts:
+            self._previous = np.array(parts[-1].estimate.faults)
         self._begin()
-        if not estimates:
+        if not parts:
             return []
-        last = estimates[-1]
-        unknown = last.unobservable | (known.sigma > self._settings.wanted_sigma)
-        unknown[_PLANE] |= np.any(known.sigma[_PLANE] > self._settings.wanted_sigma)
-        if np.all(unknown | (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)):
+        combined = combined_estimate(parts, self._settings.wanted_sigma, remark)
+        if combined is None:
             self._count(fruitless=1)
             return []
         self.tally = self.tally._replace(reason="")
         pause_ns = round(self._settings.pause_s * 1e9)
-        self._pause_ns = (last.end_ns, last.end_ns + pause_ns)
-        covariance = last.covariance.copy()
-        covariance[unknown, :] = np.nan
-        covariance[:, unknown] = np.nan
-        hidden = [
-            fault.label
-            for fault, is_unknown in zip(FAULTS, unknown, strict=True)
-            if is_unknown and fault.limit is not None
-        ]
-        remarks = [remark, f"the motion does not show {', '.join(hidden)}" if hidden else ""]
-        combined = replace(
-            last,
-            start_ns=estimates[0].start_ns,
-            stretches=len(estimates),
-            covariance=covariance,
-            unobservable=unknown,
-            excitation=max(one.excitation for one in estimates),
-            evaluations=sum(one.evaluations for one in estimates),
-            computing_time_s=sum(one.computing_time_s for one in estimates),
-            warm_start=estimates[0].warm_start,
-            reason="; ".join(filter(None, [*remarks, last.reason])),
-        )
+        self._pause_ns = (combined.end_ns, combined.end_ns + pause_ns)
         return [self._signed(combined)]
 
     def _signed(self, estimate: Estimate) -> Estimate:
         return replace(estimate, calibration_id=self._calibration_id)
-
-
-class Combined(NamedTuple):
-    """An estimate of ordinary motion, its running number, and the actuator that it is of."""
-
-    number: int
-    description: ActuatorDescription
-    estimate: Estimate
-
-
-class Combinations:
-    """The combinations of several actuators.
-
-    They depend on the stretches and their order alone: live, in a replay and offline, the same
-    stretches give the same estimates. Under another description, calibration or other settings a
-    new combination begins.
-    """
-
-    def __init__(self) -> None:
-        self._of: dict[str, _Held] = {}
-
-    def add(
-        self,
-        description: ActuatorDescription,
-        calibration: Calibration | str,
-        search: SearchSettings,
-        settings: CombinationSettings,
-        stretch: Window | Refusal,
-        *,
-        previous: ArrayLike | None = None,
-        force: bool = False,
-    ) -> list[Combined]:
-        """Process the next stretch of an actuator; return the estimates that it completes.
-
-        Parameters
-        ----------
-        description, calibration, search, settings, previous, force
-            As of `Combination`; the latter two hold for a new one.
-        stretch
-            The stretch, or why there is none.
-
-        Raises
-        ------
-        ValueError
-            As of `Combination`.
-        """
-        identity = calibration if isinstance(calibration, str) else calibration.calibration_id
-        key, ended = (description, identity, search, settings), []
-        held = self._of.get(description.actuator_id)
-        if held is None or held.key != key:
-            combination = Combination(
-                description, calibration, search, settings, previous=previous, force=force
-            )
-            ended = held.numbered(held.combination.finish()) if held else []
-            held = _Held(key, description, combination, held.estimates if held else 0)
-            self._of[description.actuator_id] = held
-        return ended + held.numbered(held.combination.add(stretch))
-
-    def tally(self, actuator_id: str) -> Tally:
-        """Return how many stretches of an actuator there were since its combination was set up."""
-        held = self._of.get(actuator_id)
-        return Tally() if held is None else held.combination.tally
-
-    def finish(self) -> list[Combined]:
-        """End all motion; return the estimates of what was combined so far."""
-        return [
-            one for held in self._of.values() for one in held.numbered(held.combination.finish())
-        ]
-
-    def clear(self) -> None:
-        """Forget all."""
-        self._of.clear()
-
-
-@dataclass
-class _Held:
-    """The combination of one actuator, what it depends on, and how many estimates there were."""
-
-    key: tuple[object, ...]
-    description: ActuatorDescription
-    combination: Combination
-    estimates: int
-
-    def numbered(self, found: list[Estimate]) -> list[Combined]:
-        """Give estimates their numbers."""
-        first, self.estimates = self.estimates, self.estimates + len(found)
-        return [Combined(first + i, self.description, one) for i, one in enumerate(found)]

@@ -45,6 +45,9 @@ REPLACED_EVIDENCE: Final = 6.0
 AMBIGUOUS_EVIDENCE: Final = 8.0
 """Up to this difference the window does not tell two explanations apart."""
 
+EQUAL_SHORTS: Final = "equal short circuits of all phases"
+"""What three of them are called, where they stand for something else."""
+
 MOST_LOSS: Final = 1.1
 """How much higher the cost may be without the components that are not significant."""
 
@@ -431,7 +434,7 @@ class Explainer:
 
     def _name(self, group: list[int]) -> str:
         if group == SHORT_CIRCUITS:
-            return "equal short circuits of all phases"
+            return EQUAL_SHORTS
         if group[0] in SHORT_CIRCUITS:
             return " and ".join(FAULTS[phase].label for phase in group)
         first = group[0]

@@ -2,7 +2,6 @@
 
 import math
 import time
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +9,7 @@ from numpy.typing import NDArray
 from ema_core.causes import CauseEstimate
 from ema_core.faults import (
     ECCENTRICITY_PHASE,
-    FAULTS,
     N_FAULTS,
-    SHORT_CIRCUITS,
     FaultVector,
     healthy_faults,
 )
@@ -22,7 +19,7 @@ from ema_monitor.identification.explanation import Explainer, Explanation
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
 from ema_monitor.identification.knowledge import NOTHING_KNOWN, Before, Knowledge, surprise
 from ema_monitor.identification.objective import Objective
-from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
+from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.uncertainty import (
     CORRELATION_S,
     MISMATCH_FACTOR,
@@ -31,12 +28,17 @@ from ema_monitor.identification.uncertainty import (
     SPANS,
     uncertainty_of_faults,
 )
+from ema_monitor.identification.verdict import (
+    Misfit,
+    assumed_goodness,
+    correlated,
+    goodness_limit,
+    judged,
+)
 from ema_monitor.model.measured import expected_causes
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
-
-_STRONG_CORRELATION = 0.95
 
 
 class Inference:
@@ -83,6 +85,7 @@ class Inference:
             known=before.known,
         )
         self.knowledge: Knowledge | None = None
+        self.misfit: Misfit | None = None
         self.surprise = 0.0
         self._lags = max(1, round(CORRELATION_S / self._objective.spacing))
         # Of one unit of a point: the play changes by 2.
@@ -149,39 +152,28 @@ class Inference:
         at, kept = explanation.at, explanation.kept
         optimum, plays = objective.decode(at.point[None])
         faults = optimum[0]
-        goodness, share = self._goodness_of_fit(
-            objective.expect(np.stack([at.point, objective.healthy]))
-        )
+        self.misfit = self._misfit(objective.expect(np.stack([at.point, objective.healthy])))
+        goodness = self.misfit.goodness
         known = explainer.uncertainty(explanation) * np.outer(self._span, self._span)
         if self._before.nuisances:
             self.knowledge, gained = explainer.knowledge(explanation)
             if self._before.known is not None:
                 self.surprise = surprise(self._before.known, self.knowledge, gained)
-        covariance, unobservable = uncertainty_of_faults(faults, known, goodness)
+        covariance, unobservable = uncertainty_of_faults(
+            faults, known, assumed_goodness(faults, goodness)
+        )
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
         causes = self._causes(explanation, known)
         limit = goodness_limit(faults, self._settings.goodness_limit)
-        reservations = [*caveats, *_correlated(covariance, kept)]
-        if np.isnan(goodness):
-            reservations.append(
-                "the fit cannot be judged: the healthy windows of the calibration "
-                f"({self._calibration.windows}) do not give their scatter"
-            )
-        reservations += [str(cause) for cause in causes]
-        doubts = _confusions(explanation.alternatives)
-        defects = []
-        if goodness > limit:
-            misfit = (
-                f"the residual is {goodness:.1f} times that of a healthy actuator, at most "
-                f"{limit:.1f} is expected, and {100.0 * share:.0f} % of the departure from healthy "
-                "is unexplained"
-            )
-            if share > MOST_UNEXPLAINED:
-                defects.append(f"neither faults nor known causes explain the window: {misfit}")
-            else:
-                doubts.append(f"standard deviations are widened: {misfit}")
-        if np.all(unobservable | (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)):
-            defects.append("no excitation: the window determines no fault better than its range")
+        verdict = judged(
+            self._before.subject,
+            self.misfit,
+            limit,
+            unobservable,
+            explanation.alternatives,
+            [*caveats, *correlated(covariance, kept), *map(str, causes)],
+            self._calibration.windows,
+        )
         return Estimate(
             window.start_ns,
             window.end_ns,
@@ -198,13 +190,13 @@ class Inference:
             excitation=window.excitation,
             evaluations=evaluations + objective.evaluations,
             computing_time_s=time.perf_counter() - started,
-            valid=not defects,
-            reason="; ".join([*reservations, *doubts, *defects]),
+            valid=verdict.name != "refused",
+            reason=verdict.reason,
             insignificant=~kept[:N_FAULTS],
             warm_start=warm_start,
             calibration_windows=self._calibration.windows,
-            verdict="refused" if defects else "degraded" if doubts else "valid",
-            unexplained_share=share,
+            verdict=verdict.name,
+            unexplained_share=self.misfit.share,
             causes=causes,
             alternatives=tuple(explanation.alternatives),
             measured=window.measured,
@@ -246,17 +238,13 @@ class Inference:
         first = self._objective.dimension - len(names)
         return [first + i for i, name in enumerate(names) if name in self._fitted]
 
-    def _goodness_of_fit(self, expected: Response) -> tuple[float, float]:
-        """Return how many times larger than when healthy the residual is, and what is unexplained.
-
-        The first is that of current or speed, whichever is larger. The second is the share of the
-        departure from healthy that the estimate leaves: the square root of the excess of the
-        residual's power over that of a healthy window, at the estimate over at the healthy point.
+    def _misfit(self, expected: Response) -> Misfit:
+        """Return what is missed at the estimate and at the healthy point.
 
         Parameters
         ----------
         expected
-            Response at the estimate and at the healthy point, ``(2, n)`` each.
+            Response at the two, ``(2, n)`` each.
         """
         window, calibration = self._window, self._calibration
         missed = np.array(
@@ -265,51 +253,5 @@ class Inference:
         squares = band_limited(missed, window.sample_period) ** 2
         # Ordinary motion dwells, where neither model nor fit says what current flows.
         weights = self._objective.weights**2 if self._before.nuisances else None
-        in_band = np.sqrt(np.average(squares, axis=-1, weights=weights))
-        scatters = np.array(calibration.scatter(window))
-        ratios = in_band / scatters[:, None]
-        excess = np.maximum(np.nansum(np.square(ratios) - 1.0, axis=0), 0.0)
-        # Where one scatter is unknown, the other judges.
-        goodness = float(np.fmax(*ratios[:, 0]))
-        if math.isnan(goodness):
-            return goodness, math.nan
-        share = math.sqrt(excess[0] / excess[1]) if excess[1] > 0.0 else float(excess[0] > 0.0)
-        return goodness, share
-
-
-def _confusions(alternatives: list[tuple[str, str]]) -> list[str]:
-    """Return in words what the window does not tell apart, a text for each part."""
-    others: dict[str, list[str]] = {}
-    for one, other in alternatives:
-        others.setdefault(one, []).append(other)
-    return [
-        f"this window cannot tell {one} from {' or '.join(found)}" for one, found in others.items()
-    ]
-
-
-def _correlated(covariance: NDArray[np.float64], kept: NDArray[np.bool_]) -> list[str]:
-    """Return in words which components of an estimate are strongly correlated."""
-    sigma = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(sigma, sigma)
-    return [
-        f"{FAULTS[i].label} and {FAULTS[j].label} are strongly correlated ({correlation[i, j]:.2f})"
-        for i, j in combinations(range(N_FAULTS), 2)
-        if kept[i] and kept[j] and abs(correlation[i, j]) > _STRONG_CORRELATION
-    ]
-
-
-def goodness_limit(faults: NDArray[np.float64], limit: float) -> float:
-    """Return the goodness of fit up to which faults, ``(8,)``, explain a window.
-
-    The fewer turns a phase has left, the less inductance holds its ripple, which no model of the
-    mean current can match.
-
-    Parameters
-    ----------
-    faults
-        Estimate.
-    limit
-        That of a motor without short circuit.
-    """
-    most_shorted = float(np.max(faults[SHORT_CIRCUITS]))
-    return limit / math.sqrt(1.0 - most_shorted)
+        in_band = np.average(squares, axis=-1, weights=weights)
+        return Misfit(in_band / np.square(calibration.scatter(window))[:, None])

@@ -104,6 +104,11 @@ class Before(NamedTuple):
     nuisances: tuple[str, ...] = ()
     start: tuple[float, ...] = ()
 
+    @property
+    def subject(self) -> str:
+        """What the window is, in words."""
+        return "stretch" if self.nuisances else "window"
+
     def fitted(self, window: Window) -> set[str]:
         """Return the names of the causes that always are components in a window.
 

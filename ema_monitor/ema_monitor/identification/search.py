@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
@@ -17,6 +18,7 @@ from ema_monitor.identification.inference import Inference
 from ema_monitor.identification.knowledge import NOTHING_KNOWN, Before, Knowledge
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.verdict import Misfit, contradicted_by
 from ema_monitor.model.measured import measured_causes
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import minimise
@@ -66,6 +68,12 @@ class Identification:
         What is known of the faults after the window, if there are nuisances and it has an estimate.
     surprise
         Squared distance of the window from what was known before it.
+    misfit
+        What the estimate misses of the window; None without an estimate.
+    contradicted
+        What was measured and not used, as the window contradicts it.
+    caveats
+        Further reservations about the search.
     """
 
     def __init__(
@@ -89,7 +97,10 @@ class Identification:
         self._before = before
         self.estimate: Estimate | None = None
         self.knowledge: Knowledge | None = None
+        self.misfit: Misfit | None = None
         self.surprise = 0.0
+        self.contradicted: list[CauseEstimate] = []
+        self.caveats: list[str] = []
 
     def __iter__(self) -> Iterator[Generation]:
         """Yield the state after each generation; there is none where a window is refused."""
@@ -102,9 +113,9 @@ class Identification:
 
     def _search(self, window: Window, calibration: Calibration) -> Iterator[Generation]:
         """Search, and again without what was measured and the window contradicts."""
-        started, spent, remarks = time.perf_counter(), 0, []
+        started, spent = time.perf_counter(), 0
         while True:
-            yield from self._search_once(window, calibration, remarks, started)
+            yield from self._search_once(window, calibration, started)
             if self.estimate is None:
                 raise RuntimeError("the search ended without an estimate")
             self.estimate = replace(self.estimate, evaluations=spent + self.estimate.evaluations)
@@ -113,15 +124,14 @@ class Identification:
             wrong = [one for one in self.estimate.measured if one.name in named]
             if not wrong:
                 return
-            remarks += [f"not used, as the window contradicts it: measured {one}" for one in wrong]
+            self.contradicted += wrong
             left = tuple(one for one in window.measured if one not in wrong)
             window = replace(window, measured=left)
 
     def _search_once(
-        self, window: Window, calibration: Calibration, remarks: list[str], started: float
+        self, window: Window, calibration: Calibration, started: float
     ) -> Iterator[Generation]:
-        refused, caveats = self._mismatches(window, calibration)
-        caveats = [*remarks, *caveats]
+        refused, self.caveats = self._mismatches(window, calibration)
         if refused:
             self.estimate = self._refuse(refused)
             return
@@ -143,7 +153,9 @@ class Identification:
         start = objective.encode(healthy_faults() if self._previous is None else self._previous)
         # The place where they begin is relative to what was measured of them.
         begin = (
-            {} if remarks else dict(zip(self._before.nuisances, self._before.start, strict=False))
+            {}
+            if self.contradicted
+            else dict(zip(self._before.nuisances, self._before.start, strict=False))
         )
         for number, one in enumerate(causes, start=-len(causes)):
             start[number] = begin.get(one.name, start[number])
@@ -169,18 +181,20 @@ class Identification:
             return
         faults, play = objective.decode(progress.point[None])
         if optimizer_class.uses_residuals and not optimizer.converged:
-            caveats.append("the search was stopped before it converged")
+            self.caveats.append("the search was stopped before it converged")
+        contradictions = contradicted_by(self._before.subject, self.contradicted)
         try:
             self.estimate = inference.estimate(
                 faults[0],
                 float(play[0]),
                 before + progress.evaluations,
-                caveats,
+                [*contradictions, *self.caveats],
                 started,
                 warm_start=warm,
                 fitted=progress.point[objective.dimension - len(causes) :],
             )
             self.knowledge, self.surprise = inference.knowledge, inference.surprise
+            self.misfit = inference.misfit
         except np.linalg.LinAlgError as error:
             self.estimate = self._refuse(f"the uncertainty cannot be computed: {error}")
 

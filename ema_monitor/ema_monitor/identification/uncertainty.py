@@ -187,6 +187,17 @@ def with_mismatch(
     return MISMATCH_FACTOR**2 * covariance + np.diag(floor**2)
 
 
+def widening(goodness_of_fit: float) -> float:
+    """Return by how much a poor fit widens standard deviations [-].
+
+    Parameters
+    ----------
+    goodness_of_fit
+        What the model misses over what it misses of a healthy actuator.
+    """
+    return max(1.0, goodness_of_fit / USUAL_MISFIT)
+
+
 def uncertainty_of_faults(
     faults: NDArray[np.float64], covariance: NDArray[np.float64], goodness_of_fit: float
 ) -> Uncertainty:
@@ -200,13 +211,13 @@ def uncertainty_of_faults(
         Covariance of the faults with ``zeta cos(phi)`` and ``zeta sin(phi)`` in the places of
         eccentricity and phase, ``(8, 8)`` or larger.
     goodness_of_fit
-        What the model misses over what it misses of a healthy actuator; NaN when unknown.
+        What the model misses over what it misses of a healthy actuator.
     """
     zeta = faults[ECCENTRICITY]
     phi = eccentricity_angle(faults[ECCENTRICITY_PHASE])
     cosine, sine = np.cos(phi), np.sin(phi)
     covariance = with_mismatch(covariance[:N_FAULTS, :N_FAULTS], MISMATCH_SIGMA)
-    covariance *= np.fmax(1.0, goodness_of_fit / USUAL_MISFIT) ** 2
+    covariance *= widening(goodness_of_fit) ** 2
     plane = covariance[np.ix_(_PLANE, _PLANE)]
     offset = zeta * np.array([cosine, sine])
     distance = float(offset @ np.linalg.solve(plane, offset))

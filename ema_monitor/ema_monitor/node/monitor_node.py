@@ -138,11 +138,17 @@ class MonitorNode(ManagedNode):
         """Return the status of the actuators, their histories and the identification."""
         input_level, remarks = self._units.input_status()
         level, message = self._worker.status()
-        dropped = {"windows dropped": self._worker.dropped}
+        dropped = self._worker.dropped
         return [
-            *self._units.tasks(self._worker.waiting),
+            *self._units.tasks(self._worker.waiting, dropped),
             *self._prognosis.tasks(),
-            Task("input", input_level, remarks, self.hardware_id, dropped),
+            Task(
+                "input",
+                input_level,
+                remarks,
+                self.hardware_id,
+                {"windows dropped": sum(dropped.values())},
+            ),
             Task("identification", level, message, self.hardware_id),
         ]
 

@@ -163,8 +163,11 @@ class Unit:
         self._stale_published = True
         return self._publish_health()
 
-    def tasks(self, waiting: int) -> list[Task]:
-        """Return the status of telemetry and health; ``waiting`` windows of all actuators wait."""
+    def tasks(self, waiting: int, dropped: int = 0) -> list[Task]:
+        """Return the status of telemetry and health.
+
+        ``waiting`` windows of all actuators wait, and ``dropped`` ones of this one had to give way.
+        """
         finder, health, life = self.finder, self._outlook.health, self._outlook.rul
         if self.description is None:
             level, message = ERROR, "no description of the actuator: the telemetry has to wait"
@@ -183,6 +186,7 @@ class Unit:
             "defects": self._defect_count,
             "windows": finder.windows,
             "windows waiting": waiting,
+            "windows dropped": dropped,
             "estimates valid": self._valid,
             "estimates invalid": self._invalid,
             "latency [s]": self._latency_s,
@@ -192,6 +196,7 @@ class Unit:
                 "stretches combined": self.tally.combined,
                 "stretches without news": self.tally.skipped,
                 "stretches refused": self.tally.refused,
+                "stretches dropped": self.tally.dropped,
                 "stretches with too little travel": finder.passed_over,
                 "combinations without estimate": self.tally.fruitless,
             }

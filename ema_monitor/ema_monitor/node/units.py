@@ -1,7 +1,7 @@
 """The actuators that a monitor receives messages of, and the messages that belong to none."""
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -216,10 +216,22 @@ class Units(dict[str, Unit]):
             published = [unit.publish_if_stale(expected_period_s, now_ns) for unit in self.values()]
         return [health for health in published if health is not None]
 
-    def tasks(self, waiting: int) -> list[Task]:
-        """Return the status of each; ``waiting`` windows of all actuators wait."""
+    def tasks(self, waiting: int, dropped: Mapping[str, int]) -> list[Task]:
+        """Return the status of each.
+
+        Parameters
+        ----------
+        waiting
+            How many windows of all actuators wait.
+        dropped
+            How many were dropped, by actuator.
+        """
         with self.lock:
-            return [task for unit in self.values() for task in unit.tasks(waiting)]
+            return [
+                task
+                for name, unit in self.items()
+                for task in unit.tasks(waiting, dropped.get(name, 0))
+            ]
 
     def input_status(self) -> tuple[int, str]:
         """Return level and message on what is received of all."""

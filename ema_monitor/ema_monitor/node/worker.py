@@ -2,10 +2,7 @@
 
 import threading
 import traceback
-from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,139 +11,19 @@ from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.combination import (
-    Combinations,
-    CombinationSettings,
-    Tally,
-)
+from ema_monitor.identification.combination import CombinationSettings, Tally
+from ema_monitor.identification.combinations import Combinations
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.search import Identification, LastFaults
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.monitor_model import compile_kernels
+from ema_monitor.node.window_queue import QueueClosedError, WindowQueue
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
 _JOIN_S = 1.0
 _STOPPED_DURING = "the monitor was stopped during the identification"
-
-
-class QueueClosedError(Exception):
-    """A window was added to a queue that is closed."""
-
-
-class WindowQueue:
-    """The queue of windows between the thread that receives and the one that identifies.
-
-    Live, a window beyond the limit of its actuator drops that actuator's oldest one: the refusal
-    of that one stays in its place, so that order and numbers are kept and every window gets an
-    estimate. An actuator never drops the windows of another.
-
-    Attributes
-    ----------
-    dropped
-        Number of windows dropped.
-    """
-
-    def __init__(self) -> None:
-        self.dropped = 0
-        self._queue: deque[Segment] = deque()
-        self._changed = threading.Condition()
-        self._closed = False
-        self._current: Segment | None = None
-        self._is_publishing = False
-
-    def __len__(self) -> int:
-        with self._changed:
-            return sum(isinstance(item.window, Window) for item in self._queue)
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether no more windows are accepted."""
-        return self._closed
-
-    def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
-        """Add a window, or the refusal of one, at the end.
-
-        Parameters
-        ----------
-        segment
-            The window.
-        most_waiting
-            How many windows of its actuator may wait; None for any number.
-
-        Returns
-        -------
-        list of Segment
-            The windows that were dropped for it.
-
-        Raises
-        ------
-        QueueClosedError
-            When the queue is closed.
-        """
-        actuator_id, dropped = segment.description.actuator_id, []
-        with self._changed:
-            if self._closed:
-                raise QueueClosedError
-            self._queue.append(segment)
-            places = [
-                place
-                for place, item in enumerate(self._queue)
-                if item.description.actuator_id == actuator_id and isinstance(item.window, Window)
-            ]
-            if most_waiting is not None:
-                limit = counted(most_waiting, "window")
-                reason = f"dropped: more than {limit} waited for identification"
-                for place in places[: max(0, len(places) - most_waiting)]:
-                    dropped.append(oldest := self._queue[place])
-                    refusal = Refusal(oldest.window.start_ns, oldest.window.end_ns, reason)
-                    self._queue[place] = replace(oldest, window=refusal)
-                self.dropped += len(dropped)
-            self._changed.notify_all()
-        return dropped
-
-    def next(self) -> Segment | None:
-        """Wait for the next window and return it; None when the queue is closed."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._queue or self._closed)
-            self._current = None if self._closed else self._queue.popleft()
-            return self._current
-
-    @contextmanager
-    def publishing(self, segment: Segment) -> Iterator[bool]:
-        """Yield whether the estimate of the window that ``next`` returned last is to be published.
-
-        It is, in this context alone, unless the window was abandoned.
-        """
-        with self._changed:
-            self._is_publishing = self._current is segment
-        try:
-            yield self._is_publishing
-        finally:
-            with self._changed:
-                self._is_publishing = False
-                self._current = None
-                self._changed.notify_all()
-
-    def close(self) -> list[Segment]:
-        """Accept no more windows; return those that wait."""
-        with self._changed:
-            self._closed = True
-            waiting = list(self._queue)
-            self._queue.clear()
-            self._changed.notify_all()
-        return waiting
-
-    def abandon(self) -> Segment | None:
-        """Return the window that is being identified, if any: it will not be published.
-
-        If its estimate is being published, wait until it is, and return None.
-        """
-        with self._changed:
-            self._changed.wait_for(lambda: not self._is_publishing)
-            current, self._current = self._current, None
-        return current
 
 
 class IdentificationWorker:
@@ -218,8 +95,8 @@ class IdentificationWorker:
         return len(self._queue)
 
     @property
-    def dropped(self) -> int:
-        """Number of windows dropped since the start."""
+    def dropped(self) -> Mapping[str, int]:
+        """Number of windows dropped since the start, by actuator."""
         return self._queue.dropped
 
     def status(self) -> tuple[int, str]:
@@ -258,7 +135,8 @@ class IdentificationWorker:
     def stop(self) -> None:
         """Stop, even within a window, and refuse the windows that wait.
 
-        What stretches of ordinary motion have told so far is published.
+        What stretches of ordinary motion have told so far is published, without the one that is
+        being identified.
         """
         thread, self._thread = self._thread, None
         if thread is None:
@@ -272,12 +150,11 @@ class IdentificationWorker:
             self.refuse(current, _STOPPED_DURING)
         for segment in waiting:
             self.refuse(segment, "the monitor was stopped before the window was identified")
-        if not thread.is_alive():
-            # Those of a thread that still computes are lost.
-            for number, description, estimate in self._combinations.finish():
-                last = self._looked_at.get(description.actuator_id, number)
-                self._publish(_completed(number, last, description, estimate), estimate)
-        self._combinations.clear()
+        # A thread that still computes gives up its stretch once it is back from that.
+        combinations, self._combinations = self._combinations, Combinations()
+        for number, description, estimate in combinations.finish():
+            last = self._looked_at.get(description.actuator_id, number)
+            self._publish(_completed(number, last, description, estimate), estimate)
 
     def refuse(self, segment: Segment, reason: str) -> None:
         """Publish why a window is not identified; its own refusal when the reason is empty.
@@ -323,19 +200,20 @@ class IdentificationWorker:
                     self._log_failure(segment, second)
 
     def _combine_and_publish(self, segment: Segment, queue: WindowQueue) -> None:
-        description = segment.description
+        description, combinations = segment.description, self._combinations
         self._looked_at[description.actuator_id] = segment.number
         try:
-            found = self._combinations.add(
+            found = combinations.add(
                 description,
                 self._calibration_of(description),
                 self._settings(),
                 self._combining(),
                 segment.window,
                 previous=self._previous(description),
+                is_stopped=lambda: queue.is_closed,
             )
         except Exception as error:
-            tally = self._combinations.tally(description.actuator_id)
+            tally = combinations.tally(description.actuator_id)
             # Settings that cannot be used fail for each stretch anew: the status names them.
             if isinstance(error, ValueError) and not isinstance(error, np.linalg.LinAlgError):
                 reason = str(error)
@@ -353,9 +231,7 @@ class IdentificationWorker:
                     self._publish(_completed(number, segment.number, of, estimate), estimate)
                 except Exception as error:
                     self._log_failure(segment, error)
-            self._report_tally(
-                description.actuator_id, self._combinations.tally(description.actuator_id)
-            )
+            self._report_tally(description.actuator_id, combinations.tally(description.actuator_id))
 
     def _previous(self, description: ActuatorDescription) -> NDArray[np.float64] | None:
         """Return the faults at which the next search begins, None for a healthy actuator."""

@@ -33,12 +33,14 @@ _RATE_TOLERANCE: Final = 0.01
 class Refusal:
     """A window that was begun and cannot be used.
 
-    ``start_ns`` and ``end_ns`` are the stamps of its first and last sample [ns].
+    ``start_ns`` and ``end_ns`` are the stamps of its first and last sample [ns]; ``is_dropped``
+    says that nothing is wrong with it but that it had to wait for too long.
     """
 
     start_ns: int
     end_ns: int
     reason: str
+    is_dropped: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,280 @@
+"""From the stretches of ordinary motion to the one estimate of all of them (M29).
+
+The last stretch has the faults, and what is known of them after all stretches. Everything else in
+an estimate is of one stretch alone, and is put together here.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
+from ema_core.faults import (
+    ECCENTRICITY,
+    ECCENTRICITY_PHASE,
+    FAULTS,
+    N_FAULTS,
+    SHORT_CIRCUITS,
+)
+from ema_core.wording import counted
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.explanation import EQUAL_SHORTS
+from ema_monitor.identification.knowledge import Knowledge
+from ema_monitor.identification.search import Identification
+from ema_monitor.identification.uncertainty import widening
+from ema_monitor.identification.verdict import (
+    Misfit,
+    assumed_goodness,
+    contradicted_by,
+    correlated,
+    judged,
+)
+
+_PLANE: Final = [ECCENTRICITY, ECCENTRICITY_PHASE]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What a stretch adds to a combination.
+
+    Attributes
+    ----------
+    estimate
+        Its estimate, on all that is known after it.
+    knowledge
+        What is known of the faults after it.
+    misfit
+        What the estimate misses of it.
+    contradicted
+        What was measured and not used, as the stretch contradicts it.
+    caveats
+        Further reservations about the search.
+    """
+
+    estimate: Estimate
+    knowledge: Knowledge
+    misfit: Misfit
+    contradicted: tuple[CauseEstimate, ...] = ()
+    caveats: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, run: Identification) -> Self:
+        """Return that of a stretch that was identified."""
+        if run.estimate is None or run.knowledge is None or run.misfit is None:
+            raise RuntimeError("the identification ended without an estimate")
+        return cls(
+            run.estimate, run.knowledge, run.misfit, tuple(run.contradicted), tuple(run.caveats)
+        )
+
+
+def combined_estimate(
+    parts: Sequence[Part], wanted_sigma: float, remark: str = ""
+) -> Estimate | None:
+    """Return the one estimate of several stretches; None when they show no fault as wanted.
+
+    Parameters
+    ----------
+    parts
+        The stretches, in their order, at least one.
+    wanted_sigma
+        Standard deviation from which on a fault counts as not shown.
+    remark
+        Why there are no more of them; empty for no reason to mention.
+    """
+    last, known = parts[-1].estimate, parts[-1].knowledge
+    estimates = [part.estimate for part in parts]
+    misfit = Misfit.of_all(part.misfit for part in parts)
+    found = _most_significant([one.causes for one in estimates])
+    kept = ~last.insignificant
+    alternatives = _not_told_apart(estimates, kept)
+    faults = np.array(last.faults)
+    scale = widening(assumed_goodness(faults, misfit.goodness))
+    scale /= widening(assumed_goodness(faults, last.goodness_of_fit))
+    covariance, unknown = _with_confusions(
+        last, scale**2 * last.covariance, estimates, alternatives
+    )
+    unknown |= known.sigma > wanted_sigma
+    unknown[_PLANE] |= np.any(known.sigma[_PLANE] > wanted_sigma)
+    with np.errstate(invalid="ignore"):
+        confused = _faults_of(word for pair in alternatives for word in pair)
+        unknown[confused] |= np.sqrt(np.diag(covariance))[confused] > wanted_sigma
+    if np.all(unknown | (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)):
+        return None
+    covariance[unknown, :] = np.nan
+    covariance[:, unknown] = np.nan
+    hidden = [
+        fault.label
+        for fault, is_unknown in zip(FAULTS, unknown, strict=True)
+        if is_unknown and fault.limit is not None
+    ]
+    reservations = [
+        remark,
+        f"the motion does not show {', '.join(hidden)}" if hidden else "",
+        *_contradictions(parts),
+        *_counted([part.caveats for part in parts]),
+        *correlated(covariance, kept),
+        *_in_words([one.causes for one in estimates]),
+    ]
+    verdict = judged(
+        "motion",
+        misfit,
+        last.goodness_limit,
+        unknown,
+        alternatives,
+        list(filter(None, reservations)),
+        last.calibration_windows,
+    )
+    return replace(
+        last,
+        start_ns=estimates[0].start_ns,
+        stretches=len(parts),
+        covariance=covariance,
+        unobservable=unknown,
+        play=estimates[0].play,
+        fitness=sum(one.fitness for one in estimates),
+        goodness_of_fit=misfit.goodness,
+        unexplained_share=misfit.share,
+        excitation=max(one.excitation for one in estimates),
+        evaluations=sum(one.evaluations for one in estimates),
+        computing_time_s=sum(one.computing_time_s for one in estimates),
+        warm_start=estimates[0].warm_start,
+        causes=found,
+        measured=_most_significant([one.measured for one in estimates]),
+        alternatives=alternatives,
+        valid=verdict.name != "refused",
+        verdict=verdict.name,
+        reason=verdict.reason,
+    )
+
+
+def _by_name(
+    of_stretches: Iterable[Iterable[CauseEstimate]],
+) -> dict[str, list[CauseEstimate]]:
+    """Return causes of stretches by name, in the order in which they came up."""
+    by_name: dict[str, list[CauseEstimate]] = {}
+    for causes in of_stretches:
+        for one in causes:
+            by_name.setdefault(one.name, []).append(one)
+    return by_name
+
+
+def _most_significant(
+    of_stretches: Iterable[Iterable[CauseEstimate]],
+) -> tuple[CauseEstimate, ...]:
+    """Return each cause as the stretch has it in which it differs most from nothing."""
+    by_name = _by_name(of_stretches)
+    return tuple(
+        max(found, key=lambda one: abs(one.value) / one.sigma) for found in by_name.values()
+    )
+
+
+def _in_words(of_stretches: Sequence[Iterable[CauseEstimate]]) -> list[str]:
+    """Return each cause in words, with its range and in how many of the stretches it took part."""
+    words = []
+    for name, found in _by_name(of_stretches).items():
+        [most] = _most_significant([found])
+        cause = CAUSE_BY_NAME[name]
+        scale, unit = (100.0, "%") if cause.unit == "-" else (1.0, cause.unit)
+        values = [scale * one.value for one in found]
+        span = f"{min(values):+.3g} to {max(values):+.3g} {unit}, " if len(found) > 1 else ""
+        span += _share(len(found), len(of_stretches))
+        words.append(f"{most} ({span})" if len(of_stretches) > 1 else str(most))
+    return words
+
+
+def _share(number: int, of: int) -> str:
+    return f"in {number} of {counted(of, 'stretch')}"
+
+
+def _contradictions(parts: Sequence[Part]) -> list[str]:
+    """Return in words what was measured and not used, and in how many of the stretches."""
+    by_name = _by_name(part.contradicted for part in parts)
+    return contradicted_by(
+        "motion",
+        [
+            f"{_most_significant([found])[0]} ({_share(len(found), len(parts))})"
+            for found in by_name.values()
+        ],
+    )
+
+
+def _counted(of_stretches: Sequence[Sequence[str]]) -> list[str]:
+    """Return texts of stretches, each once, and of how many of them it is unless of all."""
+    numbers: dict[str, int] = {}
+    for texts in of_stretches:
+        for text in dict.fromkeys(texts):
+            numbers[text] = numbers.get(text, 0) + 1
+    total = len(of_stretches)
+    return [
+        text if number == total else f"{text} ({_share(number, total)})"
+        for text, number in numbers.items()
+    ]
+
+
+def _not_told_apart(
+    estimates: Sequence[Estimate], kept: NDArray[np.bool_]
+) -> tuple[tuple[str, str], ...]:
+    """Return the pairs that the stretches cannot be said to have told apart.
+
+    A later stretch that names no alternative has not told them apart: what was known before it
+    weighs more in it than what it shows itself, and a cause may last as long as the faults do. A
+    pair is none any more when its faults have proved healthy and its causes were rarely there.
+
+    Parameters
+    ----------
+    estimates
+        Those of the stretches.
+    kept
+        Faults that differ from healthy after all of them, ``(8,)``.
+    """
+    by_name = _by_name(one.causes for one in estimates)
+    lasting = {
+        CAUSE_BY_NAME[name].label
+        for name, found in by_name.items()
+        if 2 * len(found) > len(estimates)
+    }
+
+    def remains(words: str) -> bool:
+        faults = _faults_of([words])
+        return words in lasting or bool(faults and np.all(kept[faults]))
+
+    pairs = dict.fromkeys(pair for one in estimates for pair in one.alternatives)
+    return tuple(pair for pair in pairs if any(map(remains, pair)))
+
+
+def _faults_of(texts: Iterable[str]) -> list[int]:
+    """Return the faults that parts of an explanation are made of; none of a hidden cause."""
+    found: set[int] = set()
+    for words in texts:
+        names = words.split(" and ")
+        found |= {i for i, fault in enumerate(FAULTS) if fault.label in names}
+        found |= set(SHORT_CIRCUITS) if words == EQUAL_SHORTS else set()
+    return sorted(found)
+
+
+def _with_confusions(
+    last: Estimate,
+    covariance: NDArray[np.float64],
+    estimates: Iterable[Estimate],
+    alternatives: Iterable[tuple[str, str]],
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return a covariance that knows a fault no better than the stretches did one by one.
+
+    That holds for those that they did not tell from something else: it does not average out. The
+    best of these stretches counts. The flags are those of components that none of them knew.
+    """
+    best = np.diag(covariance).copy()
+    unknown = last.unobservable.copy()
+    for pair in alternatives:
+        confused = _faults_of(pair)
+        stated = np.array(
+            [np.diag(one.covariance)[confused] for one in estimates if pair in one.alternatives]
+        )
+        least = np.min(np.where(np.isnan(stated), np.inf, stated), axis=0, initial=np.inf)
+        best[confused] = np.fmax(best[confused], least)
+    unknown |= np.isinf(best)
+    grown = np.sqrt(np.where(unknown, 1.0, best / np.where(unknown, 1.0, np.diag(covariance))))
+    return covariance * np.outer(grown, grown), unknown

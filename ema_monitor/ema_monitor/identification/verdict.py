@@ -1,0 +1,193 @@
+"""How far to trust an estimate: what it leaves unexplained, its verdict, and why (M19)."""
+
+import math
+from collections.abc import Iterable, Sequence
+from itertools import combinations
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
+from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
+
+_STRONG_CORRELATION: Final = 0.95
+
+
+class Misfit(NamedTuple):
+    """What an estimate misses of a window, or of several.
+
+    Attributes
+    ----------
+    powers
+        Power of the band-limited residual over that of a healthy window, ``(2, 2)``: of current and
+        speed (rows) at the estimate and at the healthy point (columns); NaN where the calibration
+        does not know the latter.
+    """
+
+    powers: NDArray[np.float64]
+
+    @classmethod
+    def of_all(cls, parts: Iterable[Self]) -> Self:
+        """Return that of several stretches of about the same length together."""
+        return cls(np.mean([part.powers for part in parts], axis=0))
+
+    @property
+    def goodness(self) -> float:
+        """Rms of the residual over that of a healthy window, the larger of current and speed [-].
+
+        Where one scatter is unknown, the other judges.
+        """
+        return math.sqrt(float(np.fmax(*self.powers[:, 0])))
+
+    @property
+    def share(self) -> float:
+        """Share of the departure from healthy that the estimate leaves [-].
+
+        The square root of the excess of the residual's power over that of a healthy window, at the
+        estimate over at the healthy point; NaN where the goodness is.
+        """
+        if math.isnan(self.goodness):
+            return math.nan
+        left, departure = np.maximum(np.nansum(self.powers - 1.0, axis=0), 0.0).tolist()
+        return math.sqrt(left / departure) if departure > 0.0 else float(left > 0.0)
+
+
+class Verdict(NamedTuple):
+    """Whether an estimate may be used, and why not, or reservations about it."""
+
+    name: str
+    reason: str
+
+
+def goodness_limit(faults: NDArray[np.float64], limit: float) -> float:
+    """Return the goodness of fit up to which faults, ``(8,)``, explain a window.
+
+    The fewer turns a phase has left, the less inductance holds its ripple, which no model of the
+    mean current can match.
+
+    Parameters
+    ----------
+    faults
+        Estimate.
+    limit
+        That of a motor without short circuit.
+    """
+    most_shorted = float(np.max(faults[SHORT_CIRCUITS]))
+    return limit / math.sqrt(1.0 - most_shorted)
+
+
+def assumed_goodness(faults: NDArray[np.float64], goodness: float) -> float:
+    """Return the goodness of fit that standard deviations are to hold for.
+
+    Where it is unknown, it may be as high as that of any estimate that is valid.
+
+    Parameters
+    ----------
+    faults
+        Estimate, ``(8,)``.
+    goodness
+        That of the window; NaN when it is unknown.
+    """
+    if math.isnan(goodness):
+        return goodness_limit(faults, SearchSettings.goodness_limit)
+    return goodness
+
+
+def judged(
+    subject: str,
+    misfit: Misfit,
+    limit: float,
+    unobservable: NDArray[np.bool_],
+    alternatives: Sequence[tuple[str, str]],
+    reservations: Sequence[str],
+    calibration_windows: int,
+) -> Verdict:
+    """Return the verdict on an estimate.
+
+    Parameters
+    ----------
+    subject
+        What it is an estimate of: a window, a stretch, or a motion of several.
+    misfit, limit
+        What it misses, and the goodness of fit up to which the faults explain the window.
+    unobservable
+        Components that are not determined, ``(8,)``.
+    alternatives
+        Pairs of what is part of the explanation and what it is not told from.
+    reservations
+        What else is to be said about it, without consequence.
+    calibration_windows
+        Number of healthy windows of the calibration.
+    """
+    doubts, defects = confusions(subject, alternatives), []
+    goodness, share = misfit.goodness, misfit.share
+    if math.isnan(goodness):
+        doubts.append(
+            "standard deviations are widened: the fit cannot be judged, as the healthy windows of "
+            f"the calibration ({calibration_windows}) do not give their scatter; calibrate with "
+            "more of them"
+        )
+    elif goodness > limit:
+        words = (
+            f"the residual is {goodness:.1f} times that of a healthy actuator, at most "
+            f"{limit:.1f} is expected, and {100.0 * share:.0f} % of the departure from healthy "
+            "is unexplained"
+        )
+        if share > MOST_UNEXPLAINED:
+            defects.append(f"neither faults nor known causes explain the {subject}: {words}")
+        else:
+            doubts.append(f"standard deviations are widened: {words}")
+    if np.all(unobservable | (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)):
+        defects.append(f"no excitation: the {subject} determines no fault better than its range")
+    name = "refused" if defects else "degraded" if doubts else "valid"
+    return Verdict(name, "; ".join([*reservations, *doubts, *defects]))
+
+
+def confusions(subject: str, alternatives: Iterable[tuple[str, str]]) -> list[str]:
+    """Return in words what is not told apart, a text for each part of an explanation.
+
+    Parameters
+    ----------
+    subject, alternatives
+        As of `judged`.
+    """
+    others: dict[str, list[str]] = {}
+    for one, other in alternatives:
+        others.setdefault(one, []).append(other)
+    return [
+        f"this {subject} cannot tell {one} from {' or '.join(found)}"
+        for one, found in others.items()
+    ]
+
+
+def contradicted_by(subject: str, measured: Iterable[object]) -> list[str]:
+    """Return in words what was measured and not used, a text for each.
+
+    Parameters
+    ----------
+    subject
+        As of `judged`.
+    measured
+        What was measured, in words.
+    """
+    return [f"not used, as the {subject} contradicts it: measured {one}" for one in measured]
+
+
+def correlated(covariance: NDArray[np.float64], kept: NDArray[np.bool_]) -> list[str]:
+    """Return in words which components of an estimate are strongly correlated.
+
+    Parameters
+    ----------
+    covariance
+        Covariance of the faults, ``(8, 8)``; NaN where they are unobservable.
+    kept
+        Those that differ from healthy, ``(8,)``.
+    """
+    sigma = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(sigma, sigma)
+    return [
+        f"{FAULTS[i].label} and {FAULTS[j].label} are strongly correlated ({correlation[i, j]:.2f})"
+        for i, j in combinations(range(N_FAULTS), 2)
+        if kept[i] and kept[j] and abs(correlation[i, j]) > _STRONG_CORRELATION
+    ]

@@ -1,0 +1,158 @@
+"""The estimate of several stretches carries what holds for all of them, not for the last one."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.causes import CauseEstimate
+from ema_core.faults import FAULT_NAMES, N_FAULTS, FaultVector, fault_vector
+from ema_monitor.identification.combined import Part, combined_estimate
+from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.knowledge import Knowledge
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.verdict import Misfit
+from ema_monitor.windows.trigger import Refusal
+
+SHORTS = slice(2, 5)
+EQUAL_SHORTS = "equal short circuits of all phases"
+SIGMA = 0.01
+
+
+def estimate(number: int, *kept: str, sigma: float = SIGMA, **values) -> Estimate:
+    """Estimate of a stretch with some significant faults."""
+    blank = refusal(Refusal(10 * number, 10 * number + 9, ""), "", SearchSettings(), "")
+    return replace(
+        blank,
+        faults=FaultVector.of(fault_vector(dict.fromkeys(kept, 0.1))),
+        covariance=sigma**2 * np.eye(N_FAULTS),
+        unobservable=np.zeros(N_FAULTS, dtype=bool),
+        insignificant=~np.isin(FAULT_NAMES, kept),
+        play=0.5 - number,
+        fitness=1.0,
+        excitation=0.01,
+        valid=True,
+        verdict="valid",
+        **values,
+    )
+
+
+def part(one: Estimate, *, power: float = 1.0, departure: float = 100.0, **more) -> Part:
+    known = Knowledge(
+        np.zeros(N_FAULTS),
+        1e-6 * np.eye(N_FAULTS),
+        np.zeros((N_FAULTS, 0)),
+        1.0,
+        np.zeros((N_FAULTS, N_FAULTS)),
+    )
+    misfit = Misfit(np.array([[power, departure], [1.0, departure]]))
+    return Part(replace(one, goodness_of_fit=misfit.goodness), known, misfit, **more)
+
+
+def combined(*parts: Part, wanted_sigma: float = 0.05) -> Estimate:
+    found = combined_estimate(parts, wanted_sigma)
+    assert found is not None
+    return found
+
+
+def test_a_cause_of_any_stretch_is_named_with_its_range():
+    load = [CauseEstimate("load_torque", value, 0.01) for value in (0.3, 0.1)]
+    offset = CauseEstimate("current_offset", 0.2, 0.02)
+    found = combined(
+        part(estimate(0, causes=(load[0], offset))),
+        part(estimate(1, causes=(load[1],))),
+        part(estimate(2)),
+    )
+    assert found.causes == (load[0], offset)
+    assert "load torque +0.3 +- 0.01 N.m (+0.1 to +0.3 N.m, in 2 of 3 stretches)" in found.reason
+    assert "current sensor offset +0.2 +- 0.02 A (in 1 of 3 stretches)" in found.reason
+
+
+def test_goodness_is_that_of_all_stretches_together():
+    """The root of the mean power; a last stretch that fits well hides nothing."""
+    found = combined(part(estimate(0), power=31.0), part(estimate(1), power=1.0))
+    assert found.goodness_of_fit == pytest.approx(4.0)
+    assert found.unexplained_share == pytest.approx(math.sqrt(15.0 / 198.0))
+    assert found.verdict == "degraded"
+    assert "the residual is 4.0 times that of a healthy actuator" in found.reason
+    # The last one alone had no reason to be widened; beyond 2.5 they grow with the goodness.
+    np.testing.assert_allclose(found.sigma, SIGMA * 4.0 / 2.5)
+
+
+def test_motion_that_nothing_explains_is_refused():
+    """Half of the departure of two stretches is left; of one that fits badly alone, little."""
+    found = combined(part(estimate(0), power=31.0, departure=400.0), part(estimate(1)))
+    assert (found.verdict, found.valid) == ("degraded", True)
+    found = combined(*(part(estimate(i), power=31.0, departure=40.0) for i in range(2)))
+    assert (found.verdict, found.valid) == ("refused", False)
+    assert "neither faults nor known causes explain the motion" in found.reason
+
+
+def test_what_a_stretch_could_not_tell_apart_does_not_average_out():
+    """A torque constant that lasts: stretches take it for inertia, then for three equal shorts."""
+    kept = [FAULT_NAMES[i] for i in (2, 3, 4)]
+    inertia = CauseEstimate("inertia", 0.06, 0.05)
+    pair = ("inertia", EQUAL_SHORTS)
+    unsure = estimate(0, sigma=0.04, causes=(inertia,), alternatives=(pair,))
+    found = combined(part(unsure), part(estimate(1, *kept)))
+    assert found.alternatives == (pair,)
+    assert found.verdict == "degraded"
+    assert f"this motion cannot tell inertia from {EQUAL_SHORTS}" in found.reason
+    np.testing.assert_allclose(np.array(found.sigma)[SHORTS], 0.04)
+    assert found.sigma.friction == pytest.approx(SIGMA)
+    # As well as wanted, it is not known then.
+    found = combined(part(unsure), part(estimate(1, *kept)), wanted_sigma=0.02)
+    assert np.all(found.unobservable[SHORTS])
+    assert "the motion does not show short circuit A, short circuit B" in found.reason
+
+
+def test_a_confusion_of_which_nothing_has_remained_is_none():
+    pair = ("friction", "current sensor offset")
+    first = estimate(0, "friction", alternatives=(pair,))
+    assert combined(part(first), part(estimate(1, "friction"))).alternatives == (pair,)
+    found = combined(part(first), part(estimate(1, "backlash")))
+    assert (found.alternatives, found.verdict) == ((), "valid")
+
+
+def test_a_cause_that_came_and_went_leaves_faults_as_they_proved_to_be():
+    """One stretch of three; had it been shorts, they would have stayed."""
+    inertia = CauseEstimate("inertia", 0.06, 0.05)
+    unsure = estimate(0, causes=(inertia,), alternatives=(("inertia", EQUAL_SHORTS),))
+    found = combined(part(unsure), *(part(estimate(i)) for i in (1, 2)))
+    assert (found.alternatives, found.verdict, found.causes) == ((), "valid", (inertia,))
+
+
+def test_remarks_of_stretches_are_said_once_with_their_number():
+    wrong = [CauseEstimate("load_torque", value, 0.01) for value in (0.1, 0.12)]
+    slow = "the search was stopped before it converged"
+    parts = [
+        part(estimate(i), contradicted=(one,), caveats=("forced", *more))
+        for i, (one, more) in enumerate(zip(wrong, ((slow,), ()), strict=True))
+    ]
+    reason = combined(*parts).reason
+    assert reason.split("; ") == [
+        "not used, as the motion contradicts it: measured load torque +0.12 +- 0.01 N.m "
+        "(in 2 of 2 stretches)",
+        "forced",
+        f"{slow} (in 1 of 2 stretches)",
+    ]
+
+
+def test_place_in_the_play_and_cost_are_those_of_the_whole():
+    """The play is that at the start, the cost that of one fit of all."""
+    found = combined(part(estimate(0)), part(estimate(1)))
+    assert (found.play, found.fitness, found.stretches) == (0.5, 2.0, 2)
+    assert (found.start_ns, found.end_ns) == (0, 19)
+
+
+def test_an_unknown_goodness_is_no_reason_to_be_sure():
+    """One healthy window gives no scatter: as wide as for the worst fit that is still valid."""
+    blind = replace(estimate(0), goodness_of_fit=math.nan)
+    parts = [
+        replace(part(blind), misfit=Misfit(np.full((2, 2), np.nan)), estimate=blind)
+        for _ in range(2)
+    ]
+    found = combined(*parts)
+    assert (found.verdict, found.valid) == ("degraded", True)
+    assert "the fit cannot be judged" in found.reason
