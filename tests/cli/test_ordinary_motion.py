@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ema_cli.commands import plot
 from ema_core.faults import FAULT_NAMES, fault_vector
+from ema_monitor.plot import plot_fit
 
 FAULTS = {"friction": 0.2, "short_circuit_b": 0.1}
 MOVES = ("--command", "moves", "--command-set", "amplitude=0.008,rate=0.3,duration=4,seed=3")
@@ -61,3 +63,35 @@ def test_a_bag_without_motion_is_an_error(ema, tmp_path):
     result = ema("estimate", "--any-motion", "--threshold", "1", bag)
     assert result.exit_code == 1
     assert "no motion to diagnose" in result.stderr
+
+
+@pytest.mark.slow
+def test_plot_shows_an_estimate_with_the_fit_of_its_last_stretch(ema, bag, tmp_path, monkeypatch):
+    """The stretch is under a load, which is part of the fit."""
+    drawn = []
+
+    def note(window, estimate, calibration, **more):
+        drawn.append((window, estimate))
+        return plot_fit(window, estimate, calibration, **more)
+
+    monkeypatch.setattr(plot, "plot_fit", note)
+    picture = tmp_path / "fit.png"
+    options = ("--any-motion", "--wanted-sigma", "0.02")
+    result = ema("plot", *options, "--window", "0", "-o", picture, bag)
+    assert result.exit_code == 0, result.stderr
+    assert picture.stat().st_size > 0
+    [(window, estimate)] = drawn
+    [combined, *others] = json.loads(ema("estimate", *options, "--json", bag).stdout)
+    assert estimate.stretches == combined["stretches"]
+    assert (estimate.end_ns, window.end_ns) == (combined["end_ns"], combined["end_ns"])
+    [load] = [one.value for one in estimate.causes if one.name == "load_torque"]
+    assert load == pytest.approx(0.3, abs=0.02)
+    number = 1 + len(others)
+    result = ema("plot", *options, "--window", number, "-o", tmp_path / "none.png", bag)
+    assert (result.exit_code, f"gives {number} estimate" in result.stderr) == (1, True)
+
+
+def test_compare_names_what_compares_algorithms_on_motion(ema, bag):
+    result = ema("compare", "--any-motion", bag)
+    assert result.exit_code == 1
+    assert "`ema estimate --any-motion --algorithm NAME`" in " ".join(result.stderr.split())

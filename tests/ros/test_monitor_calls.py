@@ -16,6 +16,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.optimizers import ALGORITHMS
 
 from ..waiting import DEADLINE_S, wait_for
+from .goals import Goal
 from .monitor_session import FLAP, THREADS, MonitorSession, Source, corrupted, in_window, monitor
 
 NAME = "/ema/monitor/calibrate"
@@ -33,31 +34,6 @@ def session() -> Iterator[MonitorSession]:
 
 def calibrate(session: MonitorSession, **request: Any) -> Any:
     return session.call(Calibrate, NAME, Calibrate.Request(**request))
-
-
-class Goal:
-    """A goal that has been sent to a monitor."""
-
-    def __init__(self, session: MonitorSession, **goal: Any) -> None:
-        self.feedback: list[IdentifyFaults.Feedback] = []
-        self._session = session
-        self._client = ActionClient(session.probe, IdentifyFaults, "/ema/monitor/identify_faults")
-        wait_for(self._client.server_is_ready, "the action")
-        sent = self._client.send_goal_async(IdentifyFaults.Goal(**goal), self._note)
-        self.handle = session.result(sent)
-        assert self.handle.accepted
-        self._result = self.handle.get_result_async()
-        session.at_end(self._client.destroy)
-
-    def _note(self, message: Any) -> None:
-        self.feedback.append(message.feedback)
-
-    def cancel(self) -> None:
-        self._session.result(self.handle.cancel_goal_async())
-
-    def result(self) -> tuple[int, IdentifyFaults.Result]:
-        answer = self._session.result(self._result)
-        return answer.status, answer.result
 
 
 def until_waited_for(session: MonitorSession) -> None:

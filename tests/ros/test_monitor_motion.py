@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from action_msgs.msg import GoalStatus
 
 from ema_core.commands import Command
 from ema_core.faults import FAULT_NAMES, fault_vector
@@ -17,6 +18,7 @@ from ema_monitor.windows.trigger import Refusal, TriggerSettings
 from ema_ros.stamps import stamp_from_message
 from ema_sim.actuator import SimulatedActuator
 
+from .goals import Goal
 from .monitor_session import FLAP, START_NS, monitor
 
 MOTION = {"windows": "any_motion", "wanted_sigma": 0.02, "pause_s": 0.0}
@@ -77,6 +79,17 @@ def test_rest_gives_no_estimate_and_stretches_are_counted(moves: list[Telemetry]
         values = session.until(counted)
         assert values["windows"] == "0"
         assert session.estimates() == []
+
+
+@pytest.mark.slow
+def test_a_stretch_is_not_identified_as_a_test_cycle(moves: list[Telemetry]):
+    with monitor(MOTION) as session:
+        session.describe()
+        session.feed(moves[:20])
+        session.until(lambda: session.node._units["flap"].latest)
+        status, result = Goal(session, algorithm="pso").result()
+        assert (status, result.success) == (GoalStatus.STATUS_ABORTED, False)
+        assert "set `windows` to 'test_cycle'" in result.message
 
 
 def test_an_estimate_of_later_motion_ends_a_defect():

@@ -73,6 +73,12 @@ def compare(
     the rest once more.
     """
     with one_clear_line():
+        if source.any_motion:
+            raise ValueError(
+                "--any-motion: algorithms are compared on one test cycle, and a stretch of "
+                "ordinary motion is none; `ema estimate --any-motion --algorithm NAME` shows what "
+                "one makes of the stretches combined"
+            )
         picture = output or _beside(bag)
         require_drawable(picture)
         calibration = options.calibration()

@@ -18,6 +18,8 @@ from ema_cli.errors import one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.show.history_figure import draw_history
 from ema_cli.show.picture_path import picture_option, require_drawable, save_picture
+from ema_core.wording import counted
+from ema_monitor.identification.stretch_fit import in_stretch
 from ema_monitor.plot import label, plot_fit
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -30,7 +32,13 @@ _SHADE: Final = 0.12
 @click.argument("bag", type=click.Path(path_type=Path))
 @source_options(USE_OPTIONS, identifies=True)
 @identification_options
-@click.option("--window", "number", type=click.IntRange(0), help="Show the fit of this window.")
+@click.option(
+    "--window",
+    "number",
+    type=click.IntRange(0),
+    help="Show the fit of this window; with --any-motion, this estimate and the fit of the last "
+    "stretch that it rests on.",
+)
 @click.option(
     "--history",
     "as_history",
@@ -62,6 +70,8 @@ def plot(
             click.echo(f"{bag}: {remark}", err=True)
         if number is None:
             figure = draw_telemetry(found, outline)
+        elif source.any_motion:
+            figure = _draw_estimate(found, number, source, options)
         else:
             window = _window(found, number)
             calibration = options.calibration()
@@ -73,6 +83,28 @@ def plot(
             figure = plot_fit(window, one, calibration, since_ns=found.first_ns)
         save_picture(figure, output)
     click.echo(f"{output}")
+
+
+def _draw_estimate(
+    found: BagWindows, number: int, source: Source, options: IdentificationOptions
+) -> Figure:
+    """Return a figure of an estimate of ordinary motion, with the fit of its last stretch."""
+    calibration = options.calibration()
+    estimates = estimate_windows(
+        found.windows, calibration, options, force=source.force, any_motion=True
+    )
+    if number >= len(estimates):
+        said = counted(len(estimates), "estimate")
+        raise ValueError(f"--window {number}: the motion gives {said}, numbered from 0")
+    one = estimates[number]
+    if not one.valid:
+        raise ValueError(f"estimate {number} is refused: {one.reason}")
+    last = next(item for item in found.windows if item.end_ns == one.end_ns)
+    calibration, stretch = calibration.of_any_motion(), last.window
+    if not isinstance(stretch, Window):
+        raise RuntimeError("an estimate rests on a stretch that cannot be used")
+    fitted = in_stretch(one, stretch, last.description, calibration, options.search)
+    return plot_fit(stretch, fitted, calibration, since_ns=found.first_ns)
 
 
 def _window(found: BagWindows, number: int) -> Window:

@@ -15,6 +15,7 @@ from ema_monitor.calibration.alignment import moved, same_command, shift_between
 from ema_monitor.calibration.calibration import LEAST_SCATTER, Calibration
 from ema_monitor.calibration.columns import column_defect
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
+from ema_monitor.model.measured import measured_deviations
 from ema_monitor.model.monitor_model import FORMS, MonitorModel, Response
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 from ema_monitor.windows.band import BAND_CORRELATION, band_limited, rms, speed_weight
@@ -50,7 +51,7 @@ def calibrate(
     windows
         Windows of one or several commands, at least one; ten or more of the first one average out
         the PWM's ripple. They are used one at a time, several times over, so that they may be read
-        when needed.
+        when needed. What was measured beside them is taken for known, within its sigma.
     description
         The unit that the windows were taken from; the built-in actuator when None.
     form
@@ -166,7 +167,9 @@ def _weights(groups: Sequence[Sequence[Window]]) -> list[NDArray[np.float64] | f
 
 
 def _healthy_response(window: Window, model: MonitorModel) -> Response:
-    return model.respond(window, healthy_faults(), _play(window))
+    """Return the response of the healthy actuator under what was measured beside the window."""
+    measured = measured_deviations(window.measured)
+    return model.respond(window, healthy_faults(), _play(window), deviations=measured[None])
 
 
 class _UnitProblem:
@@ -214,18 +217,44 @@ class _UnitProblem:
 
     def slopes(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the derivatives of the model's response, ``(r, d)``."""
-        model = self._model(x)
         up = np.minimum(self._steps, self.highest - x)
         down = np.minimum(self._steps, x - self.lowest)
         sides = self.deviations(np.concatenate([np.diag(up), -np.diag(down)]))
-        faults = np.tile(healthy_faults(), (len(sides), 1))
-        columns = []
-        for group, weights in zip(self._groups, self._weights, strict=True):
-            response = model.respond(group[0], faults, _play(group[0]), deviations=sides)
+        return self._differences(x, [sides] * len(self._groups)) / (up + down)
+
+    def effects_of_measured(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what one sigma of each measured cause changes the response by, ``(r, k)`` [A].
+
+        A sensor is as wrong in all windows as in one.
+        """
+        measured = [{one.name: one for one in group[0].measured} for group in self._groups]
+        names = sorted({name for by_name in measured for name in by_name})
+        sides = []
+        for by_name in measured:
+            known = [[by_name[name]] if name in by_name else [] for name in names]
+            errors = [[one._replace(value=one.sigma) for one in causes] for causes in known]
+            above = np.array([measured_deviations(causes) for causes in errors])
+            above = above.reshape(-1, N_DEVIATIONS)
+            sides.append(np.concatenate([above, -above]))
+        if not names:
+            return np.zeros((len(self.missed(x)), 0))
+        return self._differences(x, sides) / 2.0
+
+    def _differences(
+        self, x: NDArray[np.float64], sides: Sequence[NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
+        """Return what the first half of deviations of each command, ``(2 k, 25)``, has over the
+        second one, ``(r, k)``."""
+        model, columns = self._model(x), []
+        for group, weights, of_group in zip(self._groups, self._weights, sides, strict=True):
+            first = group[0]
+            faults = np.tile(healthy_faults(), (len(of_group), 1))
+            deviations = of_group + measured_deviations(first.measured)
+            response = model.respond(first, faults, _play(first), deviations=deviations)
             pairs = zip(*response, strict=True)
             rows = np.array([self._in_band(np.array(row) * weights) for row in pairs])
             above, below = np.split(rows, 2)
-            columns.append(((above - below) / (up + down)[:, None]).T)
+            columns.append((above - below).T)
         return np.concatenate(columns)
 
     def lowest_within(
@@ -303,7 +332,9 @@ def _fit_unit(
     # What was left out may still be there, as far as the windows and the priors let it.
     left_out = np.where(active, 0.0, np.linalg.solve(normal, gradient))
     known: NDArray[np.float64] = np.linalg.inv(normal) + np.diag(left_out**2)  # pyright: ignore[reportAssignmentType]
-    return UnitFit(problem.deviations(x), problem.covariance(known))
+    # What was measured was taken for known in all of it.
+    shifts = np.linalg.solve(normal, slopes.T @ problem.effects_of_measured(x) / noise**2)
+    return UnitFit(problem.deviations(x), problem.covariance(known + shifts @ shifts.T))
 
 
 class _Addition(NamedTuple):

@@ -23,6 +23,7 @@ from ema_monitor.identification.fitness import DEFAULT_FITNESS, FITNESS
 from ema_monitor.identification.knowledge import Knowledge
 from ema_monitor.model.deviations import N_DEVIATIONS, N_SENSOR, NAMES, Prior, sensed
 from ema_monitor.model.drives import lifts_of_pairs
+from ema_monitor.model.measured import measured_deviations
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.optimizers.least_squares import DIFFERENCE
 from ema_monitor.windows.window import Window
@@ -162,9 +163,7 @@ class Objective:
         self._coordinates = Coordinates(window.play, cartesian, causes)
         self.hidden_causes = causes
         self._columns = [NAMES.index(one.name) for one in causes]
-        self._measured = np.zeros(N_DEVIATIONS)
-        for one in window.measured:
-            self._measured[NAMES.index(one.name)] = one.value
+        self._measured = measured_deviations(window.measured)
         self.evaluations = 0
         self.known = known
         self._priors = math.sqrt(self.noise) * np.array(

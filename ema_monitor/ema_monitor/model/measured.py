@@ -3,11 +3,20 @@
 from collections.abc import Iterable, Mapping
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import is_finite_number
 from ema_core.wording import as_identifier, unknown_name
-from ema_monitor.model.deviations import HIDDEN_CAUSES, Prior, hidden_causes
+from ema_monitor.model.deviations import (
+    HIDDEN_CAUSES,
+    N_DEVIATIONS,
+    NAMES,
+    Prior,
+    hidden_causes,
+)
 
 GRAMMAR: Final = "NAME=VALUE:SIGMA"
 """Text of a measured cause: value and standard deviation in its unit."""
@@ -126,3 +135,11 @@ def _checked(one: CauseEstimate) -> CauseEstimate:
             f"in {cause.unit}"
         )
     return CauseEstimate(one.name, float(one.value), float(one.sigma))
+
+
+def measured_deviations(measured: Iterable[CauseEstimate]) -> NDArray[np.float64]:
+    """Return what was measured as deviations from the unit, ``(25,)``; 0 for all others."""
+    values = np.zeros(N_DEVIATIONS)
+    for one in measured:
+        values[NAMES.index(one.name)] = one.value
+    return values

@@ -200,6 +200,13 @@ class MonitorCalls:
         segment = self._window(unit, goal)
         if segment is None:
             return
+        if segment.is_stretch:
+            raise ValueError(
+                "windows = 'any_motion': a stretch of ordinary motion alone is no test cycle, and "
+                "its faults are not identified by themselves; fault_estimate has those of the "
+                "stretches combined, by the parameter `algorithm`; for a test cycle set `windows` "
+                "to 'test_cycle'"
+            )
         # No warm start: the result depends on the window and the goal alone.
         calibration = self._store.of(segment.description)
         run = Identification(segment.window, segment.description, calibration, search)

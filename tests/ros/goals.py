@@ -1,0 +1,35 @@
+"""Goals of the action of a monitor."""
+
+from typing import Any
+
+from rclpy.action.client import ActionClient
+
+from ema_interfaces.action import IdentifyFaults
+
+from ..waiting import wait_for
+from .monitor_session import MonitorSession
+
+
+class Goal:
+    """A goal that has been sent to a monitor."""
+
+    def __init__(self, session: MonitorSession, **goal: Any) -> None:
+        self.feedback: list[IdentifyFaults.Feedback] = []
+        self._session = session
+        self._client = ActionClient(session.probe, IdentifyFaults, "/ema/monitor/identify_faults")
+        wait_for(self._client.server_is_ready, "the action")
+        sent = self._client.send_goal_async(IdentifyFaults.Goal(**goal), self._note)
+        self.handle = session.result(sent)
+        assert self.handle.accepted
+        self._result = self.handle.get_result_async()
+        session.at_end(self._client.destroy)
+
+    def _note(self, message: Any) -> None:
+        self.feedback.append(message.feedback)
+
+    def cancel(self) -> None:
+        self._session.result(self.handle.cancel_goal_async())
+
+    def result(self) -> tuple[int, IdentifyFaults.Result]:
+        answer = self._session.result(self._result)
+        return answer.status, answer.result
