@@ -56,8 +56,27 @@ def test_impossible_measurement_is_one_clear_line(ema, bag, text, said):
     assert result.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize("command", ["estimate", "compare", "plot", "prognose"])
+@pytest.mark.parametrize("command", ["calibrate", "estimate", "compare", "plot", "prognose"])
 def test_help_lists_what_may_be_measured(ema, command):
     said = " ".join(ema(command, "--help").stdout.split())
     for name in HIDDEN_CAUSES:
         assert f"{name} [" in said
+
+
+@pytest.mark.slow
+def test_calibration_under_a_measured_load_is_one_without(ema, tmp_path):
+    """The same file serves a unit without load; what its window did not show is named."""
+    healthy, loaded = tmp_path / "healthy.mcap", tmp_path / "loaded.mcap"
+    assert ema("simulate", "-o", healthy).exit_code == 0
+    assert ema("simulate", "--cause", "load_torque=0.3", "-o", loaded).exit_code == 0
+    made = tmp_path / "unit.yaml"
+    result = ema("calibrate", loaded, *RIGHT, "-o", made)
+    assert result.exit_code == 0, result.output
+    words = " ".join(result.stdout.split())
+    assert "taken for known: load torque +0.3 +- 0.01 N.m in 1 window" in words
+    assert "not learned from these windows: viscous friction" in words
+    result = ema("estimate", healthy, "--calibration", made, "--json")
+    [one] = json.loads(result.stdout)
+    assert (one["causes"], one["valid"]) == ([], True)
+    # Without a load, all faults are healthy.
+    assert len(one["insignificant"]) == 8

@@ -184,6 +184,7 @@ def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
         answer = session.result(future)
         assert answer.success, answer.message
         assert str(own) in answer.message
+        assert "not learned from the healthy windows: viscous friction" in answer.message
         calibration = Calibration.load(own)
         assert answer.calibration_id == calibration.calibration_id
         assert (calibration.windows, calibration.serial_number) == (2, FLAP.serial_number)
@@ -196,6 +197,7 @@ def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
         answer = calibrate(session, load=True, file=f"{tmp_path}/shipped.yaml")
         assert answer.success, answer.message
         assert answer.calibration_id == Calibration.builtin().calibration_id
+        assert "not learned from the healthy windows: viscous friction" in answer.message
         session.feed(source.cycle())
         assert session.next_estimate().calibration_id == answer.calibration_id
 

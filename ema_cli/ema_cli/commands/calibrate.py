@@ -11,6 +11,7 @@ from ema_cli.errors import one_clear_line
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
 from ema_monitor.calibration.fit import calibrate as calibrate_windows
+from ema_monitor.model.measured import taken_for_known
 from ema_monitor.model.monitor_model import FORMS
 from ema_monitor.windows.trigger import Refusal
 from ema_recording.windows import WindowsOnDemand
@@ -27,7 +28,8 @@ _ENOUGH_WINDOWS = 5
     help="Form of the monitor model; estimates with this calibration use the same.",
 )
 @source_options(
-    force="Replace OUTPUT if it is there; use --actuator even against the description in the bag."
+    force="Replace OUTPUT if it is there; use --actuator even against the description in the bag.",
+    identifies=True,
 )
 @click.option(
     "-o",
@@ -37,7 +39,11 @@ _ENOUGH_WINDOWS = 5
     help="Calibration file to write.",
 )
 def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -> None:
-    """Average the windows in BAGS of one healthy actuator into a calibration."""
+    """Average the windows in BAGS of one healthy actuator into a calibration.
+
+    A load, or another hidden cause, that the bags hold as measured, or that is given by --measured,
+    is taken for known within its sigma. What the windows did not show is named at the end.
+    """
     with one_clear_line():
         read = [*bags, *([source.actuator_file] if source.actuator_file else [])]
         require_free(output, read, force=source.force)
@@ -60,6 +66,8 @@ def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -
             progress.add_task("calibrating", total=None)
             calibration = calibrate_windows(WindowsOnDemand(windows), descriptions[0], form)
         calibration.save(output)
+    if known := taken_for_known(item for item in windows if not isinstance(item.place, Refusal)):
+        click.echo(f"taken for known: {known}")
     windows = counted(calibration.windows, "window")
     if calibration.windows < _ENOUGH_WINDOWS:
         click.echo(

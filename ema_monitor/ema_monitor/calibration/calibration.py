@@ -18,13 +18,15 @@ from ema_core.files import complete_file
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.calibration.alignment import moved, same_command, shift_between
-from ema_monitor.model.deviations import N_DEVIATIONS, Deviations
+from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import MonitorModel, Response
 from ema_monitor.windows.window import Window
 
 LEAST_SCATTER: Final = 1e-6
 """Scatter below which healthy windows count as equal, so that it is unknown [A, rad/s]."""
 
+# Of the standard deviation that is expected before any window.
+_LEARNED = 0.7
 _FORMAT = 4
 _ROWS = ("command", "correction", "speed_correction")
 _SCATTERS = ("healthy_rms", "healthy_speed_rms", "model_rms", "model_speed_rms")
@@ -142,8 +144,30 @@ class Calibration:
             f"calibration {self.calibration_id} of {self.actuator_id} from "
             f"{counted(self.windows, 'window')}, lift {self.unit.lift:.4f} A, friction "
             f"{1.0 + self.unit.friction:.3f} and inertia {1.0 + self.unit.inertia:.3f} of nominal, "
-            f"residual of a healthy window {known}"
+            f"residual of a healthy window {known}{self._remark}"
         )
+
+    @cached_property
+    def not_learned(self) -> tuple[str, ...]:
+        """Names of the deviations that the healthy windows did not show.
+
+        They are hardly better known than they are of any unit.
+        """
+        if not np.any(self.unit_covariance):
+            return ()  # none was fitted
+        travel = float(np.ptp(self.command))
+        sigma = dict(zip(NAMES, np.sqrt(np.diag(self.unit_covariance)), strict=True))
+        return tuple(
+            one.name
+            for one in unit_priors(self.parameters, travel or 1.0)
+            # Without a command nothing is known of the travel by which that one is judged.
+            if sigma[one.name] > _LEARNED * one.sigma and (travel or one.name != "load_stiffness")
+        )
+
+    @property
+    def _remark(self) -> str:
+        words = ", ".join(name.replace("_", " ") for name in self.not_learned)
+        return f"; not learned from these windows: {words}" if words else ""
 
     def model(self) -> MonitorModel:
         """Return the monitor model of this unit."""

@@ -243,8 +243,15 @@ class _UnitProblem:
     def _differences(
         self, x: NDArray[np.float64], sides: Sequence[NDArray[np.float64]]
     ) -> NDArray[np.float64]:
-        """Return what the first half of deviations of each command, ``(2 k, 25)``, has over the
-        second one, ``(r, k)``."""
+        """Return how the response to deviations differs from that to others, ``(r, k)`` [A].
+
+        Parameters
+        ----------
+        x
+            Where.
+        sides
+            Of each command those, and then the others, ``(2 k, 25)``.
+        """
         model, columns = self._model(x), []
         for group, weights, of_group in zip(self._groups, self._weights, sides, strict=True):
             first = group[0]

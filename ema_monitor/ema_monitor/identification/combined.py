@@ -52,6 +52,8 @@ class Part:
         What was measured and not used, as the stretch contradicts it.
     caveats
         Further reservations about the search.
+    unlearned
+        Which faults are uncertain for what the calibration could not learn, in words.
     """
 
     estimate: Estimate
@@ -59,6 +61,7 @@ class Part:
     misfit: Misfit
     contradicted: tuple[CauseEstimate, ...] = ()
     caveats: tuple[str, ...] = ()
+    unlearned: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, run: Identification) -> Self:
@@ -66,7 +69,12 @@ class Part:
         if run.estimate is None or run.knowledge is None or run.misfit is None:
             raise RuntimeError("the identification ended without an estimate")
         return cls(
-            run.estimate, run.knowledge, run.misfit, tuple(run.contradicted), tuple(run.caveats)
+            run.estimate,
+            run.knowledge,
+            run.misfit,
+            tuple(run.contradicted),
+            tuple(run.caveats),
+            tuple(run.unlearned),
         )
 
 
@@ -116,6 +124,7 @@ def combined_estimate(
         *_contradictions(parts),
         *_counted([part.caveats for part in parts]),
         *correlated(covariance, kept),
+        *parts[-1].unlearned,
         *_in_words([one.causes for one in estimates]),
     ]
     verdict = judged(

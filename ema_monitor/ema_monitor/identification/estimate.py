@@ -22,7 +22,9 @@ _CAUSES: Final = ("causes", "measured")
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """The faults identified in a window.
+    """The faults identified in a window, or in several stretches of ordinary motion combined.
+
+    Of stretches, what is said of the window holds for all of them together (M29).
 
     Attributes
     ----------
@@ -41,14 +43,14 @@ class Estimate:
     play
         Position of the motor in its play at the start [half-widths].
     fitness
-        Cost at the estimate [A^2.s].
+        Cost at the estimate [A^2.s]; of stretches the sum, which is that of one fit of all.
     goodness_of_fit
         Rms of the band-limited residual over that of a healthy actuator, the larger of current and
         speed [-]; NaN when the calibration does not know the latter.
     goodness_limit
         Goodness of fit up to which the faults explain the window [-].
     excitation
-        Travel of the command [rad].
+        Travel of the command [rad]; the largest of stretches.
     evaluations
         Windows of the model that were computed.
     computing_time_s
@@ -70,14 +72,16 @@ class Estimate:
         What is left of the window's departure from healthy at the estimate [-]; NaN where the
         goodness of fit is.
     causes
-        Hidden causes that are part of what explains the window.
+        Hidden causes that are part of what explains the window; of stretches each one as in that in
+        which it is most significant, with its range in ``reason``.
     alternatives
-        Pairs of what is part of the explanation and what the window does not tell it from.
+        Pairs of what is part of the explanation and what the window does not tell it from; of
+        stretches those that they together have not told apart.
     stretches
         Number of stretches of ordinary motion that it rests on, from the start of the first to the
         end of the last; 0 of a test cycle, which is one window.
     measured
-        Hidden causes that were measured, as they were used.
+        Hidden causes that were measured, as they were used; of stretches as ``causes``.
     """
 
     start_ns: int

@@ -26,7 +26,9 @@ from ema_monitor.identification.uncertainty import (
     MISMATCH_SIGMA,
     SIGNIFICANT_CAUSE,
     SPANS,
+    shifts_of,
     uncertainty_of_faults,
+    with_mismatch,
 )
 from ema_monitor.identification.verdict import (
     Misfit,
@@ -34,6 +36,7 @@ from ema_monitor.identification.verdict import (
     correlated,
     goodness_limit,
     judged,
+    resting_on_unit,
 )
 from ema_monitor.model.measured import expected_causes
 from ema_monitor.model.monitor_model import Response
@@ -86,6 +89,7 @@ class Inference:
         )
         self.knowledge: Knowledge | None = None
         self.misfit: Misfit | None = None
+        self.unlearned: list[str] = []
         self.surprise = 0.0
         self._lags = max(1, round(CORRELATION_S / self._objective.spacing))
         # Of one unit of a point: the play changes by 2.
@@ -164,6 +168,7 @@ class Inference:
         )
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
         causes = self._causes(explanation, known)
+        self.unlearned = self._unlearned(explainer, explanation, known)
         limit = goodness_limit(faults, self._settings.goodness_limit)
         verdict = judged(
             self._before.subject,
@@ -171,7 +176,7 @@ class Inference:
             limit,
             unobservable,
             explanation.alternatives,
-            [*caveats, *correlated(covariance, kept), *map(str, causes)],
+            [*caveats, *correlated(covariance, kept), *self.unlearned, *map(str, causes)],
             self._calibration.windows,
         )
         return Estimate(
@@ -221,6 +226,22 @@ class Inference:
             if explanation.kept[first + i]
         ]
         return tuple(cause for cause in found if self._is_news(cause))
+
+    def _unlearned(
+        self, explainer: Explainer, explanation: Explanation, covariance: NDArray[np.float64]
+    ) -> list[str]:
+        """Return in words which faults are uncertain for what the calibration could not learn."""
+        at, kept = explanation.at, explanation.kept
+        # At the healthy point it does not matter.
+        if not np.any(kept[:N_FAULTS]) or not self._calibration.not_learned:
+            return []
+        steps = self._objective.unit_steps
+        shown = kept | explainer.faults_alone
+        shifts = np.zeros((len(kept), len(steps)))
+        shifts[shown] = shifts_of(at.jacobian[:, shown], explainer.effects(at)[:, : len(steps)])
+        shifts = MISMATCH_FACTOR * self._span[:, None] * shifts
+        sigma = np.sqrt(np.diag(with_mismatch(covariance[:N_FAULTS, :N_FAULTS], MISMATCH_SIGMA)))
+        return resting_on_unit(sigma, shifts[:N_FAULTS], steps, self._calibration.not_learned)
 
     def _is_news(self, cause: CauseEstimate) -> bool:
         """Return whether a cause differs significantly from what was expected of it."""

@@ -202,7 +202,7 @@ class Objective:
     @property
     def unit_evaluations(self) -> int:
         """Number of model evaluations that `unit_effects` takes."""
-        steps = len(self._unit_steps)
+        steps = len(self.unit_steps)
         bases = 2 if self._knows else 1
         return (bases * (1 + steps) if steps else 0) + 1
 
@@ -300,7 +300,7 @@ class Objective:
             Where, ``(d,)``.
         """
         effects = self._lift_effects(point)
-        if len(self._unit_steps):
+        if len(self.unit_steps):
             effects = np.concatenate([self._deviation_effects(point), effects], axis=1)
         effects = np.pad(effects, ((0, self.priors), (0, 0)))
         if self.known is not None and self.known.shifts.size:
@@ -323,7 +323,7 @@ class Objective:
         return (rows[1:] - rows[0]).T
 
     def _deviation_effects(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        steps = self._unit_steps
+        steps = self.unit_steps
         knows = self._knows
         bases = np.stack([point, self.healthy]) if knows else point[None]
         faults, play = self.decode(bases)
@@ -346,7 +346,7 @@ class Objective:
         return (effects[0] - effects[1] if knows else effects[0]).T
 
     @cached_property
-    def _unit_steps(self) -> NDArray[np.float64]:
+    def unit_steps(self) -> NDArray[np.float64]:
         """Return a standard deviation of the unit along each principal axis, ``(k, 25)``."""
         covariance = self._calibration.unit_covariance
         if self._knows:

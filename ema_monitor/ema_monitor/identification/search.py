@@ -74,6 +74,8 @@ class Identification:
         What was measured and not used, as the window contradicts it.
     caveats
         Further reservations about the search.
+    unlearned
+        Which faults are uncertain for what the calibration could not learn, in words.
     """
 
     def __init__(
@@ -101,6 +103,7 @@ class Identification:
         self.surprise = 0.0
         self.contradicted: list[CauseEstimate] = []
         self.caveats: list[str] = []
+        self.unlearned: list[str] = []
 
     def __iter__(self) -> Iterator[Generation]:
         """Yield the state after each generation; there is none where a window is refused."""
@@ -194,7 +197,7 @@ class Identification:
                 fitted=progress.point[objective.dimension - len(causes) :],
             )
             self.knowledge, self.surprise = inference.knowledge, inference.surprise
-            self.misfit = inference.misfit
+            self.misfit, self.unlearned = inference.misfit, inference.unlearned
         except np.linalg.LinAlgError as error:
             self.estimate = self._refuse(f"the uncertainty cannot be computed: {error}")
 

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
 from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
+from ema_monitor.model.deviations import NAMES
 
 _STRONG_CORRELATION: Final = 0.95
+_NOTABLE_SIGMA: Final = 0.01
 
 
 class Misfit(NamedTuple):
@@ -125,8 +127,8 @@ def judged(
     if math.isnan(goodness):
         doubts.append(
             "standard deviations are widened: the fit cannot be judged, as the healthy windows of "
-            f"the calibration ({calibration_windows}) do not give their scatter; calibrate with "
-            "more of them"
+            f"the calibration ({calibration_windows}) do not give their scatter: calibrate with "
+            "several that differ"
         )
     elif goodness > limit:
         words = (
@@ -172,6 +174,42 @@ def contradicted_by(subject: str, measured: Iterable[object]) -> list[str]:
         What was measured, in words.
     """
     return [f"not used, as the {subject} contradicts it: measured {one}" for one in measured]
+
+
+def resting_on_unit(
+    sigma: NDArray[np.float64],
+    shifts: NDArray[np.float64],
+    steps: NDArray[np.float64],
+    not_learned: Iterable[str],
+) -> list[str]:
+    """Return in words which faults are uncertain for what the calibration could not learn.
+
+    Parameters
+    ----------
+    sigma
+        Standard deviations of the faults, ``(8,)``.
+    shifts
+        What one standard deviation of the unit along each principal axis changes them by,
+        ``(8, k)``.
+    steps
+        These axes, ``(k, 25)``.
+    not_learned
+        Names of the deviations that the healthy windows did not show.
+    """
+    # Of what one unit of each deviation changes the faults by; an axis may have no length.
+    slopes = shifts @ np.linalg.pinv(steps).T
+    shares = slopes * (shifts @ steps)
+    found: dict[str, list[str]] = {}
+    for i, of_fault in enumerate(shares):
+        name = NAMES[int(np.argmax(of_fault))]
+        is_large = sigma[i] > _NOTABLE_SIGMA and 2.0 * np.sum(of_fault) > sigma[i] ** 2
+        if is_large and name in not_learned and FAULTS[i].limit is not None:
+            found.setdefault(name, []).append(FAULTS[i].label)
+    return [
+        f"how well {' and '.join(labels)} {'are' if len(labels) > 1 else 'is'} known rests on the "
+        f"{name.replace('_', ' ')} of the unit, which its calibration could not learn"
+        for name, labels in found.items()
+    ]
 
 
 def correlated(covariance: NDArray[np.float64], kept: NDArray[np.bool_]) -> list[str]:

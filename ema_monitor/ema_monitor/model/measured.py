@@ -1,7 +1,7 @@
 """Hidden causes that are measured: what is known of them in a window, and with which sigma."""
 
 from collections.abc import Iterable, Mapping
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import is_finite_number
-from ema_core.wording import as_identifier, unknown_name
+from ema_core.wording import as_identifier, counted, unknown_name
 from ema_monitor.model.deviations import (
     HIDDEN_CAUSES,
     N_DEVIATIONS,
@@ -143,3 +143,26 @@ def measured_deviations(measured: Iterable[CauseEstimate]) -> NDArray[np.float64
     for one in measured:
         values[NAMES.index(one.name)] = one.value
     return values
+
+
+class _Measured(Protocol):
+    @property
+    def measured(self) -> tuple[CauseEstimate, ...]: ...
+
+
+def taken_for_known(windows: Iterable[_Measured]) -> str:
+    """Return in words what was measured beside windows, with its range; empty for nothing."""
+    by_name: dict[str, list[CauseEstimate]] = {}
+    for window in windows:
+        for one in window.measured:
+            by_name.setdefault(one.name, []).append(one)
+    words = []
+    for found in by_name.values():
+        lowest, highest = min(found, key=_value), max(found, key=_value)
+        span = f"{lowest}" if lowest.value == highest.value else f"{lowest} to {highest}"
+        words.append(f"{span} in {counted(len(found), 'window')}")
+    return ", ".join(words)
+
+
+def _value(one: CauseEstimate) -> float:
+    return one.value

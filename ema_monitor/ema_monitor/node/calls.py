@@ -19,6 +19,7 @@ from ema_monitor.calibration.fit import calibrate
 from ema_monitor.calibration.store import CalibrationStore
 from ema_monitor.identification.search import Identification
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.model.measured import taken_for_known
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.node.settings import Operation
 from ema_monitor.node.unit import Unit
@@ -124,10 +125,14 @@ class MonitorCalls:
                 windows = list(self._healthy_windows(description.actuator_id, request.windows))
                 calibration = calibrate(windows, description)
                 self._store.keep(description, calibration, path)
+                known = "; taken for known: " if (taken := taken_for_known(windows)) else ""
                 response.message = (
-                    f"made of {counted(len(windows), 'window')} and stored in {path}; "
-                    "calibration_file has to name it for it to be used after a restart"
+                    f"made of {counted(len(windows), 'window')}{known}{taken} and stored in {path};"
+                    " calibration_file has to name it for it to be used after a restart"
                 )
+            if calibration.not_learned:
+                words = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
+                response.message += f"; not learned from the healthy windows: {words}"
             self._calibrated(description)
             response.success, response.calibration_id = True, calibration.calibration_id
         except (ValueError, OSError) as error:

@@ -174,7 +174,8 @@ class MonitorNode(ManagedNode):
         most_waiting = None if in_sim_time else self._operation.value.waiting_windows
         for dropped in self._worker.add(segment, most_waiting):
             self.get_logger().warning(
-                f"{dropped.description.actuator_id}: window {dropped.number} is dropped, "
+                f"{dropped.description.actuator_id}: "
+                f"{'stretch' if dropped.is_stretch else 'window'} {dropped.number} is dropped, "
                 f"{self._worker.waiting} wait"
             )
 
