@@ -9,10 +9,9 @@ from ema_core.causes import CauseEstimate
 from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.inference import MOST_UNEXPLAINED
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.search import identify
-from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, hidden_causes
 from ema_monitor.windows.trigger import WindowTrigger
 from ema_monitor.windows.window import Window
