@@ -9,7 +9,8 @@ from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.health import ONE_SIDED_95
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.model.deviations import N_DEVIATIONS, NAMES
+from ema_monitor.model.deviations import COLUMNS
+from ema_monitor.model.readings import read
 from ema_monitor.windows.band import band_limited, band_samples
 from ema_monitor.windows.window import Window
 
@@ -44,12 +45,15 @@ def plot_fit(
     calibration = calibration or Calibration.builtin()
     start_s = 0.0 if since_ns is None else (window.start_ns - since_ns) * 1e-9
     faults = np.array([estimate.faults, healthy_faults()])
-    deviations = np.zeros((2, N_DEVIATIONS))
+    columns = np.zeros((2, len(COLUMNS)))
     # What was measured holds for the healthy actuator as well; what the window shows, holds more.
     for row, causes in ((0, (*estimate.measured, *estimate.causes)), (1, estimate.measured)):
         for one in causes:
-            deviations[row, NAMES.index(one.name)] = one.value
-    response = calibration.model().respond(window, faults, estimate.play, deviations=deviations)
+            columns[row, COLUMNS.index(one.name)] = one.value
+    deviations, position = read(columns, window)
+    response = calibration.model().respond(
+        window, faults, estimate.play, deviations=deviations, position=position
+    )
     modelled = calibration.expect(response, window).current
     residual = window.current - modelled[0]
     t = start_s + window.sample_period * np.arange(1, len(window) + 1)

@@ -124,16 +124,17 @@ class MonitorTwin:
         return self._sensed("current", means, period), self._sensed("speed", speeds, period)
 
     def _sensed(self, quantity: str, row: list[float], period: float) -> list[float]:
-        """What a sensor makes of a row; its slope at the ends is that to the only neighbour."""
+        """What a sensor makes of a row: its value some time before, interpolated."""
         offset, gain, delay = (
             self.deviations.get(f"{quantity}_{name}", 0) for name in ("offset", "gain", "delay")
         )
         last = len(row) - 1
         seen = []
-        for i, value in enumerate(row):
-            before, after = max(i - 1, 0), min(i + 1, last)
-            slope = (row[after] - row[before]) / ((after - before) * period)
-            seen.append(value * (1 + gain) + offset - delay * slope)
+        for i in range(len(row)):
+            at = max(i - delay / period, 0.0)
+            before = min(int(at), last - 1)
+            value = row[before] + (at - before) * (row[before + 1] - row[before])
+            seen.append(value * (1 + gain) + offset)
         return seen
 
     def step(self, command: float) -> None:

@@ -14,6 +14,7 @@ from ema_monitor.model.deviations import (
     NAMES,
     Deviations,
     hidden_causes,
+    sensed,
     unit_priors,
 )
 from ema_monitor.model.monitor_model import FORMS, MonitorModel, Response
@@ -197,12 +198,24 @@ def test_sensors_show_gain_offset_and_age(quantity):
     values = {"offset": 0.3, "gain": -0.04, "delay": 2e-4}
     shown = respond({f"{quantity}_{name}": value for name, value in values.items()}, FAULTS)
     [row] = getattr(true, quantity)
-    slope = np.gradient(row, H)
-    assert getattr(shown, quantity)[0] == pytest.approx(
-        0.96 * row + 0.3 - 2e-4 * slope, rel=1e-12, abs=1e-12
-    )
+    # Two samples late; what was before the start is not known.
+    late = np.concatenate([row[[0, 0]], row[:-2]])
+    assert getattr(shown, quantity)[0] == pytest.approx(0.96 * late + 0.3, rel=1e-12, abs=1e-12)
     other = "speed" if quantity == "current" else "current"
     assert np.array_equal(getattr(shown, other), getattr(true, other))
+
+
+def test_age_of_a_sensor_may_be_any_part_of_a_sample_and_negative():
+    """By linear interpolation; what is early continues as it ends."""
+    rows = np.stack([np.arange(20.0) ** 2, np.arange(20.0)])
+    for samples in (0.25, 2.5, -0.5, -3.0):
+        sensors = np.zeros((2, 6))
+        sensors[:, 4:] = samples * H
+        seen, _ = sensed((rows, rows), sensors, H)
+        t = np.arange(20.0) - samples
+        inside = (t >= 0.0) & (t <= 19.0)
+        assert seen[0, inside] == pytest.approx(np.interp(t, np.arange(20.0), rows[0])[inside])
+        assert seen[1] == pytest.approx(np.maximum(t, 0.0))
 
 
 def test_corrections_are_of_what_the_sensors_show():

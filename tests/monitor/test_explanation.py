@@ -12,7 +12,8 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.search import identify
 from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
-from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, hidden_causes
+from ema_monitor.model.deviations import COLUMNS, N_DEVIATIONS, NAMES, hidden_causes
+from ema_monitor.model.readings import read
 from ema_monitor.windows.trigger import WindowTrigger
 from ema_monitor.windows.window import Window
 from ema_sim.api import simulate
@@ -31,8 +32,10 @@ CAUSES = {
     "speed_offset": 1.0,
     "speed_gain": 0.01,
     "current_delay": 3e-4,
-    # To first order: twice that leaves a gain of 0.001, 2 sigma.
-    "speed_delay": 1e-4,
+    "speed_delay": 3e-4,
+    "command_delay": 1e-3,
+    "position_offset": 2e-4,
+    "position_gain": -0.01,
 }
 SHORTS = ("short_circuit_a", "short_circuit_b", "short_circuit_c")
 NOISE = 0.05
@@ -44,15 +47,20 @@ def modelled(healthy_windows, calibration):
     window = healthy_windows[0]
 
     def modelled(deviations, faults=None, seed=0) -> Window:
-        row = np.array([[deviations.get(name, 0.0) for name in NAMES]])
+        row = np.array([[deviations.get(name, 0.0) for name in COLUMNS]])
+        # It begins where the window does, whatever its position will say.
         response = calibration.expect(
             calibration.model().respond(
-                window, fault_vector(faults or {}), window.play, deviations=row
+                window, fault_vector(faults or {}), window.play, deviations=read(row, window)[0]
             ),
             window,
         )
         noise = np.random.default_rng(seed).normal(0.0, NOISE, len(window))
-        return answered(window, response.current[0] + noise, response.speed[0])
+        position = window.telemetry.position * (1.0 + deviations.get("position_gain", 0.0))
+        position = position + deviations.get("position_offset", 0.0)
+        return answered(
+            changed(window, position=position), response.current[0] + noise, response.speed[0]
+        )
 
     return modelled
 
@@ -173,7 +181,9 @@ def test_causes_that_cancel_do_not_take_the_place_of_a_friction(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["load_torque", "current_offset", "speed_gain"])
+@pytest.mark.parametrize(
+    "name", ["load_torque", "current_offset", "speed_gain", "command_delay", "position_offset"]
+)
 def test_fault_and_cause_of_the_model_are_both_found(modelled, calibration, description, name):
     faults = {"friction": 0.15, "gain": 0.6}
     estimate = identify(modelled({name: CAUSES[name]}, faults), description, calibration)

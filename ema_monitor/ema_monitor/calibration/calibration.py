@@ -76,6 +76,12 @@ class Calibration:
         The same without the correction, for other commands.
     windows
         Number of windows averaged.
+    travel_ratio
+        Travel of the user shaft over that of the motor and the gear, by the sensors of position and
+        speed when healthy [-]; NaN when that is unknown.
+    law_offset
+        By how much the position is too high for the control law when healthy [rad]; NaN when that
+        is unknown.
 
     Raises
     ------
@@ -99,6 +105,8 @@ class Calibration:
     model_rms: float
     model_speed_rms: float
     windows: int
+    travel_ratio: float = math.nan
+    law_offset: float = math.nan
 
     def __post_init__(self) -> None:
         for name in ("actuator_id", "serial_number", "form"):
@@ -130,6 +138,12 @@ class Calibration:
                     f"command has {len(self.command)} values, expected one more than the "
                     f"{len(getattr(self, name))} of {name}"
                 )
+        if not (math.isnan(self.travel_ratio) or 0.1 <= self.travel_ratio <= 10.0):
+            raise ValueError(
+                f"travel_ratio = {self.travel_ratio!r}: expected a number in [0.1, 10]"
+            )
+        if math.isinf(self.law_offset):
+            raise ValueError(f"law_offset = {self.law_offset!r} rad: expected a finite number")
         self.model().steps(self.sample_period)
 
     @cached_property
@@ -369,6 +383,10 @@ class Calibration:
         content["unit"] = self.unit._asdict()
         for name in _SCATTERS:
             content[name] = float(getattr(self, name))
+        for name in ("travel_ratio", "law_offset"):
+            if math.isnan(content[name]):
+                # So that files without it keep their identity.
+                del content[name]
         return content
 
 

@@ -14,11 +14,20 @@ from ema_core.parameters import ActuatorParameters
 from ema_monitor.calibration.alignment import moved, same_command, shift_between
 from ema_monitor.calibration.calibration import LEAST_SCATTER, Calibration
 from ema_monitor.calibration.columns import column_defect
-from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
-from ema_monitor.model.measured import measured_deviations
+from ema_monitor.model.deviations import (
+    COLUMNS,
+    N_DEVIATIONS,
+    NAMES,
+    Deviations,
+    unit_priors,
+)
+from ema_monitor.model.measured import measured_columns
 from ema_monitor.model.monitor_model import FORMS, MonitorModel, Response
+from ema_monitor.model.readings import TRAVEL, law_slopes, read
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 from ema_monitor.windows.band import BAND_CORRELATION, band_limited, rms, speed_weight
+from ema_monitor.windows.control_law import law_offset
+from ema_monitor.windows.travel import travel_ratio
 from ema_monitor.windows.window import Window
 
 _STEPS = 0.05
@@ -115,7 +124,24 @@ def calibrate(
         model_rms=model_rms,
         model_speed_rms=model_speed_rms,
         windows=len(windows),
+        **_relations(windows, parameters),
     )
+
+
+def _relations(windows: Sequence[Window], parameters: ActuatorParameters) -> dict[str, float]:
+    """Return what the columns say of each other, but for what was measured, by its name.
+
+    It is the mean over the windows that tell; NaN without any.
+    """
+    found: dict[str, list[float]] = {"travel_ratio": [], "law_offset": []}
+    slopes = law_slopes(parameters)
+    for window in windows:
+        measured = measured_columns(window.measured)
+        if travel := travel_ratio(window, parameters):
+            found["travel_ratio"].append(travel.value / (1.0 + float(TRAVEL @ measured)))
+        if law := law_offset(window, parameters):
+            found["law_offset"].append(law.value - float(slopes @ measured))
+    return {name: float(np.mean(one)) if one else math.nan for name, one in found.items()}
 
 
 class _Group(Sequence[Window]):
@@ -168,8 +194,10 @@ def _weights(groups: Sequence[Sequence[Window]]) -> list[NDArray[np.float64] | f
 
 def _healthy_response(window: Window, model: MonitorModel) -> Response:
     """Return the response of the healthy actuator under what was measured beside the window."""
-    measured = measured_deviations(window.measured)
-    return model.respond(window, healthy_faults(), _play(window), deviations=measured[None])
+    deviations, position = read(measured_columns(window.measured)[None], window)
+    return model.respond(
+        window, healthy_faults(), _play(window), deviations=deviations, position=position
+    )
 
 
 class _UnitProblem:
@@ -220,6 +248,7 @@ class _UnitProblem:
         up = np.minimum(self._steps, self.highest - x)
         down = np.minimum(self._steps, x - self.lowest)
         sides = self.deviations(np.concatenate([np.diag(up), -np.diag(down)]))
+        sides = np.pad(sides, ((0, 0), (0, len(COLUMNS) - N_DEVIATIONS)))
         return self._differences(x, [sides] * len(self._groups)) / (up + down)
 
     def effects_of_measured(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -233,8 +262,8 @@ class _UnitProblem:
         for by_name in measured:
             known = [[by_name[name]] if name in by_name else [] for name in names]
             errors = [[one._replace(value=one.sigma) for one in causes] for causes in known]
-            above = np.array([measured_deviations(causes) for causes in errors])
-            above = above.reshape(-1, N_DEVIATIONS)
+            above = np.array([measured_columns(causes) for causes in errors])
+            above = above.reshape(-1, len(COLUMNS))
             sides.append(np.concatenate([above, -above]))
         if not names:
             return np.zeros((len(self.missed(x)), 0))
@@ -250,14 +279,16 @@ class _UnitProblem:
         x
             Where.
         sides
-            Of each command those, and then the others, ``(2 k, 25)``.
+            Of each command those, and then the others, in the order of `COLUMNS`, ``(2 k, 28)``.
         """
         model, columns = self._model(x), []
         for group, weights, of_group in zip(self._groups, self._weights, sides, strict=True):
             first = group[0]
             faults = np.tile(healthy_faults(), (len(of_group), 1))
-            deviations = of_group + measured_deviations(first.measured)
-            response = model.respond(first, faults, _play(first), deviations=deviations)
+            deviations, position = read(of_group + measured_columns(first.measured), first)
+            response = model.respond(
+                first, faults, _play(first), deviations=deviations, position=position
+            )
             pairs = zip(*response, strict=True)
             rows = np.array([self._in_band(np.array(row) * weights) for row in pairs])
             above, below = np.split(rows, 2)

@@ -21,7 +21,7 @@ from ema_core.faults import (
 )
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.explanation import EQUAL_SHORTS
+from ema_monitor.identification.evidence import EQUAL_SHORTS
 from ema_monitor.identification.knowledge import Knowledge
 from ema_monitor.identification.search import Identification
 from ema_monitor.identification.uncertainty import widening

@@ -2,109 +2,51 @@
 
 The search knows faults only. From its optimum on, sets of faults and hidden causes compete: a
 cause is added, or takes the place of faults, when the window is explained so much better, or as
-well with fewer components. Sets are compared on the linear model, by ``n ln(cost)`` with ``n``
-effective residuals; each chosen set is fitted anew with the model itself.
+well with fewer components. Sets are compared on the linear model; each chosen set is fitted anew
+with the model itself. What is still not explained, or only by an unusual cause, is looked for from
+other places too.
 """
 
 import math
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
-from typing import Final, NamedTuple, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
-from ema_monitor.identification.knowledge import Knowledge, information
-from ema_monitor.identification.objective import Linearisation, Objective
-from ema_monitor.identification.uncertainty import (
-    GROUPS,
-    MISMATCH_FACTOR,
-    covariance_of_effects,
-    refitted,
-    ridge_of,
-    sandwich_covariance,
-    shifts_of,
-    significant_components,
+from ema_core.faults import SHORT_CIRCUITS
+from ema_monitor.identification.evidence import (
+    ADDED_EVIDENCE,
+    AMBIGUOUS_EVIDENCE,
+    COMPONENT_EVIDENCE,
+    Evidence,
+    components,
+    excluding,
+    including,
+    price,
 )
-from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
+from ema_monitor.identification.explained import Explanation, Precision
+from ema_monitor.identification.objective import Linearisation, Objective
+from ema_monitor.identification.uncertainty import GROUPS, refitted, significant_components
 
 MOST_CAUSES: Final = 3
 """Largest number of hidden causes in an explanation."""
 
-ADDED_EVIDENCE: Final = 14.0
-"""What an added cause must lower ``n ln(cost)`` by."""
-
-COMPONENT_EVIDENCE: Final = 8.0
-"""What a component is worth: how much a set with one less may be higher."""
-
-REPLACED_EVIDENCE: Final = 6.0
-"""What a cause must lower ``n ln(cost)`` by to take the place of a fault."""
-
-AMBIGUOUS_EVIDENCE: Final = 8.0
-"""Up to this difference the window does not tell two explanations apart."""
-
-EQUAL_SHORTS: Final = "equal short circuits of all phases"
-"""What three of them are called, where they stand for something else."""
-
 MOST_LOSS: Final = 1.1
 """How much higher the cost may be without the components that are not significant."""
 
+DOUBTFUL_SIGMAS: Final = 4.0
+"""From this distance from what is usual on, a cause is doubted: other places are looked at, too."""
+
+_SEEDED: Final = {
+    "load_torque": (-1.5, -1.0, -0.5, 0.5, 1.0, 1.5),
+    "command_delay": (1.0, 2.0, 4.0),
+}
+_MOST_SEEDS = 2
 _MOST_STEPS = 8
 _STEPS = np.array([1.0, 0.5, 0.2, 0.05])
 _CONVERGED = 2e-3
-
-
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """Faults and causes that explain a window.
-
-    Attributes
-    ----------
-    at
-        Linearisation at the estimate, of all components.
-    kept
-        Components that differ from healthy, ``(d,)``.
-    confused
-        Components that could stand in for what is kept, ``(d,)``: they widen the covariance.
-    alternatives
-        Pairs of what is kept and what could stand in for it, both in words.
-    """
-
-    at: Linearisation
-    kept: NDArray[np.bool_]
-    confused: NDArray[np.bool_]
-    alternatives: list[tuple[str, str]]
-
-
-class Quadratic(NamedTuple):
-    """The cost of a linearised model as a quadratic: cheap to minimise for many sets."""
-
-    at: Linearisation
-    cost: float
-    gradient: NDArray[np.float64]
-    normal: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, at: Linearisation) -> Self:
-        """Return that of a linearisation."""
-        normal = at.jacobian.T @ at.jacobian
-        normal += ridge_of(normal) * np.eye(len(normal))
-        return cls(at, at.cost, at.jacobian.T @ at.residuals, normal)
-
-    def lowest(
-        self, healthy: NDArray[np.float64], shown: NDArray[np.bool_]
-    ) -> tuple[float, NDArray[np.float64]]:
-        """Return the lowest cost with some components, others being healthy, and where it is."""
-        point = np.where(shown, self.at.point, healthy)
-        gradient = self.gradient + self.normal @ (point - self.at.point)
-        point[shown] = lowest_in_box(
-            self.normal[np.ix_(shown, shown)], gradient[shown], point[shown]
-        )
-        move = point - self.at.point
-        cost = self.cost + 2.0 * self.gradient @ move + move @ self.normal @ move
-        return max(float(cost), 1e-12 * self.cost), point
 
 
 class Explainer:
@@ -124,6 +66,13 @@ class Explainer:
         Number of model evaluations after which no further cause is tried.
     nuisances
         Names of hidden causes that always take part, without evidence, and stand for nothing else.
+    seeds
+        Where to look for hidden causes besides, by name, in their units.
+
+    Attributes
+    ----------
+    precision
+        How well the window determines what explains it.
     """
 
     def __init__(
@@ -135,94 +84,23 @@ class Explainer:
         parsimonious: bool,
         most_evaluations: int,
         nuisances: Collection[str] = (),
+        seeds: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
         self._objective = objective
-        self._lags = lags
         self._floor = floor
         self._parsimonious = parsimonious
         self._most_evaluations = most_evaluations
-        self._quadratic: Quadratic | None = None
         d = objective.dimension
         self._causes = range(d - len(objective.hidden_causes), d)
+        # Components that need no evidence: all but hidden causes under suspicion.
         self._always = np.arange(d) < self._causes.start
         for number, one in zip(self._causes, objective.hidden_causes, strict=True):
             self._always[number] = one.name in nuisances
         self._suspects = [cause for cause in self._causes if not self._always[cause]]
-        self._effects: tuple[Linearisation, NDArray[np.float64]] | None = None
-
-    def uncertainty(self, explanation: Explanation) -> NDArray[np.float64]:
-        """Return the covariance of all components in the unit box, ``(d, d)``.
-
-        Where causes take part, that of what is kept holds for the explanation as it is, with what
-        it could be confused with; that of each other fault, for the explanation with it. What is
-        not known of the unit is part of it.
-        """
-        at, kept = explanation.at, explanation.kept | explanation.confused
-        effects = np.zeros((len(at.residuals), 0))
-        # At the healthy point under a calibrated command there is no effect: it was measured.
-        departs = np.any(explanation.kept[:N_FAULTS])
-        departs |= np.any(explanation.kept[self._causes.start :])
-        if departs or self._objective.is_measured:
-            effects = self.effects(at)
-        if not np.any(kept[self._suspects]):
-            return self._covariance_with(at, self.faults_alone, effects)
-        if len(self._suspects) < len(self._causes):
-            kept = kept | self.faults_alone
-        result = self._covariance_with(at, kept, effects)
-        for group in GROUPS:
-            if not kept[group[0]]:
-                wider = self._covariance_with(at, _with(kept, group), effects)
-                result[np.ix_(group, group)] = wider[np.ix_(group, group)]
-        return result
-
-    def effects(self, at: Linearisation) -> NDArray[np.float64]:
-        """Return what is not known of the unit does to the residuals, ``(r, k)``.
-
-        It does not follow the faults, as the mismatch does that widens the whole later.
-        """
-        if self._effects is None or self._effects[0] is not at:
-            self._effects = at, self._objective.unit_effects(at.point) / MISMATCH_FACTOR
-        return self._effects[1]
-
-    def knowledge(self, explanation: Explanation) -> tuple[Knowledge, NDArray[np.float64]]:
-        """Return what is known of the faults after the window, and its own information, ``(8, 8)``.
-
-        None of the faults is set to healthy, and none held at the bounds of the box (M29).
-        """
-        objective, at = self._objective, explanation.at
-        shown = explanation.kept | explanation.confused | self.faults_alone
-        jacobian = at.jacobian[:, shown]
-        step, effects = (
-            -shifts_of(jacobian, rows) for rows in (at.residuals[:, None], self.effects(at))
-        )
-        covariance = self.covariance(jacobian, at.residuals + jacobian @ step[:, 0])
-        faults = slice(0, N_FAULTS)
-        gained = information(np.delete(jacobian, objective.known_rows, axis=0), objective.noise)
-        before = objective.known
-        total = gained if before is None else before.gained + before.misfit**2 * gained
-        known = Knowledge(
-            at.point[faults] + step[faults, 0],
-            covariance[faults, faults],
-            effects[faults],
-            max(1.0, objective.misfit(at.residuals)),
-            total,
-        )
-        return known, gained
-
-    def _covariance_with(
-        self, at: Linearisation, shown: NDArray[np.bool_], effects: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        d, jacobian = len(shown), at.jacobian[:, shown]
-        result = np.zeros((d, d))
-        result[np.ix_(shown, shown)] = self.covariance(
-            jacobian, at.residuals
-        ) + covariance_of_effects(jacobian, effects)
-        return result
-
-    @property
-    def faults_alone(self) -> NDArray[np.bool_]:
-        """Components that need no evidence: all but hidden causes under suspicion, ``(d,)``."""
-        return self._always
+        self._evidence = Evidence(objective, self._suspects)
+        self._tried = np.ones(d, dtype=bool)
+        self._seeds = {} if seeds is None else seeds
+        self.precision = Precision(objective, lags, self._always)
 
     def explain(self, point: NDArray[np.float64]) -> Explanation:
         """Return what explains the window.
@@ -232,32 +110,101 @@ class Explainer:
         point
             Optimum of the faults alone, ``(d,)``.
         """
-        fitted = self.faults_alone
+        fitted = self._always
         at, kept = self._reduced(self._objective.linearise(point, fitted), fitted)
         if self._causes:
             # So far without their columns, which setting to healthy does not need.
-            at = self._objective.linearise(at.point)
-        for _ in range(MOST_CAUSES):
-            left = self._most_evaluations - self._objective.evaluations
-            if left < _MOST_STEPS * self._objective.linearisation_evaluations:
+            self._tried = self._worth_trying(at)
+            at = self._objective.linearise(at.point, self._tried)
+        at, kept = self._with_causes(at, kept)
+        if self._is_doubtful(at, kept):
+            for start, trial in self._elsewhere(at, kept):
+                better = self._better(start[None], trial, at, kept)
+                if better is not None:
+                    at, kept = self._with_causes(*better)
+        if np.any(kept[self._suspects]):
+            # The optimum of the faults alone may have led astray.
+            trial = kept | self._always
+            at, kept = self._better(self._objective.healthy[None], trial, at, kept) or (at, kept)
+            at, kept = self._without_what_cancels(at, kept)
+        confused, alternatives = self._evidence.alternatives(at, kept, self._tried)
+        return Explanation(at, kept, confused, alternatives)
+
+    def _worth_trying(self, at: Linearisation) -> NDArray[np.bool_]:
+        """Return the components whose derivatives are worth their runs of the model, ``(d,)``.
+
+        A wrong position at the start leaves a window unexplained, or disagrees with the speed.
+        """
+        objective = self._objective
+        if at.cost > objective.good_cost or not objective.columns_agree:
+            return np.ones_like(self._always)
+        return self._always | ~objective.moves_start
+
+    def _with_causes(
+        self, at: Linearisation, kept: NDArray[np.bool_]
+    ) -> tuple[Linearisation, NDArray[np.bool_]]:
+        """Return an explanation with further hidden causes, as far as they are worth it."""
+        for _ in range(MOST_CAUSES - int(np.sum(kept[self._suspects]))):
+            if not self._can_afford_more:
                 break
             trial = self._promising(at, kept)
             if trial is None:
                 break
-            starts = [self._predicted(at, trial)[1]]
+            starts = [self._evidence.predicted(at, trial)[1]]
             if np.all(trial[kept]):
                 starts.append(at.point)
             better = self._better(np.stack(starts), trial, at, kept)
             if better is None:
                 break
             at, kept = better
-        if np.any(kept[self._suspects]):
-            # The optimum of the faults alone may have led astray.
-            trial = kept | self.faults_alone
-            at, kept = self._better(self._objective.healthy[None], trial, at, kept) or (at, kept)
-            at, kept = self._without_what_cancels(at, kept)
-        confused, alternatives = self._alternatives(at, kept)
-        return Explanation(at, kept, confused, alternatives)
+        return at, kept
+
+    @property
+    def _can_afford_more(self) -> bool:
+        left = self._most_evaluations - self._objective.evaluations
+        return left >= _MOST_STEPS * self._objective.linearisation_evaluations
+
+    def _is_doubtful(self, at: Linearisation, kept: NDArray[np.bool_]) -> bool:
+        """Return whether a window is not explained, or only by a cause that is unusual."""
+        if not self._suspects or not self._parsimonious:
+            return False
+        away = np.abs(self._objective.cause_sigmas(at.point))
+        if np.any(away[kept[self._causes.start :]] > DOUBTFUL_SIGMAS):
+            return True
+        return at.cost > self._objective.good_cost and at.cost > self._objective.fair_cost()
+
+    def _elsewhere(
+        self, at: Linearisation, kept: NDArray[np.bool_]
+    ) -> list[tuple[NDArray[np.float64], NDArray[np.bool_]]]:
+        """Return where else an explanation may be found: points, ``(d,)``, and their components.
+
+        Each begins at a value of a cause that is not part of the explanation, with it or without
+        faults and other causes; of each cause the lowest one, and of these the lowest.
+        """
+        if not self._can_afford_more:
+            return []
+        objective = self._objective
+        healthy = objective.healthy
+        points, trials, numbers = [], [], []
+        for number in self._suspects:
+            one = objective.hidden_causes[number - self._causes.start]
+            values = [one.sigma * sigmas for sigmas in _SEEDED.get(one.name, ())]
+            for value in (*values, *self._seeds.get(one.name, ())):
+                if kept[number]:
+                    continue
+                for base, with_it in ((at.point, kept), (healthy, np.zeros_like(kept))):
+                    point = base.copy()
+                    point[number] = np.clip(0.5 + value / (2.0 * one.reach), 0.0, 1.0)
+                    points.append(point)
+                    trials.append(including(with_it | self._always, [number]))
+                    numbers.append(number)
+        if not points:
+            return []
+        costs = np.sum(objective.residuals(np.stack(points)) ** 2, axis=1)
+        best: dict[int, int] = {}
+        for place in np.argsort(costs).tolist():
+            best.setdefault(numbers[place], place)
+        return [(points[place], trials[place]) for place in list(best.values())[:_MOST_SEEDS]]
 
     def _without_what_cancels(
         self, at: Linearisation, kept: NDArray[np.bool_]
@@ -267,14 +214,14 @@ class Explainer:
         Torque constant, or equal short circuits, and inertia hardly change a motion in which load
         and friction are in the same proportion: each is significant beside the other.
         """
-        parts = [group for group in self._groups(kept) if group[0] in self._suspects]
+        parts = [group for group in self._evidence.groups(kept) if group[0] in self._suspects]
         if np.all(kept[SHORT_CIRCUITS]):
             parts.append(list(SHORT_CIRCUITS))
         for one, other in combinations(parts, 2):
             both = one + other
             if np.all(kept[both]):
-                trial = _without(kept | self.faults_alone, both)
-                starts = np.stack([self._predicted(at, trial)[1], at.point])
+                trial = excluding(kept | self._always, both)
+                starts = np.stack([self._evidence.predicted(at, trial)[1], at.point])
                 starts[:, both] = self._objective.healthy[both]
                 at, kept = self._better(starts, trial, at, kept) or (at, kept)
         return at, kept
@@ -289,30 +236,10 @@ class Explainer:
         """Return the explanation with the components of a trial, None where that is no better."""
         point = self._descended(starts, trial)
         found, shown = self._reduced(self._objective.linearise(point, trial), trial)
-        more = _components(shown) - _components(kept)
-        if self._evidence(found.cost, at.cost) >= -_price(more):
+        more = components(shown) - components(kept)
+        if self._evidence.against(found, at) >= -price(more):
             return None
-        return self._objective.linearise(found.point), shown
-
-    def covariance(
-        self, jacobian: NDArray[np.float64], residuals: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the covariance of the components whose columns the Jacobian has."""
-        return sandwich_covariance(
-            jacobian, residuals, self._lags, self._objective.priors, self._objective.noise
-        )
-
-    def _evidence(self, cost: float, other: float) -> float:
-        """Return by how much the first cost is worse."""
-        return self._objective.effective * float(np.log(cost / other))
-
-    def _predicted(
-        self, at: Linearisation, shown: NDArray[np.bool_]
-    ) -> tuple[float, NDArray[np.float64]]:
-        """Return cost and point of the linear model's optimum with only some components."""
-        if self._quadratic is None or self._quadratic.at is not at:
-            self._quadratic = Quadratic.of(at)
-        return self._quadratic.lowest(self._objective.healthy, shown)
+        return self._objective.linearise(found.point, self._tried), shown
 
     def _promising(self, at: Linearisation, kept: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
         """Return the components of the best explanation with another cause; None without any.
@@ -320,24 +247,23 @@ class Explainer:
         The linear model is no judge over far steps: an explanation with fewer components is worth
         trying as long as the window might not tell the two apart.
         """
-        now = _components(kept)
-        # No set explains more than all components together.
-        most = -self._worse(at, np.ones_like(kept)) if len(self._causes) else 0.0
+        now = components(kept)
+        most = self._evidence.most_gain(at) if len(self._causes) else 0.0
         best, chosen = 0.0, None
         for cause in self._causes:
-            if kept[cause]:
+            if kept[cause] or not self._tried[cause]:
                 continue
-            added = _with(kept, [cause])
+            added = including(kept, [cause])
             # Faults that the cause has hidden may come back.
-            trials = [(added | self.faults_alone, -ADDED_EVIDENCE)]
-            for group in self._groups(kept):
-                fewer = now - _components(trial := _without(added, group))
+            trials = [(added | self._always, -ADDED_EVIDENCE)]
+            for group in self._evidence.groups(kept):
+                fewer = now - components(trial := excluding(added, group))
                 worth = COMPONENT_EVIDENCE * fewer + AMBIGUOUS_EVIDENCE
                 trials.append((trial, worth if fewer else 0.0))
             for trial, worth in trials:
                 if worth + most <= best:
                     continue
-                gain = worth - self._worse(at, trial)
+                gain = worth - self._evidence.worse(at, trial)
                 if gain > best:
                     best, chosen = gain, trial
         return chosen
@@ -373,7 +299,7 @@ class Explainer:
             objective.healthy,
             at.residuals,
             at.jacobian,
-            self.covariance,
+            self.precision.covariance,
             self._floor,
             fitted,
             groups,
@@ -383,83 +309,11 @@ class Explainer:
         optimum, at = at, self._objective.linearise(point, fitted)
         loss = math.log(MOST_LOSS) * objective.effective
         if np.any(fitted[self._suspects]):
-            loss = max(loss, COMPONENT_EVIDENCE * (_components(fitted) - _components(kept)))
-        if self._evidence(at.cost, optimum.cost) > loss:
+            loss = max(loss, COMPONENT_EVIDENCE * (components(fitted) - components(kept)))
+        if self._evidence.against(at, optimum) > loss:
             at = self._objective.linearise(self._descended(point[None], kept), fitted)
-        if self._evidence(at.cost, optimum.cost) > loss:
+        if self._evidence.against(at, optimum) > loss:
             return optimum, fitted
         point = refitted(at.point, objective.healthy, at.residuals, at.jacobian, kept)
         again = self._objective.linearise(point, fitted)
         return (again if again.cost < at.cost else at), kept
-
-    def _alternatives(
-        self, at: Linearisation, kept: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
-        """Return which causes could stand in for what is kept, and what could for what."""
-        confused = np.zeros_like(kept)
-        found = []
-        for group in self._groups(kept):
-            without = _without(kept, group)
-            fewer = _components(kept) - _components(without)
-            # What hardly shows is not worth an alternative.
-            most = min(
-                AMBIGUOUS_EVIDENCE + COMPONENT_EVIDENCE * (fewer - 1),
-                self._worse(at, without) - COMPONENT_EVIDENCE,
-            )
-            for cause in self._causes:
-                if not kept[cause] and self._worse(at, _with(without, [cause])) < most:
-                    found.append((self._name(group), self._name([cause])))
-                    confused[cause] = True
-            healthy = [phase for phase in SHORT_CIRCUITS if not kept[phase]]
-            may_be_shorts = group[0] in self._suspects and len(healthy) > 1
-            if may_be_shorts and self._worse(at, _with(without, healthy)) < most:
-                found.append((self._name(group), self._name(healthy)))
-                confused[healthy] = True
-        return confused, found
-
-    def _worse(self, at: Linearisation, shown: NDArray[np.bool_]) -> float:
-        """Return by how much the linear model's optimum with only some components is worse."""
-        return self._evidence(self._predicted(at, shown)[0], at.cost)
-
-    def _groups(self, kept: NDArray[np.bool_]) -> list[list[int]]:
-        """Return what may be replaced: each component kept, and short circuits together."""
-        groups = [group for group in GROUPS if kept[group[0]]]
-        groups += [[cause] for cause in self._suspects if kept[cause]]
-        shorted = [phase for phase in SHORT_CIRCUITS if kept[phase]]
-        if len(shorted) == len(SHORT_CIRCUITS):
-            groups += [list(pair) for pair in combinations(shorted, 2)]
-        if len(shorted) > 1:
-            groups.append(shorted)
-        return groups
-
-    def _name(self, group: list[int]) -> str:
-        if group == SHORT_CIRCUITS:
-            return EQUAL_SHORTS
-        if group[0] in SHORT_CIRCUITS:
-            return " and ".join(FAULTS[phase].label for phase in group)
-        first = group[0]
-        if first < N_FAULTS:
-            return FAULTS[first].label
-        return self._objective.hidden_causes[first - self._causes.start].cause.label
-
-
-def _with(kept: NDArray[np.bool_], group: list[int]) -> NDArray[np.bool_]:
-    more = kept.copy()
-    more[group] = True
-    return more
-
-
-def _without(kept: NDArray[np.bool_], group: list[int]) -> NDArray[np.bool_]:
-    rest = kept.copy()
-    rest[group] = False
-    return rest
-
-
-def _price(more: int) -> float:
-    """Return by how much an explanation with ``more`` components must be better to be chosen."""
-    return COMPONENT_EVIDENCE * more if more else REPLACED_EVIDENCE
-
-
-def _components(kept: NDArray[np.bool_]) -> int:
-    """Return the number of components, the vector of eccentricity as one."""
-    return int(np.sum(kept)) - int(kept[ECCENTRICITY] and kept[ECCENTRICITY_PHASE])

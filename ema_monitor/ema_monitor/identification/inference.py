@@ -15,7 +15,8 @@ from ema_core.faults import (
 )
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.explanation import Explainer, Explanation
+from ema_monitor.identification.explained import Explanation, Precision
+from ema_monitor.identification.explanation import Explainer
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
 from ema_monitor.identification.knowledge import NOTHING_KNOWN, Before, Knowledge, surprise
 from ema_monitor.identification.objective import Objective
@@ -149,6 +150,7 @@ class Inference:
                 self._settings.termination.budget - evaluations - objective.unit_evaluations - 2
             ),
             nuisances=self._fitted,
+            seeds={} if self._before.nuisances else {"position_offset": (window.start_offset,)},
         )
         optimum = objective.encode(faults, play)
         optimum[self._always] = fitted
@@ -158,9 +160,9 @@ class Inference:
         faults = optimum[0]
         self.misfit = self._misfit(objective.expect(np.stack([at.point, objective.healthy])))
         goodness = self.misfit.goodness
-        known = explainer.uncertainty(explanation) * np.outer(self._span, self._span)
+        known = explainer.precision.uncertainty(explanation) * np.outer(self._span, self._span)
         if self._before.nuisances:
-            self.knowledge, gained = explainer.knowledge(explanation)
+            self.knowledge, gained = explainer.precision.knowledge(explanation)
             if self._before.known is not None:
                 self.surprise = surprise(self._before.known, self.knowledge, gained)
         covariance, unobservable = uncertainty_of_faults(
@@ -168,7 +170,7 @@ class Inference:
         )
         phase_unknown = unobservable & (np.arange(N_FAULTS) == ECCENTRICITY_PHASE)
         causes = self._causes(explanation, known)
-        self.unlearned = self._unlearned(explainer, explanation, known)
+        self.unlearned = self._unlearned(explainer.precision, explanation, known)
         limit = goodness_limit(faults, self._settings.goodness_limit)
         verdict = judged(
             self._before.subject,
@@ -189,7 +191,7 @@ class Inference:
             covariance=covariance,
             unobservable=unobservable,
             play=float(plays[0]),
-            fitness=at.cost,
+            fitness=objective.window_cost(at.residuals),
             goodness_of_fit=goodness,
             goodness_limit=limit,
             excitation=window.excitation,
@@ -228,7 +230,7 @@ class Inference:
         return tuple(cause for cause in found if self._is_news(cause))
 
     def _unlearned(
-        self, explainer: Explainer, explanation: Explanation, covariance: NDArray[np.float64]
+        self, precision: Precision, explanation: Explanation, covariance: NDArray[np.float64]
     ) -> list[str]:
         """Return in words which faults are uncertain for what the calibration could not learn."""
         at, kept = explanation.at, explanation.kept
@@ -236,9 +238,9 @@ class Inference:
         if not np.any(kept[:N_FAULTS]) or not self._calibration.not_learned:
             return []
         steps = self._objective.unit_steps
-        shown = kept | explainer.faults_alone
+        shown = kept | precision.alone
         shifts = np.zeros((len(kept), len(steps)))
-        shifts[shown] = shifts_of(at.jacobian[:, shown], explainer.effects(at)[:, : len(steps)])
+        shifts[shown] = shifts_of(at.jacobian[:, shown], precision.effects(at)[:, : len(steps)])
         shifts = MISMATCH_FACTOR * self._span[:, None] * shifts
         sigma = np.sqrt(np.diag(with_mismatch(covariance[:N_FAULTS, :N_FAULTS], MISMATCH_SIGMA)))
         return resting_on_unit(sigma, shifts[:N_FAULTS], steps, self._calibration.not_learned)

@@ -21,10 +21,12 @@ from ema_core.faults import (
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.fitness import DEFAULT_FITNESS, FITNESS
 from ema_monitor.identification.knowledge import Knowledge
-from ema_monitor.model.deviations import N_DEVIATIONS, N_SENSOR, NAMES, Prior, sensed
+from ema_monitor.identification.relations import Relations
+from ema_monitor.model.deviations import COLUMNS, N_DEVIATIONS, N_SENSOR, NAMES, Prior, sensed
 from ema_monitor.model.drives import lifts_of_pairs
-from ema_monitor.model.measured import measured_deviations
+from ema_monitor.model.measured import measured_columns
 from ema_monitor.model.monitor_model import Response
+from ema_monitor.model.readings import MOVES_START, read
 from ema_monitor.optimizers.least_squares import DIFFERENCE
 from ema_monitor.windows.window import Window
 
@@ -162,18 +164,25 @@ class Objective:
         self._fitness = FITNESS[fitness](window, calibration)
         self._coordinates = Coordinates(window.play, cartesian, causes)
         self.hidden_causes = causes
-        self._columns = [NAMES.index(one.name) for one in causes]
-        self._measured = measured_deviations(window.measured)
+        self._columns = [COLUMNS.index(one.name) for one in causes]
+        self._measured = measured_columns(window.measured)
         self.evaluations = 0
         self.known = known
-        self._priors = math.sqrt(self.noise) * np.array(
-            [2.0 * one.reach / one.sigma for one in causes]
-        )
+        self._sigmas = np.array([2.0 * one.reach / one.sigma for one in causes])
+        self._priors = math.sqrt(self.noise) * self._sigmas
         self._known_rows = np.zeros((0, N_FAULTS))
         if known is not None:
             self._known_rows = math.sqrt(self.noise) * known.rows()
+        # Where readings of the position compete, so does what the columns say of each other.
+        self._relations = Relations.none()
+        if {one.name for one in causes} >= set(MOVES_START):
+            self._relations = Relations.of(window, calibration)
         self.healthy = self._coordinates.encode(healthy_faults())
         self.good_cost = self._fitness.good_cost
+        # They are linear in a point, and are asked for at many.
+        relations, reaches = self._relations, np.array([2.0 * one.reach for one in causes])
+        self._unrelated = relations.left(self._deviations(self.healthy[None]))[0]
+        self._related = relations.slopes[:, self._columns] * reaches / relations.sigmas[:, None]
 
     def fair_cost(self) -> float:
         """Return the cost of an optimum that explains most of the departure from healthy [A^2.s].
@@ -196,8 +205,26 @@ class Objective:
     @property
     def linearisation_evaluations(self) -> int:
         """Number of model evaluations that `linearise` takes."""
-        sensors = sum(column >= N_DEVIATIONS - N_SENSOR for column in self._columns)
-        return 2 * (self.dimension - sensors) + 1
+        return 2 * (self.dimension - len(self._columns) + sum(self._take_runs)) + 1
+
+    @property
+    def _take_runs(self) -> list[bool]:
+        """Which hidden causes take runs of the model of their own."""
+        free = (*NAMES[-N_SENSOR:], "command_delay")
+        return [one.name not in free for one in self.hidden_causes]
+
+    @property
+    def moves_start(self) -> NDArray[np.bool_]:
+        """Which components are readings that change where the model begins, ``(d,)``."""
+        first = self.dimension - len(self.hidden_causes)
+        return np.concatenate(
+            [np.zeros(first, bool), [one.name in MOVES_START for one in self.hidden_causes]]
+        ).astype(bool)
+
+    @property
+    def columns_agree(self) -> bool:
+        """Whether the position agrees with speed, command and current as when healthy."""
+        return self._relations.are_healthy
 
     @property
     def unit_evaluations(self) -> int:
@@ -237,25 +264,51 @@ class Objective:
 
     def misfit(self, residuals: NDArray[np.float64]) -> float:
         """Return how many times larger than when healthy residuals, ``(r,)``, are."""
+        return math.sqrt(self.window_cost(residuals) / (self._fitness.noise * self.effective))
+
+    def window_cost(self, residuals: NDArray[np.float64]) -> float:
+        """Return the sum of squares of residuals, ``(r,)``, but for priors [A^2.s]."""
         of_window = residuals[: len(residuals) - self.priors]
-        return math.sqrt(float(of_window @ of_window) / (self._fitness.noise * self.effective))
+        return float(of_window @ of_window)
 
     @property
     def priors(self) -> int:
         """Number of residuals, the last ones, that are priors."""
-        return len(self._known_rows) + len(self._priors)
+        return len(self._relations.values) + len(self._known_rows) + len(self._priors)
+
+    def surprise(self, point: NDArray[np.float64]) -> float:
+        """Return how unusual hidden causes are: the sum of squares of what has a sigma of its own.
+
+        It is what their priors, and the relations of the columns, have in the cost over ``noise``.
+
+        Parameters
+        ----------
+        point
+            Where, ``(d,)``.
+        """
+        away = self.cause_sigmas(point)
+        total = float(away @ away)
+        if len(self._relations.values):
+            left = self._related @ (point[len(point) - len(away) :] - 0.5) + self._unrelated
+            total += float(left @ left)
+        return total
+
+    def cause_sigmas(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how many sigma hidden causes are from what is expected, ``(n_causes,)``."""
+        return self._sigmas * (point[len(point) - len(self._sigmas) :] - 0.5)
 
     @property
     def known_rows(self) -> slice:
         """Which residuals, counted from the last one, are those of what is known already."""
-        return slice(-self.priors, -len(self._priors) or None)
+        last = len(self._priors)
+        return slice(-(len(self._known_rows) + last) or None, -last or None)
 
     def causes(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the hidden causes of a point in their units, ``(n_causes,)``."""
         return self._coordinates.causes(point[None])[0]
 
     def _deviations(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the deviations at points, ``(m, 25)``: the measured ones and the components."""
+        """Return the columns at points, ``(m, 28)``: the measured ones and the components."""
         deviations = np.tile(self._measured, (len(points), 1))
         deviations[:, self._columns] = self._coordinates.causes(points)
         return deviations
@@ -268,18 +321,23 @@ class Objective:
     def expect(self, points: NDArray[np.float64]) -> Response:
         """Return the calibrated response at points of the unit box, ``(m, d)``."""
         faults, play = self.decode(points)
-        deviations = self._deviations(points)
+        deviations, position = read(self._deviations(points), self._window)
         # A sensor's error takes no run of the model of its own.
         of_sensors = deviations[:, -N_SENSOR:].copy()
         deviations[:, -N_SENSOR:] = 0.0
         runs, run_of = np.arange(len(points)), np.arange(len(points))
         if np.any(of_sensors):
-            moving = np.concatenate([faults, play[:, None], deviations], axis=1)
+            moving = np.concatenate([faults, play[:, None], deviations, position[:, None]], axis=1)
             _, runs, run_of = np.unique(moving, axis=0, return_index=True, return_inverse=True)
             run_of = run_of.reshape(-1)
         self.evaluations += len(runs)
         response = self._model.respond(
-            self._window, faults[runs], play[runs], self._corrections, deviations[runs]
+            self._window,
+            faults[runs],
+            play[runs],
+            self._corrections,
+            deviations[runs],
+            position[runs],
         )
         if not np.any(of_sensors):
             return response
@@ -327,7 +385,7 @@ class Objective:
         knows = self._knows
         bases = np.stack([point, self.healthy]) if knows else point[None]
         faults, play = self.decode(bases)
-        deviations = self._deviations(point[None])
+        deviations, position = read(self._deviations(point[None]), self._window)
         effects = []
         for k, place in zip(faults, play, strict=True):
             m = 1 + len(steps)
@@ -339,6 +397,7 @@ class Objective:
                     place,
                     self._corrections,
                     (deviations if not effects else 0.0) + varied,
+                    position[0],
                 )
             )
             self.evaluations += m
@@ -370,6 +429,9 @@ class Objective:
             Points of the unit box, ``(m, d)``.
         """
         rows = [self._fitness.residuals(self.expect(points))]
+        if len(self._relations.values):
+            of_causes = points[:, -len(self._priors) :] - 0.5
+            rows.append(math.sqrt(self.noise) * (of_causes @ self._related.T + self._unrelated))
         if self.known is not None:
             rows.append((points[:, :N_FAULTS] - self.known.point) @ self._known_rows.T)
         if len(self._priors):

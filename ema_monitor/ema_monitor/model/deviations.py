@@ -62,7 +62,13 @@ N_DEVIATIONS: Final = len(NAMES)
 N_SENSOR: Final = 6
 """How many deviations, the last ones, are those of sensors: they do not change the motion."""
 
-HIDDEN_CAUSES: Final = (*NAMES[:7], *NAMES[-N_SENSOR:])
+READINGS: Final = ("command_delay", "position_offset", "position_gain")
+"""Hidden causes of the columns that tell the model what moves the actuator, and where it begins."""
+
+COLUMNS: Final = (*NAMES, *READINGS)
+"""What a window may deviate in: what a unit may, and the readings."""
+
+HIDDEN_CAUSES: Final = (*NAMES[:7], *NAMES[-N_SENSOR:], *READINGS)
 """Deviations that may come and go between two windows."""
 
 
@@ -103,9 +109,11 @@ def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior,
     -----
     The priors are what occurs on healthy units between two tests: loads up to a third of the
     torque limit, magnets and inertia within some 5 %, a winding 100 K warmer, a viscous friction
-    that doubles in the cold, sensors within their data sheets.
+    that doubles in the cold, sensors within their data sheets; a command that is published a cycle
+    of its bus late, some 0.5 ms; a position within 0.02 % of the full stroke.
     """
     T, I, omega = parameters.T_max, parameters.I_max, parameters.omega_max
+    stroke = parameters.theta_stop
     priors = {
         "load_torque": (0.2 * T, 0.8 * T),
         "load_stiffness": (0.2 * T / travel, 0.8 * T / travel),
@@ -120,6 +128,9 @@ def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior,
         "speed_gain": (0.01, 0.2),
         "current_delay": (1e-4, 3e-3),
         "speed_delay": (1e-4, 3e-3),
+        "command_delay": (5e-4, 5e-3),
+        "position_offset": (2e-4 * stroke, 8e-3 * stroke),
+        "position_gain": (0.01, 0.2),
     }
     return tuple(_prior(name, *priors[name]) for name in HIDDEN_CAUSES)
 
@@ -241,7 +252,7 @@ def sensed(
     rows
         True current and speed, ``(m, n)`` each [A, rad/s].
     deviations
-        Those of the sensors, ``(m, 6)``, the last in the order of `NAMES`; a delay, to first order.
+        Those of the sensors, ``(m, 6)``, the last in the order of `NAMES`.
     h
         Sample period [s].
     """
@@ -251,7 +262,18 @@ def sensed(
         offset, gain, delay = (part[:, number, None] for part in (offsets, gains, delays))
         seen = row * (1.0 + gain) + offset
         # Most rows of a linearisation have none, and it takes long.
-        late = np.flatnonzero(delay)
-        seen[late] -= delay[late] * np.gradient(row[late], h, axis=-1)
+        for number in np.flatnonzero(delay):
+            moved = _moved(row[number], float(delay[number, 0]) / h)
+            seen[number] = moved * (1.0 + gain[number]) + offset[number]
         result.append(seen)
     return result
+
+
+def _moved(row: NDArray[np.float64], samples: float) -> NDArray[np.float64]:
+    """Return a row, ``(n,)``, so many samples late, interpolated; before its start it is constant.
+
+    Of a row that is early, the last values continue as it ends.
+    """
+    at = np.maximum(np.arange(len(row)) - samples, 0.0)
+    below = np.minimum(at.astype(int), len(row) - 2)
+    return row[below] + (at - below) * (row[below + 1] - row[below])

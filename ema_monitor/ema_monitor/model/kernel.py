@@ -129,20 +129,21 @@ def run_lanes(
     """Run `LANES` individuals from row ``first`` on and fill their rows of the response.
 
     ``current`` [A] and ``speed`` [rad/s] are ``(n_lanes, n)``; their corrections, ``(n,)``, are
-    added. Constants that differ between individuals are arrays ``(n_lanes,)``, as is ``play``: the
-    initial position of the motor within the backlash, in half-widths. ``command`` is ``(n + 1,)``,
-    its first value that at the start. The initial state is ``position_0`` [rad] of the user shaft,
-    ``speed_0`` [rad/s] and ``current_0`` [A] of the motor.
+    added. Constants that differ between individuals are arrays ``(n_lanes,)``, as are the initial
+    positions: ``play``, of the motor within the backlash in half-widths, and ``position_0`` [rad],
+    of the user shaft. ``command`` is ``(n + 1,)``, its first value that at the start. The initial
+    state of the motor is ``speed_0`` [rad/s] and ``current_0`` [A].
     """
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     shaft = load(shaft_of_lanes, first)
     stiffness = shaft.stiffness * mech.tau
     stribeck_square = shaft.stribeck_speed * shaft.stribeck_speed
-    theta_b = broadcast(position_0 / mech.tau)
+    user = load(position_0, first)
+    theta_b = user / mech.tau
     theta_m = theta_b + load(play, first) * mech.half_backlash
     angle = drive.waves * theta_m
     omega = broadcast(speed_0)
-    error = speed_error(c, command[0], position_0, omega)
+    error = speed_error(c, command[0], user, omega)
     # The integral at the start follows from the measured current.
     integral = broadcast(0.0)
     if c.GAI > 0.0:

@@ -11,9 +11,8 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import is_finite_number
 from ema_core.wording import as_identifier, counted, unknown_name
 from ema_monitor.model.deviations import (
+    COLUMNS,
     HIDDEN_CAUSES,
-    N_DEVIATIONS,
-    NAMES,
     Prior,
     hidden_causes,
 )
@@ -137,11 +136,11 @@ def _checked(one: CauseEstimate) -> CauseEstimate:
     return CauseEstimate(one.name, float(one.value), float(one.sigma))
 
 
-def measured_deviations(measured: Iterable[CauseEstimate]) -> NDArray[np.float64]:
-    """Return what was measured as deviations from the unit, ``(25,)``; 0 for all others."""
-    values = np.zeros(N_DEVIATIONS)
+def measured_columns(measured: Iterable[CauseEstimate]) -> NDArray[np.float64]:
+    """Return what was measured in the order of `COLUMNS`, ``(28,)``; 0 for all others."""
+    values = np.zeros(len(COLUMNS))
     for one in measured:
-        values[NAMES.index(one.name)] = one.value
+        values[COLUMNS.index(one.name)] = one.value
     return values
 
 

@@ -79,6 +79,7 @@ class MonitorModel:
         play: ArrayLike | float = 0.0,
         corrections: Response | None = None,
         deviations: NDArray[np.float64] | None = None,
+        position: ArrayLike | None = None,
     ) -> Response:
         """Return equivalent current and motor speed of each individual in a window.
 
@@ -95,6 +96,9 @@ class MonitorModel:
             Added to current and speed of all individuals, ``(n,)`` each; None for zeros.
         deviations
             In what each individual deviates from the unit, ``(m, 25)``; None for nothing.
+        position
+            Initial position of the user shaft, ``(m,)`` or one value for all [rad]; the measured
+            one by default.
 
         Returns
         -------
@@ -125,6 +129,8 @@ class MonitorModel:
         steps, lag = self.steps(window.sample_period), lag_factor(self.dt)
         play_of_lane = np.full(m, play, dtype=np.float64)[lane_of]
         start = window.telemetry
+        first = float(start.position[0]) if position is None else position
+        first_of_lane = np.full(m, first, dtype=np.float64)[lane_of]
         current, speed = np.empty((2, len(lane_of), len(window)))
         of_sensors = own[:m, -N_SENSOR:]
         senses = bool(np.any(of_sensors))
@@ -142,7 +148,7 @@ class MonitorModel:
                 play_of_lane,
                 group * LANES,
                 window.command,
-                float(start.position[0]),
+                first_of_lane,
                 float(start.speed[0]),
                 float(start.current[0]),
                 steps,

@@ -77,6 +77,11 @@ class Window:
         return int(self.telemetry.stamps_ns[-1])
 
     @property
+    def start_offset(self) -> float:
+        """Position less command at the start [rad]; at rest, friction allows for little of it."""
+        return float(self.telemetry.position[0] - self.command[0])
+
+    @property
     def excitation(self) -> float:
         """Travel of the command [rad]."""
         return float(np.ptp(self.command))

@@ -1,0 +1,194 @@
+"""How explanations of a window compare: by what they leave, and by how usual they are (M27)."""
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
+from ema_monitor.identification.objective import Linearisation, Objective
+from ema_monitor.identification.uncertainty import GROUPS, ridge_of
+from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
+
+ADDED_EVIDENCE: Final = 14.0
+"""What an added cause must lower the evidence by."""
+
+COMPONENT_EVIDENCE: Final = 8.0
+"""What a component is worth: how much a set with one less may be higher."""
+
+REPLACED_EVIDENCE: Final = 6.0
+"""What a cause must lower the evidence by to take the place of a fault."""
+
+AMBIGUOUS_EVIDENCE: Final = 8.0
+"""Up to this difference the window does not tell two explanations apart."""
+
+EQUAL_SHORTS: Final = "equal short circuits of all phases"
+"""What three of them are called, where they stand for something else."""
+
+
+class Quadratic(NamedTuple):
+    """The cost of a linearised model as a quadratic: cheap to minimise for many sets."""
+
+    at: Linearisation
+    cost: float
+    gradient: NDArray[np.float64]
+    normal: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, at: Linearisation) -> Self:
+        """Return that of a linearisation."""
+        normal = at.jacobian.T @ at.jacobian
+        normal += ridge_of(normal) * np.eye(len(normal))
+        return cls(at, at.cost, at.jacobian.T @ at.residuals, normal)
+
+    def lowest(
+        self, healthy: NDArray[np.float64], shown: NDArray[np.bool_]
+    ) -> tuple[float, NDArray[np.float64]]:
+        """Return the lowest cost with some components, others being healthy, and where it is."""
+        point = np.where(shown, self.at.point, healthy)
+        gradient = self.gradient + self.normal @ (point - self.at.point)
+        point[shown] = lowest_in_box(
+            self.normal[np.ix_(shown, shown)], gradient[shown], point[shown]
+        )
+        move = point - self.at.point
+        cost = self.cost + 2.0 * self.gradient @ move + move @ self.normal @ move
+        return max(float(cost), 1e-12 * self.cost), point
+
+
+class Evidence:
+    """Compares sets of faults and hidden causes as explanations of a window.
+
+    A set is worth ``n ln(cost) + z^2``, less being better, with ``n`` effective residuals, the cost
+    of the window alone, and ``z^2`` the squared distance of its causes from what is usual: where
+    the model does not match the unit, the window counts less, but no cause gets more usual.
+
+    Parameters
+    ----------
+    objective
+        Of the window.
+    suspects
+        Numbers of the components that are hidden causes which need evidence.
+    """
+
+    def __init__(self, objective: Objective, suspects: Sequence[int]) -> None:
+        self._objective = objective
+        self._suspects = suspects
+        self._first_cause = objective.dimension - len(objective.hidden_causes)
+        self._quadratic: Quadratic | None = None
+
+    def against(self, one: Linearisation, other: Linearisation) -> float:
+        """Return by how much the first is worse."""
+        return self._value(one.cost, one.point) - self._value(other.cost, other.point)
+
+    def worse(self, at: Linearisation, shown: NDArray[np.bool_]) -> float:
+        """Return by how much the linear model's optimum with only some components is worse."""
+        return self._value(*self.predicted(at, shown)) - self._value(at.cost, at.point)
+
+    def most_gain(self, at: Linearisation) -> float:
+        """Return by how much a set could be better at most, while the fit is no better than noise.
+
+        None leaves less than all components together, and none is less than usual.
+        """
+        lowest, _ = self.predicted(at, np.ones(len(at.point), dtype=bool))
+        return self._value(at.cost, at.point) - self._objective.effective * float(np.log(lowest))
+
+    def predicted(
+        self, at: Linearisation, shown: NDArray[np.bool_]
+    ) -> tuple[float, NDArray[np.float64]]:
+        """Return cost and point of the linear model's optimum with only some components."""
+        if self._quadratic is None or self._quadratic.at is not at:
+            self._quadratic = Quadratic.of(at)
+        return self._quadratic.lowest(self._objective.healthy, shown)
+
+    def alternatives(
+        self, at: Linearisation, kept: NDArray[np.bool_], tried: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
+        """Return which components could stand in for what is kept, and what could for what.
+
+        Parameters
+        ----------
+        at
+            Linearisation at the explanation.
+        kept
+            What it consists of, ``(d,)``.
+        tried
+            Components whose derivatives are known, ``(d,)``.
+        """
+        confused = np.zeros_like(kept)
+        found = []
+        for group in self.groups(kept):
+            without = excluding(kept, group)
+            fewer = components(kept) - components(without)
+            # What hardly shows is not worth an alternative.
+            most = min(
+                AMBIGUOUS_EVIDENCE + COMPONENT_EVIDENCE * (fewer - 1),
+                self.worse(at, without) - COMPONENT_EVIDENCE,
+            )
+            for other in self._stand_ins(group, kept, tried):
+                if self.worse(at, including(without, other)) < most:
+                    found.append((self._name(group), self._name(other)))
+                    confused[other] = True
+        return confused, found
+
+    def groups(self, kept: NDArray[np.bool_]) -> list[list[int]]:
+        """Return what may be replaced: each component kept, and short circuits together."""
+        groups = [group for group in GROUPS if kept[group[0]]]
+        groups += [[cause] for cause in self._suspects if kept[cause]]
+        shorted = [phase for phase in SHORT_CIRCUITS if kept[phase]]
+        if len(shorted) == len(SHORT_CIRCUITS):
+            groups += [list(pair) for pair in combinations(shorted, 2)]
+        if len(shorted) > 1:
+            groups.append(shorted)
+        return groups
+
+    def _stand_ins(
+        self, group: list[int], kept: NDArray[np.bool_], tried: NDArray[np.bool_]
+    ) -> list[list[int]]:
+        """Return what could take the place of a part of an explanation."""
+        others = [[cause] for cause in self._suspects if tried[cause] and not kept[cause]]
+        if group[0] in self._suspects:
+            healthy = [phase for phase in SHORT_CIRCUITS if not kept[phase]]
+            others += [one for one in GROUPS if not kept[one[0]]]
+            others += [healthy] if len(healthy) > 1 else []
+        return others
+
+    def _value(self, cost: float, point: NDArray[np.float64]) -> float:
+        surprise = self._objective.surprise(point)
+        of_window = max(cost - self._objective.noise * surprise, 1e-12 * cost)
+        return self._objective.effective * float(np.log(of_window)) + surprise
+
+    def _name(self, group: list[int]) -> str:
+        if group == SHORT_CIRCUITS:
+            return EQUAL_SHORTS
+        if group[0] in SHORT_CIRCUITS:
+            return " and ".join(FAULTS[phase].label for phase in group)
+        first = group[0]
+        if first < N_FAULTS:
+            return FAULTS[first].label
+        return self._objective.hidden_causes[first - self._first_cause].cause.label
+
+
+def including(kept: NDArray[np.bool_], group: list[int]) -> NDArray[np.bool_]:
+    """Return a set with some components more."""
+    more = kept.copy()
+    more[group] = True
+    return more
+
+
+def excluding(kept: NDArray[np.bool_], group: list[int]) -> NDArray[np.bool_]:
+    """Return a set without some components."""
+    rest = kept.copy()
+    rest[group] = False
+    return rest
+
+
+def price(more: int) -> float:
+    """Return by how much an explanation with ``more`` components must be better to be chosen."""
+    return COMPONENT_EVIDENCE * more if more else REPLACED_EVIDENCE
+
+
+def components(kept: NDArray[np.bool_]) -> int:
+    """Return the number of components, the vector of eccentricity as one."""
+    return int(np.sum(kept)) - int(kept[ECCENTRICITY] and kept[ECCENTRICITY_PHASE])
