@@ -21,7 +21,6 @@ from ema_cli.show.prognosis_figure import draw_course
 from ema_cli.show.prognosis_table import (
     as_values,
     course_as_values,
-    removal_in_words,
     summary,
     table_of_growth,
 )
@@ -174,7 +173,7 @@ def prognose(
             f"{message.actuator_id} ({message.serial_number}): {len(course.outlooks)} valid of "
             f"{counted(len(estimates), 'test')}, flight hours {hours}, cycles {message.cycles}"
         )
-        click.echo(removal_in_words(course))
+        click.echo(message.removal)
         Console().print(table_of_growth(message))
         click.echo("\n".join(summary(course, message)))
     if output is not None:

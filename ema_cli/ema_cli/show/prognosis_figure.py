@@ -8,9 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ema_cli.bags.diagnoses import SHOWN_IN, label_of
 from ema_cli.bags.unit_course import Course, true_faults, true_remaining_life
-from ema_cli.show.prognosis_table import removal_in_words
 from ema_cli.show.style import BLUE, ORANGE, VERMILION, draw_estimates, draw_legend, stacked_panels
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.levels import ERROR, WARN
@@ -18,6 +16,7 @@ from ema_core.wording import counted
 from ema_monitor.health import FaultHealth
 from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
 from ema_monitor.prognosis.requirements.requirements import BELOW, RequirementLimits
+from ema_monitor.prognosis.sentences import SHOWN_IN, label_of, removal_in_words
 
 ALPHA: Final = 0.2
 """Half width of the cone about the true remaining life, relative to it [-]."""
@@ -92,7 +91,7 @@ def draw_course(course: Course, end_hours: float | None = None) -> Figure:
 def _title(course: Course) -> str:
     unit, tests = course.record.description, counted(len(course.outlooks), "valid test")
     name = f"{unit.actuator_id} ({unit.serial_number}), {tests}"
-    return f"{name}\n{fill(removal_in_words(course), _TITLE_WIDTH)}"
+    return f"{name}\n{fill(removal_in_words(course.outlooks[-1]), _TITLE_WIDTH)}"
 
 
 def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
