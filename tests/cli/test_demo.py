@@ -15,9 +15,9 @@ from matplotlib.image import imread
 from rich.console import Console
 
 from ema_cli.bags.diagnoses import Diagnosis, DiagnosisLog, read_history
+from ema_cli.figures.history import draw_history
 from ema_cli.processes.demo_run import SHOWN
 from ema_cli.processes.observer import Observer
-from ema_cli.show.history_figure import draw_history
 from ema_cli.show.live_table import LiveTable
 from ema_core.faults import fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN

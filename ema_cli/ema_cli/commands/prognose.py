@@ -15,9 +15,9 @@ from ema_cli.bags.unit_course import follow
 from ema_cli.bags.unit_record import UnitRecord, read_unit, with_calibration_beside
 from ema_cli.commands.estimate import estimate_windows
 from ema_cli.errors import REFUSED, Assignments, merged, one_clear_line
+from ema_cli.figures.files import picture_option, require_drawable, save_picture
+from ema_cli.figures.prognosis import draw_course
 from ema_cli.identification_options import IdentificationOptions, identification_options
-from ema_cli.show.picture_path import picture_option, require_drawable, save_picture
-from ema_cli.show.prognosis_figure import draw_course
 from ema_cli.show.prognosis_table import (
     as_values,
     course_as_values,
