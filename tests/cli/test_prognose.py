@@ -12,11 +12,11 @@ from ema_cli.bags.source_options import Source
 from ema_cli.bags.unit_course import Course, follow, true_remaining_life
 from ema_cli.bags.unit_record import CALIBRATION_FILE, UnitRecord, find_bags, read_unit
 from ema_cli.commands import prognose as command
-from ema_cli.commands.prognose import KnownLawType
 from ema_cli.figures.prognosis import draw_course
 from ema_cli.lives.files import write_test
 from ema_cli.lives.tests_of_life import simulated_tests
 from ema_cli.processes.stop_request import StopRequest
+from ema_cli.prognosis_options import KnownLawType
 from ema_cli.show.prognosis_table import as_values
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FaultVector, fault_vector

@@ -27,14 +27,19 @@ from ema_monitor.windows.band import band_limited, band_samples
 from ema_monitor.windows.window import Window
 
 _HEIGHTS: Final = (3.0, 1.3, 2.0, 1.3, 2.2)
-_MEASURED: Final[dict[str, Any]] = {"color": "0.7", "lw": 2.0, "label": "measured"}
+_MEASURED: Final[dict[str, Any]] = {"color": GREY, "alpha": 0.6, "lw": 2.0, "label": "measured"}
 _HEALTHY: Final[dict[str, Any]] = {"color": BLUE, "ls": "--", "lw": 0.9, "label": "model, healthy"}
 _FITTED: Final[dict[str, Any]] = {
     "color": VERMILION,
     "lw": 0.9,
     "label": "model, estimated faults",
 }
-_RESIDUAL: Final[dict[str, Any]] = {"color": "0.75", "lw": 0.5, "label": "measured less model"}
+_RESIDUAL: Final[dict[str, Any]] = {
+    "color": GREY,
+    "alpha": 0.6,
+    "lw": 0.5,
+    "label": "measured less model",
+}
 _SMOOTH: Final[dict[str, Any]] = {"color": INK, "lw": 1.0, "label": "the same, band-limited"}
 _BAR: Final = "estimate, 90 % interval"
 
