@@ -127,7 +127,7 @@ def read_unit(
             described = bag.messages(bag.topics_of(DESCRIPTION_TYPE))
             present = {item.message.actuator_id for item in described}
         except (ValueError, OSError) as error:
-            if not skips_unreadable:
+            if not skips_unreadable or not path.exists():
                 raise
             remarks.append(_unreadable(path, error))
             continue
