@@ -14,11 +14,12 @@ from ema_cli.report.evidence import confusions, hidden_causes, limited, tests_of
 from ema_cli.report.pictures import pictures_of
 from ema_cli.report.provenance import calibration_of, files_read, parameters_of, versions
 from ema_cli.report.verdict import verdict_of
+from ema_cli.show.levels import SHAPES
 from ema_cli.unit_diagnosis import UnitDiagnosis
 from ema_core.faults import FAULTS
 from ema_core.levels import LEVEL_NAMES
 
-_SHAPES = {name: shape for name, shape in zip(LEVEL_NAMES, "●▲■○", strict=True)}
+_SHAPES = {LEVEL_NAMES[level]: shape for level, shape in SHAPES.items()}
 
 
 def report_page(
