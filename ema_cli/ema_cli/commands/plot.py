@@ -13,13 +13,12 @@ from ema_cli.commands.estimate import estimate_windows
 from ema_cli.comparison import choose_window
 from ema_cli.errors import one_clear_line
 from ema_cli.figures.files import picture_option, require_drawable, save_picture
+from ema_cli.figures.fit import draw_fit
 from ema_cli.figures.history import draw_history
 from ema_cli.figures.telemetry import draw_telemetry
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_core.wording import counted
-from ema_monitor.identification.stretch_fit import in_stretch
-from ema_monitor.plot import plot_fit
-from ema_monitor.windows.window import Window
+from ema_monitor.windows.trigger import Refusal
 from ema_recording.windows import BagWindows
 
 
@@ -65,17 +64,8 @@ def plot(
             click.echo(f"{bag}: {remark}", err=True)
         if number is None:
             figure = draw_telemetry(found, outline)
-        elif source.any_motion:
-            figure = _draw_estimate(found, number, source, options)
         else:
-            window = _window(found, number)
-            calibration = options.calibration()
-            # With those before it, in which a warm search begins.
-            before = found.windows[: number + 1]
-            one = estimate_windows(before, calibration, options, force=source.force)[-1]
-            if not one.valid:
-                raise ValueError(f"window {number} has no estimate: {one.reason}")
-            figure = plot_fit(window, one, calibration, since_ns=found.first_ns)
+            figure = _draw_estimate(found, number, source, options)
         save_picture(figure, output)
     click.echo(f"{output}")
 
@@ -83,27 +73,23 @@ def plot(
 def _draw_estimate(
     found: BagWindows, number: int, source: Source, options: IdentificationOptions
 ) -> Figure:
-    """Return a figure of an estimate of ordinary motion, with the fit of its last stretch."""
+    """Return a figure of the fit of a window; of ordinary motion, of an estimate's last stretch."""
+    windows, what = found.windows, "estimate"
+    if not source.any_motion:
+        what, window = "window", choose_window(found, number)
+        if isinstance(window.place, Refusal):
+            raise ValueError(f"window {number} cannot be used: {window.place.reason}")
+        # With those before it, in which a warm search begins.
+        windows = windows[: number + 1]
     calibration = options.calibration()
     estimates = estimate_windows(
-        found.windows, calibration, options, force=source.force, any_motion=True
+        windows, calibration, options, force=source.force, any_motion=source.any_motion
     )
     if number >= len(estimates):
         said = counted(len(estimates), "estimate")
         raise ValueError(f"--window {number}: the motion gives {said}, numbered from 0")
     one = estimates[number]
     if not one.valid:
-        raise ValueError(f"estimate {number} is refused: {one.reason}")
-    last = next(item for item in found.windows if item.end_ns == one.end_ns)
-    calibration, stretch = calibration.of_any_motion(), last.window
-    if not isinstance(stretch, Window):
-        raise RuntimeError("an estimate rests on a stretch that cannot be used")
-    fitted = in_stretch(one, stretch, last.description, calibration, options.search)
-    return plot_fit(stretch, fitted, calibration, since_ns=found.first_ns)
-
-
-def _window(found: BagWindows, number: int) -> Window:
-    window = choose_window(found, number).window
-    if not isinstance(window, Window):
-        raise ValueError(f"window {number} cannot be used: {window.reason}")
-    return window
+        raise ValueError(f"{what} {number} has no estimate: {one.reason}")
+    last = next(item for item in windows if item.end_ns == one.end_ns)
+    return draw_fit(last, one, calibration, options.search, found.first_ns)

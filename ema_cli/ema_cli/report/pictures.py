@@ -2,13 +2,12 @@
 
 from typing import NamedTuple
 
+from ema_cli.figures.fit import draw_fit
 from ema_cli.figures.prognosis import draw_course
 from ema_cli.figures.svg import inline_svg
 from ema_cli.report.words import moment
 from ema_cli.unit_diagnosis import UnitDiagnosis
 from ema_core.wording import counted
-from ema_monitor.plot import plot_fit
-from ema_monitor.windows.window import Window
 
 
 class Picture(NamedTuple):
@@ -37,21 +36,18 @@ def pictures_of(told: UnitDiagnosis, end_hours: float | None) -> list[Picture]:
 
 
 def _last_fit(told: UnitDiagnosis) -> Picture | None:
-    """Return the fit of the last valid estimate that is one of a window."""
-    windows = {one.end_ns: one for one in told.record.windows}
-    for estimate in reversed(told.estimates):
-        if not estimate.valid or estimate.stretches:
-            continue
-        window = windows[estimate.end_ns].window
-        if not isinstance(window, Window):
-            continue
-        caption = (
-            f"Window that ended at {moment(estimate.end_ns)}: current and speed as measured, as "
-            "the model gives them with the estimated faults and healthy, what is left of them, "
-            "and the faults."
-        )
-        figure = plot_fit(window, estimate, told.calibration)
-        return Picture(
-            inline_svg(figure, "fit", "Measured and estimated current and speed", caption), caption
-        )
-    return None
+    """Return the fit of the last valid estimate."""
+    estimate = next((one for one in reversed(told.estimates) if one.valid), None)
+    if estimate is None:
+        return None
+    last = next(one for one in told.record.windows if one.end_ns == estimate.end_ns)
+    what = "Last stretch of the estimate" if estimate.stretches else "Window"
+    caption = (
+        f"{what} that ended at {moment(estimate.end_ns)}: current and speed as measured, as the "
+        "model gives them with the estimated faults and healthy, what is left of them, and the "
+        "faults."
+    )
+    figure = draw_fit(last, estimate, told.calibration, told.options.search)
+    return Picture(
+        inline_svg(figure, "fit", "Measured and estimated current and speed", caption), caption
+    )

@@ -85,6 +85,7 @@ def parameters_of(told: UnitDiagnosis) -> list[tuple[str, float, str, str]]:
 def calibration_of(told: UnitDiagnosis) -> dict[str, str]:
     """Return what identifies the calibration, by what it is."""
     one = told.calibration
+    missed = ", ".join(name.replace("_", " ") for name in one.not_learned)
     return {
         "identity": one.calibration_id,
         "from": told.options.calibration_source,
@@ -93,6 +94,7 @@ def calibration_of(told: UnitDiagnosis) -> dict[str, str]:
         "residual of a healthy window": (
             f"{one.healthy_rms:.4g} A, {one.healthy_speed_rms:.4g} rad/s"
         ),
+        "not learned of the unit": missed or "nothing",
     }
 
 
