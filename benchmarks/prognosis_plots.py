@@ -26,9 +26,9 @@ from prognosis_metrics import ALPHA
 from prognosis_predictors import PREDICTORS, SETTINGS, Predictions
 from prognosis_scores import SHARES
 
-from ema_cli.show.style import BLUE, ORANGE, VERMILION, draw_estimates, tidy
 from ema_core.faults import FAULT_NAMES, FAULTS, healthy_faults
 from ema_monitor.health import HealthLimits
+from ema_monitor.plot.style import BLUE, ORANGE, VERMILION, draw_estimates, tidy
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.prediction import Fan
 from ema_monitor.prognosis.growth.tracker import Tracker

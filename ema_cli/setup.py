@@ -10,6 +10,7 @@ setup(
     maintainer="EMA health monitor maintainers",
     maintainer_email="maintainers@example.org",
     packages=find_packages(include=[package, f"{package}.*"]),
+    package_data={f"{package}.report": ["templates/*"]},
     install_requires=[
         "ema_core",
         "ema_monitor",
@@ -18,6 +19,8 @@ setup(
         "ema_sim",
         "ema_study",
         "click>=8.1,<9",
+        "jinja2>=3.1,<4",
+        "markupsafe>=2.1,<4",
         "matplotlib>=3.8,<4",
         "numpy>=1.26,<3",
         "pandas>=2.2,<4",

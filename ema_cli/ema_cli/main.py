@@ -20,6 +20,8 @@ _COMMANDS: Final = {
     "BAG or folder of bags.",
     "thesis": "Repeat the thesis's study: ten single faults and a multiple one by "
     "GA, PSO, DE and GWO.",
+    "report": "Write what the tests in each BAG or folder of bags say of a unit as one page.",
+    "watch": "Show the health of all actuators, the worst first, until Ctrl-C.",
     "plot": "Draw the telemetry of BAG with its windows; with --window, also its fit and faults.",
     "info": "Show what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it.",
     "up": "Run nodes until Ctrl-C: without names, the simulated actuator and its monitor.",
@@ -32,9 +34,16 @@ _COMMANDS: Final = {
 }
 """Commands and their first sentences, so that help imports none of them."""
 
+ARGUMENTS: Final = "ema.arguments"
+"""Under which name the context of a command holds the whole command line, as words."""
+
 
 class _CommandsOnDemand(click.Group):
     """Imports a command when it is called, so that none waits for what another one needs."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.meta[ARGUMENTS] = [ctx.info_name or "ema", *args]
+        return super().parse_args(ctx, args)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(_COMMANDS)

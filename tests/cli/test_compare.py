@@ -11,8 +11,8 @@ from ema_cli import comparison
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import read_windows
 from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
+from ema_cli.figures.comparison import draw_comparison
 from ema_cli.identification_options import IdentificationOptions
-from ema_cli.show.compare_figure import draw_comparison
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FAULTS, estimation_error, fault_vector
 from ema_monitor.calibration.calibration import Calibration

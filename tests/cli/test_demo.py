@@ -14,14 +14,14 @@ from ament_index_python.packages import get_package_share_directory
 from matplotlib.image import imread
 from rich.console import Console
 
-from ema_cli.bags.diagnoses import Diagnosis, DiagnosisLog, cause_of_level, read_history
+from ema_cli.bags.diagnoses import Diagnosis, DiagnosisLog, read_history
+from ema_cli.figures.history import draw_history
 from ema_cli.processes.demo_run import SHOWN
 from ema_cli.processes.observer import Observer
-from ema_cli.show.history_figure import draw_history
 from ema_cli.show.live_table import LiveTable
 from ema_core.faults import fault_vector
 from ema_core.levels import ERROR, OK, STALE, WARN
-from ema_interfaces.msg import FaultHealth, Health
+from ema_interfaces.msg import Health
 from ema_recording.reader import Bag
 from ema_recording.telemetry import HEALTH_TYPE
 from ema_recording.windows import truth_at
@@ -286,17 +286,3 @@ def test_health_that_is_published_again_judges_more_unless_it_is_stale():
         history.add(HEALTH_TYPE, message, 0)
         levels.append(history._levels[5_000_000_000][0])
     assert levels == [OK, WARN, WARN]
-
-
-def test_cause_names_what_has_the_level_with_value_and_limit():
-    margin = FaultHealth(
-        name="torque_margin", level=WARN, value=0.59, limit=0.5, limit_is_lower=True, unit="1"
-    )
-    play = FaultHealth(name="free_play", level=ERROR, value=6e-4, limit=5e-4, unit="rad")
-    assert cause_of_level(Health(level=OK, requirements=[])) == ""
-    warning = Health(level=WARN, requirements=[margin])
-    assert cause_of_level(warning) == "torque margin 0.59 (fails below 0.5)"
-    failed = Health(level=ERROR, requirements=[margin, play])
-    assert cause_of_level(failed) == "free play 0.6 mrad (failed: above 0.5 mrad)"
-    stale = Health(level=STALE, reason="no telemetry for 3 s")
-    assert cause_of_level(stale) == "no telemetry for 3 s"

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ema_cli.commands import plot
+from ema_cli.figures import fit
 from ema_core.faults import FAULT_NAMES, fault_vector
 from ema_monitor.plot import plot_fit
 
@@ -74,7 +74,7 @@ def test_plot_shows_an_estimate_with_the_fit_of_its_last_stretch(ema, bag, tmp_p
         drawn.append((window, estimate))
         return plot_fit(window, estimate, calibration, **more)
 
-    monkeypatch.setattr(plot, "plot_fit", note)
+    monkeypatch.setattr(fit, "plot_fit", note)
     picture = tmp_path / "fit.png"
     options = ("--any-motion", "--wanted-sigma", "0.02")
     result = ema("plot", *options, "--window", "0", "-o", picture, bag)

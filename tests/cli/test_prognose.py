@@ -12,12 +12,12 @@ from ema_cli.bags.source_options import Source
 from ema_cli.bags.unit_course import Course, follow, true_remaining_life
 from ema_cli.bags.unit_record import CALIBRATION_FILE, UnitRecord, find_bags, read_unit
 from ema_cli.commands import prognose as command
-from ema_cli.commands.prognose import KnownLawType
+from ema_cli.figures.prognosis import draw_course
 from ema_cli.lives.files import write_test
 from ema_cli.lives.tests_of_life import simulated_tests
 from ema_cli.processes.stop_request import StopRequest
-from ema_cli.show.prognosis_figure import draw_course
-from ema_cli.show.prognosis_table import as_values, removal_in_words
+from ema_cli.prognosis_options import KnownLawType
+from ema_cli.show.prognosis_table import as_values
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FaultVector, fault_vector
 from ema_monitor.calibration.calibration import Calibration
@@ -113,6 +113,10 @@ def course_of(
     record = UnitRecord(ActuatorDescription(), [], counts if counted else [], truths or [], [])
     parameters = Calibration.builtin().unit_parameters
     return follow(record, estimates, parameters, settings or PrognosisSettings())
+
+
+def removal(course: Course) -> str:
+    return health_to_message(course.outlooks[-1], course.record.description).removal
 
 
 def growing(rate: float, tests: int, seed: int | None = None) -> list[Estimate]:
@@ -328,7 +332,7 @@ def test_spoiled_test_does_not_spoil_the_exit_code_of_a_good_prognosis(ema, writ
 def test_planner_reads_by_when_to_remove_the_unit():
     course = course_of(growing(1.5e-3, 20, seed=3))
     last = course.outlooks[-1]
-    words = removal_in_words(course)
+    words = removal(course)
     assert words.startswith(
         f"Remove before {last.hours + last.rul.hours_05:,.0f} service hours (in "
     )
@@ -340,13 +344,11 @@ def test_planner_reads_by_when_to_remove_the_unit():
 def test_planner_reads_since_when_a_unit_has_failed():
     # Friction of 0.05 + 0.0031 u passes 0.5 at 145 h; its tests are ten hours apart.
     course = course_of(growing(3.1e-3, 17))
-    assert removal_in_words(course) == (
-        "Remove now: failed since 150 h (now 170 h): friction exceeds 0.5"
-    )
+    assert removal(course) == ("Remove now: failed since 150 h (now 170 h): friction exceeds 0.5")
 
 
 def test_planner_reads_what_a_prognosis_waits_for():
-    assert "service hours are unknown" in removal_in_words(
+    assert "service hours are unknown" in removal(
         course_of(growing(2e-3, 12, seed=4), counted=False)
     )
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ema_cli.bags.diagnoses import read_history
-from ema_cli.show.history_figure import draw_history
+from ema_cli.figures.history import draw_history
 from ema_recording.reader import Bag
 
 from ..waiting import DEADLINE_S, wait_for

@@ -99,13 +99,17 @@ def test_tracked_estimates_predict_a_remaining_life(window, estimate):
     assert str(prognosis).splitlines()[0].startswith("remaining useful life")
 
 
-def test_picture_of_a_fit_shows_measured_and_modelled_current(window, estimate):
-    [current, *_] = plot_fit(window, estimate).axes
-    assert [line.get_label() for line in current.lines] == [
-        "measured",
-        "model, healthy",
-        "model, estimated faults",
-    ]
+def test_picture_of_a_fit_shows_current_and_speed_measured_and_modelled(window, estimate):
+    current, residual, speed, *_ = plot_fit(window, estimate).axes
+    for axes, measured in ((current, window.current), (speed, window.telemetry.speed[1:])):
+        assert [line.get_label() for line in axes.lines] == [
+            "measured",
+            "model, healthy",
+            "model, estimated faults",
+        ]
+        assert np.array_equal(axes.lines[0].get_ydata(), measured)
+    rest = np.asarray(current.lines[0].get_ydata()) - np.asarray(current.lines[2].get_ydata())
+    assert np.array_equal(residual.lines[0].get_ydata(), rest)
 
 
 @pytest.mark.parametrize("package", [ema_sim, ema_monitor, ema_recording])

@@ -7,20 +7,15 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import FAULT_NAMES, FAULTS, N_FAULTS
-from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_core.faults import FAULT_NAMES, N_FAULTS
+from ema_core.levels import STALE
 from ema_recording.reader import Bag
 from ema_recording.telemetry import ESTIMATE_TYPE, HEALTH_TYPE, TRUE_FAULTS_TYPE
 from ema_recording.windows import truth_at
 from ema_ros.faults import StampedFaults, stamped_faults_from_message
 from ema_ros.stamps import stamp_from_message
 
-SHOWN_IN: Final = {"rad": ("mrad", 1e3)}
-"""Unit of a requirement in tables and pictures, and its scale, where it is another than its own."""
-
 _LONGEST_LATENCY_S: Final = 600.0
-_NAMED_CAUSES: Final = 3
-_LABELS: Final = {fault.name: fault.label for fault in FAULTS}
 
 
 @dataclass
@@ -109,7 +104,7 @@ class DiagnosisLog:
             stamp_ns = stamp_from_message(message.header.stamp)
             # One of a window that is published again may judge more, unless it has grown stale.
             if message.level != STALE or stamp_ns not in self._levels:
-                self._levels[stamp_ns] = message.level, cause_of_level(message)
+                self._levels[stamp_ns] = message.level, message.cause
             self.limits.update({item.name: item.limit for item in message.faults})
 
     def diagnoses(self) -> list[Diagnosis]:
@@ -156,29 +151,6 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
     for item in recorded:
         history.add(item.type_name, item.message, item.log_time_ns)
     return history
-
-
-def label_of(name: str) -> str:
-    """Return the name of a fault or required performance in words."""
-    return _LABELS.get(name, name.replace("_", " "))
-
-
-def cause_of_level(health: Any) -> str:
-    """Return what gives a Health message its level, with values and limits, in words."""
-    if health.level not in (WARN, ERROR):
-        return "" if health.level == OK else health.reason
-    items = [item for item in (*health.faults, *health.requirements) if item.level == health.level]
-    items.sort(key=lambda item: item.name != health.dominant_fault)
-    state = "failed:" if health.level == ERROR else "fails"
-    causes = []
-    for item in items[:_NAMED_CAUSES]:
-        unit, scale = SHOWN_IN.get(item.unit, (item.unit, 1.0))
-        unit = "" if unit == "1" else f" {unit}"
-        side = "below" if item.limit_is_lower else "above"
-        value, limit = scale * item.value, scale * item.limit
-        causes.append(f"{label_of(item.name)} {value:.3g}{unit} ({state} {side} {limit:.3g}{unit})")
-    more = len(items) - len(causes)
-    return ", ".join(causes) + (f" and {more} more" if more else "")
 
 
 def has_latency(diagnoses: list[Diagnosis]) -> bool:

@@ -1,10 +1,11 @@
 """From bags and folders of bags to the tests of one unit, in order of time."""
 
+import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import read_windows, require_windows
@@ -40,6 +41,8 @@ class UnitRecord:
         True faults by test cycle, in order of time, where the bags record them.
     remarks
         What is wrong with a bag, or was passed over.
+    bags
+        The bag of each window, by the window's last stamp.
     """
 
     description: ActuatorDescription
@@ -47,6 +50,24 @@ class UnitRecord:
     counts: list[Count]
     truths: list[StampedFaults]
     remarks: list[str]
+    bags: dict[int, Path] = field(default_factory=dict)
+
+    def as_known_at(self, hours: float) -> Self:
+        """Return what was known of the unit at a service hour [h].
+
+        Raises
+        ------
+        ValueError
+            When there was no test before.
+        """
+        later = min((one.stamp_ns for one in self.counts if one.hours > hours), default=math.inf)
+        windows = [window for window in self.windows if window.end_ns < later]
+        if not self.counts or not windows:
+            raise ValueError(
+                f"--at {hours:g}: the bags have no test whose count of hours is so small"
+            )
+        counts = [count for count in self.counts if count.stamp_ns < later]
+        return replace(self, windows=windows, counts=counts)
 
 
 def find_bags(paths: Iterable[Path]) -> list[Path]:
@@ -75,13 +96,17 @@ def find_bags(paths: Iterable[Path]) -> list[Path]:
     return list(found.values())
 
 
-def read_unit(paths: Iterable[Path], source: Source) -> UnitRecord:
+def read_unit(
+    paths: Iterable[Path], source: Source, *, skips_unreadable: bool = False
+) -> UnitRecord:
     """Read the tests of one unit from bags.
 
     Parameters
     ----------
     source
         What of them to look at. When it names an actuator, bags of others are passed over.
+    skips_unreadable
+        Whether a bag that cannot be read is a remark, as long as there is another one.
 
     Raises
     ------
@@ -97,9 +122,15 @@ def read_unit(paths: Iterable[Path], source: Source) -> UnitRecord:
     remarks: list[str] = []
     unit: tuple[Path, ActuatorDescription] | None = None
     for path in find_bags(paths):
-        bag = Bag(path)
-        described = bag.messages(bag.topics_of(DESCRIPTION_TYPE))
-        present = {item.message.actuator_id for item in described}
+        try:
+            bag = Bag(path)
+            described = bag.messages(bag.topics_of(DESCRIPTION_TYPE))
+            present = {item.message.actuator_id for item in described}
+        except (ValueError, OSError) as error:
+            if not skips_unreadable or not path.exists():
+                raise
+            remarks.append(_unreadable(path, error))
+            continue
         if source.actuator_id is not None and present and source.actuator_id not in present:
             others = ", ".join(sorted(present))
             remarks.append(f"{path}: passed over, it is of actuator {others}")
@@ -119,7 +150,10 @@ def read_unit(paths: Iterable[Path], source: Source) -> UnitRecord:
         counts += counted
         remarks += [f"{path}: {remark}" for remark in wrong]
     if unit is None:
-        raise ValueError(f"no bag of actuator {source.actuator_id!r}: {'; '.join(remarks)}")
+        what = "no bag can be read"
+        if source.actuator_id is not None:
+            what = f"no bag of actuator {source.actuator_id!r}"
+        raise ValueError(f"{what}: {'; '.join(remarks)}")
     if not tests:
         raise ValueError(f"no window to diagnose: {'; '.join(remarks)}")
     # Of two windows of one bag and stamp, the second is a repetition: that is for the history.
@@ -131,6 +165,7 @@ def read_unit(paths: Iterable[Path], source: Source) -> UnitRecord:
         sorted(counts, key=lambda count: count.stamp_ns),
         sorted(truths, key=lambda truth: truth.stamp_ns),
         remarks,
+        {item.end_ns: path for path, item in tests},
     )
 
 
@@ -160,6 +195,11 @@ def _bags_in(path: Path) -> list[Path]:
         return [path]
     folders = (item.parent for item in path.glob(f"*/{METADATA_FILE}"))
     return sorted([*path.glob("*.mcap"), *folders])
+
+
+def _unreadable(path: Path, error: ValueError | OSError) -> str:
+    words = " ".join(str(error).split())
+    return words if str(path) in words else f"{path}: {words}"
 
 
 def _hint(path: Path) -> str:

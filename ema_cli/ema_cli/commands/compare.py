@@ -14,10 +14,10 @@ from ema_cli.bags.windows import identifiable_windows
 from ema_cli.commands.estimate import as_object
 from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
 from ema_cli.errors import REFUSED, NameChoice, one_clear_line
+from ema_cli.figures.comparison import draw_comparison
+from ema_cli.figures.files import picture_option, require_drawable, save_picture
 from ema_cli.identification_options import IdentificationOptions, comparison_options
-from ema_cli.show.compare_figure import draw_comparison
 from ema_cli.show.compare_table import table_of_faults, table_of_runs
-from ema_cli.show.picture_path import picture_option, require_drawable, save_picture
 from ema_monitor.identification.estimate import by_fault
 from ema_monitor.optimizers import ALGORITHMS
 from ema_recording.windows import BagWindows

@@ -1,12 +1,9 @@
 """``ema plot``: telemetry, fit and faults of a bag as a picture."""
 
 from pathlib import Path
-from typing import Final
 
 import click
-import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from ema_cli.bags.diagnoses import read_history
 from ema_cli.bags.outline import Outline
@@ -15,17 +12,14 @@ from ema_cli.bags.windows import read_windows
 from ema_cli.commands.estimate import estimate_windows
 from ema_cli.comparison import choose_window
 from ema_cli.errors import one_clear_line
+from ema_cli.figures.files import picture_option, require_drawable, save_picture
+from ema_cli.figures.fit import draw_fit
+from ema_cli.figures.history import draw_history
+from ema_cli.figures.telemetry import draw_telemetry
 from ema_cli.identification_options import IdentificationOptions, identification_options
-from ema_cli.show.history_figure import draw_history
-from ema_cli.show.picture_path import picture_option, require_drawable, save_picture
 from ema_core.wording import counted
-from ema_monitor.identification.stretch_fit import in_stretch
-from ema_monitor.plot import label, plot_fit
 from ema_monitor.windows.trigger import Refusal
-from ema_monitor.windows.window import Window
 from ema_recording.windows import BagWindows
-
-_SHADE: Final = 0.12
 
 
 @click.command()
@@ -70,17 +64,8 @@ def plot(
             click.echo(f"{bag}: {remark}", err=True)
         if number is None:
             figure = draw_telemetry(found, outline)
-        elif source.any_motion:
-            figure = _draw_estimate(found, number, source, options)
         else:
-            window = _window(found, number)
-            calibration = options.calibration()
-            # With those before it, in which a warm search begins.
-            before = found.windows[: number + 1]
-            one = estimate_windows(before, calibration, options, force=source.force)[-1]
-            if not one.valid:
-                raise ValueError(f"window {number} has no estimate: {one.reason}")
-            figure = plot_fit(window, one, calibration, since_ns=found.first_ns)
+            figure = _draw_estimate(found, number, source, options)
         save_picture(figure, output)
     click.echo(f"{output}")
 
@@ -88,67 +73,23 @@ def plot(
 def _draw_estimate(
     found: BagWindows, number: int, source: Source, options: IdentificationOptions
 ) -> Figure:
-    """Return a figure of an estimate of ordinary motion, with the fit of its last stretch."""
+    """Return a figure of the fit of a window; of ordinary motion, of an estimate's last stretch."""
+    windows, what = found.windows, "estimate"
+    if not source.any_motion:
+        what, window = "window", choose_window(found, number)
+        if isinstance(window.place, Refusal):
+            raise ValueError(f"window {number} cannot be used: {window.place.reason}")
+        # With those before it, in which a warm search begins.
+        windows = windows[: number + 1]
     calibration = options.calibration()
     estimates = estimate_windows(
-        found.windows, calibration, options, force=source.force, any_motion=True
+        windows, calibration, options, force=source.force, any_motion=source.any_motion
     )
     if number >= len(estimates):
         said = counted(len(estimates), "estimate")
         raise ValueError(f"--window {number}: the motion gives {said}, numbered from 0")
     one = estimates[number]
     if not one.valid:
-        raise ValueError(f"estimate {number} is refused: {one.reason}")
-    last = next(item for item in found.windows if item.end_ns == one.end_ns)
-    calibration, stretch = calibration.of_any_motion(), last.window
-    if not isinstance(stretch, Window):
-        raise RuntimeError("an estimate rests on a stretch that cannot be used")
-    fitted = in_stretch(one, stretch, last.description, calibration, options.search)
-    return plot_fit(stretch, fitted, calibration, since_ns=found.first_ns)
-
-
-def _window(found: BagWindows, number: int) -> Window:
-    window = choose_window(found, number).window
-    if not isinstance(window, Window):
-        raise ValueError(f"window {number} cannot be used: {window.reason}")
-    return window
-
-
-def draw_telemetry(found: BagWindows, outline: Outline) -> Figure:
-    """Return a figure of the whole telemetry, windows shaded."""
-    figure = Figure(figsize=(11, 8), layout="constrained")
-    angle, current, speed = figure.subplots(3, 1, sharex=True)
-    for axes, name, factor, colour, width in (
-        (angle, "command", 1e3, "C0", 1.0),
-        (angle, "position", 1e3, "C1", 1.0),
-        (current, "current", 1.0, "C2", 0.6),
-        (speed, "speed", 1.0, "C3", 0.8),
-    ):
-        t, values = outline.lines(name, found.first_ns)
-        axes.plot(t, factor * values, colour, lw=width, label=name)
-    refused = [isinstance(window.place, Refusal) for window in found.windows]
-    for colour, is_refused in (("C0", False), ("C3", True)):
-        # One area for all, broken by NaN: a span of its own for each window takes 40 kB an axis.
-        t = np.array(
-            [
-                (found.seconds(window.start_ns), found.seconds(window.end_ns), np.nan)
-                for window, reason in zip(found.windows, refused, strict=True)
-                if reason is is_refused
-            ]
-        ).ravel()
-        for axes in (angle, current, speed):
-            across = axes.get_xaxis_transform()
-            axes.fill_between(t, 0.0, 1.0, transform=across, color=colour, alpha=_SHADE, lw=0)
-    label(angle, "user shaft [mrad]")
-    label(current, "current [A]")
-    label(speed, "motor [rad/s]")
-    speed.set_xlabel("time since the first sample [s]")
-    unit = found.description
-    figure.suptitle(f"{unit.actuator_id} ({unit.serial_number})", ha="left", x=0.01)
-    handles = [line for axes in (angle, current, speed) for line in axes.lines]
-    if not all(refused):
-        handles.append(Patch(color="C0", alpha=_SHADE, lw=0, label="window"))
-    if any(refused):
-        handles.append(Patch(color="C3", alpha=_SHADE, lw=0, label="window that cannot be used"))
-    figure.legend(handles=handles, loc="outside upper center", ncols=6, frameon=False)
-    return figure
+        raise ValueError(f"{what} {number} has no estimate: {one.reason}")
+    last = next(item for item in windows if item.end_ns == one.end_ns)
+    return draw_fit(last, one, calibration, options.search, found.first_ns)

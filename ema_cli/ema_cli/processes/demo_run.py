@@ -170,8 +170,8 @@ def _failure(node: str, folder: Path) -> str:
 
 def _conclude(bag: Path, picture: Path, folder: Path) -> None:
     # Here, since it takes a second that nobody should have to wait for at the start.
-    from ema_cli.show.history_figure import draw_history
-    from ema_cli.show.picture_path import save_picture
+    from ema_cli.figures.files import save_picture
+    from ema_cli.figures.history import draw_history
 
     try:
         history = read_history(bag)

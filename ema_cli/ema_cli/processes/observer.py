@@ -1,17 +1,13 @@
-"""A node that listens to actuator and monitor, and only listens."""
+"""What actuator and monitor of a demo say, beside what is true."""
 
 import threading
 import time
 from typing import Any, Final
 
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
-from rclpy.signals import SignalHandlerOptions
 
 from ema_cli.bags.diagnoses import Diagnosis, DiagnosisLog
+from ema_cli.processes.listener import Listener
 from ema_recording.message_type import type_name
 from ema_ros.stamps import stamp_from_message
 from ema_ros.topics import (
@@ -25,9 +21,11 @@ from ema_ros.topics import (
 )
 
 _MARGIN_NS: Final = 100_000_000
-_QOS_BY_TOPIC: Final = {
-    SIMULATED_FAULTS: ACTUATOR_TOPICS[SIMULATED_FAULTS],
-    **{name: MONITOR_TOPICS[name] for name in (FAULT_ESTIMATE, HEALTH)},
+_TELEMETRY: Final = f"{NAMESPACE}/{TELEMETRY}"
+_TOPICS: Final = {
+    f"{NAMESPACE}/{SIMULATED_FAULTS}": ACTUATOR_TOPICS[SIMULATED_FAULTS],
+    **{f"{NAMESPACE}/{name}": MONITOR_TOPICS[name] for name in (FAULT_ESTIMATE, HEALTH)},
+    _TELEMETRY: (ACTUATOR_TOPICS[TELEMETRY][0], qos_profile_sensor_data),
 }
 
 
@@ -41,35 +39,21 @@ class Observer:
     """
 
     def __init__(self, name: str) -> None:
-        self._name = name
+        self._listener = Listener(name, _TOPICS, self._take)
         self._history = DiagnosisLog()
         self._telemetry_ns = 0
         self._lock = threading.Lock()
-        self._ending = threading.Event()
 
     def __enter__(self) -> "Observer":
-        self._context = Context()
-        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = Node(self._name, namespace=f"/{self._name}", context=self._context)
-        for topic, (message_class, qos) in _QOS_BY_TOPIC.items():
-            self._node.create_subscription(message_class, f"{NAMESPACE}/{topic}", self._take, qos)
-        message_class, _ = ACTUATOR_TOPICS[TELEMETRY]
-        self._node.create_subscription(
-            message_class, f"{NAMESPACE}/{TELEMETRY}", self._take_telemetry, qos_profile_sensor_data
-        )
-        self._thread = threading.Thread(target=self._spin, name="observer", daemon=True)
-        self._thread.start()
+        self._listener.__enter__()
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self._ending.set()
-        self._thread.join()
-        self._node.destroy_node()
-        rclpy.shutdown(context=self._context)
+    def __exit__(self, *error: object) -> None:
+        self._listener.__exit__(*error)
 
     def sees(self, node_name: str) -> bool:
         """Return whether a node of the health monitor is in the graph."""
-        return (node_name, NAMESPACE) in self._node.get_node_names_and_namespaces()
+        return self._listener.sees(node_name, NAMESPACE)
 
     def diagnoses(self) -> list[Diagnosis]:
         """Return the diagnoses so far."""
@@ -98,20 +82,9 @@ class Observer:
         """Return whether there is a diagnosis of a test cycle."""
         return any(one.cycle == cycle for one in self.diagnoses())
 
-    def _take(self, message: Any) -> None:
+    def _take(self, topic: str, message: Any) -> None:
         with self._lock:
-            self._history.add(type_name(type(message)), message, time.time_ns())
-
-    def _take_telemetry(self, message: Any) -> None:
-        with self._lock:
-            self._telemetry_ns = stamp_from_message(message.header.stamp)
-
-    def _spin(self) -> None:
-        executor = SingleThreadedExecutor(context=self._context)
-        executor.add_node(self._node)
-        while not self._ending.is_set():
-            try:
-                executor.spin_once(timeout_sec=0.1)
-            except ExternalShutdownException:
-                return
-        executor.shutdown()
+            if topic == _TELEMETRY:
+                self._telemetry_ns = stamp_from_message(message.header.stamp)
+            else:
+                self._history.add(type_name(type(message)), message, time.time_ns())

@@ -13,10 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 from ema_cli.bags.diagnoses import Diagnosis
+from ema_cli.show.levels import COLOURS
 from ema_core.faults import FAULT_NAMES, FAULTS
-from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
+from ema_core.levels import LEVEL_NAMES
 
-_COLOURS: Final = {OK: "green", WARN: "yellow", ERROR: "bold red", STALE: "bright_black"}
 _LINES_BESIDE: Final = 8
 
 
@@ -105,7 +105,7 @@ class LiveTable:
         if form.has_latency:
             table.add_column("latency", justify="right")
         for one in diagnoses[-max(3, self._console.height - _LINES_BESIDE) :]:
-            level = Text(_level(one), _COLOURS.get(-1 if one.level is None else one.level, ""))
+            level = Text(_level(one), COLOURS.get(-1 if one.level is None else one.level, ""))
             faults = [Text(_figures(one, i, form), no_wrap=True) for i in self._faults]
             latency = [f"{one.latency_s:.2f} s"] if form.has_latency else []
             table.add_row(_cycle(one), *faults, level, *latency)

@@ -1,22 +1,19 @@
 """A prognosis as tables, and as plain values."""
 
 import math
-from itertools import takewhile
 from typing import Any, Final
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from ema_cli.bags.diagnoses import SHOWN_IN, label_of
 from ema_cli.bags.unit_course import Course
-from ema_core.levels import ERROR, LEVEL_NAMES
+from ema_core.levels import LEVEL_NAMES
 from ema_monitor.node.messages import health_to_message
+from ema_monitor.prognosis.sentences import SHOWN_IN, label_of
 
 _PER_HOURS: Final = 1000.0
 _MISSED: Final = "missed tests"
-_SOON_HOURS: Final = 0.5
-_RISK: Final = 0.05  # of the lower quantile of a life
 
 
 def as_values(message: Any) -> Any:
@@ -73,29 +70,6 @@ def table_of_growth(message: Any) -> Table:
             "unknown" if len(reasons) == 1 and not item.rul.known else _life(item.rul),
         )
     return table
-
-
-def removal_in_words(course: Course) -> str:
-    """Return by when the unit has to be removed, and why, in one sentence."""
-    last, life = course.outlooks[-1], course.outlooks[-1].rul
-    if last.health.level == ERROR:
-        *_, first = takewhile(lambda one: one.health.level == ERROR, reversed(course.outlooks))
-        items = (*last.health.faults, *last.health.requirements)
-        failed = [last.lives[one.name].criterion for one in items if one.level == ERROR]
-        since = f" since {first.hours:,.0f} h (now {last.hours:,.0f} h)"
-        return f"Remove now: failed{since * math.isfinite(first.hours)}: {', '.join(failed)}"
-    if not life.known:
-        return f"No date of removal yet: {life.reason}"
-    end = "beyond what is looked ahead"
-    if math.isfinite(life.hours_50):
-        end = f"{last.hours + life.hours_50:,.0f} h"
-    when = f"before {last.hours + life.hours_05:,.0f} service hours"
-    if life.hours_05 < _SOON_HOURS:
-        when = "now"
-    return (
-        f"Remove {when} (in {life.hours_05:,.0f} h, {100 * _RISK:.0f} % risk of failure until "
-        f"then); median end of life {end}: {life.criterion}"
-    )
 
 
 def summary(course: Course, message: Any) -> list[str]:

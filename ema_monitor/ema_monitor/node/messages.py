@@ -16,6 +16,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
+from ema_monitor.prognosis.sentences import cause_of_level, reason_of, removal_in_words
 from ema_monitor.windows.window import MIN_TRAVEL
 from ema_ros.faults import faults_to_message
 from ema_ros.stamps import stamp_to_message
@@ -116,8 +117,10 @@ def health_to_message(outlook: Outlook, description: ActuatorDescription) -> Hea
         cycles=int(outlook.cycles),
         duty=float(outlook.duty),
         assumption=outlook.assumption,
+        cause=cause_of_level(outlook),
+        removal=removal_in_words(outlook),
         events=list(outlook.events),
-        reason="; ".join(dict.fromkeys(filter(None, [health.reason, outlook.rul.reason]))),
+        reason=reason_of(outlook),
     )
     message.header.stamp = stamp_to_message(outlook.stamp_ns)
     return message

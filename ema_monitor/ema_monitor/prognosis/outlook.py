@@ -52,6 +52,9 @@ class Outlook:
         What is assumed of future use, in words.
     events
         What the latest test revealed, in words.
+    failed_since
+        Service hour of the first of the latest tests that have all been ERROR [h]; NaN when it is
+        not known, or the latest is not.
     """
 
     stamp_ns: int
@@ -68,6 +71,7 @@ class Outlook:
     duty: float
     assumption: str
     events: tuple[str, ...]
+    failed_since: float = math.nan
 
 
 def unknown_outlook(reason: str) -> Outlook:

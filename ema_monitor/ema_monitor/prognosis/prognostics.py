@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import replace
 
+from ema_core.levels import ERROR
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth_record import GrowthRecord
@@ -51,6 +52,8 @@ class Prognostics:
         self.growth = GrowthRecord(settings.limits, settings.tracker, history.entries)
         self._events = tuple(filter(None, (history.imported, history.problem)))
         self._ignores_usage = False
+        self._failed_since = math.nan
+        self._has_failed = False
 
     def update(
         self,
@@ -128,6 +131,7 @@ class Prognostics:
         outlook = self._outlook(parameters)
         # Each event is published once.
         self._events = ()
+        self._failed_since, self._has_failed = outlook.failed_since, _is_failed(outlook)
         return outlook
 
     def _outlook(self, parameters: ActuatorParameters | None) -> Outlook:
@@ -135,7 +139,10 @@ class Prognostics:
         if parameters is not None:
             requirements = self._requirements_of(parameters, self._settings.requirements)
         outlook = outlook_of(self.growth, self._settings, requirements)
-        return replace(outlook, events=self._events)
+        since = math.nan
+        if _is_failed(outlook):
+            since = self._failed_since if self._has_failed else outlook.hours
+        return replace(outlook, events=self._events, failed_since=since)
 
     def _entry(
         self, estimate: Estimate, new_cycles: int, count: Count | None
@@ -175,3 +182,7 @@ class Prognostics:
                 f"the stamp of the test is {back_ns * 1e-9:g} s before that of the latest one"
             )
         return oddities
+
+
+def _is_failed(outlook: Outlook) -> bool:
+    return outlook.health.level == ERROR

@@ -8,16 +8,25 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ema_cli.bags.diagnoses import SHOWN_IN, label_of
 from ema_cli.bags.unit_course import Course, true_faults, true_remaining_life
-from ema_cli.show.prognosis_table import removal_in_words
-from ema_cli.show.style import BLUE, ORANGE, VERMILION, draw_estimates, draw_legend, stacked_panels
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.levels import ERROR, WARN
 from ema_core.wording import counted
 from ema_monitor.health import FaultHealth
+from ema_monitor.plot.style import (
+    BLUE,
+    ESTIMATES,
+    INK,
+    LIMIT,
+    ORANGE,
+    TRUTH,
+    draw_estimates,
+    draw_legend,
+    stacked_panels,
+)
 from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
 from ema_monitor.prognosis.requirements.requirements import BELOW, RequirementLimits
+from ema_monitor.prognosis.sentences import SHOWN_IN, label_of, removal_in_words
 
 ALPHA: Final = 0.2
 """Half width of the cone about the true remaining life, relative to it [-]."""
@@ -26,22 +35,14 @@ _MOVES: Final = 0.25
 # Each colour also has its line style or marker.
 _PREDICTED: Final = BLUE
 _CONE: Final = ORANGE
-_TRUTH: Final = {"color": "0.1", "lw": 1.5, "ls": (0, (6, 2))}
-_LIMIT: Final = {"color": VERMILION, "ls": (0, (4, 3)), "lw": 1.2}
 _EVENT: Final = {"color": "0.4", "ls": ":", "lw": 1.1}
 _FAN_LEVELS: Final = (0.05, 0.5, 0.95)
 _FAN_TIMES: Final = 60
-_ESTIMATES: Final[dict[str, Any]] = {
-    "fmt": "o",
-    "ms": 3,
-    "color": "0.55",
-    "elinewidth": 1.0,
-    "label": "estimate, 90 % interval",
-}
+_ESTIMATES: Final[dict[str, Any]] = {**ESTIMATES, "ms": 3, "color": "0.55", "zorder": 2}
 _BAND: Final = "predicted, 5 to 95 %"
 _MEDIAN: Final = "predicted, median"
 _CONE_NAME: Final = f"truth ± {100 * ALPHA:.0f} %"
-_TRUTH_NAME: Final = "truth"
+_TRUTH_NAME: Final = TRUTH["label"]
 # A line and the band around it are one entry of the legend.
 _BANDS: Final = {
     _MEDIAN: (_BAND, "predicted: median, 5 to 95 %"),
@@ -92,7 +93,7 @@ def draw_course(course: Course, end_hours: float | None = None) -> Figure:
 def _title(course: Course) -> str:
     unit, tests = course.record.description, counted(len(course.outlooks), "valid test")
     name = f"{unit.actuator_id} ({unit.serial_number}), {tests}"
-    return f"{name}\n{fill(removal_in_words(course), _TITLE_WIDTH)}"
+    return f"{name}\n{fill(removal_in_words(course.outlooks[-1]), _TITLE_WIDTH)}"
 
 
 def _is_shown(course: Course, truth: NDArray[np.float64], i: int) -> bool:
@@ -141,7 +142,7 @@ def _draw_lives(
             place, (1.0 - ALPHA) * truth, (1.0 + ALPHA) * truth, color=_CONE, alpha=0.3, lw=0
         )
         cone.set_label(_CONE_NAME)
-        axes.plot(place, truth, label=_TRUTH_NAME, **_TRUTH)
+        axes.plot(place, truth, **TRUTH)
     # Early bands may reach to infinity, and would hide all else.
     top = np.nanmax([1.0, *(2.0 * truth if np.isfinite(truth).any() else 1.5 * median[known])])
     drawn_high = np.where(np.isinf(high), 10.0 * top, high)
@@ -173,7 +174,7 @@ def _draw_fault(
     value = np.array([one.faults[i] for one in estimates])
     draw_estimates(axes, place, value, [one.sigma[i] for one in estimates], **_ESTIMATES)
     if np.isfinite(truth[:, i]).any():
-        axes.plot(place, truth[:, i], label=_TRUTH_NAME, zorder=3, **_TRUTH)
+        axes.plot(place, truth[:, i], zorder=3, **TRUTH)
     tracked = [_of(outlook.health.faults, fault.name).value for outlook in course.outlooks]
     axes.plot(place, tracked, "-", color=_PREDICTED, lw=1.6, label="tracked", zorder=4)
     if fan is not None:
@@ -184,7 +185,7 @@ def _draw_fault(
     limit = course.settings.limits.of(fault.name)
     ends = [fault.healthy + limit] + [fault.healthy - limit] * (fault.healthy > 0.0)
     for end in ends:
-        axes.axhline(end, label="limit", **_LIMIT)
+        axes.axhline(end, **LIMIT)
     nearest = min(ends, key=lambda end: abs(end - tracked[-1]))
     _mark_life(axes, last.hours, last.lives[fault.name], nearest)
     least, most = min(*value, *tracked, *ends), max(*value, *tracked, *ends)
@@ -201,7 +202,7 @@ def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], na
     sigma = scale * np.array([item.sigma for item in items])
     draw_estimates(axes, place, value, sigma, **_ESTIMATES)
     limit, last = scale * items[-1].limit, course.outlooks[-1]
-    axes.axhline(limit, label="limit", **_LIMIT)
+    axes.axhline(limit, **LIMIT)
     axes.text(
         0.006,
         limit,
@@ -220,10 +221,8 @@ def _mark_life(axes: Axes, now: float, life: RemainingLife, level: float) -> Non
     if not life.known:
         return
     ends = now + np.array([life.hours_05, life.hours_50, life.hours_95])
-    axes.plot(
-        ends[[0, 2]], [level, level], "-", color="0.1", lw=3.0, solid_capstyle="butt", zorder=5
-    )
-    axes.plot(ends[1], level, "D", color="0.1", ms=5, label="end of life, 5 / 50 / 95 %", zorder=6)
+    axes.plot(ends[[0, 2]], [level, level], "-", color=INK, lw=3.0, solid_capstyle="butt", zorder=5)
+    axes.plot(ends[1], level, "D", color=INK, ms=5, label="end of life, 5 / 50 / 95 %", zorder=6)
 
 
 def _mark_events(axes: Axes, course: Course, place: NDArray[np.float64], *, is_named: bool) -> None:

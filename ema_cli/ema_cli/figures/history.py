@@ -9,19 +9,33 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from ema_cli.bags.diagnoses import Diagnosis, DiagnosisLog, has_latency
-from ema_cli.show.style import draw_estimates, draw_legend, stacked_panels
 from ema_core.faults import FAULTS
-from ema_core.levels import ERROR, LEVEL_NAMES, STALE, WARN
+from ema_core.levels import LEVEL_NAMES
 from ema_core.wording import counted
+from ema_monitor.plot.style import (
+    BLUE,
+    BROWN,
+    ESTIMATES,
+    GREEN,
+    GREY,
+    INK,
+    LEVEL_COLOURS,
+    LIMIT,
+    ORANGE,
+    PURPLE,
+    SKY,
+    TRUTH,
+    draw_estimates,
+    draw_legend,
+    stacked_panels,
+)
 
 _MOVES: Final = 0.03
-_LEVEL_COLOURS: Final = {WARN: "#f6d55c", ERROR: "#e4572e", STALE: "#8a8a8a"}
 _SHADE: Final = 0.22
-_TRUTH: Final = {"color": "0.15", "lw": 1.6, "drawstyle": "steps-mid", "label": "truth"}
-_LIMIT: Final = {"color": "#b3261e", "ls": (0, (4, 3)), "lw": 1.0, "label": "limit"}
-_ESTIMATE: Final = "#1f6feb"
-_MEDIAN: Final = {"color": "0.15", "ls": ":", "lw": 1.2}
-_OTHERS: Final = ("#1f6feb", "#2a9d8f", "#9b5de5", "#e07a5f", "#6c757d", "#bc6c25", "#d4a017")
+# From test to test the true faults of a simulated actuator jump.
+_TRUTH: Final = {**TRUTH, "ls": "-", "drawstyle": "steps-mid"}
+_MEDIAN: Final = {"color": INK, "ls": ":", "lw": 1.2}
+_OTHERS: Final = (BLUE, GREEN, PURPLE, ORANGE, GREY, BROWN, SKY)
 
 
 def draw_history(history: DiagnosisLog) -> Figure:
@@ -62,7 +76,7 @@ def _changes_of_level(diagnoses: list[Diagnosis], place_name: str) -> list[str]:
     """Return when each level came first, and why, a line each."""
     levels = [one.level for one in diagnoses]
     lines = []
-    for level in _LEVEL_COLOURS:
+    for level in LEVEL_COLOURS:
         if level in levels:
             first = levels.index(level)
             place, cause = _place(diagnoses)[first], diagnoses[first].cause
@@ -92,8 +106,8 @@ def _place(diagnoses: list[Diagnosis]) -> NDArray[np.float64]:
 
 def _shade(axes: Axes, diagnoses: list[Diagnosis]) -> None:
     for place, one in zip(_place(diagnoses), diagnoses, strict=True):
-        if one.level in _LEVEL_COLOURS:
-            colour, label = _LEVEL_COLOURS[one.level], LEVEL_NAMES[one.level]
+        if one.level is not None and one.level in LEVEL_COLOURS:
+            colour, label = LEVEL_COLOURS[one.level], LEVEL_NAMES[one.level]
             axes.axvspan(place - 0.5, place + 0.5, color=colour, alpha=_SHADE, lw=0, label=label)
 
 
@@ -110,20 +124,16 @@ def _draw_fault(axes: Axes, diagnoses: list[Diagnosis], i: int, limit: float | N
         place[good],
         value[good],
         sigma[good],
-        fmt="o",
-        ms=4,
-        color=_ESTIMATE,
-        elinewidth=1.2,
+        color=BLUE,
         capsize=2.5,
-        zorder=3,
-        label="estimate, 90 % interval",
+        **ESTIMATES,
     )
     bottom = axes.get_ylim()[0]
     if not good.all():
         low = np.full(int((~good).sum()), bottom)
         axes.plot(place[~good], low, "x", color="0.4", ms=6, label="no valid estimate")
     if limit is not None:
-        axes.axhline(limit, **_LIMIT)
+        axes.axhline(limit, **LIMIT)
     axes.set_ylabel(FAULTS[i].label)
 
 

@@ -1,4 +1,4 @@
-"""Figures and marks that the pictures of the commands have in common."""
+"""Colours, marks and panels that all pictures have in common."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -6,15 +6,42 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
+from ema_core.levels import ERROR, STALE, WARN
 from ema_monitor.health import ONE_SIDED_95
 
 BLUE: Final = "#0072b2"
 ORANGE: Final = "#e69f00"
 VERMILION: Final = "#d55e00"
-"""Of the palette of Okabe and Ito, which is distinct for the colour-blind."""
+GREEN: Final = "#009e73"
+PURPLE: Final = "#cc79a7"
+SKY: Final = "#56b4e9"
+BROWN: Final = "#8c510a"
+GREY: Final = "#7f7f7f"
+"""Of the palette of Okabe and Ito, which is distinct for the colour-blind; brown and grey beside
+it. A colour never stands alone: line style, marker or place distinguish as well."""
+
+INK: Final = "#1a1a1a"
+"""Of what is true, and of the words in a picture."""
+
+LEVEL_COLOURS: Final[Mapping[int, str]] = MappingProxyType(
+    {WARN: ORANGE, ERROR: VERMILION, STALE: GREY}
+)
+"""Of each level of health but OK, which is not marked."""
+
+TRUTH: Final[Mapping[str, Any]] = MappingProxyType(
+    {"color": INK, "lw": 1.5, "ls": (0, (6, 2)), "label": "truth"}
+)
+LIMIT: Final[Mapping[str, Any]] = MappingProxyType(
+    {"color": VERMILION, "lw": 1.2, "ls": (0, (4, 3)), "label": "limit"}
+)
+ESTIMATES: Final[Mapping[str, Any]] = MappingProxyType(
+    {"fmt": "o", "ms": 3.5, "elinewidth": 1.0, "zorder": 3, "label": "estimate, 90 % interval"}
+)
+"""How what is the same in several pictures is drawn."""
 
 
 def stacked_panels(heights: list[float], height_scale: float) -> tuple[Figure, list[Axes]]:
@@ -62,7 +89,7 @@ def tidy(axes: Axes, direction: Any = "both") -> None:
 
 def draw_estimates(
     axes: Axes, place: ArrayLike, value: ArrayLike, sigma: ArrayLike, **style: Any
-) -> None:
+) -> ErrorbarContainer:
     """Draw estimates with their 90 % intervals, which end at the one-sided 95 % bounds.
 
     Parameters
@@ -70,4 +97,4 @@ def draw_estimates(
     value, sigma
         Estimates and their standard deviations; where sigma is NaN, there is no interval.
     """
-    axes.errorbar(place, value, ONE_SIDED_95 * np.nan_to_num(sigma), **style)
+    return axes.errorbar(place, value, ONE_SIDED_95 * np.nan_to_num(sigma), **style)

@@ -9,25 +9,37 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ema_cli.comparison import AlgorithmComparison, Run
-from ema_cli.show.style import BLUE, ORANGE, VERMILION, draw_estimates, tidy
 from ema_core.faults import FAULTS
+from ema_monitor.plot.style import (
+    BLUE,
+    BROWN,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    draw_estimates,
+    tidy,
+)
 
 _LEAST_SPAN: Final = 0.02
 _LEAST_RATIO: Final = 10.0
 _COLUMNS: Final = 4
-_TRUTH: Final[dict[str, Any]] = {"color": "0.1", "lw": 1.4}
+_TRUTH: Final[dict[str, Any]] = {"color": INK, "lw": 1.4}
 _HEALTHY: Final[dict[str, Any]] = {"color": "0.45", "lw": 1.0, "ls": ":"}
 _CONCLUSION: Final[dict[str, Any]] = {"color": "0.3", "lw": 1.0, "ls": (0, (4, 2))}
-# Markers distinguish them without colour; the colours are those of Okabe and Ito.
+# Markers distinguish them without colour.
 _STYLES: Final = (
     (BLUE, "o"),
     (VERMILION, "s"),
-    ("#009e73", "^"),
-    ("#cc79a7", "D"),
+    (GREEN, "^"),
+    (PURPLE, "D"),
     (ORANGE, "v"),
-    ("#56b4e9", "P"),
-    ("#8c510a", "X"),
-    ("#7f7f7f", "*"),
+    (SKY, "P"),
+    (BROWN, "X"),
+    (GREY, "*"),
 )
 
 

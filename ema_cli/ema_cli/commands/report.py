@@ -1,0 +1,68 @@
+"""``ema report``: a unit's verdict, evidence and pictures as one page."""
+
+import shlex
+import sys
+from pathlib import Path
+
+import click
+
+from ema_cli.bags.output_path import require_free
+from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
+from ema_cli.bags.unit_record import find_bags
+from ema_cli.errors import REFUSED, one_clear_line
+from ema_cli.identification_options import IdentificationOptions, identification_options
+from ema_cli.main import ARGUMENTS
+from ema_cli.prognosis_options import PrognosisOptions, prognosis_options
+from ema_cli.report.page import report_page
+from ema_cli.report.verdict import verdict_of
+from ema_cli.unit_diagnosis import diagnose_unit
+from ema_core.files import complete_file
+
+
+@click.command()
+@click.argument("bags", metavar="BAG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@source_options(f"Replace OUTPUT if it is there. {USE_OPTIONS}", identifies=True)
+@identification_options
+@prognosis_options
+@click.option(
+    "-o",
+    "--output",
+    default="report.html",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Page to write (.html).",
+)
+@click.pass_context
+def report(
+    context: click.Context,
+    bags: tuple[Path, ...],
+    source: Source,
+    options: IdentificationOptions,
+    prognosis: PrognosisOptions,
+    output: Path,
+) -> None:
+    """Write what the tests in each BAG or folder of bags say of a unit as one page.
+
+    It holds the verdict, what to do, the evidence, pictures, and where all this comes from; it
+    needs no other file and no network, and can be printed. All tests are of one unit, as for
+    `ema prognose`. Of several bags, one that cannot be read is named in the report.
+
+    Exit code 3 means that no test has a valid estimate; the report then says why.
+    """
+    with one_clear_line():
+        if output.suffix.lower() not in (".html", ".htm"):
+            raise ValueError(f"{output}: a report ends in .html")
+        if not output.parent.is_dir():
+            raise ValueError(f"{output}: there is no folder {output.parent}")
+        given = [options.calibration_file, source.actuator_file]
+        read = [*find_bags(bags), *(path for path in given if path is not None)]
+        require_free(output, read, force=source.force)
+        told = diagnose_unit(bags, source, options, prognosis, skips_unreadable=True)
+        command = shlex.join(context.meta[ARGUMENTS])
+        page = report_page(bags, source, prognosis, told, command)
+        with complete_file(output) as partial:
+            partial.write_text(page, encoding="utf-8")
+    for line in verdict_of(told).lines:
+        click.echo(line)
+    click.echo(f"{output}")
+    if not told.course.outlooks:
+        sys.exit(REFUSED)

@@ -1,0 +1,152 @@
+"""``ema watch``: the health of a fleet in the terminal."""
+
+import os
+import threading
+import time
+from typing import Any, Final
+
+import click
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.validate_namespace import validate_namespace
+from rosgraph_msgs.msg import Clock
+
+from ema_cli.errors import one_clear_line
+from ema_cli.fleet import Fleet, Row
+from ema_cli.processes.listener import Listener
+from ema_cli.processes.stop_request import ENDING, deferred_signals
+from ema_cli.show.fleet_table import FleetTable
+from ema_interfaces.msg import FaultEstimate, Health
+from ema_ros.stamps import stamp_from_message
+from ema_ros.topics import FAULT_ESTIMATE, HEALTH, LATCHED_BY_MANY, NAMESPACE, STREAM
+
+_DIAGNOSTICS: Final = "/diagnostics"
+_CLOCK: Final = "/clock"
+_BEST_EFFORT: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+_REFRESH_S: Final = 0.25
+_DISCOVERY_S: Final = 3.0
+
+
+@click.command()
+@click.option(
+    "--namespace",
+    "namespaces",
+    multiple=True,
+    default=(NAMESPACE,),
+    help="Namespace of a monitor; may be repeated.",
+)
+def watch(namespaces: tuple[str, ...]) -> None:
+    """Show the health of all actuators, the worst first, until Ctrl-C.
+
+    On a terminal it is a table that is renewed; else there is a line for each change. An actuator
+    whose monitor is silent is STALE. ROS_DOMAIN_ID says in which domain to listen.
+    """
+    with one_clear_line():
+        places = list(dict.fromkeys(_normalised(namespace) for namespace in namespaces))
+    hearing = _Hearing(places)
+    with (
+        deferred_signals(*ENDING) as stop,
+        FleetTable(f"on {', '.join(places)} in {_domain()}") as table,
+        Listener("watch", hearing.topics, hearing.take) as listener,
+    ):
+        began_s = time.monotonic()
+        while not stop:
+            rows = hearing.rows()
+            waits = time.monotonic() - began_s < _DISCOVERY_S
+            table.show(rows, "" if rows or waits else _nothing_heard(places, listener))
+            hearing.changed.wait(_REFRESH_S)
+            hearing.changed.clear()
+
+
+class _Hearing:
+    """What is heard on some namespaces.
+
+    Attributes
+    ----------
+    topics
+        What to listen to.
+    changed
+        Set when there is something new.
+    """
+
+    def __init__(self, places: list[str]) -> None:
+        self.topics: dict[str, tuple[type, QoSProfile]] = {
+            _DIAGNOSTICS: (DiagnosticArray, STREAM),
+            _CLOCK: (Clock, _BEST_EFFORT),
+        }
+        self._places: dict[str, str] = {}
+        for place in places:
+            for name, kind, qos in (
+                (HEALTH, Health, LATCHED_BY_MANY),
+                (FAULT_ESTIMATE, FaultEstimate, STREAM),
+            ):
+                topic = f"{place.rstrip('/')}/{name}"
+                self.topics[topic] = kind, qos
+                self._places[topic] = place
+        self.changed = threading.Event()
+        self._lock = threading.Lock()
+        self._fleet = Fleet()
+        self._simulated_ns: int | None = None
+
+    def take(self, topic: str, message: Any) -> None:
+        """Take in a message."""
+        now_s = time.monotonic()
+        with self._lock:
+            if topic == _CLOCK:
+                self._simulated_ns = stamp_from_message(message.clock)
+                return
+            if topic == _DIAGNOSTICS:
+                for status in message.status:
+                    self._fleet.add_status(status.name, status.hardware_id, now_s)
+                return
+            place = self._places[topic]
+            if isinstance(message, Health):
+                self._fleet.add_health(place, message, now_s)
+            else:
+                self._fleet.add_estimate(place, message, now_s)
+        self.changed.set()
+
+    def rows(self) -> list[Row]:
+        """Return the actuators, the worst first."""
+        with self._lock:
+            clock_ns = time.time_ns() if self._simulated_ns is None else self._simulated_ns
+            return self._fleet.rows(time.monotonic(), clock_ns)
+
+
+def _normalised(namespace: str) -> str:
+    """Return a namespace as the graph has it.
+
+    Raises
+    ------
+    ValueError
+        When it is none.
+    """
+    full = "/" + namespace.strip("/")
+    try:
+        validate_namespace(full)
+    except InvalidNamespaceException as error:
+        raise ValueError(
+            f"--namespace {namespace!r}: expected a name of letters, digits and _, such as /ema"
+        ) from error
+    return full
+
+
+def _domain() -> str:
+    return f"domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
+
+
+def _nothing_heard(places: list[str], listener: Listener) -> str:
+    """Return that there is no health, and what there is instead."""
+    words = f"no health is heard on {', '.join(places)} in {_domain()}"
+    elsewhere = [
+        topic.removesuffix(f"/{HEALTH}") or "/"
+        for topic in listener.topics_of(Health)
+        if topic.endswith(f"/{HEALTH}")
+    ]
+    others = [place for place in elsewhere if place not in places]
+    if others:
+        return f"{words}, but on {', '.join(others)}: choose it with --namespace"
+    if any(listener.sees("monitor", place) for place in places):
+        return f"{words}: its monitor waits for a first valid test"
+    return f"{words}: is a monitor running there? ROS_DOMAIN_ID and --namespace choose another"

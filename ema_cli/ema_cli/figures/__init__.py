@@ -1,0 +1,1 @@
+"""Pictures that the commands draw; their style is that of ``ema_monitor.plot``."""

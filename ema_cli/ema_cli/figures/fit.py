@@ -1,0 +1,43 @@
+"""Picture of an estimate in a recording: that of its window, or of its last stretch of motion."""
+
+from matplotlib.figure import Figure
+
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.stretch_fit import in_stretch
+from ema_monitor.plot import plot_fit
+from ema_monitor.windows.window import Window
+from ema_recording.windows import RecordedWindow
+
+
+def draw_fit(
+    last: RecordedWindow,
+    estimate: Estimate,
+    calibration: Calibration,
+    search: SearchSettings,
+    since_ns: int | None = None,
+) -> Figure:
+    """Return a figure of what was measured and what the model says of it.
+
+    Parameters
+    ----------
+    last
+        The window of the estimate, or the last stretch that it rests on.
+    estimate, calibration, search
+        The valid estimate, and how it was made.
+    since_ns
+        Stamp from which the time axis counts [ns]; the start of the window when None.
+
+    Raises
+    ------
+    ValueError
+        When the window cannot be used, or there is no estimate in it.
+    """
+    window = last.window
+    if not isinstance(window, Window):
+        raise ValueError(f"window {last.number} cannot be used: {window.reason}")
+    if estimate.stretches:
+        calibration = calibration.of_any_motion()
+        estimate = in_stretch(estimate, window, last.description, calibration, search)
+    return plot_fit(window, estimate, calibration, since_ns=since_ns)

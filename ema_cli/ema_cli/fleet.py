@@ -1,0 +1,197 @@
+"""What is known of the actuators of a fleet, from what their monitors publish."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
+from ema_monitor.prognosis.sentences import SHOWN_IN, label_of
+from ema_ros.stamps import stamp_from_message
+
+SILENT_S: Final = 5.0
+"""A monitor reports on `/diagnostics` each second; after so long without, it is silent [s]."""
+
+_URGENCY: Final = {OK: 0, WARN: 1, STALE: 2, ERROR: 3}
+_SOON_HOURS: Final = 0.5
+
+
+@dataclass(frozen=True)
+class Row:
+    """An actuator as it is shown.
+
+    Attributes
+    ----------
+    place
+        Namespace of its monitor.
+    level
+        Level of its health; STALE when its monitor is silent.
+    last_level
+        The level it had when it was heard last.
+    health_index
+        As of Health [-]; NaN when unknown.
+    dominant
+        What ends life or is worst, with value, sigma and limit, in words; empty when nothing is.
+    life
+        Quantiles of the remaining life, 5, 50 and 95 % [h]; None when unknown.
+    remove_before
+        Service hour, "now" or empty, in words.
+    test_ns
+        Stamp of its last test [ns]; 0 when there was none.
+    test_age_s
+        Time since then, or since it was heard where its stamps are of another clock [s].
+    why
+        Why the level is what it is, and what was wrong with the last test, in words.
+    """
+
+    place: str
+    actuator_id: str
+    serial_number: str
+    level: int
+    last_level: int
+    health_index: float
+    dominant: str
+    life: tuple[float, float, float] | None
+    remove_before: str
+    test_ns: int
+    test_age_s: float
+    why: str
+
+    @property
+    def content(self) -> tuple[Any, ...]:
+        """What makes it another one; the passing of time does not."""
+        index = f"{self.health_index:.2f}"
+        return (self.level, index, self.dominant, self.life, self.test_ns, self.why)
+
+
+@dataclass
+class _Actuator:
+    """What was heard of an actuator, and when [s]."""
+
+    health: Any = None
+    refused: Any = None
+    causes: str = ""
+    heard_s: float = math.nan
+    tested_s: float = math.nan
+    reported_s: float = math.nan
+
+
+class Fleet:
+    """Actuators by what is heard of them; times ``now_s`` are of a clock that never goes back."""
+
+    def __init__(self) -> None:
+        self._actuators: dict[tuple[str, str], _Actuator] = {}
+
+    def __len__(self) -> int:
+        return sum(one.health is not None for one in self._actuators.values())
+
+    def add_health(self, place: str, message: Any, now_s: float) -> None:
+        """Add a Health message that was heard on a namespace."""
+        one = self._of(place, message)
+        before, one.health = one.health, message
+        if before is None:
+            one.heard_s = now_s
+        if before is None or before.header.stamp != message.header.stamp:
+            one.tested_s = now_s
+
+    def add_estimate(self, place: str, message: Any, now_s: float) -> None:
+        """Add a FaultEstimate message; what a valid one changes is shown with its health."""
+        one = self._of(place, message)
+        if message.valid:
+            one.refused = None
+            one.causes = ", ".join(_cause_in_words(cause) for cause in message.hidden_causes)
+        else:
+            one.refused, one.tested_s = message, now_s
+
+    def add_status(self, name: str, hardware_id: str, now_s: float) -> None:
+        """Add a status of `/diagnostics`; that of the health of an actuator shows its monitor."""
+        for (_, actuator_id), one in self._actuators.items():
+            known = one.health.serial_number if one.health is not None else hardware_id
+            if name.endswith(f": {actuator_id} health") and hardware_id in (known, actuator_id):
+                one.reported_s = now_s
+
+    def rows(self, now_s: float, clock_ns: int) -> list[Row]:
+        """Return the actuators whose health is known, the worst first.
+
+        Parameters
+        ----------
+        now_s
+            Time, of the clock of the messages' reception [s].
+        clock_ns
+            Time, of the clock of their stamps [ns].
+        """
+        rows = [
+            self._row(key, one, now_s, clock_ns)
+            for key, one in self._actuators.items()
+            if one.health is not None
+        ]
+        return sorted(rows, key=_order)
+
+    def _of(self, place: str, message: Any) -> _Actuator:
+        return self._actuators.setdefault((place, message.actuator_id), _Actuator())
+
+    def _row(self, key: tuple[str, str], one: _Actuator, now_s: float, clock_ns: int) -> Row:
+        health = one.health
+        is_silent = now_s - np.fmax(one.reported_s, one.heard_s) > SILENT_S
+        reasons = [health.cause or health.reason]
+        if is_silent:
+            was = f"its monitor is silent, the level was {LEVEL_NAMES[health.level]}"
+            reasons.insert(0, was)
+        test_ns = stamp_from_message(health.header.stamp)
+        if one.refused is not None:
+            test_ns = max(test_ns, stamp_from_message(one.refused.header.stamp))
+            reasons.append(f"last test refused: {one.refused.reason}")
+        elif one.causes:
+            reasons.append(f"hidden cause: {one.causes}")
+        age_s = (clock_ns - test_ns) * 1e-9
+        life = health.rul
+        hours = (life.hours_05, life.hours_50, life.hours_95) if life.known else None
+        return Row(
+            *key,
+            serial_number=health.serial_number,
+            level=STALE if is_silent else health.level,
+            last_level=health.level,
+            health_index=health.health_index,
+            dominant=_dominant_in_words(health),
+            life=hours,
+            remove_before=_removal(health),
+            test_ns=test_ns,
+            test_age_s=age_s if age_s >= 0.0 else now_s - one.tested_s,
+            why="; ".join(filter(None, reasons)),
+        )
+
+
+def _order(row: Row) -> tuple[Any, ...]:
+    urgency = max(_URGENCY[row.level], _URGENCY[row.last_level])
+    index = row.health_index if math.isfinite(row.health_index) else 0.0
+    return (-urgency, row.life[0] if row.life else math.inf, index, row.place, row.actuator_id)
+
+
+def _dominant_in_words(health: Any) -> str:
+    """Return the dominant fault or requirement with value, sigma and limit."""
+    for item in (*health.faults, *health.requirements):
+        if item.name == health.dominant_fault:
+            unit, scale = SHOWN_IN.get(item.unit, (item.unit, 1.0))
+            unit = "" if unit == "1" else f" {unit}"
+            side = "≥" if item.limit_is_lower else "≤"
+            sigma = f" ± {scale * item.sigma:.2g}" if math.isfinite(item.sigma) else ""
+            value = f"{scale * item.value:.3g}{sigma}{unit}"
+            return f"{label_of(item.name)} {value} ({side} {scale * item.limit:.3g})"
+    return ""
+
+
+def _removal(health: Any) -> str:
+    """Return before which service hour to remove the actuator."""
+    failed = any(item.level == ERROR for item in (*health.faults, *health.requirements))
+    if failed or (health.rul.known and health.rul.hours_05 < _SOON_HOURS):
+        return "now"
+    if not health.rul.known:
+        return ""
+    return f"{health.flight_hours + health.rul.hours_05:,.0f} h"
+
+
+def _cause_in_words(cause: Any) -> str:
+    scale, unit = (100.0, "%") if cause.unit == "-" else (1.0, cause.unit)
+    value, sigma = scale * cause.value, scale * cause.sigma
+    return f"{cause.name.replace('_', ' ')} {value:+.3g} ± {sigma:.2g} {unit}"

@@ -1,0 +1,79 @@
+"""A node that only listens, in a thread of its own."""
+
+import threading
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+
+from ema_recording.message_type import type_name
+
+
+class Listener:
+    """Gives on what it hears; to be used under ``with``.
+
+    Parameters
+    ----------
+    name
+        Name of its node, in a namespace of its own.
+    topics
+        Message class and quality of service by full topic.
+    take
+        Called with topic and message, in the listener's thread.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        topics: Mapping[str, tuple[type, QoSProfile]],
+        take: Callable[[str, Any], None],
+    ) -> None:
+        self._name = name
+        self._topics = topics
+        self._take = take
+        self._ending = threading.Event()
+
+    def __enter__(self) -> "Listener":
+        self._context = Context()
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node(self._name, namespace=f"/{self._name}", context=self._context)
+        for topic, (message_class, qos) in self._topics.items():
+            self._node.create_subscription(message_class, topic, partial(self._take, topic), qos)
+        self._thread = threading.Thread(target=self._spin, name=self._name, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ending.set()
+        self._thread.join()
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def sees(self, node_name: str, namespace: str) -> bool:
+        """Return whether a node is in the graph."""
+        return (node_name, namespace) in self._node.get_node_names_and_namespaces()
+
+    def topics_of(self, message_class: type) -> list[str]:
+        """Return the topics in the graph on which such messages are published."""
+        wanted = type_name(message_class)
+        return sorted(
+            topic
+            for topic, types in self._node.get_topic_names_and_types()
+            if wanted in types and self._node.count_publishers(topic)
+        )
+
+    def _spin(self) -> None:
+        executor = SingleThreadedExecutor(context=self._context)
+        executor.add_node(self._node)
+        while not self._ending.is_set():
+            try:
+                executor.spin_once(timeout_sec=0.1)
+            except ExternalShutdownException:
+                return
+        executor.shutdown()

@@ -1,0 +1,154 @@
+"""Options of a prognosis, shared by the commands that make one."""
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final
+
+import click
+
+from ema_cli.errors import Assignments, merged
+from ema_cli.gathered_options import gathered
+from ema_core.wording import as_identifier, unknown_name
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.growth.known_laws import FORM as FORM_OF_LAW
+from ema_monitor.prognosis.growth.known_laws import known_law
+from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits
+from ema_monitor.prognosis.service import Service
+from ema_monitor.prognosis.settings import PrognosisSettings
+
+FORM: Final = f"FAULT={FORM_OF_LAW}"
+
+
+class KnownLawType(click.ParamType):
+    """``fault=law``, with the median rate and the second figure of the law where they are known."""
+
+    name = FORM
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[str, KnownLaw]:
+        """Return fault and law."""
+        if not isinstance(value, str):
+            return value
+        fault, _, law = value.partition("=")
+        fault = as_identifier(fault)
+        try:
+            return fault, known_law(fault, law)
+        except ValueError as error:
+            self.fail(f"{value!r}: {error}", param, ctx)
+
+
+def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
+    if value is not None and not math.isfinite(value):
+        raise click.BadParameter(f"{value:g} is not a number of hours", ctx, param)
+    return value
+
+
+_OPTIONS = (
+    click.option(
+        "--hours-per-cycle",
+        default=Service.hours_per_cycle,
+        help="Flight hours that a test cycle stands for, whatever usage the bags hold; 0: usage "
+        "counts them.",
+    ),
+    click.option(
+        "--duty",
+        default=Service.duty,
+        help="Growth of the faults in a future flight hour, relative to a past one.",
+    ),
+    click.option(
+        "--known-law",
+        "laws",
+        type=KnownLawType(),
+        multiple=True,
+        help=f"A law that is known, {FORM}, e.g. friction=exponential; those not named are "
+        "averaged over all laws.",
+    ),
+    click.option(
+        "--limit",
+        "limits",
+        type=Assignments(as_identifier),
+        multiple=True,
+        help="Where life ends, e.g. friction=0.4 or bandwidth=15; as the monitor's parameters "
+        "limits.NAME and requirements.NAME.",
+    ),
+    click.option(
+        "--end-hours",
+        type=click.FloatRange(min=0.0),
+        callback=_finite,
+        help="Service hour at which a fault truly reached its limit, for the picture, where life "
+        "goes on beyond the bags.",
+    ),
+    click.option(
+        "--at",
+        "at_hours",
+        type=click.FloatRange(min=0.0),
+        callback=_finite,
+        help="Service hour at which the prognosis is made: later tests are left out.",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class PrognosisOptions:
+    """What the options say.
+
+    Attributes
+    ----------
+    end_hours
+        Service hour at which a fault truly reached its limit, if that is after the bags [h].
+    at_hours
+        Service hour at which the prognosis is made [h]; after the last test when None.
+    """
+
+    settings: PrognosisSettings
+    end_hours: float | None
+    at_hours: float | None
+
+
+def _build(
+    *,
+    limits: tuple[list[tuple[str, float]], ...],
+    laws: tuple[tuple[str, KnownLaw], ...],
+    duty: float,
+    hours_per_cycle: float,
+    end_hours: float | None,
+    at_hours: float | None,
+) -> PrognosisOptions:
+    settings = _settings(merged(limits, "--limit"), laws, Service(duty, hours_per_cycle))
+    return PrognosisOptions(settings, end_hours, at_hours)
+
+
+def _settings(
+    limits: dict[str, float], laws: tuple[tuple[str, KnownLaw], ...], service: Service
+) -> PrognosisSettings:
+    """Return what the options say.
+
+    Raises
+    ------
+    ValueError
+        When a limit is unknown or out of its range, or a fault has two laws.
+    """
+    of_faults, of_requirements = (
+        [item.name for item in fields(kind)] for kind in (HealthLimits, RequirementLimits)
+    )
+    for name in limits:
+        if name not in (*of_faults, *of_requirements):
+            known = (*of_faults, *of_requirements)
+            raise ValueError(f"--limit: {unknown_name('limit', name, known)}")
+    if len(dict(laws)) < len(laws):
+        raise ValueError("--known-law: a fault has more than one law")
+    return PrognosisSettings(
+        replace(HealthLimits(), **{n: v for n, v in limits.items() if n in of_faults}),
+        replace(RequirementLimits(), **{n: v for n, v in limits.items() if n in of_requirements}),
+        TrackerSettings(laws=dict(laws)),
+        service,
+    )
+
+
+prognosis_options = gathered(
+    "prognosis",
+    _build,
+    ("limits", "laws", "duty", "hours_per_cycle", "end_hours", "at_hours"),
+    _OPTIONS,
+)
+"""Gives a command the options as ``prognosis``."""

@@ -1,0 +1,1 @@
+"""Reports of a unit as one page that needs nothing beside it."""

@@ -1,0 +1,149 @@
+"""What a report says first: is the unit well, what wears, how long it lasts, what to do."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from ema_cli.report.words import life_in_words, moment, shown
+from ema_cli.unit_diagnosis import UnitDiagnosis
+from ema_core.causes import CAUSE_BY_NAME, Place
+from ema_core.faults import FAULTS
+from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
+from ema_core.wording import counted
+from ema_monitor.health import FaultHealth
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.sentences import cause_of_level, removal_in_words
+
+_PER_HOURS: Final = 1000.0
+_FAULT_BY_NAME: Final = {fault.name: fault for fault in FAULTS}
+_STATES: Final = {OK: "Well", WARN: "Wearing", ERROR: "Failed", STALE: "Unknown"}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The verdict in three lines, and what to do.
+
+    Attributes
+    ----------
+    level
+        Level of health.
+    lines
+        Whether the unit is well; what wears; how long it lasts.
+    actions
+        What to do, the most important first.
+    """
+
+    level: int
+    lines: tuple[str, str, str]
+    actions: list[str]
+
+    @property
+    def level_name(self) -> str:
+        """Name of the level."""
+        return LEVEL_NAMES[self.level]
+
+
+def verdict_of(told: UnitDiagnosis) -> Verdict:
+    """Return the verdict on a unit."""
+    if not told.course.outlooks:
+        tests = counted(len(told.estimates), "test")
+        return Verdict(
+            STALE,
+            (
+                f"Unknown: none of {tests} has a valid estimate.",
+                "What wears is unknown.",
+                "How long it lasts is unknown.",
+            ),
+            _after_the_last_test(told),
+        )
+    last = told.course.outlooks[-1]
+    valid = [one for one in told.estimates if one.valid][-1]
+    lines = _state(told, last), _wearing(told, last, valid), _lasting(last)
+    actions = [_sentence(removal_in_words(last)), *_after_the_last_test(told)]
+    return Verdict(last.health.level, lines, actions)
+
+
+def _state(told: UnitDiagnosis, last: Outlook) -> str:
+    health = last.health
+    why = (
+        cause_of_level(last)
+        if health.level != OK
+        else ("no fault and no required performance gives a warning")
+    )
+    tests = f"{counted(len(told.course.outlooks), 'valid test')} of {len(told.estimates)}"
+    index = f"{health.health_index:.2f}" if math.isfinite(health.health_index) else "unknown"
+    return (
+        f"{_STATES[health.level]}: {why} ({tests}; health index {index}, severity "
+        f"{health.severity} of 4, confidence {health.confidence:.2f})."
+    )
+
+
+def _wearing(told: UnitDiagnosis, last: Outlook, valid: Estimate) -> str:
+    items = {item.name: item for item in (*last.health.faults, *last.health.requirements)}
+    healthy = {
+        fault.name
+        for fault, is_healthy, is_unknown in zip(
+            FAULTS, valid.insignificant, valid.unobservable, strict=True
+        )
+        if is_healthy or is_unknown
+    }
+    worn = [item for item in last.health.faults if item.name not in healthy]
+    worst = max(worn, key=lambda item: item.share, default=None)
+    named = [items[last.dominant]] if last.dominant in items else []
+    if worst is not None and worst not in named:
+        named.append(worst)
+    if not named:
+        return "Nothing wears: no fault differs from healthy by more than its uncertainty."
+    told_items = [_item_in_words(item, last) for item in named]
+    return f"{_sentence('; behind it '.join(told_items))}"
+
+
+def _item_in_words(item: FaultHealth, last: Outlook) -> str:
+    what = shown(item)
+    words = f"{what.label} {what.value_and_sigma} against its limit {what.limit}"
+    fault = _FAULT_BY_NAME.get(item.name)
+    notes = [fault.physical(item.value)] if fault is not None else []
+    if math.isfinite(item.share):
+        notes.append(f"{100.0 * item.share:.0f} % of the way")
+    trend = what.scale * _PER_HOURS * last.trends.get(item.name, math.nan)
+    if math.isfinite(trend):
+        notes.append(f"{trend:+.3g}{what.unit} in {_PER_HOURS:g} h")
+    return f"{words} ({', '.join(notes)})" if notes else words
+
+
+def _lasting(last: Outlook) -> str:
+    life = last.rul
+    if last.health.level == ERROR:
+        return "Its life is over: a limit is exceeded or a required performance has failed."
+    if not life.known:
+        return "How long it lasts is unknown."
+    before = last.hours + life.hours_05
+    return (
+        f"Remaining useful life {life_in_words(life)} flight hours (5 / 50 / 95 %), until "
+        f"{life.criterion}; remove before {before:,.0f} service hours."
+    )
+
+
+def _after_the_last_test(told: UnitDiagnosis) -> list[str]:
+    """Return what the last test asks for: to be repeated, or to look at what is no fault."""
+    last = told.estimates[-1] if told.estimates else None
+    if last is None:
+        return ["Repeat the test: the motion shows no fault as well as wanted."]
+    if not last.valid:
+        return [f"Repeat the test of {moment(last.end_ns)}: it was refused, {last.reason}."]
+    actions = []
+    for cause in last.causes:
+        about = CAUSE_BY_NAME[cause.name]
+        part = "sensor" if about.place is Place.SENSOR else "installation"
+        words = str(cause).replace("+-", "±")
+        actions.append(f"Check the {part}: {words} explains part of the last test and is no fault.")
+    for one, other in last.alternatives:
+        actions.append(f"The last test cannot tell {one} from {other}: check both.")
+    if last.verdict == "degraded" and not last.alternatives:
+        actions.append(f"The last test is usable with wider uncertainty: {last.reason}.")
+    return actions
+
+
+def _sentence(words: str) -> str:
+    return f"{words[:1].upper()}{words[1:]}."

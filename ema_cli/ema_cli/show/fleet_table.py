@@ -1,0 +1,180 @@
+"""A fleet as it changes: a table on a terminal, else a line for each change."""
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Final, NamedTuple
+
+import click
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from ema_cli.fleet import Row
+from ema_cli.show.levels import COLOURS, level_in_words
+from ema_core.wording import counted
+
+_LINES_BESIDE: Final = 6
+_LEAST_WHY: Final = 24
+"""Columns that the reasons need beside the others; in fewer they stand below."""
+
+
+class _Form(NamedTuple):
+    """How much a table shows."""
+
+    has_index: bool
+    has_age: bool
+    has_interval: bool
+    has_why: bool
+
+
+# From the fullest to the leanest.
+_FORMS: Final = (
+    _Form(True, True, True, True),
+    _Form(True, True, True, False),
+    _Form(False, True, True, False),
+    _Form(False, False, True, False),
+    _Form(False, False, False, False),
+)
+
+
+class FleetTable:
+    """Shows the actuators of a fleet; to be used under ``with``.
+
+    Parameters
+    ----------
+    title
+        Where is listened.
+    """
+
+    def __init__(self, title: str, console: Console | None = None) -> None:
+        self._title = title
+        self._console = console or Console()
+        self._live = Live(console=self._console, auto_refresh=False)
+        self._told: dict[tuple[str, str], tuple[object, ...]] = {}
+        self._said = ""
+
+    def __enter__(self) -> "FleetTable":
+        if self._console.is_terminal:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._console.is_terminal:
+            self._live.stop()
+
+    def show(self, rows: Sequence[Row], state: str) -> None:
+        """Show the actuators, and what there is to say of the whole."""
+        if self._console.is_terminal:
+            self._live.update(self._table(rows, state), refresh=True)
+            return
+        for row in rows:
+            key = row.place, row.actuator_id
+            if self._told.get(key) != row.content:
+                self._told[key] = row.content
+                click.echo(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC  {_line(row)}")
+        if not rows and state != self._said:
+            click.echo(state, err=True)
+        self._said = state
+
+    def _table(self, rows: Sequence[Row], state: str) -> Table:
+        """Return the fullest table that the terminal is wide enough for."""
+        *fuller, leanest = _FORMS
+        for form in fuller:
+            others = self._table_in(form._replace(has_why=False), rows, state)
+            # What is too wide is measured as just as wide as the terminal.
+            room = self._console.width - self._console.measure(others).maximum
+            if room > _LEAST_WHY * form.has_why:
+                return self._table_in(form, rows, state)
+        return self._table_in(leanest, rows, state)
+
+    def _table_in(self, form: _Form, rows: Sequence[Row], state: str) -> Table:
+        table = Table(
+            title=f"{counted(len(rows), 'actuator')} {self._title}",
+            title_justify="left",
+            caption="\n".join(filter(None, (*_reasons(rows, form), state))),
+            caption_justify="left",
+            box=SIMPLE_HEAD,
+            show_edge=False,
+            padding=(0, 1, 0, 0),
+        )
+        table.add_column("actuator", no_wrap=True)
+        table.add_column("level", no_wrap=True)
+        if form.has_index:
+            table.add_column("index", justify="right", no_wrap=True)
+        table.add_column("dominant (limit)", no_wrap=True)
+        table.add_column(
+            "RUL [h]\n50 % (5 to 95)" if form.has_interval else "RUL [h]",
+            justify="right",
+            no_wrap=True,
+        )
+        table.add_column("remove\nbefore", justify="right", no_wrap=True)
+        if form.has_age:
+            table.add_column("last\ntest", justify="right", no_wrap=True)
+        if form.has_why:
+            table.add_column("why")
+        for row in rows[: max(3, self._console.height - _LINES_BESIDE)]:
+            cells = [
+                Text(_name(row, rows)),
+                Text(level_in_words(row.level), COLOURS[row.level]),
+                *([_index(row)] * form.has_index),
+                Text(row.dominant or "-"),
+                _life(row, form),
+                row.remove_before or "-",
+                *([age_in_words(row.test_age_s)] * form.has_age),
+                *([Text(row.why)] * form.has_why),
+            ]
+            table.add_row(*cells)
+        return table
+
+
+def age_in_words(seconds: float) -> str:
+    """Return a time that has passed [s] in the unit that suits it."""
+    if not math.isfinite(seconds):
+        return "-"
+    for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds:.0f} s"
+
+
+def _reasons(rows: Sequence[Row], form: _Form) -> list[str]:
+    """Return why the worst actuators are what they are, where the table has no place for it."""
+    if form.has_why:
+        return []
+    return [f"{row.actuator_id}: {row.why}" for row in rows[:3] if row.why]
+
+
+def _name(row: Row, rows: Sequence[Row]) -> str:
+    several = len({other.place for other in rows}) > 1
+    return f"{row.place}/{row.actuator_id}" if several else row.actuator_id
+
+
+def _index(row: Row) -> str:
+    return f"{row.health_index:.2f}" if math.isfinite(row.health_index) else "-"
+
+
+def _life(row: Row, form: _Form) -> str:
+    if row.life is None:
+        return "unknown"
+    low, median, high = (f"{hours:,.0f}" if math.isfinite(hours) else "more" for hours in row.life)
+    return f"{median} ({low} to {high})" if form.has_interval else median
+
+
+def _line(row: Row) -> str:
+    """Return an actuator as one plain line."""
+    life = _life(row, _FORMS[0])
+    parts = (
+        level_in_words(row.level),
+        f"{row.place}/{row.actuator_id} ({row.serial_number})",
+        f"index {_index(row)}",
+        row.dominant,
+        f"RUL {life}{' h' * (row.life is not None)}",
+        f"remove before {row.remove_before}" if row.remove_before.endswith("h") else "",
+        "remove now" if row.remove_before == "now" else "",
+        f"last test {age_in_words(row.test_age_s)} ago",
+        row.why,
+    )
+    return "  ".join(filter(None, parts))

@@ -1,0 +1,84 @@
+"""From bags to estimates, health and life of a unit: what ``prognose`` and ``report`` tell."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from ema_cli.bags.source_options import Source
+from ema_cli.bags.unit_course import Course, follow
+from ema_cli.bags.unit_record import UnitRecord, read_unit, with_calibration_beside
+from ema_cli.commands.estimate import estimate_windows
+from ema_cli.identification_options import IdentificationOptions
+from ema_cli.prognosis_options import PrognosisOptions
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.estimate import Estimate
+
+
+@dataclass(frozen=True)
+class UnitDiagnosis:
+    """What the bags of a unit show.
+
+    Attributes
+    ----------
+    options
+        How they were identified, with the calibration that was used.
+    estimates
+        One of each window, refused ones included, in order of time; of ordinary motion, one of
+        each combination.
+    course
+        What followed from them, test by test.
+    """
+
+    record: UnitRecord
+    options: IdentificationOptions
+    calibration: Calibration
+    estimates: list[Estimate]
+    course: Course
+
+    @property
+    def calibration_in_words(self) -> str:
+        """Which calibration was used, and where it comes from."""
+        source = self.options.calibration_source
+        return f"calibration {self.calibration.calibration_id} ({source})"
+
+
+def diagnose_unit(
+    paths: Sequence[Path],
+    source: Source,
+    options: IdentificationOptions,
+    prognosis: PrognosisOptions,
+    *,
+    skips_unreadable: bool = False,
+) -> UnitDiagnosis:
+    """Identify the tests in bags and follow them; remarks and refusals go to standard error.
+
+    Parameters
+    ----------
+    skips_unreadable
+        Whether a bag that cannot be read is a remark, as long as there is another one.
+
+    Raises
+    ------
+    ValueError
+        When the bags, the calibration or the options cannot be used.
+    OSError
+        When a file cannot be opened.
+    """
+    record = read_unit(paths, source, skips_unreadable=skips_unreadable)
+    if prognosis.at_hours is not None:
+        record = record.as_known_at(prognosis.at_hours)
+    # The bags first: those of two units are refused, whatever lies beside them.
+    options = with_calibration_beside(options, paths)
+    calibration = options.calibration()
+    for remark in record.remarks:
+        click.echo(remark, err=True)
+    estimates = estimate_windows(
+        record.windows, calibration, options, force=source.force, any_motion=source.any_motion
+    )
+    course = follow(record, estimates, calibration.unit_parameters, prognosis.settings)
+    for number, estimate in enumerate(estimates):
+        if not estimate.valid:
+            click.echo(f"window {number}: no valid estimate: {estimate.reason}", err=True)
+    return UnitDiagnosis(record, options, calibration, estimates, course)

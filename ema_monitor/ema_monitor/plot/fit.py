@@ -1,0 +1,168 @@
+"""Picture of an estimate: what was measured, what the model says of it, and the faults."""
+
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from ema_core.faults import FAULTS, healthy_faults
+from ema_core.wording import counted
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.model.deviations import COLUMNS
+from ema_monitor.model.monitor_model import Response
+from ema_monitor.model.readings import read
+from ema_monitor.plot.style import (
+    BLUE,
+    GREY,
+    INK,
+    VERMILION,
+    draw_estimates,
+    draw_legend,
+    tidy,
+)
+from ema_monitor.windows.band import band_limited, band_samples
+from ema_monitor.windows.window import Window
+
+_HEIGHTS: Final = (3.0, 1.3, 2.0, 1.3, 2.2)
+_MEASURED: Final[dict[str, Any]] = {"color": GREY, "alpha": 0.6, "lw": 2.0, "label": "measured"}
+_HEALTHY: Final[dict[str, Any]] = {"color": BLUE, "ls": "--", "lw": 0.9, "label": "model, healthy"}
+_FITTED: Final[dict[str, Any]] = {
+    "color": VERMILION,
+    "lw": 0.9,
+    "label": "model, estimated faults",
+}
+_RESIDUAL: Final[dict[str, Any]] = {
+    "color": GREY,
+    "alpha": 0.6,
+    "lw": 0.5,
+    "label": "measured less model",
+}
+_SMOOTH: Final[dict[str, Any]] = {"color": INK, "lw": 1.0, "label": "the same, band-limited"}
+_BAR: Final = "estimate, 90 % interval"
+
+
+def plot_fit(
+    window: Window,
+    estimate: Estimate,
+    calibration: Calibration | None = None,
+    *,
+    since_ns: int | None = None,
+) -> Figure:
+    """Return a figure of a window's current and speed, those of the model, and the faults.
+
+    Parameters
+    ----------
+    window
+        The window.
+    estimate
+        The valid estimate in it.
+    calibration
+        Calibration that it was made with; that of the built-in actuator when None.
+    since_ns
+        Stamp from which the time axis counts [ns]; the start of the window when None.
+
+    Raises
+    ------
+    ValueError
+        When the estimate is not valid.
+    """
+    if not estimate.valid:
+        raise ValueError(f"no picture without a valid estimate: {estimate.reason}")
+    calibration = calibration or Calibration.builtin()
+    start_s = 0.0 if since_ns is None else (window.start_ns - since_ns) * 1e-9
+    t = start_s + window.sample_period * np.arange(1, len(window) + 1)
+    modelled = _modelled(window, estimate, calibration)
+    figure = Figure(figsize=(10.5, 11.0), layout="constrained")
+    halves: Any = figure.subfigures(2, 1, height_ratios=(sum(_HEIGHTS[:-1]), _HEIGHTS[-1]))
+    signals, bars = halves
+    panels = list(signals.subplots(4, 1, sharex=True, height_ratios=_HEIGHTS[:-1]))
+    measured = Response(window.current, window.telemetry.speed[1:])
+    for number, unit in enumerate(("A", "rad/s")):
+        own = panels[2 * number : 2 * number + 2]
+        _draw_signal(own, t, window.sample_period, measured[number], modelled[number])
+        for axes, quantity in zip(own, (Response._fields[number], "residual"), strict=True):
+            axes.set_ylabel(f"{quantity} [{unit}]")
+    panels[-1].set_xlabel(
+        "time since the " + ("start [s]" if since_ns is None else "first sample [s]")
+    )
+    signals.align_ylabels(panels)
+    draw_legend(signals, panels)
+    _draw_faults(bars.subplots(), estimate)
+    goodness = f"{estimate.goodness_of_fit:.2f} (limit {estimate.goodness_limit:.2f})"
+    panels[0].set_title(
+        f"{calibration.actuator_id}: {estimate.algorithm}, "
+        f"{counted(estimate.evaluations, 'evaluation')}, goodness of fit {goodness}",
+        loc="left",
+        fontsize="medium",
+    )
+    return figure
+
+
+def _modelled(window: Window, estimate: Estimate, calibration: Calibration) -> Response:
+    """Return current and speed that the model gives, with the estimate and healthy, ``(2, n)``."""
+    faults = np.array([estimate.faults, healthy_faults()])
+    columns = np.zeros((2, len(COLUMNS)))
+    # What was measured holds for the healthy actuator as well; what the window shows, holds more.
+    for row, causes in ((0, (*estimate.measured, *estimate.causes)), (1, estimate.measured)):
+        for one in causes:
+            columns[row, COLUMNS.index(one.name)] = one.value
+    deviations, position = read(columns, window)
+    response = calibration.model().respond(
+        window, faults, estimate.play, deviations=deviations, position=position
+    )
+    return calibration.expect(response, window)
+
+
+def _draw_signal(
+    panels: list[Axes],
+    t: NDArray[np.floating],
+    period: float,
+    measured: NDArray[np.float64],
+    modelled: NDArray[np.float64],
+) -> None:
+    """Draw a signal beside that of the model, and what is left below it."""
+    both, rest = panels
+    both.plot(t, measured, **_MEASURED)
+    both.plot(t, modelled[1], **_HEALTHY)
+    both.plot(t, modelled[0], **_FITTED)
+    residual = measured - modelled[0]
+    rest.plot(t, residual, **_RESIDUAL)
+    smooth, half = band_limited(residual, period), band_samples(len(t), period)
+    rest.plot(t[half::half][: len(smooth)], smooth, **_SMOOTH)
+    for axes in panels:
+        tidy(axes)
+
+
+def _draw_faults(axes: Axes, estimate: Estimate) -> None:
+    """Draw each fault from its healthy value to its estimate."""
+    place, healthy = np.arange(len(FAULTS)), healthy_faults()
+    marks: dict[str, Any] = {}
+    for is_unknown, colour, name in ((False, VERMILION, _BAR), (True, GREY, "unobservable")):
+        chosen = estimate.unobservable == is_unknown
+        if chosen.any():
+            above = np.array(estimate.faults)[chosen] - healthy[chosen]
+            axes.bar(place[chosen], above, bottom=healthy[chosen], color=colour)
+            marks[name] = Patch(color=colour)
+    interval = draw_estimates(
+        axes, place, estimate.faults, estimate.sigma, fmt="none", ecolor=INK, capsize=4
+    )
+    if _BAR in marks:
+        marks[_BAR] = (marks[_BAR], interval)
+    [marks["healthy"]] = axes.plot(place, healthy, "_", color=BLUE, ms=28, mew=2)
+    axes.set_xticks(place, [fault.label for fault in FAULTS], rotation=15)
+    axes.set_ylim(-0.02, 1.05)
+    axes.set_ylabel("normalised fault")
+    tidy(axes, "y")
+    axes.legend(
+        list(marks.values()),
+        list(marks),
+        loc="upper left",
+        ncols=3,
+        fontsize="small",
+        markerscale=0.5,
+        frameon=False,
+    )

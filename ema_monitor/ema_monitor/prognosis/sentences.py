@@ -1,0 +1,80 @@
+"""Health and remaining life in sentences for those who plan."""
+
+import math
+from typing import Final
+
+from ema_core.faults import FAULTS
+from ema_core.levels import ERROR, OK, WARN
+from ema_monitor.health import FaultHealth
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits
+
+SHOWN_IN: Final = {"rad": ("mrad", 1e3)}
+"""Unit of a requirement in sentences and tables, and its scale, where it is not its own."""
+
+RISK: Final = 0.05
+"""Probability of failure before the lower quantile of a life [-]."""
+
+_NAMED_CAUSES: Final = 3
+_SOON_HOURS: Final = 0.5
+_LABELS: Final = {fault.name: fault.label for fault in FAULTS}
+
+
+def label_of(name: str) -> str:
+    """Return the name of a fault or required performance in words."""
+    return _LABELS.get(name, name.replace("_", " "))
+
+
+def cause_of_level(outlook: Outlook) -> str:
+    """Return what gives health its level, with values and limits; empty when the level is OK."""
+    health = outlook.health
+    if health.level not in (WARN, ERROR):
+        return "" if health.level == OK else reason_of(outlook)
+    items = [item for item in (*health.faults, *health.requirements) if item.level == health.level]
+    items.sort(key=lambda item: item.name != outlook.dominant)
+    causes = [in_words(item) for item in items[:_NAMED_CAUSES]]
+    more = len(items) - len(causes)
+    return ", ".join(causes) + (f" and {more} more" if more else "")
+
+
+def in_words(item: FaultHealth) -> str:
+    """Return value and limit of a fault or requirement that gives a warning or has failed."""
+    unit, scale = "", 1.0
+    if item.name not in _LABELS:
+        own = RequirementLimits.unit(item.name)
+        unit, scale = SHOWN_IN.get(own, (own, 1.0))
+        unit = "" if unit == "1" else f" {unit}"
+    state = "failed:" if item.level == ERROR else "fails"
+    side = "below" if item.limit_is_lower else "above"
+    value, limit = scale * item.value, scale * item.limit
+    return f"{label_of(item.name)} {value:.3g}{unit} ({state} {side} {limit:.3g}{unit})"
+
+
+def reason_of(outlook: Outlook) -> str:
+    """Return why something is unknown or stale; empty otherwise."""
+    return "; ".join(dict.fromkeys(filter(None, [outlook.health.reason, outlook.rul.reason])))
+
+
+def removal_in_words(outlook: Outlook) -> str:
+    """Return by when the unit has to be removed, and why, in one sentence."""
+    life, hours = outlook.rul, outlook.hours
+    items = (*outlook.health.faults, *outlook.health.requirements)
+    failed = [item.name for item in items if item.level == ERROR]
+    if failed:
+        since = ""
+        if math.isfinite(outlook.failed_since):
+            since = f" since {outlook.failed_since:,.0f} h (now {hours:,.0f} h)"
+        criteria = [outlook.lives.get(name, life).criterion or label_of(name) for name in failed]
+        return f"Remove now: failed{since}: {', '.join(criteria)}"
+    if not life.known:
+        return f"No date of removal yet: {life.reason}"
+    end = "beyond what is looked ahead"
+    if math.isfinite(life.hours_50):
+        end = f"{hours + life.hours_50:,.0f} h"
+    when = f"before {hours + life.hours_05:,.0f} service hours"
+    if life.hours_05 < _SOON_HOURS:
+        when = "now"
+    return (
+        f"Remove {when} (in {life.hours_05:,.0f} h, {100 * RISK:.0f} % risk of failure until "
+        f"then); median end of life {end}: {life.criterion}"
+    )

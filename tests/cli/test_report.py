@@ -1,0 +1,283 @@
+"""`ema report`: one page that says what the estimates and the prognosis say, and needs nothing."""
+
+import hashlib
+import json
+import math
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pytest
+
+from ema_cli.lives.files import write_test
+from ema_cli.lives.tests_of_life import simulated_tests
+from ema_cli.processes.stop_request import StopRequest
+from ema_core import __version__
+from ema_core.description import ActuatorDescription
+from ema_core.faults import FAULT_NAMES, fault_vector
+from ema_sim.lives import SimulatedLife
+
+SAMPLE: Final = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
+TESTS: Final = 5
+_EMPTY: Final = {"meta", "br", "path", "use"}
+"""Elements without an end; those of a picture are written as XML."""
+
+
+class Page(HTMLParser):
+    """A page: its tables with exact figures, and what is wrong with its form."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.text = path.read_text(encoding="utf-8")
+        self.size = path.stat().st_size
+        self.open: list[str] = []
+        self.tables: dict[str, list[list[str]]] = {}
+        self.figures: dict[str, list[list[float]]] = {}
+        self.attributes: list[tuple[str, str, str]] = []
+        self.said: dict[str, list[str]] = {}
+        self._caption = ""
+        self.feed(self.text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+        if tag not in _EMPTY:
+            self.open.append(tag)
+            self.said.setdefault(tag, []).append("")
+        if tag == "table":
+            self._caption = ""
+        elif tag == "tr":
+            self.tables.setdefault(self._caption, []).append([])
+            self.figures.setdefault(self._caption, []).append([])
+        elif tag in ("td", "th"):
+            self.tables[self._caption][-1].append("")
+        elif tag == "data":
+            self.figures[self._caption][-1].append(float(dict(attrs)["value"] or "nan"))
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag, f"</{tag}> at {self.getpos()} closes another element"
+
+    def handle_data(self, data: str) -> None:
+        for tag in self.open:
+            self.said[tag][-1] += data
+        if "caption" in self.open:
+            self._caption += data
+        elif {"td", "th"} & set(self.open):
+            self.tables[self._caption][-1][-1] += data
+
+    def table(self, beginning: str) -> list[list[str]]:
+        return next(rows for name, rows in self.tables.items() if name.startswith(beginning))[1:]
+
+    def exactly(self, beginning: str) -> list[list[float]]:
+        return next(rows for name, rows in self.figures.items() if name.startswith(beginning))[1:]
+
+
+@pytest.fixture(scope="module")
+def window(ema, tmp_path_factory) -> Page:
+    path = tmp_path_factory.mktemp("report") / "window.html"
+    assert ema("report", SAMPLE, "-o", path).exit_code == 0
+    return Page(path)
+
+
+@pytest.fixture(scope="module")
+def loaded(ema, tmp_path_factory) -> Path:
+    """Bag of three windows with friction, under a load that is no fault."""
+    bag = tmp_path_factory.mktemp("loaded") / "loaded.mcap"
+    arguments = ("--fault", "friction=0.2", "--cause", "load_torque=0.3", "--cycles", "3")
+    assert ema("simulate", *arguments, "-o", bag).exit_code == 0
+    return bag
+
+
+@pytest.fixture(scope="module")
+def life(tmp_path_factory) -> Path:
+    """Folder of tests, 10 h apart, in which friction grows by 0.03 from test to test."""
+    folder = tmp_path_factory.mktemp("life")
+    hours = np.float64(10.0) * np.arange(1, TESTS + 1)
+    faults = np.array([fault_vector({"friction": 0.1 + 0.03 * i}) for i in range(TESTS)])
+    course = SimulatedLife("friction", {}, hours, faults, ("good",) * TESTS, math.inf)
+    unit = ActuatorDescription()
+    for test in simulated_tests(course, unit, np.random.default_rng(0), StopRequest()):
+        write_test(folder / f"{test.number:02d}.mcap", test, unit)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def of_life(ema, life) -> Page:
+    path = life.parent / "life.html"
+    assert ema("report", life, "-o", path).exit_code == 0
+    return Page(path)
+
+
+def estimated(ema, bag: Path) -> list[list[float]]:
+    """Estimates and standard deviations of each window as `ema estimate --json` prints them."""
+    rows = []
+    for one in json.loads(ema("estimate", bag, "--json").stdout):
+        row = [(one["faults"][name], one["sigma"][name]) for name in FAULT_NAMES]
+        rows.append([value for pair in row for value in pair if value is not None])
+    return rows
+
+
+@pytest.mark.slow
+def test_figures_of_a_window_are_those_of_the_estimate_exactly(ema, window):
+    assert window.exactly("Estimates") == estimated(ema, SAMPLE)
+
+
+@pytest.mark.slow
+def test_figures_of_a_bag_are_those_of_its_estimates_exactly(ema, loaded, tmp_path):
+    assert ema("report", loaded, "-o", tmp_path / "bag.html").exit_code == 0
+    page = Page(tmp_path / "bag.html")
+    assert page.exactly("Estimates") == estimated(ema, loaded)
+    assert len(page.table("Tests")) == 3
+    # The load is named as what it is, and what to do about it.
+    [[words, _, tests]] = page.table("Hidden causes")
+    assert words.startswith("load torque +0.3 ± 0.0")
+    assert tests == "3"
+    assert any("load torque" in line and "is no fault" in line for line in page.said["li"])
+
+
+@pytest.mark.slow
+def test_figures_of_a_life_are_those_of_the_prognosis_exactly(ema, life, of_life):
+    told = json.loads(ema("prognose", life, "--json").stdout)
+    for what, key in (("Faults", "faults"), ("Required performance", "requirements")):
+        for row, item in zip(of_life.exactly(what), told[key], strict=True):
+            assert row[:2] == [item["value"], item["sigma"]]
+            # The page has the growth in 1000 h.
+            assert row[3:] == pytest.approx([1e3 * item["trend"]], rel=1e-12)
+    assert [row[0] for row in of_life.exactly("Tests")] == [
+        test["flight_hours"] for test in told["tests"]
+    ]
+
+
+@pytest.mark.slow
+def test_verdict_is_three_lines_and_says_what_to_do_and_when(ema, life, of_life):
+    told = json.loads(ema("prognose", life, "--json").stdout)
+    state, wearing, lasting = of_life.said["ol"][0].strip().splitlines()
+    assert state.startswith("Wearing: ")
+    assert told["cause"] in state
+    assert "friction 0.22" in wearing.lower()
+    assert "limit ≤ 0.5" in wearing
+    before = told["flight_hours"] + told["rul"]["hours_05"]
+    assert f"remove before {before:,.0f} service hours" in lasting
+    assert f"{told['removal']}." in of_life.said["li"]
+
+
+def test_page_refers_to_nothing_outside_of_itself(of_life):
+    for tag, name, value in of_life.attributes:
+        if name in ("src", "href", "xlink:href", "srcset", "action", "data"):
+            assert (tag, name, value[:1]) == (tag, name, "#")
+    assert re.findall(r"url\((?!#)", of_life.text) == []
+    assert re.findall(r"https?:|@import|<script|<link|<iframe", of_life.text) == []
+
+
+def test_page_is_well_formed_and_its_names_are_unique(window, of_life):
+    for page in (window, of_life):
+        assert page.open == []
+        names = [value for _, name, value in page.attributes if name == "id"]
+        assert len(names) == len(set(names))
+        used = re.findall(r"url\(#([^)]+)\)", page.text)
+        used += [value[1:] for _, name, value in page.attributes if name == "href"]
+        for _, name, value in page.attributes:
+            used += value.split() if name == "aria-labelledby" else []
+        assert set(used) <= set(names)
+
+
+def test_page_can_be_read_by_those_who_do_not_see_it(of_life):
+    roles = [value for tag, name, value in of_life.attributes if (tag, name) == ("svg", "role")]
+    assert roles == ["img"] * 2
+    assert len(of_life.said["title"]) == 1 + len(roles)
+    assert all(len(words) > 50 for words in of_life.said["desc"])
+    scopes = [value for tag, name, value in of_life.attributes if (tag, name) == ("th", "scope")]
+    assert len(scopes) == len(of_life.said["th"])
+    assert ("html", "lang", "en") in of_life.attributes
+    assert len(of_life.said["h1"]) == 1
+    # A level is a word and a shape, not a colour alone.
+    assert "▲ WARN" in of_life.said["h2"][0]
+
+
+def test_page_says_where_it_comes_from(window, of_life):
+    [[path, role, size, digest]] = window.table("Files")
+    content = SAMPLE.read_bytes()
+    assert (path, role) == (str(SAMPLE), "bag, 1 window used")
+    assert (size, digest) == (f"{len(content):,}", hashlib.sha256(content).hexdigest())
+    assert len(of_life.table("Files")) == TESTS
+    [command] = window.said["pre"]
+    assert f" report {SAMPLE} -o " in command
+    assert f"ema{__version__}" in "".join(window.said["dl"])
+    assert "G_prop" in [row[0] for row in window.table("Nominal parameters")]
+
+
+def test_page_of_sixty_tests_is_below_a_megabyte(window, of_life):
+    row = (of_life.size - window.size) / (TESTS - 1)
+    assert window.size + 60 * row < 1e6
+
+
+@pytest.mark.slow
+def test_damaged_bag_is_named_in_the_report_of_the_others(ema, life, tmp_path):
+    junk, cut = tmp_path / "junk.mcap", tmp_path / "cut.mcap"
+    junk.write_bytes(b"no bag at all")
+    first = sorted(life.iterdir())[0]
+    content = first.read_bytes()
+    cut.write_bytes(content[: len(content) * 6 // 10])
+    rest = sorted(life.iterdir())[1:]
+    assert ema("report", junk, cut, *rest, "-o", tmp_path / "r.html").exit_code == 0
+    page = Page(tmp_path / "r.html")
+    remarks = [line for line in page.said["li"] if "mcap" in line]
+    assert any(str(junk) in line and "not an MCAP file" in line for line in remarks)
+    assert any(str(cut) in line and "breaks off" in line for line in remarks)
+
+
+def test_report_without_a_valid_estimate_says_so(ema, record, faulty_blocks, tmp_path):
+    # The telemetry ends within its window.
+    bag = record(faulty_blocks[: len(faulty_blocks) * 6 // 10])
+    page = tmp_path / "r.html"
+    assert ema("report", bag, "-o", page).exit_code == 3
+    said = Page(page).said
+    assert said["ol"][0].strip().startswith("Unknown: none of 1 test has a valid estimate.")
+    assert any("Repeat the test" in line and "ends" in line for line in said["li"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "parts"),
+    [
+        (("-o", "r.txt"), 1, ("r.txt", ".html")),
+        (("-o", "nowhere/r.html"), 1, ("r.html", "no folder nowhere")),
+        (("nowhere.mcap",), 1, ("nowhere.mcap", "no such recording")),
+        (("--calibration", "missing.yaml"), 1, ("missing.yaml",)),
+        (("--limit", "frictoin=0.4"), 1, ("--limit", "did you mean 'friction'")),
+    ],
+)
+def test_report_refuses_by_name(ema, tmp_path, monkeypatch, arguments, code, parts):
+    monkeypatch.chdir(tmp_path)
+    result = ema("report", SAMPLE, *arguments)
+    assert result.exit_code == code
+    for part in parts:
+        assert part in result.stderr.strip().splitlines()[-1]
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_existing_report_is_replaced_only_by_force(ema, tmp_path):
+    path = tmp_path / "r.html"
+    path.write_text("keep me")
+    refused = ema("report", SAMPLE, "-o", path)
+    assert (refused.exit_code, "--force" in refused.stderr) == (1, True)
+    assert path.read_text() == "keep me"
+    assert ema("report", SAMPLE, "-o", path, "--force").exit_code == 0
+    assert path.read_text().startswith("<!DOCTYPE html>")
+
+
+@pytest.mark.slow
+def test_report_of_any_motion_draws_the_last_stretch(ema, tmp_path):
+    bag, page = tmp_path / "motion.mcap", tmp_path / "r.html"
+    motion = ("--command", "moves", "--command-set", "amplitude=0.008,rate=0.3")
+    assert ema("simulate", *motion, "--fault", "friction=0.2", "-o", bag).exit_code == 0
+    result = ema("report", "--any-motion", "--wanted-sigma", "0.05", bag, "-o", page)
+    assert result.exit_code == 0, result.stderr
+    told = Page(page)
+    assert any(words.startswith("Last stretch of the estimate") for words in told.said["desc"])
+    assert len(told.table("Tests")) >= 1

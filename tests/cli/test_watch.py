@@ -1,0 +1,252 @@
+"""`ema watch`: what monitors publish, the worst first, as a table or a line for each change."""
+
+import io
+import math
+import os
+import pty
+import re
+import signal
+from collections.abc import Callable, Iterator
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rich.console import Console
+
+from ema_cli.fleet import SILENT_S, Fleet
+from ema_cli.show.fleet_table import FleetTable, age_in_words
+from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_interfaces.msg import FaultEstimate, FaultHealth, Health, HiddenCause, RemainingUsefulLife
+from ema_ros.stamps import stamp_to_message
+from ema_ros.topics import FAULT_ESTIMATE, HEALTH, MONITOR_TOPICS, NAMESPACE
+
+from ..ros.spinning import ros_context, spinning
+from ..waiting import DEADLINE_S, started, wait_for
+
+TEST_NS = 1_700_000_000_000_000_000
+NAMES = {OK: "healthy", WARN: "wearing", ERROR: "failed"}
+
+
+def health_of(actuator_id: str, level: int, life: tuple[float, float, float] | None) -> Health:
+    """Health at 100 flight hours; ``life`` are the quantiles of the remaining life [h]."""
+    low, median, high = life or (math.nan,) * 3
+    rul = RemainingUsefulLife(known=life is not None, hours_05=low, hours_50=median, hours_95=high)
+    friction = FaultHealth(
+        name="friction", level=level, value=0.31, sigma=0.002, limit=0.5, unit="1", rul=rul
+    )
+    message = Health(
+        actuator_id=actuator_id,
+        serial_number=f"{actuator_id}-1",
+        level=level,
+        health_index=0.38,
+        dominant_fault="friction" if level != OK else "",
+        faults=[friction],
+        rul=rul,
+        flight_hours=100.0,
+        cause="friction 0.31 (fails above 0.5)" if level == WARN else "",
+    )
+    message.header.stamp = stamp_to_message(TEST_NS)
+    return message
+
+
+def refused(actuator_id: str, stamp_ns: int) -> FaultEstimate:
+    message = FaultEstimate(actuator_id=actuator_id, valid=False, reason="no excitation")
+    message.header.stamp = stamp_to_message(stamp_ns)
+    return message
+
+
+def fleet_of(*healths: Health) -> Fleet:
+    """Fleet whose monitors reported at second 0."""
+    fleet = Fleet()
+    for one in healths:
+        fleet.add_health("/ema", one, 0.0)
+        fleet.add_status(f"monitor: {one.actuator_id} health", one.serial_number, 0.0)
+    return fleet
+
+
+def test_worst_actuator_comes_first_and_of_equals_the_one_with_less_life():
+    fleet = fleet_of(
+        health_of("a", OK, None),
+        health_of("b", WARN, (50.0, 80.0, 100.0)),
+        health_of("c", WARN, (20.0, 80.0, 100.0)),
+        health_of("d", STALE, None),
+        health_of("e", ERROR, None),
+    )
+    assert [row.actuator_id for row in fleet.rows(1.0, TEST_NS)] == ["e", "d", "c", "b", "a"]
+
+
+def test_row_says_value_life_and_removal():
+    [row] = fleet_of(health_of("a", WARN, (20.0, 80.0, 100.0))).rows(1.0, TEST_NS + 3 * 10**9)
+    assert row.dominant == "friction 0.31 ± 0.002 (≤ 0.5)"
+    assert row.life == (20.0, 80.0, 100.0)
+    assert row.remove_before == "120 h"
+    assert row.test_age_s == pytest.approx(3.0)
+    assert row.why == "friction 0.31 (fails above 0.5)"
+    [failed] = fleet_of(health_of("a", ERROR, (0.0, 0.0, 0.0))).rows(1.0, TEST_NS)
+    assert failed.remove_before == "now"
+
+
+def test_actuator_is_stale_when_its_monitor_is_silent_and_no_longer_when_it_reports():
+    fleet = fleet_of(health_of("a", ERROR, None), health_of("b", WARN, None))
+    fleet.add_status("monitor: b health", "b-1", 2.0)
+    silent, heard = fleet.rows(SILENT_S + 1.0, TEST_NS)
+    assert (silent.level, silent.last_level, heard.level) == (STALE, ERROR, WARN)
+    assert silent.why.startswith("its monitor is silent, the level was ERROR")
+    # That of another unit, or task, is none of it.
+    fleet.add_status("monitor: a health", "another", SILENT_S + 2.0)
+    fleet.add_status("monitor: a telemetry", "a-1", SILENT_S + 2.0)
+    assert fleet.rows(SILENT_S + 2.0, TEST_NS)[0].level == STALE
+    fleet.add_status("monitor: a health", "a-1", SILENT_S + 2.0)
+    assert fleet.rows(SILENT_S + 2.0, TEST_NS)[0].level == ERROR
+
+
+def test_refused_test_is_told_until_the_next_valid_one():
+    fleet = fleet_of(health_of("a", WARN, None))
+    [before] = fleet.rows(1.0, TEST_NS)
+    later_ns = TEST_NS + 10**10
+    fleet.add_estimate("/ema", refused("a", later_ns), 2.0)
+    [row] = fleet.rows(3.0, later_ns + 10**9)
+    assert row.why == "friction 0.31 (fails above 0.5); last test refused: no excitation"
+    assert (row.test_ns, row.test_age_s) == (later_ns, pytest.approx(1.0))
+    assert row.content != before.content
+    valid = FaultEstimate(actuator_id="a", valid=True)
+    valid.hidden_causes = [HiddenCause(name="load_torque", value=0.3, sigma=0.01, unit="N.m")]
+    fleet.add_estimate("/ema", valid, 4.0)
+    [row] = fleet.rows(4.0, later_ns)
+    assert row.why.endswith("; hidden cause: load torque +0.3 ± 0.01 N.m")
+
+
+def test_passing_of_time_is_no_change():
+    fleet = fleet_of(health_of("a", WARN, (20.0, 80.0, 100.0)))
+    [one], [other] = fleet.rows(1.0, TEST_NS), fleet.rows(2.0, TEST_NS + 10**9)
+    assert one.content == other.content
+    assert one.test_age_s != other.test_age_s
+
+
+def test_age_of_a_stamp_of_another_clock_is_that_of_its_reception():
+    [row] = fleet_of(health_of("a", OK, None)).rows(2.5, 0)
+    assert row.test_age_s == 2.5
+
+
+def test_ages_are_in_units_that_suit_them():
+    ages = [age_in_words(seconds) for seconds in (0.4, 119.0, 7199.0, 7200.0, 864000.0, math.nan)]
+    assert ages == ["0 s", "119 s", "120 min", "2 h", "10 d", "-"]
+
+
+def shown(width: int) -> str:
+    """Return what a terminal of so many columns shows of two actuators."""
+    screen = io.StringIO()
+    console = Console(file=screen, force_terminal=True, width=width, height=30, color_system=None)
+    healths = health_of("left", WARN, (20.0, 80.0, 100.0)), health_of("right", OK, None)
+    with FleetTable("on /ema in domain 3", console) as table:
+        table.show(fleet_of(*healths).rows(1.0, TEST_NS), "")
+    return re.sub(r"\x1b\[[?0-9]*[A-Za-z]", "", screen.getvalue())
+
+
+@pytest.mark.parametrize("width", [140, 110, 90, 80, 70])
+def test_table_fits_the_terminal_and_says_why(width):
+    screen = shown(width)
+    assert max(map(len, screen.splitlines())) <= width
+    said = " ".join(screen.split())
+    for words in ("2 actuators on /ema in domain 3", "▲ WARN", "● OK", "120 h", "friction 0.31 ±"):
+        assert words in said
+    assert ("80 (20 to 100)" in said) == (width > 70)
+    assert "0.38" in said or width < 100
+    assert "(fails above 0.5)" in said
+
+
+@pytest.fixture
+def publish() -> Iterator[Callable[[Health | FaultEstimate], None]]:
+    """Publish as a monitor whose actuators report on /diagnostics."""
+    statuses: dict[str, DiagnosticStatus] = {}
+    with ros_context() as context:
+        node = Node("monitor", namespace=NAMESPACE, context=context)
+        kind, qos = MONITOR_TOPICS[HEALTH]
+        # As the monitor: one publisher for each actuator, so that each is latched.
+        healths = {name: node.create_publisher(kind, HEALTH, qos) for name in ("left", "right")}
+        estimates = node.create_publisher(FaultEstimate, FAULT_ESTIMATE, 10)
+        status = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        node.create_timer(0.2, lambda: status.publish(DiagnosticArray(status=[*statuses.values()])))
+
+        def send(message: Health | FaultEstimate) -> None:
+            name = message.actuator_id
+            statuses[name] = DiagnosticStatus(
+                level=bytes([OK]), name=f"monitor: {name} health", hardware_id=f"{name}-1"
+            )
+            (healths[name] if isinstance(message, Health) else estimates).publish(message)
+
+        try:
+            with spinning(SingleThreadedExecutor(context=context), node):
+                yield send
+        finally:
+            node.destroy_node()
+
+
+@pytest.mark.slow
+def test_piped_watch_writes_a_line_for_each_change_and_ends_well(publish, tmp_path):
+    log = tmp_path / "log"
+    publish(health_of("left", OK, None))
+    with log.open("w") as file, started(["ema", "watch"], stdout=file) as process:
+        wait_for(lambda: "● OK  /ema/left (left-1)" in log.read_text(), "the first actuator")
+        publish(health_of("right", WARN, (20.0, 80.0, 100.0)))
+        wait_for(lambda: "/ema/right" in log.read_text(), "the second one")
+        publish(refused("right", TEST_NS + 10**9))
+        wait_for(lambda: "last test refused: no excitation" in log.read_text(), "the refusal")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=DEADLINE_S) == 0
+    lines = log.read_text().splitlines()
+    assert len(lines) == 3
+    for words in (
+        "▲ WARN  /ema/right (right-1)",
+        "friction 0.31 ± 0.002 (≤ 0.5)",
+        "RUL 80 (20 to 100) h",
+        "remove before 120 h",
+        "friction 0.31 (fails above 0.5)",
+    ):
+        assert words in lines[1]
+
+
+@pytest.mark.slow
+def test_watch_on_a_terminal_shows_a_table_and_ends_well_on_ctrl_c(publish):
+    publish(health_of("left", OK, None))
+    publish(health_of("right", WARN, (20.0, 80.0, 100.0)))
+    ours, theirs = pty.openpty()
+    environment = os.environ | {"COLUMNS": "120", "LINES": "30", "TERM": "xterm"}
+    seen = b""
+    with started(
+        ["ema", "watch"], stdin=theirs, stdout=theirs, env=environment, start_new_session=True
+    ) as process:
+        os.close(theirs)
+        # Until the worst stands before the other.
+        while not re.search(rb"(?s)2 actuators on /ema.*WARN.*left", seen):
+            seen += os.read(ours, 65536)
+        process.send_signal(signal.SIGINT)
+        try:
+            while os.read(ours, 65536):
+                pass
+        except OSError:  # a terminal that its last process has left
+            pass
+        assert process.wait(timeout=DEADLINE_S) == 0
+    os.close(ours)
+
+
+@pytest.mark.slow
+def test_watch_says_where_nothing_is_heard_and_where_something_is(publish, tmp_path):
+    publish(health_of("left", OK, None))
+    log = tmp_path / "log"
+    command = ["ema", "watch", "--namespace", "wing/left"]
+    with log.open("w") as file, started(command, stderr=file, stdout=file) as process:
+        wait_for(lambda: "with --namespace" in log.read_text(), "that nothing is heard")
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=DEADLINE_S) == 0
+    domain = os.environ["ROS_DOMAIN_ID"]
+    assert log.read_text().startswith(
+        f"no health is heard on /wing/left in domain {domain}, but on /ema: choose it with"
+    )
+
+
+def test_watch_of_an_impossible_namespace_is_refused(ema):
+    result = ema("watch", "--namespace", "left wing")
+    assert result.exit_code == 1
+    assert "--namespace 'left wing'" in result.stderr
