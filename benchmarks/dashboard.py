@@ -4,8 +4,8 @@
 
 Runs the demo's actuator with its monitor and the dashboard as processes. In turn there is no
 client, one that reads, one that does not read, one that sends garbage and floods, and one that asks
-for the page as fast as it can. Prints the time from the end of a window to the reception of its `health`,
-and what it is beyond that without clients. Fails when a median is more than 10 ms beyond.
+for the page as fast as it can. Prints the time from the end of a window to the reception of its
+`health`, and what it is beyond that without clients. Fails when a median is more than 10 ms beyond.
 """
 
 import asyncio
@@ -121,32 +121,58 @@ async def _client(kind: str, url: str) -> None:
                 await CLIENTS[kind](session, url)
 
 
-def measure(graph: Graph, rounds: int, tests: int) -> dict[str, list[float]]:
-    """Return the delays with each kind of client and without one [s]."""
+def _cores(before: tuple[float, float], process: int) -> float:
+    """Return the share of a core that a process has used since then."""
+    now_s, used_s = _used(process)
+    return (used_s - before[1]) / (now_s - before[0])
+
+
+def _used(process: int) -> tuple[float, float]:
+    """Return the time and the processor time of a process [s]."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return time.monotonic(), (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def measure(
+    graph: Graph, rounds: int, tests: int, dashboard: int
+) -> tuple[dict[str, list[float]], dict[str, float]]:
+    """Return the delays with each kind of client and without one [s], and the cores it takes."""
     graph.delays_s(2)  # kernels are loaded
     delays_s: dict[str, list[float]] = {kind: [] for kind in ("is not there", *CLIENTS)}
+    cores: dict[str, list[float]] = {kind: [] for kind in delays_s}
     for _ in range(rounds):
         for kind, found in delays_s.items():
             command = [sys.executable, __file__, "--client", kind, graph.status["address"]]
             process = subprocess.Popen(command) if kind in CLIENTS else None
             try:
+                before = _used(dashboard)
                 found += graph.delays_s(tests)
+                cores[kind].append(_cores(before, dashboard))
             finally:
                 if process is not None:
                     process.kill()
                     process.wait()
-    return delays_s
+    return delays_s, {kind: float(np.mean(values)) for kind, values in cores.items()}
 
 
-def _report(delays_s: dict[str, list[float]], status: dict[str, str]) -> dict[str, float]:
+def _report(
+    delays_s: dict[str, list[float]], cores: dict[str, float], status: dict[str, str]
+) -> dict[str, float]:
     """Print the table; return the medians beyond that without a client [s]."""
     base_s = float(np.median(delays_s["is not there"]))
-    table = Table("a client that", "median [ms]", "95 % [ms]", "beyond [ms]", "target")
+    table = Table(
+        "a client that", "median [ms]", "95 % [ms]", "beyond [ms]", "target", "dashboard [cores]"
+    )
     beyond_s = {}
     for kind, values in delays_s.items():
         beyond_s[kind] = float(np.median(values)) - base_s
         figures = (np.median(values), np.quantile(values, 0.95), beyond_s[kind])
-        table.add_row(kind, *(f"{1e3 * value:.1f}" for value in figures), f"<= {1e3 * MOST_S:g}")
+        table.add_row(
+            kind,
+            *(f"{1e3 * value:.1f}" for value in figures),
+            f"<= {1e3 * MOST_S:g}",
+            f"{cores[kind]:.2f}",
+        )
     table.title = f"from window to health, of {len(delays_s['reads'])} each"
     Console(width=100).print(table)
     print(f"dropped for slow clients: {status['dropped messages']} messages")
@@ -155,13 +181,14 @@ def _report(delays_s: dict[str, list[float]], status: dict[str, str]) -> dict[st
 
 
 @click.command()
-@click.option("--rounds", default=3, show_default=True, type=click.IntRange(1))
-@click.option("--tests", default=10, show_default=True, type=click.IntRange(2))
+@click.option("--rounds", default=10, show_default=True, type=click.IntRange(1))
+@click.option("--tests", default=3, show_default=True, type=click.IntRange(1))
 @click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--client", nargs=2, hidden=True)
 def main(rounds: int, tests: int, output: Path | None, client: tuple[str, str] | None) -> None:
     """Print the table, write the JSON file and fail when the target is missed."""
     if client:
+        os.nice(19)  # clients are elsewhere: what they compute themselves is no matter here
         asyncio.run(_client(*client))
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["ROS_DOMAIN_ID"] = str(Domain().number)
@@ -176,7 +203,7 @@ def main(rounds: int, tests: int, output: Path | None, client: tuple[str, str] |
     ]
     try:
         graph.wait(lambda: bool(graph.status), "the status of the dashboard")
-        delays_s = measure(graph, rounds, tests)
+        delays_s, cores = measure(graph, rounds, tests, processes[1].pid)
         graph.status = {}
         graph.wait(lambda: bool(graph.status), "the status of the dashboard")
     finally:
@@ -184,9 +211,9 @@ def main(rounds: int, tests: int, output: Path | None, client: tuple[str, str] |
             process.terminate()
         for process in processes:
             process.wait()
-    beyond_s = _report(delays_s, graph.status)
+    beyond_s = _report(delays_s, cores, graph.status)
     if output:
-        figures = {"target_s": MOST_S, "beyond_s": beyond_s, "delays_s": delays_s}
+        figures = {"target_s": MOST_S, "beyond_s": beyond_s, "delays_s": delays_s, "cores": cores}
         output.write_text(json.dumps(figures, indent=2))
     if max(beyond_s.values()) > MOST_S:
         sys.exit(1)
