@@ -4,6 +4,7 @@ import threading
 import time
 from typing import Any, Final
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import qos_profile_sensor_data
 
 from ema_cli.bags.diagnoses import Diagnosis, DiagnosisLog
@@ -22,10 +23,12 @@ from ema_ros.topics import (
 
 _MARGIN_NS: Final = 100_000_000
 _TELEMETRY: Final = f"{NAMESPACE}/{TELEMETRY}"
+_STATUS: Final = "/diagnostics"
 _TOPICS: Final = {
     f"{NAMESPACE}/{SIMULATED_FAULTS}": ACTUATOR_TOPICS[SIMULATED_FAULTS],
     **{f"{NAMESPACE}/{name}": MONITOR_TOPICS[name] for name in (FAULT_ESTIMATE, HEALTH)},
     _TELEMETRY: (ACTUATOR_TOPICS[TELEMETRY][0], qos_profile_sensor_data),
+    _STATUS: (DiagnosticArray, 10),
 }
 
 
@@ -36,12 +39,18 @@ class Observer:
     ----------
     name
         Name of its node, in a namespace of its own.
+
+    Attributes
+    ----------
+    dashboard_address
+        Where the dashboard serves; empty as long as none has told.
     """
 
     def __init__(self, name: str) -> None:
         self._listener = Listener(name, _TOPICS, self._take)
         self._history = DiagnosisLog()
         self._telemetry_ns = 0
+        self.dashboard_address = ""
         self._lock = threading.Lock()
 
     def __enter__(self) -> "Observer":
@@ -84,7 +93,15 @@ class Observer:
 
     def _take(self, topic: str, message: Any) -> None:
         with self._lock:
-            if topic == _TELEMETRY:
+            if topic == _STATUS:
+                self._take_status(message)
+            elif topic == _TELEMETRY:
                 self._telemetry_ns = stamp_from_message(message.header.stamp)
             else:
                 self._history.add(type_name(type(message)), message, time.time_ns())
+
+    def _take_status(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == "dashboard: dashboard":
+                values = {item.key: item.value for item in status.values}
+                self.dashboard_address = values["address"]
