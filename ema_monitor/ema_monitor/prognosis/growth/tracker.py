@@ -11,6 +11,7 @@ many-peaked distribution of the rates nor several laws.
 
 import math
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -114,6 +115,14 @@ class Tracker:
         self._phase = float(FAULTS[ECCENTRICITY_PHASE].healthy)
         self.updates = 0
         self.hours = math.nan
+
+    def frozen(self) -> "Tracker":
+        """Return a copy for predictions that later tests do not change."""
+        twin = copy(self)
+        twin._bank = self._bank.frozen()
+        twin._tests, twin._growing = self._tests.copy(), self._growing.copy()
+        twin._first_hours = self._first_hours.copy()
+        return twin
 
     def update(self, measurement: Measurement) -> list[Event]:
         """Update by a test.
