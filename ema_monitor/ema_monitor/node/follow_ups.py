@@ -12,14 +12,16 @@ from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.window_fit import window_fit
-from ema_monitor.node.messages import forecast_to_message, window_fit_to_message
+from ema_monitor.node.messages import advice_to_message, forecast_to_message, window_fit_to_message
+from ema_monitor.prognosis.advice import advise
+from ema_monitor.prognosis.advisory import Costs
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
 from ema_ros import topics
 
 _JOIN_S: Final = 5.0
-_TOPICS: Final = (topics.HEALTH_FORECAST, topics.WINDOW_FIT)
+_TOPICS: Final = (topics.HEALTH_FORECAST, topics.WINDOW_FIT, topics.ADVICE)
 
 Job = Callable[[], None]
 
@@ -35,6 +37,8 @@ class FollowUps:
         Gives the calibration of an actuator, or why there is none.
     write_assessment
         Keeps in the history of a unit what was found after its latest test.
+    costs
+        Gives the costs that an advice rests on.
     log_error
         Called with the traceback of a failure.
     """
@@ -44,11 +48,13 @@ class FollowUps:
         add_publisher: Callable[[str], LifecyclePublisher],
         calibration_of: Callable[[ActuatorDescription], Calibration | str],
         write_assessment: Callable[[ActuatorDescription], None],
+        costs: Callable[[], Costs],
         log_error: Callable[[str], object],
     ) -> None:
         self._add_publisher = add_publisher
         self._calibration_of = calibration_of
         self._write_assessment = write_assessment
+        self._costs = costs
         self._log_error = log_error
         self._publishers: dict[tuple[str, str], LifecyclePublisher] = {}
         self._queue: SimpleQueue[Job | None] = SimpleQueue()
@@ -86,6 +92,7 @@ class FollowUps:
     def follow_health(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
         """Publish what follows from a health that has been published."""
         self._add(lambda: self._publish_forecast(description, forecaster))
+        self._add(lambda: self._publish_advice(description, forecaster))
         self._add(lambda: self._write_assessment(description))
 
     def follow_estimate(self, segment: Segment, estimate: Estimate) -> None:
@@ -98,6 +105,11 @@ class FollowUps:
     def _publish_forecast(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
         message = forecast_to_message(forecaster, description)
         self._publish(topics.HEALTH_FORECAST, message)
+
+    def _publish_advice(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
+        costs, outlook = self._costs(), forecaster.outlook
+        message = advice_to_message(advise(forecaster, costs), outlook, costs.unit, description)
+        self._publish(topics.ADVICE, message)
 
     def _publish_fit(
         self, segment: Segment, window: Window, estimate: Estimate, calibration: Calibration

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.levels import STALE
+from ema_interfaces.msg import Advice as AdviceMessage
 from ema_interfaces.msg import (
     FaultEstimate,
     FaultForecast,
@@ -26,6 +27,7 @@ from ema_interfaces.msg import WindowFit as WindowFitMessage
 from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.window_fit import WindowFit
+from ema_monitor.prognosis.advice import Advice
 from ema_monitor.prognosis.forecaster import LEVELS, Forecaster
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
@@ -40,6 +42,12 @@ _VERDICTS = {
     "valid": FaultEstimate.VALID,
     "degraded": FaultEstimate.DEGRADED,
     "refused": FaultEstimate.REFUSED,
+}
+_ACTIONS = {
+    "unknown": AdviceMessage.UNKNOWN,
+    "continue": AdviceMessage.CONTINUE,
+    "inspect": AdviceMessage.INSPECT,
+    "remove": AdviceMessage.REMOVE,
 }
 
 
@@ -193,6 +201,32 @@ def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription
             )
             for name, values in fan.values.items()
         ]
+    return message
+
+
+def advice_to_message(
+    advice: Advice, outlook: Outlook, cost_unit: str, description: ActuatorDescription
+) -> AdviceMessage:
+    """Return an advice as a message; ``outlook`` is what it rests on.
+
+    Raises
+    ------
+    ValueError
+        When the stamp is out of range.
+    """
+    message = AdviceMessage(
+        actuator_id=description.actuator_id,
+        serial_number=description.serial_number,
+        action=_ACTIONS[advice.action],
+        flight_hours=float(advice.hours),
+        from_now=float(advice.from_now),
+        probability_of_failure=float(advice.probability),
+        expected_cost=float(advice.rate),
+        cost_of_immediate_removal=float(advice.rate_at_once),
+        cost_unit=cost_unit,
+        reason=advice.reason,
+    )
+    message.header.stamp = stamp_to_message(outlook.stamp_ns)
     return message
 
 

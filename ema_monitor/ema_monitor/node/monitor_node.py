@@ -21,6 +21,7 @@ from ema_monitor.node.prognosis import MonitorPrognosis
 from ema_monitor.node.settings import Files, Operation, folder_of
 from ema_monitor.node.units import Units
 from ema_monitor.node.worker import IdentificationWorker
+from ema_monitor.prognosis.advisory import Costs
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import TriggerSettings
@@ -46,6 +47,7 @@ class MonitorNode(ManagedNode):
         super().__init__("monitor", **kwargs)
         self._search = LiveSettings(self, SearchSettings)
         self._combining = LiveSettings(self, CombinationSettings)
+        self._costs = LiveSettings(self, Costs, "costs.")
         self._operation = LiveSettings(self, Operation)
         self._trigger = LiveSettings(
             self, TriggerSettings, on_change=lambda new: self._units.restart(new)
@@ -75,6 +77,7 @@ class MonitorNode(ManagedNode):
             self._add_latched_publisher,
             self._calibration_of,
             self._prognosis.write_assessment,
+            lambda: self._costs.value,
             lambda text: self.get_logger().error(text),
         )
         self._is_active = False

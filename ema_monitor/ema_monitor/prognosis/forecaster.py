@@ -31,12 +31,18 @@ class Forecaster:
         Where the life of each fault ends.
     observed_hours
         Hours over which the unit has been observed [h].
+    horizon_hours
+        Longest life that is looked ahead [h].
+    missing_share
+        Probability that a test gives no valid estimate [-].
     """
 
     outlook: Outlook
     tracker: Tracker | None
     limits: HealthLimits
     observed_hours: float
+    horizon_hours: float
+    missing_share: float
 
     def fan(self) -> Fan | None:
         """Return quantiles of the faults to come; None when the service hours are unknown."""

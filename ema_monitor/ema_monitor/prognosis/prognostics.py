@@ -179,7 +179,23 @@ class Prognostics:
             is_known = bool(self.growth.tracker.updates) and not self.growth.service.unknown
             tracker = self.growth.tracker.frozen() if is_known else None
             observed = outlook.hours - self.growth.service.used[0].hours if is_known else 0.0
-            return Forecaster(outlook, tracker, self._settings.limits, observed)
+            settings = self._settings.tracker
+            horizon = min(settings.horizon_hours, settings.horizon_factor * observed)
+            return Forecaster(
+                outlook,
+                tracker,
+                self._settings.limits,
+                observed,
+                horizon / outlook.duty,
+                self._missing_share(),
+            )
+
+    def _missing_share(self) -> float:
+        """Return the probability that a test gives no valid estimate, by Laplace's rule [-]."""
+        entries = self.history.entries
+        cycles = entries[-1].cycles - entries[0].cycles + 1
+        missing = max(cycles - len(entries), 0)
+        return (missing + 1) / (missing + len(entries) + 2)
 
     def _apply(self, settings: PrognosisSettings) -> None:
         """Use settings from now on; a tracker that assumes other things begins anew."""

@@ -261,7 +261,8 @@ class Tracker:
         """
         _check_duty(duty)
         rng = self._rng()
-        hours = lives(draw(self._bank, self._settings.samples, rng), rng) / duty
+        sample = draw(self._bank, self._settings.samples, rng)
+        hours = lives(sample, rng) / duty
         mean, variance = self._bank.moments()
         limits = [self._limits.of(name) for name in COMPONENTS]
         is_shown = self._tests > 0
@@ -271,7 +272,7 @@ class Tracker:
             "" if is_over[number] else self._reason_unknown(number, own * duty)
             for number, own in enumerate(hours)
         ]
-        return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty)
+        return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty, sample.x)
 
     def _reason_unknown(self, number: int, past_hours: NDArray[np.float64]) -> str:
         """Return why no life of a component can be given; empty when one can."""
