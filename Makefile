@@ -64,6 +64,7 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python startup.py --json startup.json
 	$(activate) && cd benchmarks && python memory.py --json memory.json
 	tools/peers.sh python benchmarks/prognosis.py --json benchmarks/prognosis.json
+	$(activate) && cd benchmarks && python advisory.py --json advisory.json
 	$(activate) && cd benchmarks && python plots.py
 	$(activate) && cd benchmarks && python prognosis_plots.py
 	$(activate) && cd benchmarks && python summary.py

@@ -36,7 +36,7 @@ OTHER_LAWS: Final[Mapping[str, TypicalGrowth]] = {
 }
 """Growth by laws that are not those of the type, in lives of about the same length."""
 
-_GROWING, _CONSTANT, _REAL, _REPAIRED, _OTHERWISE = range(5)
+_GROWING, _CONSTANT, _REAL, _REPAIRED, _OTHERWISE, _ADVISED, _ADVISED_OTHERS = range(7)
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,16 @@ def repaired(count: int) -> list[ScoredLife]:
 def growing_otherwise(count: int) -> list[ScoredLife]:
     """Return lives to failure by laws that are not those of the type."""
     return [ScoredLife(number, _OTHERWISE) for number in range(count)]
+
+
+def advised(count: int) -> list[ScoredLife]:
+    """Return lives to failure on which the advice is judged."""
+    return [ScoredLife(number, _ADVISED) for number in range(count)]
+
+
+def advised_others(count: int) -> list[ScoredLife]:
+    """Return lives to failure of the same population, which fixed intervals are fitted to."""
+    return [ScoredLife(number, _ADVISED_OTHERS) for number in range(count)]
 
 
 def estimate_of(

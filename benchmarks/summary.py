@@ -10,6 +10,7 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
+import advisory
 import design
 import memory
 import ordinary_motion
@@ -104,6 +105,7 @@ def main() -> None:
         "startup": startup.rows,
         "memory": memory.rows,
         "prognosis": prognosis_tables.rows,
+        "advisory": advisory.rows,
     }
     rows: list[Row] = []
     for name, rows_of in parts.items():

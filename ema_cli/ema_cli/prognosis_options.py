@@ -10,6 +10,7 @@ from ema_cli.errors import Assignments, merged
 from ema_cli.gathered_options import gathered
 from ema_core.wording import as_identifier, unknown_name
 from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.advisory import Costs
 from ema_monitor.prognosis.growth.known_laws import FORM as FORM_OF_LAW
 from ema_monitor.prognosis.growth.known_laws import known_law
 from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
@@ -85,6 +86,15 @@ _OPTIONS = (
         callback=_finite,
         help="Service hour at which the prognosis is made: later tests are left out.",
     ),
+    click.option(
+        "--cost",
+        "costs",
+        type=Assignments(as_identifier),
+        multiple=True,
+        help="What an advice rests on, e.g. removal=2000,failure=50000,lead_time=20; "
+        "as the monitor's parameters costs.NAME. Without costs no advice is given.",
+    ),
+    click.option("--cost-unit", default="", help="Unit of the costs, in words."),
 )
 
 
@@ -94,6 +104,8 @@ class PrognosisOptions:
 
     Attributes
     ----------
+    costs
+        What an advice rests on; None when none are given.
     end_hours
         Service hour at which a fault truly reached its limit, if that is after the bags [h].
     at_hours
@@ -101,6 +113,7 @@ class PrognosisOptions:
     """
 
     settings: PrognosisSettings
+    costs: Costs | None
     end_hours: float | None
     at_hours: float | None
 
@@ -113,9 +126,28 @@ def _build(
     hours_per_cycle: float,
     end_hours: float | None,
     at_hours: float | None,
+    costs: tuple[list[tuple[str, float]], ...],
+    cost_unit: str,
 ) -> PrognosisOptions:
     settings = _settings(merged(limits, "--limit"), laws, Service(duty, hours_per_cycle))
-    return PrognosisOptions(settings, end_hours, at_hours)
+    return PrognosisOptions(
+        settings, _costs(merged(costs, "--cost"), cost_unit), end_hours, at_hours
+    )
+
+
+def _costs(given: dict[str, float], unit: str) -> Costs | None:
+    """Return the costs; None when none are given.
+
+    Raises
+    ------
+    ValueError
+        When one is unknown or out of its range.
+    """
+    known = [item.name for item in fields(Costs) if item.name != "unit"]
+    for name in given:
+        if name not in known:
+            raise ValueError(f"--cost: {unknown_name('cost', name, known)}")
+    return Costs(**given, unit=unit) if given else None
 
 
 def _settings(
@@ -148,7 +180,7 @@ def _settings(
 prognosis_options = gathered(
     "prognosis",
     _build,
-    ("limits", "laws", "duty", "hours_per_cycle", "end_hours", "at_hours"),
+    ("limits", "laws", "duty", "hours_per_cycle", "end_hours", "at_hours", "costs", "cost_unit"),
     _OPTIONS,
 )
 """Gives a command the options as ``prognosis``."""

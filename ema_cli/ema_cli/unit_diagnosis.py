@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import click
@@ -12,8 +13,11 @@ from ema_cli.bags.unit_record import UnitRecord, read_unit, with_calibration_bes
 from ema_cli.commands.estimate import estimate_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_cli.prognosis_options import PrognosisOptions
+from ema_cli.show.advice import advice_in_words
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.advice import Advice, advise
+from ema_monitor.prognosis.advisory import Costs
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,8 @@ class UnitDiagnosis:
         each combination.
     course
         What followed from them, test by test.
+    costs
+        What an advice rests on; None when none are given.
     """
 
     record: UnitRecord
@@ -36,12 +42,26 @@ class UnitDiagnosis:
     calibration: Calibration
     estimates: list[Estimate]
     course: Course
+    costs: Costs | None
 
     @property
     def calibration_in_words(self) -> str:
         """Which calibration was used, and where it comes from."""
         source = self.options.calibration_source
         return f"calibration {self.calibration.calibration_id} ({source})"
+
+    @cached_property
+    def advice(self) -> Advice | None:
+        """What to do after the last test at the least cost; None without costs or a valid test."""
+        if self.costs is None or self.course.forecaster is None:
+            return None
+        return advise(self.course.forecaster, self.costs)
+
+    @property
+    def advice_in_words(self) -> str:
+        """The advice as a sentence; empty when there is none."""
+        advice = self.advice
+        return "" if advice is None or self.costs is None else advice_in_words(advice, self.costs)
 
 
 def diagnose_unit(
@@ -81,4 +101,4 @@ def diagnose_unit(
     for number, estimate in enumerate(estimates):
         if not estimate.valid:
             click.echo(f"window {number}: no valid estimate: {estimate.reason}", err=True)
-    return UnitDiagnosis(record, options, calibration, estimates, course)
+    return UnitDiagnosis(record, options, calibration, estimates, course, prognosis.costs)

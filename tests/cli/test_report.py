@@ -217,6 +217,20 @@ def test_page_of_sixty_tests_is_below_a_megabyte(window, of_life):
 
 
 @pytest.mark.slow
+def test_advice_is_given_with_costs_and_is_that_of_the_prognosis(ema, life, of_life, tmp_path):
+    costs = ("--cost", "removal=2000,failure=50000,lead_time=5", "--cost-unit", "EUR")
+    page = tmp_path / "r.html"
+    assert ema("report", life, *costs, "-o", page).exit_code == 0
+    advice = json.loads(ema("prognose", life, *costs, "--json").stdout)["advice"]
+    [first, *_] = Page(page).said["li"][3:]
+    assert advice["action"] in ("continue", "remove")
+    assert f"{advice['hours']:,.0f} service hours (in {advice['from_now']:,.0f} h)" in first
+    assert f"{advice['rate']:.3g} EUR/h" in first
+    assert advice["reason"] in first
+    assert "EUR" not in of_life.text
+
+
+@pytest.mark.slow
 def test_damaged_bag_is_named_in_the_report_of_the_others(ema, life, tmp_path):
     junk, cut = tmp_path / "junk.mcap", tmp_path / "cut.mcap"
     junk.write_bytes(b"no bag at all")
@@ -249,6 +263,8 @@ def test_report_without_a_valid_estimate_says_so(ema, record, faulty_blocks, tmp
         (("nowhere.mcap",), 1, ("nowhere.mcap", "no such recording")),
         (("--calibration", "missing.yaml"), 1, ("missing.yaml",)),
         (("--limit", "frictoin=0.4"), 1, ("--limit", "did you mean 'friction'")),
+        (("--cost", "removl=1"), 1, ("--cost", "did you mean 'removal'")),
+        (("--cost", "removal=-1"), 1, ("removal", "-1")),
     ],
 )
 def test_report_refuses_by_name(ema, tmp_path, monkeypatch, arguments, code, parts):

@@ -60,7 +60,7 @@ def test_file_that_is_no_history_is_set_aside(path: Path, content: bytes):
 
 def test_other_database_and_later_schema_are_set_aside_as_they_are(path: Path):
     path.parent.mkdir()
-    for number, statement in enumerate(("CREATE TABLE flights (x)", "PRAGMA user_version = 4"), 1):
+    for number, statement in enumerate(("CREATE TABLE flights (x)", "PRAGMA user_version = 5"), 1):
         with closing(sqlite3.connect(path)) as db, db:
             db.execute("CREATE TABLE IF NOT EXISTS x (y)")
             db.execute(statement)

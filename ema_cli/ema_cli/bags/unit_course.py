@@ -13,6 +13,7 @@ from ema_cli.show.progress import progress_bar
 from ema_core.faults import FAULTS, N_FAULTS
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
@@ -47,6 +48,8 @@ class Course:
         Tests in order of time.
     growth
         What is known of growth after the last of them.
+    forecaster
+        What forecasts the faults from there on; None without a valid test.
     """
 
     record: UnitRecord
@@ -54,6 +57,7 @@ class Course:
     parameters: ActuatorParameters
     steps: list[Step]
     growth: GrowthRecord
+    forecaster: Forecaster | None
 
     @property
     def outlooks(self) -> list[Outlook]:
@@ -93,7 +97,9 @@ def follow(
             count = log.latest(key, estimate.end_ns)
             outlook = prognostics.update(estimate, parameters, settings, count)
             steps.append(Step(estimate, outlook))
-    return Course(record, settings, parameters, steps, prognostics.growth)
+    last = next((step.outlook for step in reversed(steps) if step.outlook is not None), None)
+    forecaster = prognostics.forecaster(last) if last is not None else None
+    return Course(record, settings, parameters, steps, prognostics.growth, forecaster)
 
 
 def true_faults(course: Course) -> NDArray[np.float64]:

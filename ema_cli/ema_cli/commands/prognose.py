@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -62,6 +63,9 @@ def prognose(
             )
     if as_json:
         values = as_values(message) | {"tests": course_as_values(course)}
+        if told.advice is not None:
+            advice = asdict(told.advice)
+            values["advice"] = {name: as_values(value) for name, value in advice.items()}
         click.echo(json.dumps(values, indent=2))
     else:
         click.echo(told.calibration_in_words)
@@ -71,6 +75,8 @@ def prognose(
             f"{counted(len(estimates), 'test')}, flight hours {hours}, cycles {message.cycles}"
         )
         click.echo(message.removal)
+        if told.advice_in_words:
+            click.echo(told.advice_in_words)
         Console().print(table_of_growth(message))
         click.echo("\n".join(summary(course, message)))
     if output is not None:

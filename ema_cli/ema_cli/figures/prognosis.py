@@ -24,6 +24,7 @@ from ema_monitor.plot.style import (
     draw_legend,
     stacked_panels,
 )
+from ema_monitor.prognosis.forecaster import hours_ahead
 from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
 from ema_monitor.prognosis.requirements.requirements import BELOW, RequirementLimits
 from ema_monitor.prognosis.sentences import SHOWN_IN, label_of, removal_in_words
@@ -113,9 +114,7 @@ def _last_hour(course: Course, place: NDArray[np.float64]) -> float:
     """Return where the axis ends: behind the likely end of life, if that is not far away."""
     known = place[np.isfinite(place)]
     life = course.outlooks[-1].rul
-    span = max(float(known.max() - known.min()), 1.0)
-    ahead = min(1.1 * life.hours_95, 2.5 * life.hours_50, 2.0 * span) if life.known else 0.0
-    return float(known.max()) + max(ahead, 0.06 * span)
+    return float(known.max()) + hours_ahead(life, float(known.max() - known.min()))
 
 
 def _fan(course: Course, end: float) -> Fan | None:

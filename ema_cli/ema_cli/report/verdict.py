@@ -60,7 +60,8 @@ def verdict_of(told: UnitDiagnosis) -> Verdict:
     last = told.course.outlooks[-1]
     valid = [one for one in told.estimates if one.valid][-1]
     lines = _state(told, last), _wearing(told, last, valid), _lasting(last)
-    actions = [_sentence(removal_in_words(last)), *_after_the_last_test(told)]
+    words = [told.advice_in_words, removal_in_words(last)]
+    actions = [*map(_sentence, filter(None, words)), *_after_the_last_test(told)]
     return Verdict(last.health.level, lines, actions)
 
 

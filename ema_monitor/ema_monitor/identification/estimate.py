@@ -245,10 +245,10 @@ def estimate_of(record: dict[str, Any]) -> Estimate:
         if item.name not in values and item.default is item.default_factory is MISSING:
             raise ValueError(f"{item.name} is missing")
         if item.type is float and item.name in values:
-            values[item.name] = _number(values[item.name])
-    values["faults"] = FaultVector(*(_number(record["faults"][name]) for name in FAULT_NAMES))
+            values[item.name] = read_number(values[item.name])
+    values["faults"] = FaultVector(*(read_number(record["faults"][name]) for name in FAULT_NAMES))
     values["covariance"] = np.array(
-        [[_number(value) for value in row] for row in record["covariance"]]
+        [[read_number(value) for value in row] for row in record["covariance"]]
     )
     if values["covariance"].shape != (N_FAULTS, N_FAULTS):
         raise ValueError(f"covariance has shape {values['covariance'].shape}")
@@ -285,5 +285,6 @@ def plain_number(value: Any) -> Any:
     return value
 
 
-def _number(value: float | str | None) -> float:
+def read_number(value: float | str | None) -> float:
+    """Return the number that ``plain_number`` wrote."""
     return math.nan if value is None else float(value)

@@ -1,6 +1,7 @@
 """Estimates and health as messages."""
 
 import math
+from array import array
 from dataclasses import asdict
 
 import numpy as np
@@ -8,13 +9,29 @@ from numpy.typing import NDArray
 
 from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
 from ema_core.description import ActuatorDescription
-from ema_interfaces.msg import FaultEstimate, HiddenCause, RemainingUsefulLife
+from ema_core.levels import STALE
+from ema_interfaces.msg import Advice as AdviceMessage
+from ema_interfaces.msg import (
+    FaultEstimate,
+    FaultForecast,
+    HealthForecast,
+    HiddenCause,
+    RemainingUsefulLife,
+    UnitHistory,
+    UnitTest,
+)
 from ema_interfaces.msg import FaultHealth as FaultHealthMessage
 from ema_interfaces.msg import Health as HealthMessage
+from ema_interfaces.msg import UnitEvent as UnitEventMessage
+from ema_interfaces.msg import WindowFit as WindowFitMessage
 from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.window_fit import WindowFit
+from ema_monitor.prognosis.advice import Advice
+from ema_monitor.prognosis.forecaster import LEVELS, Forecaster
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.prognostics import KnownTest
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.sentences import cause_of_level, reason_of, removal_in_words
 from ema_monitor.windows.window import MIN_TRAVEL
@@ -25,6 +42,12 @@ _VERDICTS = {
     "valid": FaultEstimate.VALID,
     "degraded": FaultEstimate.DEGRADED,
     "refused": FaultEstimate.REFUSED,
+}
+_ACTIONS = {
+    "unknown": AdviceMessage.UNKNOWN,
+    "continue": AdviceMessage.CONTINUE,
+    "inspect": AdviceMessage.INSPECT,
+    "remove": AdviceMessage.REMOVE,
 }
 
 
@@ -148,4 +171,140 @@ def _life(life: RemainingLife, outlook: Outlook) -> RemainingUsefulLife:
         cycles_05=life.hours_05 / per_cycle,
         cycles_50=life.hours_50 / per_cycle,
         cycles_95=life.hours_95 / per_cycle,
+    )
+
+
+def forecast_to_message(forecaster: Forecaster, description: ActuatorDescription) -> HealthForecast:
+    """Return the forecast of the faults as a message; without faults when hours are unknown.
+
+    Raises
+    ------
+    ValueError
+        When the stamp is out of range.
+    """
+    outlook, fan = forecaster.outlook, forecaster.fan()
+    message = HealthForecast(
+        actuator_id=description.actuator_id,
+        serial_number=description.serial_number,
+        flight_hours=float(outlook.hours),
+        duty=float(outlook.duty),
+        probabilities=array("d", LEVELS),
+    )
+    message.header.stamp = stamp_to_message(outlook.stamp_ns)
+    if fan is not None:
+        message.hours = array("d", fan.hours)
+        message.faults = [
+            FaultForecast(
+                name=name,
+                limit=float(forecaster.limits.of(name)),
+                values=array("d", values.ravel()),
+            )
+            for name, values in fan.values.items()
+        ]
+    return message
+
+
+def advice_to_message(
+    advice: Advice, outlook: Outlook, cost_unit: str, description: ActuatorDescription
+) -> AdviceMessage:
+    """Return an advice as a message; ``outlook`` is what it rests on.
+
+    Raises
+    ------
+    ValueError
+        When the stamp is out of range.
+    """
+    message = AdviceMessage(
+        actuator_id=description.actuator_id,
+        serial_number=description.serial_number,
+        action=_ACTIONS[advice.action],
+        flight_hours=float(advice.hours),
+        from_now=float(advice.from_now),
+        probability_of_failure=float(advice.probability),
+        expected_cost=float(advice.rate),
+        cost_of_immediate_removal=float(advice.rate_at_once),
+        cost_unit=cost_unit,
+        reason=advice.reason,
+    )
+    message.header.stamp = stamp_to_message(outlook.stamp_ns)
+    return message
+
+
+def window_fit_to_message(
+    fit: WindowFit, estimate: Estimate, window: int, description: ActuatorDescription
+) -> WindowFitMessage:
+    """Return a window beside the model's response as a message.
+
+    Raises
+    ------
+    ValueError
+        When the stamp is out of range.
+    """
+    message = WindowFitMessage(
+        actuator_id=description.actuator_id,
+        window=int(window),
+        verdict=_VERDICTS[estimate.verdict],
+        period=float(fit.period),
+        start=float(fit.start),
+        command=array("f", fit.command),
+        position=array("f", fit.position),
+        current=array("f", fit.current),
+        estimated_current=array("f", fit.estimated_current),
+        speed=array("f", fit.speed),
+        estimated_speed=array("f", fit.estimated_speed),
+    )
+    message.header.stamp = stamp_to_message(estimate.end_ns)
+    return message
+
+
+def history_to_message(
+    tests: list[KnownTest], omitted: int, description: ActuatorDescription
+) -> UnitHistory:
+    """Return the latest tests of a unit as a message; ``omitted`` earlier ones are known.
+
+    Raises
+    ------
+    ValueError
+        When a stamp is out of range.
+    """
+    message = UnitHistory(
+        actuator_id=description.actuator_id,
+        serial_number=description.serial_number,
+        tests=[_unit_test(test) for test in tests],
+        events=[
+            UnitEventMessage(
+                stamp=stamp_to_message(event.stamp_ns),
+                flight_hours=float(event.hours),
+                kind=event.kind,
+                text=event.text,
+            )
+            for test in tests
+            for event in (test.assessment.events if test.assessment else ())
+        ],
+        omitted=int(omitted),
+    )
+    if tests:
+        message.header.stamp = stamp_to_message(tests[-1].entry.stamp_ns)
+    return message
+
+
+def _unit_test(test: KnownTest) -> UnitTest:
+    estimate, found = test.entry.estimate, test.assessment
+    unobservable = estimate.unobservable
+    life = (found.life if found else None) or (math.nan,) * 3
+    return UnitTest(
+        stamp=stamp_to_message(estimate.end_ns),
+        flight_hours=float(test.hours),
+        cycles=int(test.entry.cycles),
+        verdict=_VERDICTS[estimate.verdict],
+        faults=np.where(unobservable, np.nan, np.array(estimate.faults)),
+        sigmas=np.where(unobservable, np.nan, np.array(estimate.sigma)),
+        insignificant=_bits(estimate.insignificant),
+        level=found.level if found else STALE,
+        health_index=float(found.health_index) if found else math.nan,
+        dominant_fault=found.dominant_fault if found else "",
+        rul_known=bool(found and found.life),
+        rul_05=float(life[0]),
+        rul_50=float(life[1]),
+        rul_95=float(life[2]),
     )

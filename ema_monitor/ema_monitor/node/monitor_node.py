@@ -15,11 +15,13 @@ from ema_monitor.identification.combination import CombinationSettings
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node.calls import MonitorCalls
+from ema_monitor.node.follow_ups import FollowUps
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.node.prognosis import MonitorPrognosis
 from ema_monitor.node.settings import Files, Operation, folder_of
 from ema_monitor.node.units import Units
 from ema_monitor.node.worker import IdentificationWorker
+from ema_monitor.prognosis.advisory import Costs
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import TriggerSettings
@@ -45,6 +47,7 @@ class MonitorNode(ManagedNode):
         super().__init__("monitor", **kwargs)
         self._search = LiveSettings(self, SearchSettings)
         self._combining = LiveSettings(self, CombinationSettings)
+        self._costs = LiveSettings(self, Costs, "costs.")
         self._operation = LiveSettings(self, Operation)
         self._trigger = LiveSettings(
             self, TriggerSettings, on_change=lambda new: self._units.restart(new)
@@ -53,7 +56,7 @@ class MonitorNode(ManagedNode):
         self._units = Units(
             self._trigger.value,
             self._now_ns,
-            self._add_health_publisher,
+            self._add_publishers,
             lambda description: self._prognosis.describe(description),
             self._queue_window,
             lambda: self._operation.value.measured_max_age_s,
@@ -68,6 +71,13 @@ class MonitorNode(ManagedNode):
             lambda: self._combining.value,
             self._publish_estimate,
             self._units.report_tally,
+            lambda text: self.get_logger().error(text),
+        )
+        self._follow_ups = FollowUps(
+            self._add_latched_publisher,
+            self._calibration_of,
+            self._prognosis.write_assessment,
+            lambda: self._costs.value,
             lambda text: self.get_logger().error(text),
         )
         self._is_active = False
@@ -96,6 +106,7 @@ class MonitorNode(ManagedNode):
     def activate(self) -> None:
         """Subscribe, and identify what is received."""
         self._is_active = True
+        self._follow_ups.start()
         self._worker.start()
         with self._units.lock:
             for unit in self._units.values():
@@ -122,15 +133,17 @@ class MonitorNode(ManagedNode):
         self._worker.stop()
         for segment in self._units.finish():
             self._worker.refuse(segment, "")
+        self._follow_ups.stop()
 
     def clean_up(self) -> None:
         """Forget the actuators, and end the services."""
         self._calls.destroy()
         self._prognosis.end()
         self.destroy_timer(self._stale_timer)
-        for publisher in (self._estimates, *self._health_publishers):
+        for publisher in (self._estimates, *self._health_publishers, *self._follow_ups.publishers):
             self.destroy_lifecycle_publisher(publisher)
         self._health_publishers.clear()
+        self._follow_ups.clear()
         self._units.clear()
         self._worker.forget()
 
@@ -160,13 +173,17 @@ class MonitorNode(ManagedNode):
         if is_first:
             self.report()
 
-    def _add_health_publisher(self) -> Callable[[Health], None]:
+    def _add_publishers(self, actuator_id: str) -> Callable[[Health], None]:
         """Return what publishes the health of one actuator, so that each health is latched."""
-        message_class, qos = topics.MONITOR_TOPICS[topics.HEALTH]
-        quiet = bool(self._health_publishers)
-        publisher = self.add_publisher(message_class, topics.HEALTH, qos, quiet=quiet)
+        publisher = self._add_latched_publisher(topics.HEALTH)
+        self._follow_ups.add_actuator(actuator_id)
         self._health_publishers.append(publisher)
         return publisher.publish
+
+    def _add_latched_publisher(self, topic: str) -> LifecyclePublisher:
+        message_class, qos = topics.MONITOR_TOPICS[topic]
+        quiet = bool(self._health_publishers)
+        return self.add_publisher(message_class, topic, qos, quiet=quiet)
 
     def _queue_window(self, segment: Segment) -> None:
         self._calls.add(segment)
@@ -187,12 +204,18 @@ class MonitorNode(ManagedNode):
         now_ns, actuator_id = self._now_ns(), segment.description.actuator_id
         # Without the lock: telemetry must not wait for a prognosis.
         outlook = self._prognosis.record(segment, estimate)
+        forecaster = None
+        if outlook is not None:
+            forecaster = self._prognosis.forecaster(segment.description, outlook)
         try:
             self._units.record(segment, estimate, outlook, now_ns)
         except Exception as error:
             # The estimate is published: the window must not be refused in addition.
             reason = self._prognosis.report_failure(actuator_id, error, "publishing health")
             self._units.add_defect(actuator_id, reason)
+        if forecaster is not None:
+            self._follow_ups.follow_health(segment.description, forecaster)
+        self._follow_ups.follow_estimate(segment, estimate)
         if not estimate.valid:
             self.get_logger().warning(
                 f"{actuator_id}: window {segment.number} has no valid estimate: {estimate.reason}"
@@ -206,6 +229,9 @@ class MonitorNode(ManagedNode):
                 return
             period_s = self._operation.value.expected_period_s
             unit.resume(description, outlook, period_s, self._now_ns())
+        forecaster = self._prognosis.forecaster(description, outlook)
+        if forecaster is not None:
+            self._follow_ups.follow_health(description, forecaster)
         self.report()
 
     def _check_staleness(self) -> None:

@@ -1,12 +1,13 @@
 """The prognosis of each unit that is monitored: settings, histories, usage and service."""
 
 import threading
+import time
 import traceback
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, Final
 
 from rclpy.node import Node
 
@@ -14,13 +15,14 @@ from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
-from ema_interfaces.srv import PredictRemainingLife
+from ema_interfaces.srv import GetHistory, PredictRemainingLife
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.node.messages import health_to_message
+from ema_monitor.node.messages import health_to_message, history_to_message
 from ema_monitor.node.settings import folder_of
 from ema_monitor.node.units import Units
+from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.known_laws import KnownLawTexts
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.history import History, history_path
@@ -40,6 +42,9 @@ from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.settings import LiveSettings
 from ema_ros.stamps import stamp_from_message
 from ema_ros.status import Task
+
+_MOST_TESTS: Final = 5000
+_USUAL_TESTS: Final = 1000
 
 
 class MonitorHistories:
@@ -116,7 +121,9 @@ class MonitorHistories:
                 self._require_serving()
                 path = history_path(self._folder, *unit) if self._folder else None
                 history = History(*unit, path)
-                self._units[unit] = Prognostics(history, settings, self._requirements_of)
+                self._units[unit] = Prognostics(
+                    history, settings, self._requirements_of, time.time_ns()
+                )
             return self._units[unit]
 
     def _require_serving(self) -> None:
@@ -188,13 +195,17 @@ class MonitorPrognosis:
             self._predict,
             callback_group=WaitingCallbackGroup(),
         )
+        self._get_history = self._node.create_service(
+            GetHistory, "~/get_history", self._tell_history, callback_group=WaitingCallbackGroup()
+        )
 
     def end(self) -> None:
-        """End the service, and close the histories."""
+        """End the services, and close the histories."""
         # A health that is being published comes first.
         with self._resuming:
             self._histories.end()
         self._node.destroy_service(self._call)
+        self._node.destroy_service(self._get_history)
         self._node.destroy_guard_condition(self._refresh_soon)
         self._logged.clear()
         self._to_refresh = SimpleQueue()
@@ -258,6 +269,14 @@ class MonitorPrognosis:
             if event != prognostics.history.problem:
                 self._node.get_logger().warning(f"{description.actuator_id}: {event}")
         return outlook
+
+    def forecaster(self, description: ActuatorDescription, outlook: Outlook) -> Forecaster | None:
+        """Return what forecasts a unit from its latest outlook on; None when that is impossible."""
+        try:
+            return self._of(description).forecaster(outlook)
+        except Exception as error:
+            self.report_failure(description.actuator_id, error, "the forecast")
+            return None
 
     def tasks(self) -> list[Task]:
         """Return the status of each history."""
@@ -333,6 +352,29 @@ class MonitorPrognosis:
             # A service that raises would end the node.
             response.message = self.report_failure(request.actuator_id, error)
         return response
+
+    def _tell_history(
+        self, request: GetHistory.Request, response: GetHistory.Response
+    ) -> GetHistory.Response:
+        try:
+            if request.most > _MOST_TESTS:
+                raise ValueError(f"most = {request.most}: expected at most {_MOST_TESTS} tests")
+            _, description = self._units.find(request.actuator_id)
+            found = self._of(description).latest_tests(request.most or _USUAL_TESTS)
+            response.history = history_to_message(*found, description)
+            response.success = True
+        except ValueError as error:
+            response.message = str(error)
+        except Exception as error:
+            # A service that raises would end the node.
+            response.message = self.report_failure(request.actuator_id, error, "the history")
+        return response
+
+    def write_assessment(self, description: ActuatorDescription) -> None:
+        """Keep in the history of a unit what was found after its latest test."""
+        prognostics = self._of(description)
+        prognostics.history.write_assessments()
+        self._log_problem(description, prognostics)
 
     def report_failure(
         self, actuator_id: str, error: Exception, what: str = "the prognosis"

@@ -38,7 +38,7 @@ class Units(dict[str, Unit]):
     now_ns
         Gives the time of the node's clock [ns].
     add_publisher
-        Gives the publisher of an actuator's health; called at its first message.
+        Gives the publisher of the health of an actuator, by its name; called at its first message.
     describe
         Called with each description that differs from the one before.
     queue_window
@@ -59,7 +59,7 @@ class Units(dict[str, Unit]):
         self,
         settings: TriggerSettings,
         now_ns: Callable[[], int],
-        add_publisher: Callable[[], Callable[[HealthMessage], None]],
+        add_publisher: Callable[[str], Callable[[HealthMessage], None]],
         describe: Callable[[ActuatorDescription], None],
         queue_window: Callable[[Segment], None],
         max_age_s: Callable[[], float],
@@ -247,7 +247,7 @@ class Units(dict[str, Unit]):
 
     def _get_or_add(self, actuator_id: str) -> Unit:
         if actuator_id not in self:
-            publish, now_ns = self._add_publisher(), self._now_ns()
+            publish, now_ns = self._add_publisher(actuator_id), self._now_ns()
             self[actuator_id] = Unit(actuator_id, self._settings, publish, now_ns)
         return self[actuator_id]
 

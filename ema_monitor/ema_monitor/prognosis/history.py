@@ -13,21 +13,28 @@ from tempfile import TemporaryDirectory
 from typing import Final
 from urllib.parse import quote
 
+from ema_monitor.prognosis.assessment import Assessment, assessment_from, assessment_text
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_text, entry_of, import_lines
 
-SCHEMA_VERSION: Final = 3
-"""``user_version`` of the database; 1 and 2 were files of JSON lines."""
+SCHEMA_VERSION: Final = 4
+"""``user_version`` of the database; 1 and 2 were files of JSON lines, 3 had no assessments."""
 
+_ASSESSMENTS: Final = (
+    "CREATE TABLE assessment (end_ns INTEGER PRIMARY KEY, record TEXT NOT NULL, "
+    "crc32 INTEGER NOT NULL)"
+)
 _SCHEMA: Final = (
     "CREATE TABLE unit (actuator_id TEXT NOT NULL, serial_number TEXT NOT NULL)",
     "CREATE TABLE test (number INTEGER PRIMARY KEY, record TEXT NOT NULL, crc32 INTEGER NOT NULL)",
+    _ASSESSMENTS,
     f"PRAGMA user_version = {SCHEMA_VERSION}",
 )
+_WITHOUT_ASSESSMENTS: Final = 3
 _DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 
 
 class History:
-    """Tests of one unit, in memory and, where there is a path, in a file.
+    """Tests of one unit and what followed from each, in memory and, with a path, in a file.
 
     The file is an SQLite database with a write-ahead log, one transaction a test, locked for this
     process alone. A file that is damaged, of another unit or of another kind is set aside under
@@ -49,6 +56,9 @@ class History:
         The valid tests in the order in which they came.
     unused_cycles
         How many test cycles since the latest of them had no valid estimate.
+    assessments
+        What was found after each valid test, by its stamp [ns]; tests of a file of schema version
+        3 have none.
     imported
         What was imported from a file of an earlier version; empty when nothing.
     path
@@ -58,6 +68,7 @@ class History:
     def __init__(self, actuator_id: str, serial_number: str, path: Path | None = None) -> None:
         self.entries: list[Entry] = []
         self.unused_cycles = 0
+        self.assessments: dict[int, Assessment] = {}
         self.imported = ""
         self._unit = (actuator_id, serial_number)
         self._tests: list[Entry | UnusedCycle] = []
@@ -68,6 +79,8 @@ class History:
         self._file_id = (0, 0)
         # Tests in the file; those after them are to be written.
         self._written = 0
+        # Stamps of assessments that are not in the file as they are here.
+        self._changed: dict[int, None] = {}
         self._mended = ""
         self._trouble = ""
         if path is not None:
@@ -93,21 +106,39 @@ class History:
         """Add a test, and wait until the disk has it."""
         with self._lock:
             self._add(test)
-            if self.path is None:
-                return
-            try:
-                self._write_pending(self.path)
-            except (sqlite3.Error, OSError) as error:
-                self._trouble = (
-                    f"the history {self.path} cannot be written: {_reason(error)}; "
-                    "tests since then are in memory only"
-                )
-            except ValueError:
-                self._trouble = (
-                    f"the history {self.path} was written by another monitor since this one "
-                    "began; this one's is in memory only until it starts again"
-                )
-                self._keep_to_memory()
+            self._write()
+
+    def assess(self, assessment: Assessment) -> None:
+        """Add what was found after a test, or replace it; ``write_assessments`` writes it."""
+        with self._lock:
+            self.assessments[assessment.stamp_ns] = assessment
+            self._changed[assessment.stamp_ns] = None
+
+    def write_assessments(self) -> None:
+        """Write the assessments that are not in the file, and wait until the disk has them."""
+        with self._lock:
+            if self._changed:
+                self._write(with_assessments=True)
+
+    def _write(self, *, with_assessments: bool = False) -> None:
+        if self.path is None:
+            self._changed.clear()
+            return
+        try:
+            self._write_pending(self.path)
+            if with_assessments:
+                self._write_changed(self.path)
+        except (sqlite3.Error, OSError) as error:
+            self._trouble = (
+                f"the history {self.path} cannot be written: {_reason(error)}; "
+                "tests since then are in memory only"
+            )
+        except ValueError:
+            self._trouble = (
+                f"the history {self.path} was written by another monitor since this one "
+                "began; this one's is in memory only until it starts again"
+            )
+            self._keep_to_memory()
 
     def close(self) -> None:
         """Release the file; what is added from now on is in memory only."""
@@ -149,6 +180,7 @@ class History:
                 self._add(test)
         if self._written < len(self._tests):
             self._insert(self._db or self._connect(path), self._tests)
+            self._write_changed(path)
 
     def _connect(self, path: Path) -> sqlite3.Connection:
         """Open the database for this process alone, and make its tables if it has none.
@@ -178,6 +210,9 @@ class History:
                     for statement in _SCHEMA:
                         db.execute(statement)
                     db.execute("INSERT INTO unit VALUES (?, ?)", self._unit)
+                elif _version(db) == _WITHOUT_ASSESSMENTS:
+                    db.execute(_ASSESSMENTS)
+                    db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         except BaseException:
             db.close()
             raise
@@ -185,8 +220,8 @@ class History:
         return db
 
     def _check_kind(self, db: sqlite3.Connection) -> None:
-        version = db.execute("PRAGMA user_version").fetchone()[0]
-        if version != SCHEMA_VERSION:
+        version = _version(db)
+        if version not in (SCHEMA_VERSION, _WITHOUT_ASSESSMENTS):
             raise ValueError(f"its schema version is {version}, expected {SCHEMA_VERSION}")
         units = db.execute("SELECT actuator_id, serial_number FROM unit").fetchall()
         if units != [self._unit]:
@@ -199,6 +234,11 @@ class History:
             if number != expected or zlib.crc32(str(record).encode()) != checksum:
                 raise ValueError(f"test {expected} is damaged: its checksum or number is wrong")
             self._add(entry_of(record))
+        for record, checksum in db.execute("SELECT record, crc32 FROM assessment ORDER BY end_ns"):
+            if zlib.crc32(str(record).encode()) != checksum:
+                raise ValueError("an assessment is damaged: its checksum is wrong")
+            one = assessment_from(record)
+            self.assessments[one.stamp_ns] = one
         if (result := db.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
             raise ValueError(f"it is damaged: {result}")
         self._written = len(self._tests)
@@ -234,7 +274,7 @@ class History:
 
     def _set_aside(self, path: Path, error: Exception) -> None:
         self._release()
-        self._written = 0
+        self._forget_written()
         aside = _free_name(path)
         for suffix in ("-wal", ""):
             if (source := _with(path, suffix)).exists():
@@ -252,7 +292,7 @@ class History:
                 "all its tests is begun"
             )
             self._release()
-            self._written = 0
+            self._forget_written()
         if self._db is None:
             path.parent.mkdir(parents=True, exist_ok=True)
             if self._connect(path).execute("SELECT count(*) FROM test").fetchone()[0]:
@@ -260,6 +300,21 @@ class History:
         for test in self._tests[self._written :]:
             self._insert(self._db or self._connect(path), [test])
         self._trouble = ""
+
+    def _write_changed(self, path: Path) -> None:
+        """Write the assessments that are not in the file, in one transaction."""
+        texts = {stamp: assessment_text(self.assessments[stamp]) for stamp in self._changed}
+        rows = [(stamp, text, zlib.crc32(text.encode())) for stamp, text in texts.items()]
+        db = self._db or self._connect(path)
+        db.execute("BEGIN IMMEDIATE")
+        with db:
+            db.executemany("INSERT OR REPLACE INTO assessment VALUES (?, ?, ?)", rows)
+        self._changed.clear()
+
+    def _forget_written(self) -> None:
+        """Note that nothing is in the file that is used from now on."""
+        self._written = 0
+        self._changed = dict.fromkeys(self.assessments)
 
     def _insert(self, db: sqlite3.Connection, tests: Sequence[Entry | UnusedCycle]) -> None:
         """Add tests to the file in one transaction."""
@@ -269,6 +324,10 @@ class History:
         with db:
             db.executemany("INSERT INTO test VALUES (?, ?, ?)", rows)
         self._written += len(rows)
+
+
+def _version(db: sqlite3.Connection) -> int:
+    return db.execute("PRAGMA user_version").fetchone()[0]
 
 
 def history_path(folder: Path, actuator_id: str, serial_number: str) -> Path:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,14 @@ class Outlook:
         What is assumed of future use, in words.
     events
         What the latest test revealed, in words.
+    lifetimes
+        Equally probable remaining lives until the earlier of both [h], ``(n,)``; empty when ``rul``
+        is not known.
+    levels
+        Present level of the fault that ends life first in each of them [-], ``(n,)``; empty when a
+        requirement ends it.
+    tests_tell
+        Whether the test showed that fault.
     failed_since
         Service hour of the first of the latest tests that have all been ERROR [h]; NaN when it is
         not known, or the latest is not.
@@ -72,6 +80,13 @@ class Outlook:
     assumption: str
     events: tuple[str, ...]
     failed_since: float = math.nan
+    lifetimes: NDArray[np.float64] = field(
+        default_factory=lambda: np.empty(0), repr=False, compare=False
+    )
+    levels: NDArray[np.float64] = field(
+        default_factory=lambda: np.empty(0), repr=False, compare=False
+    )
+    tests_tell: bool = True
 
 
 def unknown_outlook(reason: str) -> Outlook:
@@ -142,6 +157,32 @@ def earlier(one: RemainingLife, other: RemainingLife, together: RemainingLife) -
     )
 
 
+def lifetimes_of(
+    by_faults: NDArray[np.float64], by_requirements: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return samples of the life that ends with the first of two, quantile by quantile (P12).
+
+    Parameters
+    ----------
+    by_faults
+        Samples of the life by fault limits [h], ``(n,)``; empty when it is unknown.
+    by_requirements
+        Samples of the life by requirement or limit [h], ``(m,)``; empty when it is unknown.
+
+    Returns
+    -------
+    numpy.ndarray
+        As many as by faults and in their order, infinite where neither ends [h].
+    """
+    if not by_requirements.size:
+        return by_faults
+    if not by_faults.size:
+        return by_requirements
+    rank = np.argsort(np.argsort(by_faults, kind="stable"), kind="stable")
+    at = rank * by_requirements.size // by_faults.size
+    return np.minimum(by_faults, np.sort(by_requirements)[at])
+
+
 def outlook_of(
     growth: GrowthRecord, settings: PrognosisSettings, requirements: Requirements | str
 ) -> Outlook:
@@ -180,10 +221,15 @@ def outlook_of(
     required = _required(growth, entry.estimate, tracked, prognosis, settings, requirements)
     health = with_requirements(health, required.healths)
     rul = earlier(prognosis.overall, required.overall, required.with_limits)
-    dominant = _worst_with_warning(health)
+    dominant, tests_tell = _worst_with_warning(health), True
+    lifetimes = levels = np.empty(0)
     if rul.known:
         by_fault = rul.criterion == prognosis.overall.criterion
         dominant = prognosis.dominant_fault if by_fault else required.dominant
+        lifetimes = lifetimes_of(prognosis.samples, required.samples)
+        levels = prognosis.levels if by_fault else levels
+        hidden = dict(zip(FAULT_NAMES, entry.estimate.unobservable, strict=True))
+        tests_tell = not hidden.get(dominant, False)
     return Outlook(
         stamp_ns=entry.stamp_ns,
         hours=service.hours,
@@ -199,6 +245,9 @@ def outlook_of(
         duty=duty,
         assumption=prognosis.assumption,
         events=(),
+        lifetimes=lifetimes,
+        levels=levels,
+        tests_tell=tests_tell,
     )
 
 

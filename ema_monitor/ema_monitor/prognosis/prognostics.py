@@ -4,16 +4,35 @@ import math
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 from ema_core.levels import ERROR
 from ema_core.parameters import ActuatorParameters
+from ema_core.wording import counted
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.assessment import (
+    CALIBRATION,
+    RESTART,
+    Assessment,
+    UnitEvent,
+    assessment_of,
+)
+from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, Entry, UnusedCycle
 from ema_monitor.prognosis.outlook import Outlook, outlook_of
 from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits, Requirements
 from ema_monitor.prognosis.settings import PrognosisSettings
+
+
+class KnownTest(NamedTuple):
+    """A valid test, its service hours [h], and what was found after it, if that is known."""
+
+    entry: Entry
+    hours: float
+    assessment: Assessment | None
+
 
 RequirementsOf = Callable[[ActuatorParameters, RequirementLimits], Requirements | str]
 
@@ -32,6 +51,8 @@ class Prognostics:
         Those used first.
     requirements_of
         Gives the requirements of a unit, or why they cannot be monitored.
+    opened_ns
+        When a history with tests was opened, which is an event of its own [ns]; None for none.
 
     Attributes
     ----------
@@ -44,6 +65,7 @@ class Prognostics:
         history: History,
         settings: PrognosisSettings | None = None,
         requirements_of: RequirementsOf = FITTED.of,
+        opened_ns: int | None = None,
     ) -> None:
         self.history = history
         self._requirements_of = requirements_of
@@ -52,8 +74,10 @@ class Prognostics:
         self.growth = GrowthRecord(settings.limits, settings.tracker, history.entries)
         self._events = tuple(filter(None, (history.imported, history.problem)))
         self._ignores_usage = False
-        self._failed_since = math.nan
-        self._has_failed = False
+        # When it was opened, and how many tests it had.
+        self._restarted = None
+        if opened_ns is not None and history.entries:
+            self._restarted = opened_ns, len(history.entries)
 
     def update(
         self,
@@ -121,6 +145,58 @@ class Prognostics:
             self._apply(settings)
             return self._outlook(parameters)
 
+    def latest_tests(self, most: int) -> tuple[list[KnownTest], int]:
+        """Return the latest valid tests with what was found, the oldest first, and how many more.
+
+        Parameters
+        ----------
+        most
+            The number of tests wanted.
+        """
+        with self._lock:
+            entries = self.history.entries
+            hours = {test.entry.stamp_ns: test.hours for test in self.growth.service.used}
+            chosen = entries[max(0, len(entries) - most) :]
+            tests = [
+                KnownTest(
+                    entry,
+                    hours.get(entry.stamp_ns, math.nan),
+                    self.history.assessments.get(entry.stamp_ns),
+                )
+                for entry in chosen
+            ]
+            return tests, len(entries) - len(tests)
+
+    def forecaster(self, outlook: Outlook) -> Forecaster | None:
+        """Return what forecasts the faults from an outlook on, whatever tests come later.
+
+        None when the outlook is no longer that of the latest test.
+        """
+        with self._lock:
+            latest = self.growth.service.latest
+            if latest is None or latest.stamp_ns != outlook.stamp_ns:
+                return None
+            is_known = bool(self.growth.tracker.updates) and not self.growth.service.unknown
+            tracker = self.growth.tracker.frozen() if is_known else None
+            observed = outlook.hours - self.growth.service.used[0].hours if is_known else 0.0
+            settings = self._settings.tracker
+            horizon = min(settings.horizon_hours, settings.horizon_factor * observed)
+            return Forecaster(
+                outlook,
+                tracker,
+                self._settings.limits,
+                observed,
+                horizon / outlook.duty,
+                self._missing_share(),
+            )
+
+    def _missing_share(self) -> float:
+        """Return the probability that a test gives no valid estimate, by Laplace's rule [-]."""
+        entries = self.history.entries
+        cycles = entries[-1].cycles - entries[0].cycles + 1
+        missing = max(cycles - len(entries), 0)
+        return (missing + 1) / (missing + len(entries) + 2)
+
     def _apply(self, settings: PrognosisSettings) -> None:
         """Use settings from now on; a tracker that assumes other things begins anew."""
         old, self._settings = self._settings, settings
@@ -131,7 +207,8 @@ class Prognostics:
         outlook = self._outlook(parameters)
         # Each event is published once.
         self._events = ()
-        self._failed_since, self._has_failed = outlook.failed_since, _is_failed(outlook)
+        before = self._assessment_before(outlook)
+        self.history.assess(assessment_of(outlook, before, self._own_events(outlook)))
         return outlook
 
     def _outlook(self, parameters: ActuatorParameters | None) -> Outlook:
@@ -139,10 +216,41 @@ class Prognostics:
         if parameters is not None:
             requirements = self._requirements_of(parameters, self._settings.requirements)
         outlook = outlook_of(self.growth, self._settings, requirements)
-        since = math.nan
-        if _is_failed(outlook):
-            since = self._failed_since if self._has_failed else outlook.hours
-        return replace(outlook, events=self._events, failed_since=since)
+        return replace(outlook, events=self._events, failed_since=self._failed_since(outlook))
+
+    def _failed_since(self, outlook: Outlook) -> float:
+        """Return the hour of the first of the latest tests that have all been ERROR [h]."""
+        if outlook.health.level != ERROR:
+            return math.nan
+        since = outlook.hours
+        for entry in reversed(self.history.entries):
+            found = self.history.assessments.get(entry.stamp_ns)
+            if entry.stamp_ns != outlook.stamp_ns:
+                if found is None or found.level != ERROR:
+                    break
+                since = found.hours
+        return since
+
+    def _assessment_before(self, outlook: Outlook) -> Assessment | None:
+        """Return the assessment of the same test, else of the one before; None without any."""
+        stamps_ns = [entry.stamp_ns for entry in self.history.entries[-2:]]
+        found = (self.history.assessments.get(stamp_ns) for stamp_ns in reversed(stamps_ns))
+        return next((one for one in found if one is not None), None)
+
+    def _own_events(self, outlook: Outlook) -> list[UnitEvent]:
+        """Return the events that no outlook has: a restart, and another calibration."""
+        events, entries = [], self.history.entries
+        if self._restarted:
+            opened_ns, tests = self._restarted
+            self._restarted = None
+            text = f"the monitor started and read {counted(tests, 'valid test')}"
+            events.append(UnitEvent(opened_ns, outlook.hours, RESTART, text))
+        if len(entries) > 1 and outlook.stamp_ns not in self.history.assessments:
+            old, new = (one.estimate.calibration_id for one in entries[-2:])
+            if old != new:
+                text = f"calibration {new} instead of {old}"
+                events.append(UnitEvent(outlook.stamp_ns, outlook.hours, CALIBRATION, text))
+        return events
 
     def _entry(
         self, estimate: Estimate, new_cycles: int, count: Count | None
@@ -182,7 +290,3 @@ class Prognostics:
                 f"the stamp of the test is {back_ns * 1e-9:g} s before that of the latest one"
             )
         return oddities
-
-
-def _is_failed(outlook: Outlook) -> bool:
-    return outlook.health.level == ERROR

@@ -8,6 +8,8 @@ Kirubarajan 2001, section 11.6.2), with the merging of the interacting one (sect
 the onset of growth and for changes of it.
 """
 
+from copy import copy
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -61,6 +63,13 @@ class Bank:
         arriving[self._constant] *= _STANDSTILL
         self._arriving = arriving / self.sums(arriving)[cells.component]
         self._two_sided = (self.sums((cells.side < 0.0).astype(float)) > 0.0)[cells.component]
+
+    def frozen(self) -> "Bank":
+        """Return a copy that does not change with this one."""
+        twin = copy(self)
+        twin.weight, twin.mean = self.weight.copy(), self.mean.copy()
+        twin.variance = self.variance.copy()
+        return twin
 
     def sums(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the sums of values of the cells over each component, ``(7,)``."""

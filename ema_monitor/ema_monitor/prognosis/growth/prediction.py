@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -70,6 +70,9 @@ class Prognosis:
         Growth of the faults in a future flight hour, relative to a past one [-].
     assumption
         What is assumed of future use, in words.
+    levels
+        Present distance of the dominant fault from healthy in each sample [-], ``(n,)``; empty
+        when there is no dominant one.
     """
 
     hours: float
@@ -79,6 +82,7 @@ class Prognosis:
     samples: NDArray[np.float64]
     duty: float
     assumption: str
+    levels: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def unknown(cls, reason: str, limits: HealthLimits, duty: float) -> "Prognosis":
@@ -142,6 +146,7 @@ def prognosis_of(
     reasons: Sequence[str],
     limits: HealthLimits,
     duty: float,
+    levels: NDArray[np.float64],
 ) -> Prognosis:
     """Return the prognosis by samples of lives, with quantiles where they can be given.
 
@@ -160,6 +165,8 @@ def prognosis_of(
         Why the life of each component cannot be given; empty when it can.
     limits, duty
         Where life ends, and future use relative to that of the past [-].
+    levels
+        Present distance of each component from healthy in the samples [-], ``(7, n)``.
     """
     components = {
         name: RemainingLife.unknown(criterion, reason)
@@ -171,12 +178,15 @@ def prognosis_of(
     every = np.where(is_shown[:, None], samples, np.inf)
     if not all(reasons):
         counts = np.bincount(every.argmin(axis=0), minlength=len(COMPONENTS))
-        dominant, first = COMPONENTS[int(counts.argmax())], every.min(axis=0)
+        number = int(counts.argmax())
+        dominant, first, own_levels = COMPONENTS[number], every.min(axis=0), levels[number]
         overall = RemainingLife.of_samples(first, components[dominant].criterion)
     else:
-        dominant, first = "", np.full(samples.shape[1], np.inf)
+        dominant, first, own_levels = "", np.full(samples.shape[1], np.inf), np.empty(0)
         overall = RemainingLife.unknown(_ANY_LIMIT, "; ".join(sorted(set(reasons))))
-    return Prognosis(at_hours, components, overall, dominant, first, duty, assumption_of(duty))
+    return Prognosis(
+        at_hours, components, overall, dominant, first, duty, assumption_of(duty), own_levels
+    )
 
 
 def _criterion(name: str, limit: float) -> str:

@@ -11,6 +11,7 @@ many-peaked distribution of the rates nor several laws.
 
 import math
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -114,6 +115,14 @@ class Tracker:
         self._phase = float(FAULTS[ECCENTRICITY_PHASE].healthy)
         self.updates = 0
         self.hours = math.nan
+
+    def frozen(self) -> "Tracker":
+        """Return a copy for predictions that later tests do not change."""
+        twin = copy(self)
+        twin._bank = self._bank.frozen()
+        twin._tests, twin._growing = self._tests.copy(), self._growing.copy()
+        twin._first_hours = self._first_hours.copy()
+        return twin
 
     def update(self, measurement: Measurement) -> list[Event]:
         """Update by a test.
@@ -252,7 +261,8 @@ class Tracker:
         """
         _check_duty(duty)
         rng = self._rng()
-        hours = lives(draw(self._bank, self._settings.samples, rng), rng) / duty
+        sample = draw(self._bank, self._settings.samples, rng)
+        hours = lives(sample, rng) / duty
         mean, variance = self._bank.moments()
         limits = [self._limits.of(name) for name in COMPONENTS]
         is_shown = self._tests > 0
@@ -262,7 +272,7 @@ class Tracker:
             "" if is_over[number] else self._reason_unknown(number, own * duty)
             for number, own in enumerate(hours)
         ]
-        return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty)
+        return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty, sample.x)
 
     def _reason_unknown(self, number: int, past_hours: NDArray[np.float64]) -> str:
         """Return why no life of a component can be given; empty when one can."""

@@ -1,7 +1,7 @@
 """How long an actuator will perform as required, by samples of the faults to come."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -57,6 +57,8 @@ class RequiredLife:
         Requirement that fails first most often; empty when none is known to fail.
     with_limits
         Until the first of them fails or the first fault reaches its limit, in the same samples.
+    samples
+        Those samples [h], ``(m,)``; empty when no life is known.
     """
 
     healths: tuple[FaultHealth, ...]
@@ -65,6 +67,7 @@ class RequiredLife:
     overall: RemainingLife
     dominant: str
     with_limits: RemainingLife
+    samples: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def unknown(
@@ -141,7 +144,8 @@ def required_life(
     if np.median(together) < np.inf:
         with_limits = RemainingLife.of_samples(together, overall.criterion)
     trends = _trends(judgement, tracked) if grows else {}
-    return RequiredLife(healths, trends, lives, overall, dominant, with_limits)
+    samples = together if overall.known else np.empty(0)
+    return RequiredLife(healths, trends, lives, overall, dominant, with_limits, samples)
 
 
 def lives_by_requirements(

@@ -1,0 +1,140 @@
+"""What follows from a test beside estimate and health, in a thread of its own."""
+
+import threading
+import traceback
+from collections.abc import Callable
+from queue import SimpleQueue
+from typing import Any, Final
+
+from rclpy.lifecycle.publisher import LifecyclePublisher
+
+from ema_core.description import ActuatorDescription
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.window_fit import window_fit
+from ema_monitor.node.messages import advice_to_message, forecast_to_message, window_fit_to_message
+from ema_monitor.prognosis.advice import advise
+from ema_monitor.prognosis.advisory import Costs
+from ema_monitor.prognosis.forecaster import Forecaster
+from ema_monitor.windows.finder import Segment
+from ema_monitor.windows.window import Window
+from ema_ros import topics
+
+_JOIN_S: Final = 5.0
+_TOPICS: Final = (topics.HEALTH_FORECAST, topics.WINDOW_FIT, topics.ADVICE)
+
+Job = Callable[[], None]
+
+
+class FollowUps:
+    """Publishes what follows from tests, in their order; no window waits for it.
+
+    Parameters
+    ----------
+    add_publisher
+        Gives a new publisher of a topic of the monitor.
+    calibration_of
+        Gives the calibration of an actuator, or why there is none.
+    write_assessment
+        Keeps in the history of a unit what was found after its latest test.
+    costs
+        Gives the costs that an advice rests on.
+    log_error
+        Called with the traceback of a failure.
+    """
+
+    def __init__(
+        self,
+        add_publisher: Callable[[str], LifecyclePublisher],
+        calibration_of: Callable[[ActuatorDescription], Calibration | str],
+        write_assessment: Callable[[ActuatorDescription], None],
+        costs: Callable[[], Costs],
+        log_error: Callable[[str], object],
+    ) -> None:
+        self._add_publisher = add_publisher
+        self._calibration_of = calibration_of
+        self._write_assessment = write_assessment
+        self._costs = costs
+        self._log_error = log_error
+        self._publishers: dict[tuple[str, str], LifecyclePublisher] = {}
+        self._queue: SimpleQueue[Job | None] = SimpleQueue()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def publishers(self) -> list[LifecyclePublisher]:
+        """The publishers, one of each topic for each actuator, so that each is latched."""
+        return list(self._publishers.values())
+
+    def add_actuator(self, actuator_id: str) -> None:
+        """Add the publishers of an actuator."""
+        for topic in _TOPICS:
+            self._publishers[topic, actuator_id] = self._add_publisher(topic)
+
+    def clear(self) -> None:
+        """Forget the publishers."""
+        self._publishers.clear()
+
+    def start(self) -> None:
+        """Begin, with a new thread and queue."""
+        self._queue = SimpleQueue()
+        self._thread = threading.Thread(
+            target=self._run, args=(self._queue,), name="follow-ups", daemon=True
+        )
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Publish what waits, and end the thread."""
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            self._queue.put(None)
+            thread.join(_JOIN_S)
+
+    def follow_health(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
+        """Publish what follows from a health that has been published."""
+        self._add(lambda: self._publish_forecast(description, forecaster))
+        self._add(lambda: self._publish_advice(description, forecaster))
+        self._add(lambda: self._write_assessment(description))
+
+    def follow_estimate(self, segment: Segment, estimate: Estimate) -> None:
+        """Publish the fit of an estimate that has been published, if it is of one window."""
+        if isinstance(segment.window, Window):
+            window, calibration = segment.window, self._calibration_of(segment.description)
+            if isinstance(calibration, Calibration):
+                self._add(lambda: self._publish_fit(segment, window, estimate, calibration))
+
+    def _publish_forecast(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
+        message = forecast_to_message(forecaster, description)
+        self._publish(topics.HEALTH_FORECAST, message)
+
+    def _publish_advice(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
+        costs, outlook = self._costs(), forecaster.outlook
+        message = advice_to_message(advise(forecaster, costs), outlook, costs.unit, description)
+        self._publish(topics.ADVICE, message)
+
+    def _publish_fit(
+        self, segment: Segment, window: Window, estimate: Estimate, calibration: Calibration
+    ) -> None:
+        try:
+            fit = window_fit(window, estimate, calibration)
+        except ValueError:
+            # The estimate is a refusal that gives the reason.
+            return
+        message = window_fit_to_message(fit, estimate, segment.number, segment.description)
+        self._publish(topics.WINDOW_FIT, message)
+
+    def _publish(self, topic: str, message: Any) -> None:
+        self._publishers[topic, message.actuator_id].publish(message)
+
+    def _add(self, job: Job) -> None:
+        if self._thread is not None:
+            self._queue.put(job)
+
+    def _run(self, queue: "SimpleQueue[Job | None]") -> None:
+        while (job := queue.get()) is not None:
+            # A failure must not end what follows from the next test.
+            try:
+                job()
+            except Exception as error:
+                self._log_error(
+                    f"what follows from a test failed: {error!r}\n{traceback.format_exc()}"
+                )

@@ -1,0 +1,185 @@
+"""What to do with a unit, and when, at the least expected cost (docs/prognosis.md, P18 to P20)."""
+
+from dataclasses import dataclass, replace
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.quantity import check_quantities, quantity, text
+
+Action = Literal["unknown", "continue", "inspect", "remove"]
+"""What can be advised."""
+
+_GROUPS: Final = 10
+_MOST_MISSING: Final = 8
+
+
+@dataclass(frozen=True)
+class Costs:
+    """What removal, failure and inspection cost, in one unit of the user's own.
+
+    Raises
+    ------
+    ValueError
+        When a figure is outside its range; the message names it.
+    """
+
+    inspection: float = quantity(
+        0.0, "-", 0.0, 1e12, "cost of an inspection, in costs.unit; 0: none is offered"
+    )
+    removal: float = quantity(
+        0.0, "-", 0.0, 1e12, "cost of a planned removal, in costs.unit; 0: no advice is given"
+    )
+    failure: float = quantity(
+        0.0, "-", 0.0, 1e12, "cost of a failure with its removal, in costs.unit"
+    )
+    lead_time: float = quantity(0.0, "h", 0.0, 1e6, "flight hours from a decision to a removal")
+    unit: str = text("", "unit of the costs")
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    @property
+    def defect(self) -> str:
+        """Why no advice follows from them; empty when it does."""
+        if self.removal == 0.0:
+            return "no costs are given: costs.removal and costs.failure are not set"
+        if self.failure <= self.removal:
+            return (
+                f"costs.failure = {self.failure:g}: expected more than costs.removal = "
+                f"{self.removal:g}; else a removal never pays"
+            )
+        return ""
+
+
+class Choice(NamedTuple):
+    """A plan for a unit: cost of its life, hours of its life, and when it is removed.
+
+    Attributes
+    ----------
+    cost, hours
+        Expected cost, and expected service hours over the whole life [h].
+    removal_hours
+        Hours from now to the removal [h]; that of the earliest one after the next test, if the
+        decision waits for it.
+    risk
+        Probability of a failure before that [-].
+    """
+
+    cost: float
+    hours: float
+    removal_hours: float
+    risk: float
+
+    @property
+    def rate(self) -> float:
+        """Cost per flight hour over the life."""
+        return self.cost / self.hours if self.hours > 0.0 else np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What is to be decided after a test.
+
+    Attributes
+    ----------
+    costs
+        Costs and lead time.
+    hours
+        Service hours now [h].
+    interval_hours
+        Hours to the next test [h].
+    lives
+        Equally probable remaining lives [h], ``(n,)``; none is longer than is looked ahead.
+    missing_share
+        Probability that a test gives no valid estimate, so that the one after is the next [-].
+    tests_tell
+        Whether the next test tells of the fault that ends life first.
+    """
+
+    costs: Costs
+    hours: float
+    interval_hours: float
+    lives: NDArray[np.float64]
+    missing_share: float = 0.0
+    tests_tell: bool = True
+
+    @property
+    def earliest_after_test(self) -> float:
+        """Hours from now to the earliest removal that can be decided on after the next test [h]."""
+        return self.costs.lead_time + self.interval_hours
+
+    def at_once(self) -> Choice:
+        """Return the earliest removal that is possible."""
+        return self._remove(np.array([self.costs.lead_time]))
+
+    def remove(self) -> Choice:
+        """Return the best removal that has to be decided on before the next test (P18)."""
+        lead = self.costs.lead_time
+        between = self.lives[(self.lives > lead) & (self.lives < self.earliest_after_test)]
+        return self._remove(np.concatenate([[lead], np.sort(between)]))
+
+    def wait(self) -> Choice:
+        """Return what deciding after the next test is worth (P19).
+
+        A test that tells of the fault ends the uncertainty of the life: those that fail before a
+        removal could follow it fail, the others are removed an interval of tests before their end.
+        One that does not tell leaves the best removal by what is known now.
+        """
+        earliest = self.earliest_after_test
+        if not self.tests_tell:
+            later = np.sort(self.lives[self.lives > earliest])
+            return self._remove(np.concatenate([[earliest], later]))
+        # The next test that gives an estimate is the first, the second, ... from now on.
+        probability = self.missing_share ** np.arange(_MOST_MISSING)
+        probability /= probability.sum()
+        waits = self.costs.lead_time + self.interval_hours * np.arange(1, _MOST_MISSING + 1)
+        fails = self.lives < waits[:, None]
+        before_end = np.maximum(self.lives - self.interval_hours, waits[:, None])
+        used = probability @ np.mean(np.where(fails, self.lives, before_end), axis=1)
+        risk = float(probability @ np.mean(fails, axis=1))
+        return Choice(self._cost(risk), self.hours + float(used), earliest, risk)
+
+    def inspect(self, levels: NDArray[np.float64]) -> Choice:
+        """Return what an inspection now is worth, which measures the present level (P20).
+
+        Parameters
+        ----------
+        levels
+            Present level of the fault that ends life first in each of the lives, ``(n,)`` [-].
+        """
+        order = np.argsort(levels, kind="stable")
+        chosen = [
+            each
+            for group in np.array_split(order, _GROUPS)
+            # What is chosen by one half is judged by the other: by its own it looks too good.
+            for half, other in ((group[::2], group[1::2]), (group[1::2], group[::2]))
+            for each in [self._judged(half, other)]
+        ]
+        cost, hours, removal, risk = np.mean(np.array(chosen), axis=0).tolist()
+        return Choice(cost + self.costs.inspection, hours, removal, risk)
+
+    def _judged(self, half: NDArray[np.intp], other: NDArray[np.intp]) -> Choice:
+        """Return what the best choice for some of the lives is worth for others."""
+        own, theirs = (replace(self, lives=self.lives[part]) for part in (half, other))
+        removal, waiting = own.remove(), own.wait()
+        if waiting.rate < removal.rate:
+            return theirs.wait()
+        return theirs._remove(np.array([removal.removal_hours]))
+
+    def _remove(self, at_hours: NDArray[np.float64]) -> Choice:
+        """Return the best removal of those at some hours from now [h]: age replacement (P18)."""
+        lives = np.sort(self.lives)
+        fail = np.searchsorted(lives, at_hours, "left")
+        risk = fail / lives.size
+        until = np.concatenate([[0.0], np.cumsum(lives)])[fail] / lives.size
+        hours = self.hours + until + (1.0 - risk) * at_hours
+        cost = self.costs.removal + (self.costs.failure - self.costs.removal) * risk
+        # Without any hours there is no rate.
+        rate = np.divide(cost, hours, out=np.full_like(hours, np.inf), where=hours > 0.0)
+        k = int(np.argmin(rate))
+        return Choice(float(cost[k]), float(hours[k]), float(at_hours[k]), float(risk[k]))
+
+    def _cost(self, risk: float) -> float:
+        return self.costs.removal + (self.costs.failure - self.costs.removal) * risk

@@ -1,0 +1,166 @@
+"""What was found after each test is kept with it, and survives a restart."""
+
+import math
+import sqlite3
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from ema_core.levels import ERROR, OK, WARN
+from ema_monitor.prognosis.assessment import (
+    Assessment,
+    UnitEvent,
+    assessment_from,
+    assessment_text,
+    kind_of_event,
+)
+from ema_monitor.prognosis.history import SCHEMA_VERSION, History
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.service import Service
+from ema_monitor.prognosis.settings import PrognosisSettings
+
+from .kept_histories import UNIT, entry
+from .made_tests import made_test
+
+SETTINGS = PrognosisSettings(service=Service(hours_per_cycle=10.0))
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "flap.sqlite"
+
+
+def assessment(number: int, level: int = OK) -> Assessment:
+    return Assessment(entry(number).stamp_ns, 10.0 * number, level, 0.9, "", (1.0, 2.0, math.inf))
+
+
+def lived(path: Path | None, frictions: list[float], first: int = 0) -> tuple[Prognostics, Outlook]:
+    """A unit with more tests, from the number ``first`` on, in the history at a path."""
+    unit = Prognostics(History(*UNIT, path), SETTINGS, opened_ns=123)
+    outlook = None
+    for number, friction in enumerate(frictions, first):
+        outlook = unit.update(made_test(number, friction=friction), None, SETTINGS)
+    unit.history.write_assessments()
+    unit.history.close()
+    assert outlook is not None
+    return unit, outlook
+
+
+def kinds(unit: Prognostics) -> list[tuple[float, str, str]]:
+    tests, _ = unit.latest_tests(1000)
+    return [
+        (event.hours, event.kind, event.text)
+        for test in tests
+        for event in (test.assessment.events if test.assessment else ())
+    ]
+
+
+def test_assessment_is_the_same_from_its_text():
+    event = UnitEvent(7, math.nan, "fault", "friction 0.2 (fails above 0.5)")
+    whole = replace(assessment(3, WARN), alarms={"friction": WARN}, events=(event,))
+    assert str(assessment_from(assessment_text(whole))) == str(whole)
+    unknown = replace(whole, hours=math.nan, health_index=math.nan, life=None)
+    assert str(assessment_from(assessment_text(unknown))) == str(unknown)
+
+
+def test_assessments_are_read_again_and_replaced_by_later_ones(path: Path):
+    history = History(*UNIT, path)
+    for number in range(3):
+        history.append(entry(number))
+        history.assess(assessment(number))
+        history.write_assessments()
+    history.assess(assessment(1, ERROR))
+    history.write_assessments()
+    history.close()
+    again = History(*UNIT, path)
+    again.close()
+    assert again.assessments == history.assessments
+    assert [one.level for one in again.assessments.values()] == [OK, ERROR, OK]
+
+
+def test_history_of_schema_version_3_is_opened_and_goes_on(path: Path):
+    history = History(*UNIT, path)
+    for number in range(3):
+        history.append(entry(number))
+    history.close()
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute("DROP TABLE assessment")
+        db.execute("PRAGMA user_version = 3")
+    unit, _ = lived(path, [0.05], first=3)
+    assert unit.history.problem == ""
+    tests, omitted = unit.latest_tests(10)
+    assert [test.assessment is not None for test in tests] == [False, False, False, True]
+    assert omitted == 0
+    with closing(sqlite3.connect(path)) as db:
+        assert db.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
+    again = History(*UNIT, path)
+    again.close()
+    assert (len(again.entries), len(again.assessments), again.problem) == (4, 1, "")
+
+
+def test_damaged_assessment_sets_the_file_aside_and_loses_no_test(path: Path):
+    lived(path, [0.05, 0.06, 0.07])
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute("UPDATE assessment SET record = replace(record, '\"level\": ', '\"level\": 1')")
+    history = History(*UNIT, path)
+    assert "an assessment is damaged" in history.problem
+    assert len(history.entries) == 3
+    history.close()
+
+
+def test_file_that_is_deleted_while_in_use_gets_all_assessments_again(path: Path):
+    history = History(*UNIT, path)
+    for number in range(2):
+        history.append(entry(number))
+        history.assess(assessment(number))
+        history.write_assessments()
+    for file in path.parent.glob("flap.sqlite*"):
+        file.unlink()
+    history.append(entry(2))
+    history.assess(assessment(2))
+    history.write_assessments()
+    history.close()
+    again = History(*UNIT, path)
+    again.close()
+    assert (len(again.entries), len(again.assessments)) == (3, 3)
+
+
+def test_failure_is_dated_over_a_restart(path: Path):
+    _, outlook = lived(path, [0.3, 0.4, 0.55])
+    assert (outlook.health.level, outlook.failed_since) == (ERROR, 30.0)
+    _, later = lived(path, [0.6, 0.65], first=3)
+    assert (later.hours, later.failed_since) == (50.0, 30.0)
+
+
+def test_fault_restart_and_calibration_are_events_once(path: Path):
+    unit, _ = lived(path, [0.02, 0.02, 0.3, 0.3])
+    # A test that the tracker holds back is WARN by itself.
+    assert [(hours, kind) for hours, kind, _ in kinds(unit) if kind == "fault"] == [(30.0, "fault")]
+    unit, _ = lived(path, [0.3], first=4)
+    [restart] = [event for event in kinds(unit) if event[1] == "restart"]
+    assert restart[2] == "the monitor started and read 4 valid tests"
+    assert sum(kind == "fault" for _, kind, _ in kinds(unit)) == 1
+    other = replace(made_test(5, friction=0.3), calibration_id="another")
+    unit.update(other, None, SETTINGS)
+    [changed] = [text for _, kind, text in kinds(unit) if kind == "calibration"]
+    assert changed == "calibration another instead of some-calibration"
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("repair: friction from 0.3 to 0.1", "repair"),
+        ("outlier: friction is 0.3", "outlier"),
+        ("missed tests: 2 without a valid estimate before this one", "gap"),
+        ("service hours set from 3 h to 1 h", "service hours"),
+        ("usage is ignored, 3 h: hours_per_cycle = 10 h is set", "service hours"),
+        ("the history x is set aside as y", "history"),
+        ("3 test cycles are imported from x.jsonl, which stays as it is", "history"),
+        ("a test that is in the history already came again and changes nothing", "other"),
+    ],
+)
+def test_events_have_kinds(text: str, kind: str):
+    assert kind_of_event(text) == kind

@@ -1,0 +1,93 @@
+"""What a monitor publishes beside estimate and health: forecast and fit, latched, in order."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ema_interfaces.msg import HealthForecast
+from ema_interfaces.srv import GetHistory
+from ema_monitor.identification.window_fit import MOST_VALUES
+from ema_ros import topics
+
+from .monitor_session import FLAP, MonitorSession, monitor
+from .worn_actuator import HOURS, live, worn_cycles
+
+TESTS = 8
+
+
+@pytest.fixture(scope="module")
+def session() -> Iterator[MonitorSession]:
+    with monitor({"hours_per_cycle": HOURS, "history_folder": ""}) as running:
+        running.describe()
+        for number, cycle in enumerate(worn_cycles(TESTS), 1):
+            live(running, [cycle])
+            for topic in (topics.HEALTH_FORECAST, topics.WINDOW_FIT):
+                # Latched topics keep the latest message alone.
+                running.until(lambda key=topic, n=number: len(running.received(key)) >= n)
+        yield running
+
+
+def test_each_health_has_its_forecast(session: MonitorSession):
+    healths = session.healths()
+    forecasts = session.received(topics.HEALTH_FORECAST)
+    assert [item.header.stamp for item in forecasts] == [item.header.stamp for item in healths]
+    last, health = forecasts[-1], healths[-1]
+    assert last.serial_number == FLAP.serial_number
+    assert last.flight_hours == health.flight_hours
+    assert list(last.probabilities) == [0.05, 0.5, 0.95]
+    assert [item.name for item in last.faults] == [item.name for item in health.faults]
+    for item, tracked in zip(last.faults, health.faults, strict=True):
+        values = np.reshape(item.values, (3, len(last.hours)))
+        assert np.all(np.diff(values, axis=0) >= 0.0)
+        # Five standard deviations of the mean of 500 samples and the spread between the quantiles.
+        assert values[0, 0] - 0.01 <= tracked.value <= values[2, 0] + 0.01
+
+
+def test_each_estimate_has_the_fit_of_its_window(session: MonitorSession):
+    fits, estimates = session.received(topics.WINDOW_FIT), session.estimates()
+    assert [item.window for item in fits] == [item.window for item in estimates]
+    last = fits[-1]
+    assert (last.header.stamp, last.verdict) == (estimates[-1].window_end, estimates[-1].verdict)
+    assert len(last.current) <= MOST_VALUES
+    measured, expected = np.array(last.current), np.array(last.estimated_current)
+    assert len(expected) == len(measured) == len(last.command)
+    # The estimate is valid: its model is much nearer to the measured current than nothing is.
+    assert np.std(measured - expected) < 0.3 * np.std(measured)
+
+
+def test_late_subscriber_receives_the_latest_forecast(session: MonitorSession):
+    key = "late forecast"
+    session.subscribe(HealthForecast, f"/ema/{topics.HEALTH_FORECAST}", topics.LATCHED_BY_MANY, key)
+    [late] = session.until(lambda: session.received(key))
+    assert late == session.received(topics.HEALTH_FORECAST)[-1]
+
+
+def get_history(session: MonitorSession, **request: Any) -> Any:
+    return session.call(GetHistory, "/ema/monitor/get_history", GetHistory.Request(**request))
+
+
+def test_history_has_each_test_as_it_was_published(session: MonitorSession):
+    response = get_history(session)
+    assert response.success, response.message
+    history, healths = response.history, session.healths()
+    assert [test.stamp for test in history.tests] == [item.header.stamp for item in healths]
+    assert [test.level for test in history.tests] == [item.level for item in healths]
+    assert [test.flight_hours for test in history.tests] == [i.flight_hours for i in healths]
+    assert [test.rul_known for test in history.tests] == [item.rul.known for item in healths]
+    estimate: Any = session.estimates()[-1]
+    assert history.tests[-1].faults[0] == estimate.faults.friction
+    assert history.tests[-1].sigmas[0] == pytest.approx(np.sqrt(estimate.covariance[0]))
+    assert (history.omitted, history.serial_number) == (0, FLAP.serial_number)
+
+
+def test_history_is_limited_to_the_latest_tests(session: MonitorSession):
+    history = get_history(session, actuator_id=FLAP.actuator_id, most=3).history
+    assert (len(history.tests), history.omitted) == (3, TESTS - 3)
+    assert history.tests[-1].stamp == session.healths()[-1].header.stamp
+    refused = get_history(session, most=5001)
+    assert not refused.success
+    assert refused.message == "most = 5001: expected at most 5000 tests"
+    unknown = get_history(session, actuator_id="rudder")
+    assert "rudder" in unknown.message
