@@ -1,12 +1,13 @@
 """What a monitor publishes beside estimate and health: forecast and fit, latched, in order."""
 
 from collections.abc import Iterator
+from math import isnan
 from typing import Any
 
 import numpy as np
 import pytest
 
-from ema_interfaces.msg import HealthForecast
+from ema_interfaces.msg import Advice, HealthForecast
 from ema_interfaces.srv import GetHistory
 from ema_monitor.identification.window_fit import MOST_VALUES
 from ema_ros import topics
@@ -19,11 +20,12 @@ TESTS = 8
 
 @pytest.fixture(scope="module")
 def session() -> Iterator[MonitorSession]:
-    with monitor({"hours_per_cycle": HOURS, "history_folder": ""}) as running:
+    costs = {"costs.removal": 1.0, "costs.failure": 10.0, "costs.unit": "removals"}
+    with monitor({"hours_per_cycle": HOURS, "history_folder": "", **costs}) as running:
         running.describe()
         for number, cycle in enumerate(worn_cycles(TESTS), 1):
             live(running, [cycle])
-            for topic in (topics.HEALTH_FORECAST, topics.WINDOW_FIT):
+            for topic in (topics.HEALTH_FORECAST, topics.ADVICE, topics.WINDOW_FIT):
                 # Latched topics keep the latest message alone.
                 running.until(lambda key=topic, n=number: len(running.received(key)) >= n)
         yield running
@@ -55,6 +57,22 @@ def test_each_estimate_has_the_fit_of_its_window(session: MonitorSession):
     assert len(expected) == len(measured) == len(last.command)
     # The estimate is valid: its model is much nearer to the measured current than nothing is.
     assert np.std(measured - expected) < 0.3 * np.std(measured)
+
+
+def test_each_health_has_an_advice(session: MonitorSession):
+    advised, healths = session.received(topics.ADVICE), session.healths()
+    assert [item.header.stamp for item in advised] == [item.header.stamp for item in healths]
+    first, last = advised[0], advised[-1]
+    # After one test nothing is known to grow; after eight, life is, and its end is far away.
+    assert first.action == Advice.CONTINUE
+    assert "no remaining life is known" in first.reason
+    assert isnan(first.flight_hours)
+    assert healths[-1].rul.known, healths[-1].rul.reason
+    assert (last.action, last.cost_unit) == (Advice.CONTINUE, "removals")
+    assert last.flight_hours == pytest.approx(last.from_now + healths[-1].flight_hours)
+    assert last.from_now == pytest.approx(HOURS)
+    assert 0.0 < last.expected_cost < last.cost_of_immediate_removal
+    assert "the decision can wait for the next test" in last.reason
 
 
 def test_late_subscriber_receives_the_latest_forecast(session: MonitorSession):
