@@ -18,6 +18,7 @@ from ema_ros.topics import (
     MONITOR_TOPICS,
     NAMESPACE,
     SIMULATED_FAULTS,
+    STATE,
     TELEMETRY,
 )
 
@@ -28,7 +29,7 @@ _TOPICS: Final = {
     f"{NAMESPACE}/{SIMULATED_FAULTS}": ACTUATOR_TOPICS[SIMULATED_FAULTS],
     **{f"{NAMESPACE}/{name}": MONITOR_TOPICS[name] for name in (FAULT_ESTIMATE, HEALTH)},
     _TELEMETRY: (ACTUATOR_TOPICS[TELEMETRY][0], qos_profile_sensor_data),
-    _STATUS: (DiagnosticArray, 10),
+    _STATUS: (DiagnosticArray, STATE),
 }
 
 
