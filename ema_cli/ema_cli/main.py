@@ -24,13 +24,12 @@ _COMMANDS: Final = {
     "watch": "Show the health of all actuators, the worst first, until Ctrl-C.",
     "plot": "Draw the telemetry of BAG with its windows; with --window, also its fit and faults.",
     "info": "Show what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it.",
-    "up": "Run nodes until Ctrl-C: without names, the simulated actuator and its monitor.",
+    "up": "Run nodes until Ctrl-C: without names, simulated actuator, monitor and dashboard.",
     "record": "Record telemetry, estimates and health until Ctrl-C.",
     "play": "Play BAG, and the time on /clock.",
     "recover": "Write what is intact of BAG, left by a recorder that was killed, to a "
     "bag with an index.",
-    "demo": "Watch an actuator wear out: simulator, monitor and recorder, then a "
-    "picture of the bag.",
+    "demo": "Watch an actuator wear out: its diagnosis live and on the dashboard, then a picture.",
 }
 """Commands and their first sentences, so that help imports none of them."""
 

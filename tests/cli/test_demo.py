@@ -105,6 +105,12 @@ def finished(demos):
     return demos[0]
 
 
+def test_demos_say_where_their_dashboards_are(demos):
+    addresses = [re.findall(r"^dashboard at (http://127.0.0.1:\d+/)$", d.said, re.M) for d in demos]
+    assert [len(found) for found in addresses] == [1, 1]
+    assert addresses[0] != addresses[1]  # a port that is in use is passed over
+
+
 def test_demo_leaves_bag_and_picture_and_no_process(finished):
     assert finished.descendants() == {}
     bag = Bag(finished.folder / "bag")

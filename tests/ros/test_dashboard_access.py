@@ -16,6 +16,7 @@ import pytest
 from aiohttp import ClientError, WSServerHandshakeError
 from rclpy.context import Context
 
+from ema_dashboard import web_server
 from ema_dashboard.outbox import Outbox, OverflowingError
 from ema_interfaces.msg import Health, TelemetryBlock
 from ema_ros import topics
@@ -313,7 +314,8 @@ def test_what_is_not_served_is_refused_in_words(session):
         )
 
 
-def test_connections_without_a_request_are_closed(session, web):
+def test_connections_without_a_request_are_closed(session, web, monkeypatch):
+    monkeypatch.setattr(web_server, "_PATIENCE_S", 0.5)
     node = session.dashboard(most_clients=1)
     host, _, port = node.address.rstrip("/").rpartition("/")[2].rpartition(":")
     idle = [socket.create_connection((host, int(port))) for _ in range(60)]

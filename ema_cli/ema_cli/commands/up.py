@@ -41,7 +41,7 @@ def up(
     assignments: tuple[str, ...],
     namespace: str | None,
 ) -> None:
-    """Run nodes until Ctrl-C: without names, the simulated actuator, its monitor and the dashboard.
+    """Run nodes until Ctrl-C: without names, simulated actuator, monitor and dashboard.
 
     The dashboard prints its address. The others live on when one ends. Exit code 1 when one of them
     failed. A simulated actuator is a new unit at each start: beside it the monitor keeps its
