@@ -6,9 +6,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.faults import healthy_faults
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.model.deviations import N_DEVIATIONS, NAMES
+from ema_monitor.model.deviations import COLUMNS
+from ema_monitor.model.monitor_model import Response
+from ema_monitor.model.readings import read
 from ema_monitor.windows.window import Window
 
 MOST_VALUES: Final = 500
@@ -43,6 +46,34 @@ class WindowFit:
     estimated_speed: NDArray[np.float64]
 
 
+def expected_signals(window: Window, estimate: Estimate, calibration: Calibration) -> Response:
+    """Return current and speed of the calibrated model in a window, ``(2, n)`` each.
+
+    The first row is that at the estimate, the second that of the healthy actuator.
+
+    Parameters
+    ----------
+    window, estimate, calibration
+        As of `window_fit`; the estimate has faults.
+
+    Raises
+    ------
+    ValueError
+        When the sample period is no multiple of the model's step.
+    """
+    faults = np.array([estimate.faults, healthy_faults()])
+    columns = np.zeros((2, len(COLUMNS)))
+    # What was measured holds for the healthy actuator as well; what the window shows, holds more.
+    for row, causes in ((0, (*estimate.measured, *estimate.causes)), (1, estimate.measured)):
+        for one in causes:
+            columns[row, COLUMNS.index(one.name)] = one.value
+    deviations, position = read(columns, window)
+    response = calibration.model().respond(
+        window, faults, estimate.play, deviations=deviations, position=position
+    )
+    return calibration.expect(response, window)
+
+
 def window_fit(window: Window, estimate: Estimate, calibration: Calibration) -> WindowFit:
     """Return a window beside the response of the calibrated model at its estimate.
 
@@ -60,39 +91,23 @@ def window_fit(window: Window, estimate: Estimate, calibration: Calibration) -> 
     ValueError
         When the sample period is no multiple of the model's step, so that no fit was possible.
     """
-    expected = np.full((2, len(window)), np.nan)
+    current, speed = np.full((2, len(window)), np.nan)
     if np.isfinite(estimate.faults).all():
-        deviations = np.zeros((1, N_DEVIATIONS))
-        for one in (*estimate.measured, *estimate.causes):
-            deviations[0, NAMES.index(one.name)] = one.value
-        faults = np.array([estimate.faults])
-        model = calibration.model()
-        response = model.respond(window, faults, estimate.play, deviations=deviations)
-        expected = np.concatenate(calibration.expect(response, window))
+        expected = expected_signals(window, estimate, calibration)
+        current, speed = expected.current[0], expected.speed[0]
     recorded = window.telemetry
     rows = np.stack(
         [
             recorded.command[1:],
             recorded.position[1:],
             window.current,
-            expected[0],
+            current,
             recorded.speed[1:],
-            expected[1],
+            speed,
         ]
     )
     each = -(-len(window) // MOST_VALUES)
     whole = len(window) // each * each
-    command, position, current, estimated_current, speed, estimated_speed = (
-        rows[:, :whole].reshape(len(rows), -1, each).mean(axis=2)
-    )
+    means = rows[:, :whole].reshape(len(rows), -1, each).mean(axis=2)
     h = window.sample_period
-    return WindowFit(
-        period=each * h,
-        start=0.5 * (each + 1) * h,
-        command=command,
-        position=position,
-        current=current,
-        estimated_current=estimated_current,
-        speed=speed,
-        estimated_speed=estimated_speed,
-    )
+    return WindowFit(each * h, 0.5 * (each + 1) * h, *means)

@@ -97,7 +97,7 @@ class FollowUps:
 
     def follow_estimate(self, segment: Segment, estimate: Estimate) -> None:
         """Publish the fit of an estimate that has been published, if it is of one window."""
-        if isinstance(segment.window, Window):
+        if isinstance(segment.window, Window) and not estimate.stretches:
             window, calibration = segment.window, self._calibration_of(segment.description)
             if isinstance(calibration, Calibration):
                 self._add(lambda: self._publish_fit(segment, window, estimate, calibration))

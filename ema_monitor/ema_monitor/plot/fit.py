@@ -12,9 +12,8 @@ from ema_core.faults import FAULTS, healthy_faults
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.model.deviations import COLUMNS
+from ema_monitor.identification.window_fit import expected_signals
 from ema_monitor.model.monitor_model import Response
-from ema_monitor.model.readings import read
 from ema_monitor.plot.style import (
     BLUE,
     GREY,
@@ -75,7 +74,7 @@ def plot_fit(
     calibration = calibration or Calibration.builtin()
     start_s = 0.0 if since_ns is None else (window.start_ns - since_ns) * 1e-9
     t = start_s + window.sample_period * np.arange(1, len(window) + 1)
-    modelled = _modelled(window, estimate, calibration)
+    modelled = expected_signals(window, estimate, calibration)
     figure = Figure(figsize=(10.5, 11.0), layout="constrained")
     halves: Any = figure.subfigures(2, 1, height_ratios=(sum(_HEIGHTS[:-1]), _HEIGHTS[-1]))
     signals, bars = halves
@@ -100,21 +99,6 @@ def plot_fit(
         fontsize="medium",
     )
     return figure
-
-
-def _modelled(window: Window, estimate: Estimate, calibration: Calibration) -> Response:
-    """Return current and speed that the model gives, with the estimate and healthy, ``(2, n)``."""
-    faults = np.array([estimate.faults, healthy_faults()])
-    columns = np.zeros((2, len(COLUMNS)))
-    # What was measured holds for the healthy actuator as well; what the window shows, holds more.
-    for row, causes in ((0, (*estimate.measured, *estimate.causes)), (1, estimate.measured)):
-        for one in causes:
-            columns[row, COLUMNS.index(one.name)] = one.value
-    deviations, position = read(columns, window)
-    response = calibration.model().respond(
-        window, faults, estimate.play, deviations=deviations, position=position
-    )
-    return calibration.expect(response, window)
 
 
 def _draw_signal(
