@@ -9,11 +9,13 @@ import pytest
 from ema_core.commands import Command
 from ema_core.faults import GAIN, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
+from ema_monitor.calibration.fit import calibrate
 from ema_monitor.identification.evidence import Evidence
 from ema_monitor.identification.objective import Objective
 from ema_monitor.identification.relations import Relations
 from ema_monitor.identification.search import identify
 from ema_monitor.model.deviations import COLUMNS, NAMES, hidden_causes
+from ema_monitor.model.measured import measured_causes
 from ema_monitor.model.readings import read
 from ema_monitor.windows.control_law import law_offset
 from ema_monitor.windows.travel import travel_ratio
@@ -186,3 +188,17 @@ def test_unusual_cause_costs_its_distance_however_bad_the_fit_is(healthy_windows
         assert objective.surprise(point) - objective.surprise(at.point) == pytest.approx(16.0)
         assert evidence.against(away, at) == pytest.approx(16.0, abs=2.0)
     assert objective.encode(healthy_faults())[GAIN] == 0.5
+
+
+@pytest.mark.slow
+def test_readings_measured_beside_healthy_windows_are_not_of_the_unit(description):
+    """A calibration under them knows the unit as one without them does."""
+    known = {"position_gain": (0.02, 1e-3), "position_offset": (5e-4, 1e-5)}
+    value = {name: one[0] for name, one in known.items()}
+    plain, wrong = recorded({}, {}), recorded({}, value)
+    measured = replace(wrong, measured=measured_causes(known))
+    ours, theirs = (calibrate([one], description) for one in (plain, measured))
+    assert theirs.travel_ratio == pytest.approx(ours.travel_ratio, abs=1e-4)
+    assert theirs.law_offset == pytest.approx(ours.law_offset, abs=0.05 * HELD)
+    assert theirs.unit.friction == pytest.approx(ours.unit.friction, abs=0.01)
+    assert np.std(theirs.correction - ours.correction) < 0.05
