@@ -1,0 +1,1 @@
+"""The graph for Foxglove, and for a web page of its own."""
