@@ -1,20 +1,253 @@
 """The dashboard: what the nodes publish, for Foxglove and for a web page of its own."""
 
-from typing import Any
+import os
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, Final
 
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock as RosClock
+from rclpy.clock_type import ClockType
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+
+from ema_core.wording import counted
+from ema_dashboard.access import Access
+from ema_dashboard.channels import Channels
+from ema_dashboard.histories import Histories
+from ema_dashboard.known_topics import CLOCK, UNIT_HISTORY, KnownTopic, known_topics
+from ema_dashboard.playback_control import PlaybackControl
+from ema_dashboard.settings import DEFAULT_ORIGINS, DashboardSettings, read_token
+from ema_dashboard.unit_history import ActuatorHistory
+from ema_dashboard.web_server import WebServer, bound_socket, tls_context
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
+from ema_ros.settings import declare, read
+from ema_ros.stamps import stamp_from_message
+from ema_ros.status import OK, Task
+from ema_ros.topics import (
+    DESCRIPTION,
+    FAULT_ESTIMATE,
+    HEALTH,
+    PLAYBACK_STATE,
+)
+
+_DISCOVERY_S: Final = 0.2
+_JUMP_NS: Final = 1_000_000_000
+_NICENESS: Final = 5
+
+_LISTS: Final = {
+    "namespaces": ((), "namespaces that are shown; empty: that of the node"),
+    "allowed_origins": (DEFAULT_ORIGINS, "origins of other pages that may connect"),
+    "host_names": ((), "names of this machine by which clients address it, beside loopback"),
+}
 
 
 class DashboardNode(ManagedNode):
-    """Serves what the nodes of a namespace publish, and a page that shows it."""
+    """Serves what the nodes of some namespaces publish, and a page that shows it.
+
+    Parameters of the node are the fields of ``DashboardSettings`` and three lists: ``namespaces``,
+    ``allowed_origins`` and ``host_names``.
+
+    Topics are received as they are and sent on without decoding; those that are neither latched nor
+    needed for the history only while a client looks at them. The node changes nothing in the
+    graph, but for the player, which clients may control.
+    """
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("dashboard", **kwargs)
+        declare(self, DashboardSettings)
+        for name, (default, description) in _LISTS.items():
+            descriptor = ParameterDescriptor(
+                description=description, read_only=True, dynamic_typing=True
+            )
+            self.declare_parameter(name, list(default) or [""], descriptor)
+        self._discovery = self.create_timer(
+            _DISCOVERY_S,
+            self._discover,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+            clock=RosClock(clock_type=ClockType.STEADY_TIME),
+            autostart=False,
+        )
+
+    def configure(self) -> None:
+        """Listen."""
+        settings = read(self, DashboardSettings)
+        namespaces = self._texts("namespaces") or [self.get_namespace()]
+        hosts = (settings.host, *self._texts("host_names"))
+        access = Access(hosts, self._texts("allowed_origins"), read_token(settings.token_file))
+        tls = tls_context(settings.tls_certificate, settings.tls_key)
+        listener = bound_socket(settings.host, settings.port, settings.ports)
+        port = listener.getsockname()[1]
+        if settings.port not in (0, port):
+            self.get_logger().warning(f"port {settings.port} is in use: listening on {port}")
+        host = f"[{settings.host}]" if ":" in settings.host else settings.host
+        self.address = f"http{'s' if tls else ''}://{host}:{port}/"
+        self._topics = {topic.name: topic for topic in known_topics(namespaces)}
+        self._inputs: dict[str, Subscription] = {}
+        self._clock_ns: int | None = None
+        self._playback = PlaybackControl(
+            self, lambda state: self._channels.broadcast_playback(state)
+        )
+        self._channels = Channels("EMA health monitor", self._playback)
+        self._histories = {
+            name: Histories(self, name, partial(self._offer_history, name)) for name in namespaces
+        }
+        self._channels.start()
+        self._web = WebServer(
+            listener,
+            tls,
+            access,
+            lambda: self._channels.address,
+            self._channels.kept,
+            settings.most_clients,
+            round(settings.buffer_mb * 1e6),
+        )
+        self._web.start()
+        self.get_logger().info(f"dashboard at {self.address}")
+
+    def activate(self) -> None:
+        """Look for topics and send them on."""
+        self._discovery.reset()
+
+    def deactivate(self) -> None:
+        """Receive nothing any more; clients stay connected."""
+        self._discovery.cancel()
+        for subscription in self._inputs.values():
+            self.destroy_subscription(subscription)
+        self._inputs.clear()
+
+    def clean_up(self) -> None:
+        """Disconnect the clients and free the port."""
+        self._web.stop()
+        self._playback.stop()
+        self._channels.close()
+        for histories in self._histories.values():
+            histories.close()
+
+    def tasks(self) -> list[Task]:
+        """Return where it serves, to how many clients, and what they did not take."""
+        clients, dropped, waiting = self._web.statistics()
+        totals = self._web.totals
+        values = {
+            "address": self.address,
+            "clients": clients,
+            "topics": len(self._channels),
+            "sent messages": totals.messages,
+            "sent [B]": totals.sent_bytes,
+            "waiting [B]": waiting,
+            "dropped messages": dropped,
+            "refused requests": totals.refused,
+        }
+        message = f"{counted(clients, 'client')} at {self.address}"
+        if dropped:
+            message += f", {counted(dropped, 'message')} dropped for slow clients"
+        return [Task("dashboard", OK, message, self.hardware_id, values)]
+
+    def _texts(self, name: str) -> list[str]:
+        """Return a parameter that is a list of texts, without empty ones."""
+        values = self.get_parameter(name).value
+        if not isinstance(values, list | tuple) or not all(
+            isinstance(item, str) for item in values
+        ):
+            raise ValueError(f"parameter {name} = {values!r}: expected a list of texts")
+        return [item for item in values if item]
+
+    def _discover(self) -> None:
+        """Offer topics that have a publisher, and receive those that are looked at."""
+        for name, topic in self._topics.items():
+            if name not in self._channels:
+                if topic.request is not None and not self.count_publishers(name):
+                    continue
+                self._channels.add(topic)
+            if topic.request is None:
+                continue
+            wanted = topic.followed or self._channels.has_clients(name)
+            if wanted and name not in self._inputs:
+                self._inputs[name] = self.create_subscription(
+                    topic.message_class, name, self._receiver(topic), topic.request, raw=True
+                )
+            elif not wanted and name in self._inputs:
+                self.destroy_subscription(self._inputs.pop(name))
+        if not self.count_publishers(CLOCK):
+            self._clock_ns = None
+        for histories in self._histories.values():
+            histories.update()
+        self._find_player()
+
+    def _find_player(self) -> None:
+        """Let clients control a player that has come; there is one at a time."""
+        for topic in self._topics.values():
+            if topic.relative == PLAYBACK_STATE:
+                for item in self.get_publishers_info_by_topic(topic.name):
+                    namespace = item.node_namespace.rstrip("/")
+                    self._playback.set_player(f"{namespace}/{item.node_name}")
+                    return
+        self._playback.set_player("")
+        if self._channels.playback_range is not None:
+            self._channels.start()
+
+    def _receiver(self, topic: KnownTopic) -> Callable[..., None]:
+        def receive(data: bytes, information: Mapping[str, Any]) -> None:
+            log_time_ns = self._clock_ns or information["received_timestamp"]
+            if topic.name == CLOCK:
+                self._note_time(
+                    stamp_from_message(deserialize_message(data, topic.message_class).clock)
+                )
+            elif topic.kept:
+                message = deserialize_message(data, topic.message_class)
+                key = getattr(message, "actuator_id", "")
+                stamp_ns = stamp_from_message(message.header.stamp)
+                self._channels.keep(topic.name, key, data, log_time_ns, stamp_ns)
+                self._follow(topic, message)
+            self._channels.send(topic.name, data, log_time_ns)
+
+        return receive
+
+    def _follow(self, topic: KnownTopic, message: Any) -> None:
+        """Take what the history and the control of a playback rest on."""
+        histories = self._histories[topic.namespace]
+        if topic.relative == DESCRIPTION:
+            histories.note_description(message)
+        elif topic.relative == FAULT_ESTIMATE:
+            histories.note_estimate(message)
+        elif topic.relative == HEALTH:
+            histories.note_health(message)
+        elif topic.relative == PLAYBACK_STATE:
+            bounds = stamp_from_message(message.start), stamp_from_message(message.end)
+            if bounds != self._channels.playback_range:
+                self._channels.start(bounds)
+            if message.jumped:
+                self._note_time(stamp_from_message(message.position))
+            self._playback.note_state(message)
+
+    def _note_time(self, time_ns: int) -> None:
+        """Take the time of the graph; where it jumps back, nothing of later stays."""
+        before_ns, self._clock_ns = self._clock_ns, time_ns
+        if before_ns is None or time_ns >= before_ns - _JUMP_NS:
+            return
+        for name, topic in self._topics.items():
+            if topic.kept and topic.relative != UNIT_HISTORY and name in self._channels:
+                self._channels.forget(name, time_ns)
+        for histories in self._histories.values():
+            histories.rewind(time_ns)
+
+    def _offer_history(
+        self, namespace: str, actuator_id: str, history: ActuatorHistory, to_all: bool
+    ) -> None:
+        """Keep a history for clients that come, and send it to those present if it is another."""
+        name = f"{namespace.rstrip('/')}/{UNIT_HISTORY}"
+        log_time_ns = self._clock_ns or RosClock().now().nanoseconds
+        self._channels.keep(name, actuator_id, history.serialised, log_time_ns)
+        if to_all and self._channels.has_clients(name):
+            self._channels.send(name, history.serialised(), log_time_ns)
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
+    # Whatever clients ask for, the nodes of the graph come first.
+    os.nice(_NICENESS)
     return run(DashboardNode, args)
 
 

@@ -1,0 +1,81 @@
+"""Who may look at the dashboard: host names, origins of pages, token."""
+
+import hashlib
+import hmac
+from collections.abc import Iterable
+from typing import Final
+
+_LOOPBACK_NAMES: Final = frozenset(("localhost", "127.0.0.1", "::1"))
+
+
+class Access:
+    """Decides on requests by their headers.
+
+    A web page anywhere may make a browser connect to this machine, and WebSockets are exempt from
+    the rule of the same origin: so the origin is checked. A host name that is made to point here
+    would give a foreign page the origin of the dashboard: so the host is checked.
+
+    Parameters
+    ----------
+    hosts
+        Names by which it may be addressed, beside those of loopback.
+    origins
+        Origins of other pages that may connect, as ``https://example.org``.
+    token
+        What clients have to show; empty when nothing.
+    """
+
+    def __init__(self, hosts: Iterable[str], origins: Iterable[str], token: str) -> None:
+        self._hosts = _LOOPBACK_NAMES | {name.lower() for name in hosts}
+        self._origins = frozenset(name.lower().rstrip("/") for name in origins)
+        self._token = token
+
+    @property
+    def needs_token(self) -> bool:
+        """Whether clients have to show a token."""
+        return bool(self._token)
+
+    @property
+    def cookie(self) -> str:
+        """What a browser that has shown the token keeps instead of it."""
+        return hmac.new(self._token.encode(), b"dashboard cookie", hashlib.sha256).hexdigest()
+
+    def refuses(self, host: str, reached: str, scheme: str, origin: str | None) -> str:
+        """Return why a request is refused, in words; empty when it is not.
+
+        Parameters
+        ----------
+        host
+            Its header ``Host``.
+        reached
+            Address at which it arrived.
+        scheme
+            ``http`` or ``https``.
+        origin
+            Its header ``Origin``; None when it has none, as of programs that are no browsers.
+        """
+        name = host_name(host)
+        if name not in self._hosts and name != reached:
+            return f"host {name!r} is not one of this dashboard: see its parameter host_names"
+        if origin is not None:
+            given = origin.lower().rstrip("/")
+            if given != f"{scheme}://{host.lower()}" and given not in self._origins:
+                return f"origin {origin!r} may not connect: see the parameter allowed_origins"
+        return ""
+
+    def knows(self, *, token: str | None, cookie: str | None) -> bool:
+        """Return whether the right token, or the cookie for it, was shown, or none is needed."""
+        if not self._token:
+            return True
+        return _same(token, self._token) or _same(cookie, self.cookie)
+
+
+def host_name(host: str) -> str:
+    """Return the name in a header ``Host``, in small letters, without port and brackets."""
+    if host.startswith("["):
+        return host[1:].partition("]")[0].lower()
+    return host.partition(":")[0].lower()
+
+
+def _same(given: str | None, expected: str) -> bool:
+    return given is not None and hmac.compare_digest(given.encode(), expected.encode())

@@ -1,0 +1,79 @@
+"""The topics that the dashboard shows, and how each is shown."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+
+from ema_interfaces.msg import UnitHistory
+from ema_ros import topics
+
+UNIT_HISTORY: Final = "unit_history"
+DIAGNOSTICS: Final = "/diagnostics"
+CLOCK: Final = "/clock"
+
+_KNOWN: Final = {
+    **topics.ACTUATOR_TOPICS,
+    **topics.SYSTEM_TOPICS,
+    **topics.MONITOR_TOPICS,
+    **topics.PLAYER_TOPICS,
+}
+_FOLLOWED: Final = frozenset((topics.FAULT_ESTIMATE,))
+
+
+@dataclass(frozen=True)
+class KnownTopic:
+    """A topic that is shown.
+
+    Attributes
+    ----------
+    name
+        Full name.
+    namespace, relative
+        The namespace and the name in it; both empty outside of namespaces.
+    request
+        Quality of service of the subscription; None for what the dashboard makes itself.
+    followed
+        Whether it is received all the time; else only while a client looks at it.
+    kept
+        Whether a client that comes later gets the latest message of each actuator.
+    """
+
+    name: str
+    namespace: str
+    relative: str
+    message_class: Any
+    request: QoSProfile | None
+    followed: bool
+    kept: bool
+
+
+def known_topics(namespaces: Iterable[str]) -> list[KnownTopic]:
+    """Return the topics that are shown of some namespaces, and those outside of any."""
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    found = [
+        KnownTopic(DIAGNOSTICS, "", "", DiagnosticArray, topics.STATE, False, False),
+        KnownTopic(CLOCK, "", "", Clock, best_effort, True, False),
+    ]
+    for namespace in namespaces:
+        prefix = namespace.rstrip("/")
+        for relative, (message_class, offer) in _KNOWN.items():
+            latched = offer.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            followed = latched or relative in _FOLLOWED
+            found.append(
+                KnownTopic(
+                    f"{prefix}/{relative}",
+                    namespace,
+                    relative,
+                    message_class,
+                    topics.LATCHED_BY_MANY if latched else offer,
+                    followed,
+                    followed,
+                )
+            )
+        name = f"{prefix}/{UNIT_HISTORY}"
+        found.append(KnownTopic(name, namespace, UNIT_HISTORY, UnitHistory, None, False, True))
+    return found

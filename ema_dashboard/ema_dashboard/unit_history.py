@@ -1,0 +1,178 @@
+"""Histories of units for the page: from the monitor, then carried on with what is published."""
+
+import math
+import threading
+from collections.abc import Iterable
+from typing import Any, Final
+
+from builtin_interfaces.msg import Time
+from rclpy.serialization import serialize_message
+
+from ema_core.faults import FAULT_NAMES
+from ema_core.levels import STALE
+from ema_interfaces.msg import FaultEstimate, Health, UnitEvent, UnitHistory, UnitTest
+from ema_ros.stamps import stamp_from_message
+
+MOST_TESTS: Final = 2000
+"""Number of the latest tests of an actuator that are shown."""
+
+MOST_EVENTS: Final = 500
+
+_KINDS: Final = frozenset(
+    ("fault", "repair", "step", "outlier", "calibration", "gap", "restart", "service hours")
+)
+
+
+class ActuatorHistory:
+    """What is known of the tests of one actuator's unit.
+
+    Attributes
+    ----------
+    serial_number
+        Serial number of the installed unit.
+    """
+
+    def __init__(self, actuator_id: str, serial_number: str) -> None:
+        self.serial_number = serial_number
+        self._actuator_id = actuator_id
+        self._lock = threading.Lock()
+        self._tests: dict[int, UnitTest] = {}  # by stamp
+        self._events: dict[tuple[int, str], UnitEvent] = {}
+        self._omitted = 0
+        self._last_window = -1
+        self._estimate: FaultEstimate | None = None
+        self._health: Health | None = None
+        self._serialised: bytes | None = None
+
+    def set_base(self, history: UnitHistory) -> None:
+        """Take the history of the monitor; tests that came after it was asked stay."""
+        with self._lock:
+            base = {stamp_from_message(test.stamp): test for test in history.tests}
+            latest = max(base, default=-1)
+            later = {stamp: test for stamp, test in self._tests.items() if stamp > latest}
+            self._tests = {**base, **later}
+            known = {(stamp_from_message(item.stamp), item.text): item for item in history.events}
+            later_events = {key: item for key, item in self._events.items() if key[0] > latest}
+            self._events = {**known, **later_events}
+            self._omitted = history.omitted
+            self._trim()
+
+    def note_estimate(self, estimate: FaultEstimate) -> bool:
+        """Take an estimate; return whether the monitor has begun anew since the one before."""
+        began_anew = estimate.window < self._last_window
+        self._last_window = estimate.window
+        if estimate.valid:
+            with self._lock:
+                self._estimate = estimate
+                self._join()
+        return began_anew
+
+    def note_health(self, health: Health) -> None:
+        """Take the health after an estimate: both together are a test."""
+        with self._lock:
+            self._health = health
+            self._join()
+            stamp = stamp_from_message(health.header.stamp)
+            known = self._tests.get(stamp)
+            # Overdue or computed anew: the health after the test is the one that says more.
+            if known is not None and health.level != STALE:
+                _add_health(known, health)
+            for text in health.events:
+                event = _event_of(health.header.stamp, health.flight_hours, text)
+                self._events.setdefault((stamp, event.text), event)
+            self._trim()
+
+    def rewind(self, time_ns: int) -> None:
+        """Forget what is later than a time [ns]."""
+        with self._lock:
+            self._tests = {key: test for key, test in self._tests.items() if key <= time_ns}
+            self._events = {key: item for key, item in self._events.items() if key[0] <= time_ns}
+            self._estimate = self._health = None
+            self._serialised = None
+
+    def serialised(self) -> bytes:
+        """Return the history as a message, serialised; any thread may ask."""
+        with self._lock:
+            if self._serialised is None:
+                self._serialised = serialize_message(self._message())
+            return self._serialised
+
+    def _join(self) -> None:
+        """Make a test of the latest estimate and its health, whichever came first."""
+        estimate, health = self._estimate, self._health
+        if estimate and health and estimate.header.stamp == health.header.stamp:
+            test = self._tests[stamp_from_message(health.header.stamp)] = _test_of(estimate)
+            _add_health(test, health)
+            self._estimate = None
+            self._trim()
+
+    def _message(self) -> UnitHistory:
+        message = UnitHistory(
+            actuator_id=self._actuator_id,
+            serial_number=self.serial_number,
+            tests=list(self._tests.values()),
+            events=list(self._events.values()),
+            omitted=self._omitted,
+        )
+        if self._tests:
+            message.header.stamp = message.tests[-1].stamp
+        return message
+
+    def _trim(self) -> None:
+        self._omitted += _drop_oldest(self._tests, MOST_TESTS)
+        _drop_oldest(self._events, MOST_EVENTS)
+        self._serialised = None
+
+
+def _drop_oldest(items: dict[Any, Any], most: int) -> int:
+    surplus = max(0, len(items) - most)
+    for key in list(items)[:surplus]:
+        del items[key]
+    return surplus
+
+
+def _test_of(estimate: FaultEstimate) -> UnitTest:
+    """Return an estimate as a test, its health unknown."""
+    size = len(FAULT_NAMES)
+    variances = [estimate.covariance[index * (size + 1)] for index in range(size)]
+    seen = [not estimate.unobservable >> index & 1 for index in range(size)]
+    values = (getattr(estimate.faults, name) for name in FAULT_NAMES)
+    return UnitTest(
+        stamp=estimate.header.stamp,
+        verdict=estimate.verdict,
+        faults=_where(seen, values),
+        sigmas=_where(
+            seen, (math.sqrt(value) if value >= 0.0 else math.nan for value in variances)
+        ),
+        insignificant=estimate.insignificant,
+        level=STALE,
+        health_index=math.nan,
+        flight_hours=math.nan,
+        rul_05=math.nan,
+        rul_50=math.nan,
+        rul_95=math.nan,
+    )
+
+
+def _where(seen: Iterable[bool], values: Iterable[float]) -> list[float]:
+    return [value if is_seen else math.nan for is_seen, value in zip(seen, values, strict=True)]
+
+
+def _add_health(test: UnitTest, health: Health) -> None:
+    test.flight_hours = health.flight_hours
+    test.cycles = health.cycles
+    test.level = health.level
+    test.health_index = health.health_index
+    test.dominant_fault = health.dominant_fault
+    test.rul_known = health.rul.known
+    test.rul_05 = health.rul.hours_05
+    test.rul_50 = health.rul.hours_50
+    test.rul_95 = health.rul.hours_95
+
+
+def _event_of(stamp: Time, flight_hours: float, text: str) -> UnitEvent:
+    """Return an event of a health message; the words before its colon are its kind."""
+    kind, colon, rest = text.partition(": ")
+    if not colon or kind not in _KINDS:
+        kind, rest = "other", text
+    return UnitEvent(stamp=stamp, flight_hours=flight_hours, kind=kind, text=rest)

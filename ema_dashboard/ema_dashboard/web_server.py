@@ -1,0 +1,330 @@
+"""The one public port: the page over HTTP, and the protocol of Foxglove over WebSocket."""
+
+import asyncio
+import errno
+import socket
+import ssl
+import threading
+from collections.abc import Callable
+from typing import Any, Final
+
+from aiohttp import ClientError, ClientSession, ClientTimeout, web
+
+from ema_dashboard.access import Access
+from ema_dashboard.page_files import PageFile, read_page
+from ema_dashboard.relay import MOST_REQUEST_BYTES, SUBPROTOCOL, Kept, Relay, Totals
+
+_COOKIE: Final = "ema_dashboard"
+_PATIENCE_S: Final = 10.0
+_SPARE_CONNECTIONS: Final = 32  # for the page's files, beside the clients
+_SEND_BUFFER_BYTES: Final = 256 * 1024
+_HEADERS: Final = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+
+class WebServer:
+    """Serves page and WebSocket in a thread of its own.
+
+    Parameters
+    ----------
+    listener
+        Bound socket to listen on; it is closed with the server.
+    tls
+        Certificate and key; None to serve without encryption.
+    inner_address
+        Returns the address of the server of foxglove-sdk at the moment.
+    most_bytes
+        How much may wait for a client [B].
+
+    Attributes
+    ----------
+    totals
+        What all clients that have gone were sent; ``statistics`` has those present as well.
+    """
+
+    def __init__(
+        self,
+        listener: socket.socket,
+        tls: ssl.SSLContext | None,
+        access: Access,
+        inner_address: Callable[[], str],
+        kept: Kept,
+        most_clients: int,
+        most_bytes: int,
+    ) -> None:
+        self._listener = listener
+        self._tls = tls
+        self._access = access
+        self._inner_address = inner_address
+        self._kept = kept
+        self._most_clients = most_clients
+        self._most_bytes = most_bytes
+        self._scheme = "https" if tls else "http"
+        self._page = read_page()
+        self._relays: set[Relay] = set()
+        self._admitted = 0
+        self.totals = Totals()
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._run, name="dashboard", daemon=True)
+
+    def start(self) -> None:
+        """Begin to serve.
+
+        Raises
+        ------
+        OSError
+            When that is not possible.
+        """
+        self._thread.start()
+        asyncio.run_coroutine_threadsafe(self._open(), self._loop).result()
+
+    def stop(self) -> None:
+        """Disconnect all clients and stop serving."""
+        asyncio.run_coroutine_threadsafe(self._close(), self._loop).result()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    def statistics(self) -> tuple[int, int, int]:
+        """Return the number of clients, of dropped messages, and what waits for clients [B]."""
+        relays = tuple(self._relays)
+        dropped = self.totals.dropped + sum(relay.dropped for relay in relays)
+        return self._admitted, dropped, sum(relay.waiting_bytes for relay in relays)
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        self._loop.run_forever()
+
+    async def _open(self) -> None:
+        application = web.Application(client_max_size=1024, middlewares=[self._guard])
+        application.router.add_get("/{path:.*}", self._serve)
+        self._runner = web.AppRunner(application, access_log=None, keepalive_timeout=_PATIENCE_S)
+        await self._runner.setup()
+        assert self._runner.server is not None
+        self._http = self._runner.server
+        # The server of foxglove-sdk is of this process: what it sends is neither large nor slow.
+        self._session = ClientSession(timeout=ClientTimeout(total=None, connect=_PATIENCE_S))
+        self._waiting: dict[Any, asyncio.TimerHandle] = {}
+        self._site = await self._loop.create_server(
+            self._protocol,
+            sock=self._listener,
+            ssl=self._tls,
+            ssl_handshake_timeout=_PATIENCE_S if self._tls else None,
+        )
+
+    async def _close(self) -> None:
+        self._site.close()
+        relays = [relay.close(1001, b"the dashboard ends") for relay in tuple(self._relays)]
+        await asyncio.gather(*relays)
+        await self._session.close()
+        await self._runner.cleanup()
+
+    def _protocol(self) -> asyncio.Protocol:
+        """Return the protocol of a new connection, which has to make a request soon."""
+        protocol = self._http()
+        if len(self._http.connections) >= self._most_clients + _SPARE_CONNECTIONS:
+            return _Refusal()
+        self._waiting[protocol] = self._loop.call_later(_PATIENCE_S, self._give_up, protocol)
+        return protocol
+
+    def _give_up(self, protocol: Any) -> None:
+        del self._waiting[protocol]
+        protocol.force_close()
+
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: Callable[..., Any]) -> web.StreamResponse:
+        """Refuse what is not for us, before anything else is done."""
+        waiting = self._waiting.pop(request.protocol, None)
+        if waiting is not None:
+            waiting.cancel()
+        reason = self._access.refuses(
+            request.headers.get("Host", ""),
+            _reached(request),
+            self._scheme,
+            request.headers.get("Origin"),
+        )
+        if reason:
+            return self._refuse(403, reason)
+        shown = request.query.get("token")
+        kind, _, bearer = request.headers.get("Authorization", "").partition(" ")
+        if kind.lower() == "bearer":
+            shown = bearer.strip()
+        if not self._access.knows(token=shown, cookie=request.cookies.get(_COOKIE)):
+            return self._refuse(401, "a token is needed: Authorization: Bearer, or /?token=")
+        return await handler(request)
+
+    async def _serve(self, request: web.Request) -> web.StreamResponse:
+        if request.headers.get("Upgrade", "").lower() == "websocket":
+            return await self._connect(request)
+        if "token" in request.query and self._access.needs_token:
+            # Out of the address line, and so out of histories and screenshots.
+            answer = web.Response(status=303, headers={**_HEADERS, "Location": request.path})
+            answer.set_cookie(
+                _COOKIE,
+                self._access.cookie,
+                httponly=True,
+                samesite="Strict",
+                secure=self._tls is not None,
+            )
+            return answer
+        file = self._page.get(request.path)
+        if file is None:
+            return self._refuse(404, f"there is no {request.path[:100]}")
+        return self._file(request, file)
+
+    def _file(self, request: web.Request, file: PageFile) -> web.Response:
+        # WebSockets are named, as not all browsers take them for part of 'self'.
+        sockets = f"{self._scheme.replace('http', 'ws')}://{request.headers['Host']}"
+        headers = {
+            **_HEADERS,
+            "Content-Security-Policy": (
+                "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+                f"font-src 'self'; connect-src 'self' {sockets}; base-uri 'none'; "
+                "form-action 'none'; frame-ancestors 'none'"
+            ),
+            "Content-Type": file.content_type,
+            "Vary": "Accept-Encoding",
+        }
+        if request.path != "/":
+            headers |= {"Cache-Control": "no-cache", "ETag": f'"{file.tag}"'}
+            if request.headers.get("If-None-Match") == headers["ETag"]:
+                return web.Response(status=304, headers=headers)
+        if "gzip" in request.headers.get("Accept-Encoding", ""):
+            headers["Content-Encoding"] = "gzip"
+            return web.Response(body=file.compressed, headers=headers)
+        return web.Response(body=file.content, headers=headers)
+
+    async def _connect(self, request: web.Request) -> web.StreamResponse:
+        if self._admitted >= self._most_clients:
+            return self._refuse(503, f"{self._most_clients} clients are connected already")
+        offered = request.headers.get("Sec-WebSocket-Protocol", "")
+        if SUBPROTOCOL not in [item.strip() for item in offered.split(",")]:
+            return self._refuse(400, f"expected the subprotocol {SUBPROTOCOL}, not {offered!r}")
+        self._admitted += 1
+        try:
+            return await self._pass_on(request)
+        finally:
+            self._admitted -= 1
+
+    async def _pass_on(self, request: web.Request) -> web.StreamResponse:
+        outer = web.WebSocketResponse(
+            protocols=(SUBPROTOCOL,),
+            max_msg_size=MOST_REQUEST_BYTES,
+            compress=False,
+            autoping=False,
+            timeout=1.0,
+        )
+        try:
+            inner = await self._session.ws_connect(
+                self._inner_address(), protocols=(SUBPROTOCOL,), max_msg_size=0
+            )
+        except (ClientError, OSError, TimeoutError) as error:
+            return self._refuse(503, f"the dashboard is not ready: {error}")
+        _limit_patience(request)
+        await outer.prepare(request)
+        relay = Relay(outer, inner, self._kept, self._most_bytes, self.totals)
+        self._relays.add(relay)
+        try:
+            await relay.run()
+        finally:
+            self._relays.discard(relay)
+        return outer
+
+    def _refuse(self, status: int, reason: str) -> web.Response:
+        self.totals.refused += 1
+        return web.Response(status=status, text=f"{reason}\n", headers=_HEADERS)
+
+
+class _Refusal(asyncio.Protocol):
+    """Closes a connection beyond the limit as soon as it is made."""
+
+    def connection_made(self, transport: Any) -> None:
+        transport.abort()
+
+
+def _reached(request: web.Request) -> str:
+    """Return the address of this machine at which a request arrived."""
+    transport = request.transport
+    name = transport.get_extra_info("sockname") if transport else None
+    return str(name[0]) if name else ""
+
+
+def _limit_patience(request: web.Request) -> None:
+    """Keep little for a client in the kernel, where nothing is dropped, and not for ever."""
+    connection = request.transport and request.transport.get_extra_info("socket")
+    if connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 30)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 60_000)
+
+
+def bound_socket(host: str, port: int, ports: int) -> socket.socket:
+    """Return a socket that is bound to the first port that is free.
+
+    Parameters
+    ----------
+    port
+        First port; 0 takes any that is free.
+    ports
+        Number of ports to try.
+
+    Raises
+    ------
+    OSError
+        When none is free or the address is not one of this machine; the message names it.
+    """
+    last = min(port + ports, 65536) if port else 1
+    failure: OSError | None = None
+    for number in range(port, last):
+        try:
+            return _bound(host, number)
+        except OSError as error:
+            failure = error
+            if error.errno != errno.EADDRINUSE:
+                break
+    tried = f"port {port}" if last == port + 1 else f"ports {port} to {last - 1}"
+    raise OSError(f"cannot listen on {tried} of {host}: {failure}") from failure
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        # Else a restart would find its port in use for a minute.
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host, port))
+        # Here, as two sockets may be bound to one port as long as none listens.
+        listener.listen(64)
+    except OSError:
+        listener.close()
+        raise
+    return listener
+
+
+def tls_context(certificate: str, key: str) -> ssl.SSLContext | None:
+    """Return what encrypts connections; None without a certificate.
+
+    Raises
+    ------
+    ValueError
+        When certificate or key cannot be read, or do not belong together.
+    """
+    if not certificate:
+        return None
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        context.load_cert_chain(certificate, key)
+    except OSError as error:
+        raise ValueError(
+            f"parameters tls_certificate = {certificate!r} and tls_key = {key!r} are not usable: "
+            f"{error}"
+        ) from error
+    return context
