@@ -26,9 +26,9 @@ class _Kept(NamedTuple):
 class Channels:
     """Channels of topics, by their full names, and the server that offers them.
 
-    The server listens on an address of loopback that is chosen at random, out of millions, and a port
-    of the system's choice: pages in a browser, and whoever has not passed the checks of
-    ``WebServer``, do not find it.
+    The server listens on an address of loopback that is chosen at random, out of millions, and a
+    port of the system's choice, so that no page in a browser finds it without passing the checks of
+    ``WebServer``.
 
     Parameters
     ----------

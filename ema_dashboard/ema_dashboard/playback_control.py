@@ -10,6 +10,7 @@ from foxglove.websocket import (
     PlaybackControlRequest,
     PlaybackState,
     PlaybackStatus,
+    ServerListener,
 )
 from rclpy.client import Client
 from rclpy.node import Node
@@ -29,7 +30,7 @@ _STATUS: Final = {
 }
 
 
-class PlaybackControl:
+class PlaybackControl(ServerListener):
     """Does with a player what clients ask for, one request after the other, in a thread of its own.
 
     It is the listener of the server of foxglove-sdk, whose threads must not wait for a player.

@@ -97,6 +97,11 @@ class ActuatorHistory:
                 self._serialised = serialize_message(self._message())
             return self._serialised
 
+    def message(self) -> UnitHistory:
+        """Return the history as a message."""
+        with self._lock:
+            return self._message()
+
     def _join(self) -> None:
         """Make a test of the latest estimate and its health, whichever came first."""
         estimate, health = self._estimate, self._health
@@ -115,7 +120,7 @@ class ActuatorHistory:
             omitted=self._omitted,
         )
         if self._tests:
-            message.header.stamp = message.tests[-1].stamp
+            message.header.stamp = next(reversed(self._tests.values())).stamp
         return message
 
     def _trim(self) -> None:
@@ -134,7 +139,8 @@ def _drop_oldest(items: dict[Any, Any], most: int) -> int:
 def _test_of(estimate: FaultEstimate) -> UnitTest:
     """Return an estimate as a test, its health unknown."""
     size = len(FAULT_NAMES)
-    variances = [estimate.covariance[index * (size + 1)] for index in range(size)]
+    covariance: Any = estimate.covariance
+    variances = [covariance[index * (size + 1)] for index in range(size)]
     seen = [not estimate.unobservable >> index & 1 for index in range(size)]
     values = (getattr(estimate.faults, name) for name in FAULT_NAMES)
     return UnitTest(

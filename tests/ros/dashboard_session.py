@@ -1,0 +1,57 @@
+"""A dashboard in the process of a test, beside the nodes that it shows."""
+
+from typing import Any
+
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+
+from ema_dashboard.dashboard_node import DashboardNode
+
+from ..waiting import wait_for
+from .dashboard_client import Viewer, Web
+from .spinning import Spinning, made
+
+
+class DashboardSession(Spinning):
+    """Nodes of a test, a dashboard that shows them, and its clients."""
+
+    def __init__(self, context: Context, web: Web) -> None:
+        super().__init__(context)
+        self.web = web
+        self.viewers: list[Viewer] = []
+        self.source = self.node("source")
+
+    def dashboard(self, **parameters: Any) -> DashboardNode:
+        """Return a dashboard that serves, at a port of the system's choice unless one is given."""
+        node = self.unconfigured(**parameters)
+        assert node.bring_up()
+        return node
+
+    def unconfigured(self, **parameters: Any) -> DashboardNode:
+        """Return a dashboard that is not yet configured."""
+        given = {"port": 0, **parameters}
+        overrides = [Parameter(name, value=value) for name, value in given.items()]
+        return self.add(made(DashboardNode, context=self.context, parameter_overrides=overrides))
+
+    def view(self, node: DashboardNode, *topics: str, **options: Any) -> Viewer:
+        """Return a client that looks at topics."""
+        viewer = self.web.view(node.address, **options)
+        self.viewers.append(viewer)
+        viewer.look_at(*topics)
+        return viewer
+
+    def close(self) -> None:
+        for viewer in self.viewers:
+            viewer.close()
+        super().close()
+
+
+def values(node: DashboardNode) -> dict[str, Any]:
+    """Return the figures of the status of a dashboard."""
+    (task,) = node.tasks()
+    return dict(task.values)
+
+
+def wait_for_value(node: DashboardNode, name: str, value: Any) -> None:
+    """Wait until a figure of the status has a value."""
+    wait_for(lambda: values(node)[name] == value, f"{name} is {value}: {values(node)}")

@@ -1,0 +1,359 @@
+"""The dashboard serves those whom it should, and goes on serving them whatever others do."""
+
+import asyncio
+import json
+import os
+import socket
+import ssl
+import struct
+import subprocess
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from aiohttp import ClientError, WSServerHandshakeError
+from rclpy.context import Context
+
+from ema_dashboard.outbox import Outbox, OverflowingError
+from ema_interfaces.msg import Health, TelemetryBlock
+from ema_ros import topics
+from ema_ros.status import ERROR
+
+from ..waiting import wait_for
+from .dashboard_client import SUBPROTOCOL, Web
+from .dashboard_session import DashboardSession, values, wait_for_value
+
+TOKEN = "0123456789abcdef-token"
+BIG = 500_000  # samples in a column: 16 MB a message
+
+
+@pytest.fixture(scope="module")
+def web() -> Iterator[Web]:
+    with Web() as web:
+        yield web
+
+
+@pytest.fixture
+def session(context: Context, web: Web) -> Iterator[DashboardSession]:
+    session = DashboardSession(context, web)
+    yield session
+    session.close()
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("tls")
+    certificate, key = folder / "certificate.pem", folder / "key.pem"
+    subprocess.run(
+        [
+            *"openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=localhost".split(),
+            *("-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"),
+            *("-out", certificate, "-keyout", key),
+        ],
+        check=True,
+        capture_output=True,
+    )
+    return certificate, key
+
+
+@pytest.fixture
+def token_file(tmp_path: Path) -> Path:
+    path = tmp_path / "token"
+    path.write_text(f"{TOKEN}\n")
+    return path
+
+
+def refused_handshake(web: Web, url: str, protocol: str = SUBPROTOCOL, **headers: str) -> int:
+    """Return the status with which a WebSocket is refused; 101 when it is not."""
+
+    async def connect() -> int:
+        try:
+            async with web.session.ws_connect(url, protocols=(protocol,), headers=headers):
+                return 101
+        except WSServerHandshakeError as error:
+            return error.status
+
+    return web.run(connect())
+
+
+def refusal(session: DashboardSession, **parameters: Any) -> str:
+    """Return why a dashboard does not come up."""
+    node = session.unconfigured(**parameters)
+    assert not node.bring_up()
+    task = node._lifecycle_task()  # what /diagnostics says
+    assert task.level == ERROR
+    return task.message
+
+
+def test_the_page_is_served_with_a_policy_that_permits_only_itself(session, web):
+    node = session.dashboard()
+    status, headers, content = web.get(node.address)
+    assert (status, headers["Content-Type"]) == (200, "text/html")
+    assert b"<!doctype html>" in content.lower()
+    policy = headers["Content-Security-Policy"]
+    assert "default-src 'none'" in policy
+    assert "script-src 'self';" in policy
+    assert f"connect-src 'self' ws://{node.address.split('/')[2]};" in policy
+    assert headers["Cache-Control"] == "no-store"
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    for path in ("nothing", "../setup.py", "%2e%2e/settings.py", "page_files.py"):
+        assert web.get(f"{node.address}{path}")[0] == 404
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({}, 101),
+        ({"Origin": "https://app.foxglove.dev"}, 101),
+        ({"Origin": "https://evil.example"}, 403),
+        ({"Origin": "null"}, 403),
+        ({"Origin": "http://localhost.evil.example"}, 403),
+        ({"Host": "evil.example"}, 403),
+        ({"Host": "localhost.evil.example:80", "Origin": "http://localhost.evil.example:80"}, 403),
+    ],
+)
+def test_foreign_pages_and_names_are_refused(session, web, headers, status):
+    node = session.dashboard()
+    assert refused_handshake(web, node.address, **headers) == status
+    assert values(node)["refused requests"] == (status != 101)
+
+
+def test_other_protocols_are_refused(session, web):
+    assert refused_handshake(web, session.dashboard().address, "foxglove.websocket.v1") == 400
+
+
+def test_own_origin_and_those_of_the_parameter_may_connect(session, web):
+    node = session.dashboard(allowed_origins=["https://mine.example"], host_names=["box.example"])
+    own = node.address.rstrip("/")
+    port = own.rpartition(":")[2]
+    assert refused_handshake(web, node.address, Origin=own) == 101
+    assert refused_handshake(web, node.address, Origin="https://mine.example") == 101
+    assert refused_handshake(web, node.address, Origin="https://app.foxglove.dev") == 403
+    named = {"Host": f"box.example:{port}", "Origin": f"http://box.example:{port}"}
+    assert refused_handshake(web, node.address, **named) == 101
+
+
+def test_a_token_is_needed_where_one_is_set(session, web, token_file):
+    node = session.dashboard(token_file=str(token_file))
+    assert web.get(node.address)[0] == 401
+    assert refused_handshake(web, node.address) == 401
+    assert refused_handshake(web, node.address, Authorization="Bearer wrong") == 401
+    assert refused_handshake(web, node.address, Authorization=f"Bearer {TOKEN}") == 101
+    assert refused_handshake(web, f"{node.address}?token={TOKEN}") == 101
+    status, headers, _ = web.get(f"{node.address}?token={TOKEN}")
+    assert (status, headers["Location"]) == (303, "/")
+    cookie = headers["Set-Cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    assert TOKEN not in cookie
+    shown = cookie.partition(";")[0]
+    assert web.get(node.address, headers={"Cookie": shown})[0] == 200
+    assert refused_handshake(web, node.address, Cookie=shown) == 101
+
+
+def test_beyond_loopback_token_and_tls_are_needed(session, token_file, certificate):
+    pem, key = map(str, certificate)
+    assert "token_file and tls_certificate as well" in refusal(session, host="0.0.0.0")
+    assert "or tls_certificate as well" in refusal(
+        session, host="0.0.0.0", token_file=str(token_file)
+    )
+    assert "without tls_key" in refusal(session, tls_certificate=pem)
+    assert "are not usable" in refusal(session, tls_certificate=key, tls_key=pem)
+    short = token_file.with_name("short")
+    short.write_text("secret")
+    assert "holds 6 characters" in refusal(session, token_file=str(short))
+    assert "cannot be read" in refusal(session, token_file=str(token_file / "none"))
+
+
+def test_with_tls_and_a_token_it_serves_all_addresses(session, web, token_file, certificate):
+    pem, key = map(str, certificate)
+    session.source.create_publisher(Health, "health", topics.LATCHED).publish(
+        Health(actuator_id="flap")
+    )
+    node = session.dashboard(
+        host="0.0.0.0", token_file=str(token_file), tls_certificate=pem, tls_key=key
+    )
+    port = node.address.rstrip("/").rpartition(":")[2]
+    trust = ssl.create_default_context(cafile=pem)
+    url = f"https://localhost:{port}/"
+    _, headers, _ = web.get(f"{url}?token={TOKEN}", ssl=trust)
+    assert "Secure" in headers["Set-Cookie"]
+    viewer = web.view(url, ssl=trust, headers={"Authorization": f"Bearer {TOKEN}"})
+    session.viewers.append(viewer)
+    viewer.look_at("/ema/health")
+    viewer.wait_for("/ema/health")
+
+
+def test_an_occupied_port_is_passed_over_or_refused(session):
+    first = session.dashboard()
+    port = int(first.address.rstrip("/").rpartition(":")[2])
+    assert f"cannot listen on port {port} of 127.0.0.1" in refusal(session, port=port, ports=1)
+    second = session.dashboard(port=port, ports=100)
+    assert int(second.address.rstrip("/").rpartition(":")[2]) > port
+
+
+def test_clients_beyond_the_limit_are_told_so_and_places_become_free(session, web):
+    node = session.dashboard(most_clients=2)
+    viewers = [session.view(node) for _ in range(2)]
+    assert refused_handshake(web, node.address) == 503
+    assert web.get(node.address)[0] == 200  # the page itself is none of them
+    viewers[0].close()
+    wait_for_value(node, "clients", 1)
+    assert refused_handshake(web, node.address) == 101
+
+
+def slow_client(address: str, channel: int) -> socket.socket:
+    """Return a connection that has subscribed to a channel and never reads."""
+    host, _, port = address.rstrip("/").rpartition("/")[2].rpartition(":")
+    connection = socket.socket()
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    connection.connect((host, int(port)))
+    connection.sendall(
+        f"GET / HTTP/1.1\r\nHost: {host}:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
+        f"Sec-WebSocket-Protocol: {SUBPROTOCOL}\r\n\r\n".encode()
+    )
+    assert connection.recv(12) == b"HTTP/1.1 101"
+    request = {"op": "subscribe", "subscriptions": [{"id": 1, "channelId": channel}]}
+    data = json.dumps(request).encode()
+    connection.sendall(struct.pack("!BBI", 0x81, 0x80 | len(data), 0) + data)
+    return connection
+
+
+def test_a_slow_client_loses_the_oldest_and_another_gets_everything(session):
+    output = session.source.create_publisher(TelemetryBlock, "telemetry", topics.STREAM)
+    node = session.dashboard(buffer_mb=1.0)
+    viewer = session.view(node, "/ema/telemetry")
+    wait_for(output.get_subscription_count, "a subscription")
+    with slow_client(node.address, viewer.channels["/ema/telemetry"]["id"]):
+        wait_for_value(node, "clients", 2)
+        block = TelemetryBlock(actuator_id="flap")
+        block.position = block.speed = block.current = block.command = [0.5] * 3000
+        count = 150  # 96 kB each: more than the kernel's buffers and the dashboard's together
+        for number in range(count):
+            block.first_index = number
+            output.publish(block)
+            viewer.wait_for("/ema/telemetry", number + 1)
+        heard = [message.first_index for _, message in viewer.heard["/ema/telemetry"]]
+        assert heard == list(range(count))
+        wait_for(lambda: values(node)["dropped messages"] > 20, f"drops: {values(node)}")
+        assert values(node)["waiting [B]"] <= 1_000_000
+        (task,) = node.tasks()
+        assert "dropped for slow clients" in task.message
+    wait_for_value(node, "clients", 1)
+    assert values(node)["dropped messages"] > 20  # it is remembered
+
+
+async def hostile(web: Web, url: str, frames: list[str | bytes]) -> int | None:
+    """Send frames to a dashboard without ever reading; return how it closed."""
+    with suppress(ConnectionError, ClientError):
+        async with web.session.ws_connect(url, protocols=(SUBPROTOCOL,)) as connection:
+            with suppress(ConnectionError, ClientError):
+                for frame in frames:
+                    if isinstance(frame, str):
+                        await connection.send_str(frame)
+                    else:
+                        await connection.send_bytes(frame)
+            while not connection.closed:
+                await asyncio.wait_for(connection.receive(), 10.0)
+            return connection.close_code
+    return None
+
+
+SUBSCRIBE = json.dumps({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 1}]})
+FLOOD = json.dumps(
+    {"op": "subscribe", "subscriptions": [{"id": n, "channelId": n} for n in range(1500)]}
+)
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [
+        [SUBSCRIBE] * 5000,
+        [FLOOD] * 500,
+        [os.urandom(60) for _ in range(500)],
+        ["[" * 60_000] * 300,
+        ['{"op": "subscribe", "subscriptions": 3}', '{"op":"subscribe","subscriptions":[{}]}']
+        * 200,
+        ['{"op": "advertise", "channels": []}', '{"op": "setParameters"}'] * 200,
+        [b"x" * 1_000_000],
+        ["y" * 10_000_000],
+    ],
+    ids=["flood", "subscriptions", "garbage", "nesting", "lists", "commands", "huge", "huger"],
+)
+def test_a_hostile_client_is_disconnected_and_the_others_are_served(session, web, frames):
+    output = session.source.create_publisher(Health, "health", topics.LATCHED)
+    node = session.dashboard()
+    viewer = session.view(node, "/ema/health")
+    assert web.run(hostile(web, node.address, frames)) in (None, 1002, 1006, 1008, 1009, 1013)
+    output.publish(Health(actuator_id="flap"))
+    viewer.wait_for("/ema/health")
+    wait_for_value(node, "clients", 1)
+    assert session.view(node, "/ema/health").wait_for("/ema/health")
+
+
+def test_what_is_not_served_is_refused_in_words(session):
+    viewer = session.view(session.dashboard())
+    for request, words in (
+        ({"op": "advertise", "channels": []}, "operation 'advertise' is not served"),
+        ({"op": "getParameters", "parameterNames": []}, "'getParameters' is not served"),
+        ({"op": "unsubscribe", "subscriptionIds": [-1]}, "expected numbers"),
+        ({"op": "subscribe", "subscriptions": [{"id": True}]}, "expected numbers"),
+        ([1], "expected a JSON object"),
+        ("{", "refused: "),
+        (b"\x02abc", "only the control of a playback"),
+    ):
+        viewer.send(request)
+        wait_for(
+            lambda words=words: any(words in item.get("message", "") for item in viewer.told), words
+        )
+
+
+def test_connections_without_a_request_are_closed(session, web):
+    node = session.dashboard(most_clients=1)
+    host, _, port = node.address.rstrip("/").rpartition("/")[2].rpartition(":")
+    idle = [socket.create_connection((host, int(port))) for _ in range(60)]
+
+    def refused() -> int:
+        count = 0
+        for connection in idle:
+            connection.setblocking(False)
+            try:
+                count += connection.recv(1) == b""
+            except BlockingIOError:
+                continue
+            except ConnectionError:
+                count += 1
+        return count
+
+    try:
+        wait_for(lambda: refused() >= 60 - 33, "those beyond the limit to be closed")
+        wait_for(lambda: refused() == 60, "the others to be closed")
+        assert web.get(node.address)[0] == 200
+    finally:
+        for connection in idle:
+            connection.close()
+
+
+def test_the_oldest_messages_make_room_and_the_protocol_stays():
+    async def fill() -> list[str | bytes]:
+        box = Outbox(100)
+        box.put("protocol", droppable=False)
+        for number in range(30):
+            box.put(bytes([number] * 10), droppable=True)
+        box.put(bytes(101), droppable=True)
+        assert box.dropped == 22  # 9 of 30 fit beside the 8 characters, and the last never does
+        assert box.waiting_bytes == 98
+        return [await box.take() for _ in range(10)]
+
+    frames = asyncio.run(fill())
+    assert frames == ["protocol", *(bytes([number] * 10) for number in range(21, 30))]
+
+
+def test_a_client_that_leaves_the_protocol_waiting_is_given_up():
+    box = Outbox(100)
+    box.put("a" * 60, droppable=False)
+    with pytest.raises(OverflowingError):
+        box.put("b" * 60, droppable=False)

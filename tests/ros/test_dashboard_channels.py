@@ -1,0 +1,208 @@
+"""What the nodes publish reaches clients of the dashboard as it was published."""
+
+import array
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.context import Context
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+
+from ema_dashboard.known_topics import known_topics
+from ema_interfaces.msg import Health, TelemetryBlock, WindowFit
+from ema_recording.message_type import type_name
+from ema_recording.schema import schema_text
+from ema_ros import topics
+
+from ..waiting import wait_for
+from .dashboard_client import Web
+from .dashboard_session import DashboardSession
+
+PUBLISHED = {
+    **topics.ACTUATOR_TOPICS,
+    **topics.SYSTEM_TOPICS,
+    **topics.MONITOR_TOPICS,
+    **topics.PLAYER_TOPICS,
+}
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+@pytest.fixture(scope="module")
+def web() -> Iterator[Web]:
+    with Web() as web:
+        yield web
+
+
+@pytest.fixture
+def session(context: Context, web: Web) -> Iterator[DashboardSession]:
+    session = DashboardSession(context, web)
+    yield session
+    session.close()
+
+
+def health(actuator_id: str, index: float = 0.75, sec: int = 10) -> Health:
+    message = Health(actuator_id=actuator_id, serial_number="1", level=1, health_index=index)
+    message.header.stamp.sec = sec
+    message.dominant_fault = "friction"
+    message.rul.hours_50 = 123.25
+    message.cycles = 2**63
+    return message
+
+
+def plain(value: Any) -> Any:
+    """Return a message, decoded by ROS or by its schema, as plain values."""
+    if hasattr(value, "get_fields_and_field_types"):
+        names = value.get_fields_and_field_types()
+        return {name: plain(getattr(value, name)) for name in names}
+    if hasattr(value, "__slots__") and not isinstance(value, str | bytes | array.array):
+        return {name: plain(getattr(value, name)) for name in value.__slots__ if name[0] != "_"}
+    if isinstance(value, bytes) and len(value) == 1:
+        return value[0]
+    if isinstance(value, str | int | float | bool):
+        return value
+    return [plain(item) for item in value]
+
+
+def test_every_topic_is_a_channel_with_the_schema_of_its_messages(session):
+    for name, (kind, qos) in PUBLISHED.items():
+        session.source.create_publisher(kind, name, qos)
+    session.source.create_publisher(Clock, "/clock", BEST_EFFORT)
+    viewer = session.view(session.dashboard())
+    expected = {topic.name: topic.message_class for topic in known_topics(["/ema"])}
+    assert {*PUBLISHED, "unit_history"} == {
+        name.removeprefix("/ema/") for name in expected if name.startswith("/ema/")
+    }
+    wait_for(lambda: viewer.channels.keys() >= expected.keys(), "all channels")
+    for name, kind in expected.items():
+        channel = viewer.channels[name]
+        assert channel["encoding"] == "cdr"
+        assert channel["schemaEncoding"] == "ros2msg"
+        assert channel["schemaName"] == type_name(kind)
+        assert channel["schema"] == schema_text(type_name(kind))
+    assert viewer.told[0]["capabilities"] == []  # clients change nothing
+
+
+def test_values_arrive_as_they_were_published(session):
+    telemetry = session.source.create_publisher(TelemetryBlock, "telemetry", topics.STREAM)
+    fit = session.source.create_publisher(WindowFit, "window_fit", topics.LATCHED)
+    output = session.source.create_publisher(Health, "health", topics.LATCHED)
+    status = session.source.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    names = ("/ema/telemetry", "/ema/window_fit", "/ema/health", "/diagnostics")
+    viewer = session.view(session.dashboard(), *names)
+    for publisher in (telemetry, status):  # received only while somebody looks
+        wait_for(lambda publisher=publisher: publisher.get_subscription_count(), "subscription")
+    samples = array.array("d", [0.1, -1e300, 5e-324])
+    block = TelemetryBlock(actuator_id="flap", sample_period=1e-4, first_index=2**62)
+    block.position = block.speed = block.current = block.command = samples
+    window = WindowFit(actuator_id="flap", current=array.array("f", [0.5, -0.25]))
+    array_of_status = DiagnosticArray(status=[DiagnosticStatus(level=b"\x02", name="a: b")])
+    for publisher, message in (
+        (telemetry, block),
+        (fit, window),
+        (output, health("flap")),
+        (status, array_of_status),
+    ):
+        publisher.publish(message)
+    for name, message in zip(names, (block, window, health("flap"), array_of_status), strict=True):
+        # As text, NaN is NaN. On /diagnostics the dashboard reports as well.
+        viewer.wait_until_heard(
+            name, lambda heard, sent=message: str(plain(heard)) == str(plain(sent))
+        )
+
+
+def test_a_late_client_gets_the_latest_of_each_actuator_and_nobody_else_gets_it_again(session):
+    outputs = [session.source.create_publisher(Health, "health", topics.LATCHED) for _ in range(2)]
+    node = session.dashboard()
+    early = session.view(node, "/ema/health")
+    outputs[0].publish(health("left", 0.5))
+    outputs[0].publish(health("left", 0.25))
+    outputs[1].publish(health("right", 0.75))
+    early.wait_for("/ema/health", 3)
+    late = session.view(node, "/ema/health")
+    latest = {(item.actuator_id, item.health_index) for item in late.wait_for("/ema/health", 2)}
+    assert latest == {("left", 0.25), ("right", 0.75)}
+    outputs[1].publish(health("right", 0.125))
+    late.wait_for("/ema/health", 3)
+    assert len(early.wait_for("/ema/health", 4)) == 4
+    late.look_away("/ema/health")
+    late.look_at("/ema/health")
+    late.wait_for("/ema/health", 5)
+
+
+def test_telemetry_is_received_only_while_somebody_looks_at_it(session):
+    output = session.source.create_publisher(TelemetryBlock, "telemetry", topics.STREAM)
+    node = session.dashboard()
+    viewer = session.view(node)
+    wait_for(lambda: "/ema/telemetry" in viewer.channels, "the channel")
+    assert output.get_subscription_count() == 0
+    viewer.look_at("/ema/telemetry")
+    wait_for(output.get_subscription_count, "a subscription")
+    viewer.close()
+    wait_for(lambda: not output.get_subscription_count(), "the subscription to end")
+
+
+def test_several_namespaces_are_shown(session):
+    other = session.node("other", namespace="/second")
+    for node, index in ((session.source, 0.25), (other, 0.5)):
+        node.create_publisher(Health, "health", topics.LATCHED).publish(health("flap", index))
+    viewer = session.view(
+        session.dashboard(namespaces=["/ema", "/second"]), "/ema/health", "/second/health"
+    )
+    [first], [second] = viewer.wait_for("/ema/health"), viewer.wait_for("/second/health")
+    assert (first.health_index, second.health_index) == (0.25, 0.5)
+
+
+def test_messages_have_the_time_of_the_graph(session):
+    clock = session.source.create_publisher(Clock, "/clock", BEST_EFFORT)
+    output = session.source.create_publisher(Health, "health", topics.LATCHED)
+    time = Clock()
+    time.clock.sec = 500
+    viewer = session.view(session.dashboard(), "/clock", "/ema/health")
+
+    def ticked() -> bool:
+        clock.publish(time)
+        return bool(viewer.heard["/clock"])
+
+    wait_for(ticked, "/clock")
+    output.publish(health("flap"))
+    viewer.wait_for("/ema/health")
+    assert viewer.heard["/ema/health"][0][0] == 500 * 10**9
+
+
+def test_where_time_jumps_back_nothing_of_later_is_kept(session):
+    clock = session.source.create_publisher(Clock, "/clock", BEST_EFFORT)
+    outputs = [session.source.create_publisher(Health, "health", topics.LATCHED) for _ in range(2)]
+    node = session.dashboard()
+    viewer = session.view(node, "/clock", "/ema/health")
+
+    def tick(sec: int) -> None:
+        time = Clock()
+        time.clock.sec = sec
+        heard = viewer.heard["/clock"]
+
+        def ticked() -> bool:
+            clock.publish(time)
+            return bool(heard) and heard[-1][1].clock.sec == sec
+
+        wait_for(ticked, f"/clock at {sec} s")
+
+    tick(50)
+    outputs[0].publish(health("left", sec=10))
+    outputs[1].publish(health("right", sec=40))
+    viewer.wait_for("/ema/health", 2)
+    tick(20)
+    late = session.view(node, "/ema/health")
+    outputs[1].publish(health("right", 0.5, sec=15))
+    wait_for(lambda: any(m.health_index == 0.5 for _, m in late.heard["/ema/health"]), "new")
+    assert [m.header.stamp.sec for _, m in late.heard["/ema/health"]] == [10, 15]
+
+
+def test_nan_stays_nan(session):
+    output = session.source.create_publisher(Health, "health", topics.LATCHED)
+    viewer = session.view(session.dashboard(), "/ema/health")
+    output.publish(health("flap", math.nan))
+    [message] = viewer.wait_for("/ema/health")
+    assert math.isnan(message.health_index)

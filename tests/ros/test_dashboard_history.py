@@ -1,0 +1,212 @@
+"""A page that is loaded anew shows the whole history of a unit, from the monitor and since."""
+
+import array
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from rclpy.context import Context
+
+from ema_dashboard.unit_history import MOST_EVENTS, MOST_TESTS, ActuatorHistory
+from ema_interfaces.msg import (
+    ActuatorDescription,
+    FaultEstimate,
+    Health,
+    UnitEvent,
+    UnitHistory,
+    UnitTest,
+)
+from ema_interfaces.srv import GetHistory
+from ema_ros import topics
+
+from ..waiting import wait_for
+from .dashboard_client import Web
+from .dashboard_session import DashboardSession
+
+HISTORY = "/ema/unit_history"
+
+
+@pytest.fixture(scope="module")
+def web() -> Iterator[Web]:
+    with Web() as web:
+        yield web
+
+
+class Monitor:
+    """The part of a monitor that the history rests on."""
+
+    def __init__(self, session: DashboardSession, tests: int = 3, name: str = "monitor") -> None:
+        self.node = session.node(name)
+        self.tests, self.serial, self.asked = tests, "1", 0
+        self._estimates = self.node.create_publisher(FaultEstimate, "fault_estimate", topics.STATE)
+        self._healths = self.node.create_publisher(Health, "health", topics.LATCHED)
+        self.node.create_service(GetHistory, "~/get_history", self._answer)
+
+    def publish(self, sec: int, window: int = 0, *, events: tuple[str, ...] = ()) -> None:
+        self._estimates.publish(estimate(sec, window))
+        self._healths.publish(health(sec, events))
+
+    def _answer(self, request: GetHistory.Request, response: GetHistory.Response) -> Any:
+        self.asked += 1
+        response.success = request.actuator_id == "flap"
+        response.history = UnitHistory(actuator_id="flap", serial_number=self.serial, omitted=7)
+        response.history.tests = [unit_test(sec) for sec in range(self.tests)]
+        return response
+
+
+@pytest.fixture
+def session(context: Context, web: Web) -> Iterator[DashboardSession]:
+    session = DashboardSession(context, web)
+    yield session
+    session.close()
+
+
+def estimate(sec: int, window: int = 0) -> FaultEstimate:
+    message = FaultEstimate(actuator_id="flap", serial_number="1", window=window, valid=True)
+    message.header.stamp.sec = sec
+    message.faults.friction, message.faults.gain = 0.25, 0.5
+    message.covariance[0] = 1e-4
+    message.unobservable = FaultEstimate.BACKLASH
+    message.insignificant = FaultEstimate.GAIN
+    return message
+
+
+def health(sec: int, events: tuple[str, ...] = ()) -> Health:
+    message = Health(actuator_id="flap", serial_number="1", level=1, health_index=0.5)
+    message.header.stamp.sec = sec
+    message.flight_hours, message.cycles, message.events = 10.0 * sec, sec, events
+    message.rul.known, message.rul.hours_50 = True, 321.0
+    return message
+
+
+def unit_test(sec: int) -> UnitTest:
+    test = UnitTest(flight_hours=float(sec))
+    test.stamp.sec = sec
+    return test
+
+
+def stamps(message: Any) -> list[int]:
+    return [test.stamp.sec for test in message.tests]
+
+
+def latest(viewer: Any) -> Any:
+    return viewer.heard[HISTORY][-1][1] if viewer.heard[HISTORY] else None
+
+
+def test_the_history_survives_a_reload_and_goes_on_with_what_is_published(session):
+    monitor = Monitor(session)
+    monitor.publish(2)
+    node = session.dashboard()
+    first = session.view(node, HISTORY)
+    wait_for(lambda: latest(first) and stamps(latest(first)) == [0, 1, 2], "the base")
+    assert latest(first).omitted == 7
+    watcher = session.view(node, "/ema/health")
+    monitor.publish(3, 1, events=("step: friction rose", "something else"))
+    watcher.wait_until_heard("/ema/health", lambda heard: heard.header.stamp.sec == 3)
+    first.close()
+
+    def reloaded() -> Any:
+        again = session.view(node, HISTORY)
+        [message] = again.wait_for(HISTORY)
+        return stamps(message) == [0, 1, 2, 3] and message
+
+    message = wait_for(reloaded, "the history with the new test")
+    test = message.tests[-1]
+    assert test.faults[0] == 0.25
+    assert test.sigmas[0] == pytest.approx(0.01, rel=1e-12)  # a square root, exact but for rounding
+    assert math.isnan(test.faults[1])
+    assert math.isnan(test.sigmas[1])
+    assert (test.flight_hours, test.cycles, test.level) == (30.0, 3, 1)
+    assert (test.rul_known, test.rul_50, test.insignificant) == (True, 321.0, FaultEstimate.GAIN)
+    events = [(event.kind, event.text, event.stamp.sec) for event in message.events]
+    assert events == [("step", "friction rose", 3), ("other", "something else", 3)]
+    assert monitor.asked == 1
+
+
+def test_a_monitor_that_begins_anew_is_asked_again(session):
+    monitor = Monitor(session)
+    viewer = session.view(session.dashboard(), HISTORY, "/ema/fault_estimate")
+    monitor.publish(2, 5)
+    viewer.wait_for("/ema/fault_estimate")
+    wait_for(lambda: monitor.asked == 1 and latest(viewer), "the first question")
+    monitor.tests = 6
+    monitor.publish(5, 0)
+    wait_for(lambda: stamps(latest(viewer)) == list(range(6)), "the new base")
+
+
+def test_a_replaced_unit_has_a_history_of_its_own(session):
+    monitor = Monitor(session)
+    monitor.publish(2)
+    description = session.source.create_publisher(
+        ActuatorDescription, "actuator_description", topics.LATCHED
+    )
+    viewer = session.view(session.dashboard(), HISTORY)
+    wait_for(lambda: latest(viewer) and stamps(latest(viewer)) == [0, 1, 2], "the base")
+    monitor.serial, monitor.tests = "2", 1
+    description.publish(ActuatorDescription(actuator_id="flap", serial_number="2"))
+    wait_for(
+        lambda: latest(viewer).serial_number == "2" and stamps(latest(viewer)) == [0],
+        "the history of the new unit",
+    )
+
+
+def test_without_a_monitor_that_has_histories_the_tests_since_are_shown(session):
+    node = session.dashboard()
+    estimates = session.source.create_publisher(FaultEstimate, "fault_estimate", topics.STATE)
+    healths = session.source.create_publisher(Health, "health", topics.LATCHED)
+    watcher = session.view(node, "/ema/health", "/ema/fault_estimate")
+    # The health first: topics have no order between each other.
+    healths.publish(health(4))
+    watcher.wait_for("/ema/health")
+    wait_for(estimates.get_subscription_count, "a subscription")
+    estimates.publish(estimate(4))
+    watcher.wait_for("/ema/fault_estimate")
+    [message] = session.view(node, HISTORY).wait_for(HISTORY)
+    assert stamps(message) == [4]
+
+
+def test_a_history_is_bounded():
+    history = ActuatorHistory("flap", "1")
+    for sec in range(MOST_TESTS + 10):
+        history.note_estimate(estimate(sec, sec))
+        history.note_health(health(sec, (f"outlier: number {sec}",)))
+    message: Any = history.message()
+    assert len(message.tests) == MOST_TESTS
+    assert message.omitted == 10
+    assert message.tests[-1].stamp.sec == MOST_TESTS + 9
+    assert len(message.events) == MOST_EVENTS
+
+
+def test_a_base_does_not_lose_the_tests_that_came_after_it():
+    history = ActuatorHistory("flap", "1")
+    for sec in (5, 6):
+        history.note_estimate(estimate(sec, sec))
+        history.note_health(health(sec))
+    base = UnitHistory(actuator_id="flap", serial_number="1", tests=[unit_test(0), unit_test(5)])
+    base.events = [UnitEvent(kind="repair", text="new gear")]
+    history.set_base(base)
+    assert stamps(history.message()) == [0, 5, 6]
+    history.rewind(5 * 10**9)
+    assert stamps(history.message()) == [0, 5]
+
+
+def test_a_stale_health_does_not_take_the_place_of_that_after_the_test():
+    history = ActuatorHistory("flap", "1")
+    history.note_estimate(estimate(5))
+    history.note_health(health(5))
+    overdue = health(5)
+    overdue.level, overdue.health_index = 3, math.nan
+    history.note_health(overdue)
+    [test] = history.message().tests
+    assert (test.level, test.health_index) == (1, 0.5)
+
+
+def test_a_negative_variance_is_no_standard_deviation():
+    refused = estimate(1)
+    refused.covariance = array.array("d", [math.nan] * 64)
+    history = ActuatorHistory("flap", "1")
+    history.note_estimate(refused)
+    history.note_health(health(1))
+    [test] = history.message().tests
+    assert all(math.isnan(value) for value in test.sigmas)
