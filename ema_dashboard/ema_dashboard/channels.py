@@ -1,5 +1,6 @@
 """Topics as channels of foxglove-sdk, and what is kept of them for clients that come later."""
 
+import logging
 import secrets
 import threading
 from collections.abc import Callable
@@ -12,6 +13,9 @@ from foxglove.websocket import PlaybackState, ServerListener, WebSocketServer
 from ema_dashboard.known_topics import KnownTopic
 from ema_recording.message_type import type_name
 from ema_recording.schema import schema_text
+
+# It logs what clients do wrong, in threads of its own; the relay counts that.
+logging.getLogger("foxglove").setLevel(logging.CRITICAL)
 
 _BACKLOG: Final = 4096
 _MOST_KEPT: Final = 1000
@@ -104,8 +108,7 @@ class Channels:
         channel = Channel(topic.name, message_encoding="cdr", schema=schema, context=self._context)
         with self._lock:
             self._channels[topic.name] = channel
-            if topic.kept:
-                self._kept[channel.id()] = {}
+            self._kept[channel.id()] = {}
 
     def has_clients(self, topic: str) -> bool:
         """Return whether a client looks at a topic."""
@@ -147,10 +150,15 @@ class Channels:
             for key in [key for key, item in kept.items() if item.stamp_ns > stamp_ns]:
                 del kept[key]
 
-    def kept(self, channel_id: int) -> list[tuple[int, bytes]]:
-        """Return log time [ns] and message of what is kept of a channel; any thread may ask."""
+    def kept(self, channel_id: int) -> list[tuple[int, bytes]] | None:
+        """Return log time [ns] and message of what is kept of a channel; any thread may ask.
+
+        None when there is no such channel.
+        """
         with self._lock:
-            items = list(self._kept.get(channel_id, {}).values())
+            if channel_id not in self._kept:
+                return None
+            items = list(self._kept[channel_id].values())
         return [
             (item.log_time_ns, item.data() if callable(item.data) else item.data) for item in items
         ]

@@ -25,8 +25,8 @@ _MESSAGE: Final = 1  # opcodes of binary frames: of the server
 _PLAYBACK: Final = 3  # of a client
 _MOST_PLAYBACK_BYTES: Final = 512
 
-Kept = Callable[[int], Sequence[tuple[int, bytes]]]
-"""Log times [ns] and messages that a new subscriber of a channel gets at once."""
+Kept = Callable[[int], Sequence[tuple[int, bytes]] | None]
+"""Log times [ns] and messages that a new subscriber of a channel gets at once; None if unknown."""
 
 
 @dataclass
@@ -135,27 +135,40 @@ class Relay:
                 await self._inner.send_bytes(message.data)
                 return
             request = _request(message.data)
+            if request["op"] == "subscribe":
+                await self._begin(request["subscriptions"])
+                return
         except ValueError as error:
             self._totals.refused += 1
             status = {"op": "status", "level": 2, "message": f"refused: {error}"}
             self._outbox.put(json.dumps(status), droppable=True)
             return
         await self._inner.send_str(message.data)
-        if request["op"] == "unsubscribe":
-            for number in request["subscriptionIds"]:
-                self._subscriptions.pop(number, None)
-        else:
-            for item in request["subscriptions"]:
-                self._begin(item["id"], item["channelId"])
+        for number in request["subscriptionIds"]:
+            self._subscriptions.pop(number, None)
 
-    def _begin(self, subscription: int, channel: int) -> None:
-        """Send what is kept of a channel to the client that has just subscribed to it."""
-        known = self._subscriptions
-        if subscription in known or channel in known.values():
-            return
-        if len(known) < _MOST_SUBSCRIPTIONS:
+    async def _begin(self, items: Sequence[dict[str, int]]) -> None:
+        """Subscribe, and send what is kept of the channels to this client alone.
+
+        Raises
+        ------
+        ValueError
+            When one of the channels is unknown or is subscribed to already.
+        """
+        known, found = dict(self._subscriptions), []
+        for item in items:
+            subscription, channel = item["id"], item["channelId"]
+            kept = self._kept(channel)
+            if kept is None:
+                raise ValueError(f"there is no channel {channel}")
+            if subscription in known or channel in known.values():
+                raise ValueError(f"channel {channel} or subscription {subscription} is in use")
             known[subscription] = channel
-            for log_time_ns, data in self._kept(channel):
+            found.append((subscription, kept))
+        self._subscriptions = known
+        await self._inner.send_str(json.dumps({"op": "subscribe", "subscriptions": items}))
+        for subscription, kept in found:
+            for log_time_ns, data in kept:
                 header = struct.pack("<BIQ", _MESSAGE, subscription, log_time_ns)
                 self._outbox.put(header + data, droppable=True)
 

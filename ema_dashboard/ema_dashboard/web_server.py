@@ -124,6 +124,7 @@ class WebServer:
         await asyncio.gather(*relays)
         await self._session.close()
         await self._runner.cleanup()
+        await self._loop.shutdown_default_executor()
 
     def _protocol(self) -> asyncio.Protocol:
         """Return the protocol of a new connection, which has to make a request soon."""

@@ -28,6 +28,8 @@ class Playback:
 
     Attributes
     ----------
+    rate
+        Seconds played in a second; it may be changed while nothing is played [-].
     start_ns, reached_ns
         Log time of the first message, and the log time that is reached [ns].
 
@@ -49,12 +51,27 @@ class Playback:
         self._next = next(self._messages, None)
         if self._next is None:
             raise ValueError("there is no message to play")
-        self._rate = rate
+        self.rate = rate
         self._tick_s = tick_s
         self._publish = publish
         self._tick = tick
         self.played = 0
         self.start_ns = self.reached_ns = self._next.log_time_ns
+
+    def go_to(self, time_ns: int, messages: Iterable[Recorded]) -> None:
+        """Stand at another time, while nothing is played.
+
+        Parameters
+        ----------
+        time_ns
+            Log time to go to [ns].
+        messages
+            The messages from then on, in the order of their log times.
+        """
+        self._messages = iter(messages)
+        self._next = next(self._messages, None)
+        self.reached_ns = time_ns
+        self._tick(time_ns)
 
     def run(self, stop: threading.Event) -> bool:
         """Play on from where it stands.
@@ -67,9 +84,9 @@ class Playback:
         begin_ns, begin_s = self.reached_ns, time.monotonic()
         next_tick_s = begin_s
         while self._next is not None:
-            due_s = begin_s + (self._next.log_time_ns - begin_ns) / 1e9 / self._rate
+            due_s = begin_s + (self._next.log_time_ns - begin_ns) / 1e9 / self.rate
             while (now_s := time.monotonic()) < due_s or now_s >= next_tick_s:
-                now_ns = begin_ns + round((now_s - begin_s) * 1e9 * self._rate)
+                now_ns = begin_ns + round((now_s - begin_s) * 1e9 * self.rate)
                 self.reached_ns = min(now_ns, self._next.log_time_ns)
                 if now_s >= next_tick_s:
                     self._tick(self.reached_ns)

@@ -2,12 +2,15 @@
 
 import threading
 import traceback
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock as SteadyClock
+from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -18,21 +21,27 @@ from ema_interfaces.msg import (
     ActuatorDescription,
     FaultVectorStamped,
     MeasuredCauses,
+    PlaybackState,
     TelemetryBlock,
     Usage,
 )
+from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
+from ema_recording.latched import latched_before
 from ema_recording.message_type import message_class, type_name
 from ema_recording.playback import Playback
 from ema_recording.qos import recorded_qos, replay_qos
 from ema_recording.reader import Bag, Recorded, Topic
 from ema_recording.schema import check_schema
+from ema_recording.steering import Steering
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 from ema_ros.settings import declare, read
+from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_ros.status import ERROR, OK, WARN, Task
 
 _CLOCK: Final = "/clock"
 _TELEMETRY: Final = type_name(TelemetryBlock)
+_OWN: Final = type_name(PlaybackState)
 _ACTUATOR_TYPES: Final = frozenset(
     map(
         type_name,
@@ -48,6 +57,8 @@ _ACTUATOR_TYPES: Final = frozenset(
 )
 _SHARED_TOPICS: Final = frozenset(("/diagnostics", "/rosout", "/parameter_events", "/tf"))
 _POLL_S: Final = 0.05
+_STATE_S: Final = 0.5
+_LATCHED_S: Final = 0.2
 _SETTLE_S: Final = 1.0  # a subscription learns of its match after the publisher
 _ACKNOWLEDGE_S: Final = 5.0
 
@@ -65,6 +76,7 @@ class PlayerSettings:
         5.0, "s", 0.0, 3600.0, "timeout for a subscriber of each telemetry topic"
     )
     clock_rate_hz: float = quantity(100.0, "Hz", 1.0, 1000.0, "rate of /clock")
+    stay: bool = flag(False, "stay at the end of the bag, for a seek, instead of ending")
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -76,7 +88,10 @@ class PlayerNode(ManagedNode):
     Parameters of the node are the fields of ``PlayerSettings``.
 
     While it is inactive the recorded time stands still. It has done its work at the end of the
-    bag, when all reliable subscriptions have acknowledged every message.
+    bag, when all reliable subscriptions have acknowledged every message, unless it is to stay.
+
+    While it is active it can be paused, resumed, moved and played at another rate by services; a
+    seek publishes what is latched at the new time first. ``playback_state`` tells how it stands.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -84,6 +99,14 @@ class PlayerNode(ManagedNode):
         declare(self, PlayerSettings)
         self._stop = threading.Event()
         self._worker: threading.Thread | None = None
+        self._steered = threading.RLock()  # over start and stop of the worker
+        self._state_timer = self.create_timer(
+            _STATE_S,
+            self._publish_progress,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+            clock=SteadyClock(clock_type=ClockType.STEADY_TIME),
+            autostart=False,
+        )
 
     def configure(self) -> None:
         """Open the bag and create the publishers of what is in it."""
@@ -94,6 +117,7 @@ class PlayerNode(ManagedNode):
         topics = self._playable(actuator_only=self._settings.actuator_only)
         self._total = sum(topic.count for topic in topics.values())
         self._outputs: dict[str, Publisher] = {}
+        self._latched: list[str] = []
         try:
             self._playback = Playback(
                 self._bag.raw_messages(topics),
@@ -106,9 +130,10 @@ class PlayerNode(ManagedNode):
             raise ValueError(f"{self._bag.path}: {error}; {self._bag.damage}") from error
         self._warn_of_damage("")
         for name, topic in topics.items():
-            self._outputs[name] = self.create_publisher(
-                message_class(topic.type_name), name, self._offer(name, topic)
-            )
+            offer = self._offer(name, topic)
+            self._outputs[name] = self.create_publisher(message_class(topic.type_name), name, offer)
+            if offer.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+                self._latched.append(name)
         clock_qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._clock_output = self.create_publisher(Clock, _CLOCK, clock_qos)
         telemetry = [name for name, topic in topics.items() if topic.type_name == _TELEMETRY]
@@ -116,21 +141,29 @@ class PlayerNode(ManagedNode):
         self._is_awaited = True
         self._failure = ""
         self._phase = "ready"
+        self._status = PlaybackState.PLAYING
+        acts = {
+            "pause": self._pause,
+            "resume": self._resume,
+            "set_rate": self._set_rate,
+            "seek": self._seek,
+        }
+        self._steering = Steering(self, acts)
 
     def activate(self) -> None:
-        """Play on."""
-        self._stop = threading.Event()
-        self._worker = threading.Thread(target=self._work, args=(self._stop,), name="player")
-        self._worker.start()
+        """Play on, unless it is paused."""
+        with self._steered:
+            self._go_on()
+        self._state_timer.reset()
 
     def deactivate(self) -> None:
         """Stop before the next message."""
-        self._stop.set()
-        if self._worker is not None:
-            self._worker.join()
+        self._state_timer.cancel()
+        self._halt()
 
     def clean_up(self) -> None:
-        """Destroy the publishers."""
+        """Destroy the publishers and services."""
+        self._steering.close()
         for publisher in (*self._outputs.values(), self._clock_output):
             self.destroy_publisher(publisher)
 
@@ -145,7 +178,7 @@ class PlayerNode(ManagedNode):
                 remarks.append(f"{name}: also published by {', '.join(others)}")
         values = {
             "bag": bag.path,
-            "rate [-]": self._settings.rate,
+            "rate [-]": playback.rate,
             "played": playback.played,
             "messages": self._total,
             "position [s]": (playback.reached_ns - playback.start_ns) / 1e9,
@@ -162,7 +195,7 @@ class PlayerNode(ManagedNode):
         self._not_played: dict[str, str] = {}
         for name, topic in self._bag.topics.items():
             excluded = actuator_only and topic.type_name not in _ACTUATOR_TYPES
-            if not topic.count or name == _CLOCK or excluded:
+            if not topic.count or name == _CLOCK or topic.type_name == _OWN or excluded:
                 continue
             try:
                 if topic.encoding != "cdr":
@@ -190,6 +223,101 @@ class PlayerNode(ManagedNode):
             self.get_logger().warning(f"{name} is played as a reliable stream: {error}")
             return replay_qos(())
 
+    def _start(self) -> None:
+        """Play in a thread of its own."""
+        self._stop = threading.Event()
+        self._worker = threading.Thread(target=self._work, args=(self._stop,), name="player")
+        self._worker.start()
+
+    def _go_on(self) -> None:
+        """Play where it is to play, and tell."""
+        if self._status == PlaybackState.PLAYING:
+            self._start()
+        self._publish_state()
+
+    def _halt(self) -> None:
+        """Stop before the next message."""
+        with self._steered:
+            self._stop.set()
+            if self._worker is not None:
+                self._worker.join()
+
+    def _pause(self, _: Any) -> None:
+        with self._steered:
+            self._check_active()
+            self._halt()
+            if self._status == PlaybackState.PLAYING:
+                self._status = PlaybackState.PAUSED
+            self._publish_state()
+
+    def _resume(self, _: Any) -> None:
+        with self._steered:
+            self._check_active()
+            if self._status == PlaybackState.ENDED:
+                raise ValueError(f"{self._bag.path} is at its end: seek first")
+            if self._status == PlaybackState.PAUSED:
+                self._status = PlaybackState.PLAYING
+                self._go_on()
+
+    def _set_rate(self, request: SetPlaybackRate.Request) -> None:
+        settings = replace(self._settings, rate=request.rate)  # checks it
+        with self._steered:
+            self._check_active()
+            self._halt()
+            self._playback.rate = settings.rate
+            self._go_on()
+
+    def _seek(self, request: SeekPlayback.Request) -> None:
+        time_ns, (start_ns, end_ns) = stamp_from_message(request.time), self._bounds()
+        if not start_ns <= time_ns <= end_ns:
+            raise ValueError(
+                f"time = {time_ns / 1e9:.3f} s is outside {self._bag.path}, "
+                f"[{start_ns / 1e9:.3f}, {end_ns / 1e9:.3f}] s"
+            )
+        with self._steered:
+            self._check_active()
+            self._halt()
+            latched = latched_before(self._bag, self._latched, time_ns)
+            self._playback.go_to(time_ns, self._bag.raw_messages(self._outputs, time_ns))
+            if self._status == PlaybackState.ENDED:
+                self._status = PlaybackState.PAUSED
+            self._publish_state(jumped=True)
+            for item in latched:
+                # The publisher keeps one message: that of one actuator at a time.
+                self._outputs[item.topic].wait_for_all_acked(Duration(seconds=_LATCHED_S))
+                self._publish(item)
+            if self._status == PlaybackState.PLAYING:
+                self._start()
+
+    def _check_active(self) -> None:
+        if self.state != "active":
+            raise ValueError(f"the player is {self.state}: expected active")
+        if self.finished.is_set():
+            raise ValueError("the player has ended")
+
+    def _bounds(self) -> tuple[int, int]:
+        """Return log times of the first and last message [ns]."""
+        start_ns = self._playback.start_ns
+        return start_ns, max(start_ns, self._bag.end_ns or 0)
+
+    def _publish_progress(self) -> None:
+        if self._status == PlaybackState.PLAYING:
+            self._publish_state()
+
+    def _publish_state(self, *, jumped: bool = False) -> None:
+        start_ns, end_ns = self._bounds()
+        self._steering.publish(
+            PlaybackState(
+                bag=str(self._bag.path),
+                status=self._status,
+                rate=self._playback.rate,
+                start=stamp_to_message(start_ns),
+                end=stamp_to_message(end_ns),
+                position=stamp_to_message(self._playback.reached_ns),
+                jumped=jumped,
+            )
+        )
+
     def _publish(self, item: Recorded) -> None:
         self._outputs[item.topic].publish(item.message)
 
@@ -203,7 +331,7 @@ class PlayerNode(ManagedNode):
                 self._wait_for_subscribers(stop)
             if stop.is_set():
                 return
-            self._set_phase(f"playing at rate {self._settings.rate:g}")
+            self._set_phase(f"playing at rate {self._playback.rate:g}")
             if self._playback.run(stop):
                 self._finish(stop)
             else:
@@ -255,8 +383,13 @@ class PlayerNode(ManagedNode):
         if pending:
             names = ", ".join(name for name, _ in pending)
             self.get_logger().warning(f"not all messages on {names} are acknowledged")
+        if stop.is_set():
+            return
+        self._status = PlaybackState.ENDED
         self._set_phase(played)
-        self.finished.set()
+        self._publish_state()
+        if not self._settings.stay:
+            self.finished.set()
 
     def _warn_of_damage(self, known: str) -> None:
         if self._bag.damage != known:

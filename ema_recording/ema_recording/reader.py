@@ -160,15 +160,23 @@ class Bag:
         }
         return self._decoded(chosen, decoders, first, last)
 
-    def raw_messages(self, topics: Iterable[str] | None = None) -> Iterator[Recorded]:
+    def raw_messages(
+        self, topics: Iterable[str] | None = None, start_ns: int = 0
+    ) -> Iterator[Recorded]:
         """Read messages as they are stored, in the order of their log times.
+
+        Parameters
+        ----------
+        start_ns
+            Log time of the earliest wanted [ns].
 
         Raises
         ------
         ValueError
             When a topic is not in the recording.
         """
-        return (item for _, item in self._in_log_order(self._chosen(topics)))
+        first = Place(start_ns, -1, -1, -1) if start_ns else None
+        return (item for _, item in self._in_log_order(self._chosen(topics), first))
 
     def _open_folder(self) -> None:
         from ema_recording.metadata import METADATA_FILE, folder_contents  # YAML only for these

@@ -48,7 +48,8 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     certificate, key = folder / "certificate.pem", folder / "key.pem"
     subprocess.run(
         [
-            *"openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=localhost".split(),
+            *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"),
+            *("-subj", "/CN=localhost"),
             *("-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"),
             *("-out", certificate, "-keyout", key),
         ],
@@ -177,7 +178,7 @@ def test_with_tls_and_a_token_it_serves_all_addresses(session, web, token_file, 
     )
     port = node.address.rstrip("/").rpartition(":")[2]
     trust = ssl.create_default_context(cafile=pem)
-    url = f"https://localhost:{port}/"
+    url = f"https://127.0.0.1:{port}/"
     _, headers, _ = web.get(f"{url}?token={TOKEN}", ssl=trust)
     assert "Secure" in headers["Set-Cookie"]
     viewer = web.view(url, ssl=trust, headers={"Authorization": f"Bearer {TOKEN}"})
@@ -301,6 +302,7 @@ def test_what_is_not_served_is_refused_in_words(session):
         ({"op": "getParameters", "parameterNames": []}, "'getParameters' is not served"),
         ({"op": "unsubscribe", "subscriptionIds": [-1]}, "expected numbers"),
         ({"op": "subscribe", "subscriptions": [{"id": True}]}, "expected numbers"),
+        ({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99}]}, "no channel 99"),
         ([1], "expected a JSON object"),
         ("{", "refused: "),
         (b"\x02abc", "only the control of a playback"),

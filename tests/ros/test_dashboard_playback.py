@@ -1,0 +1,279 @@
+"""A replay is driven by its services, and from Foxglove by way of the dashboard."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from builtin_interfaces.msg import Time as TimeMessage
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from ema_interfaces.msg import Health, PlaybackState, TelemetryBlock
+from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
+from ema_recording.player_node import PlayerNode
+from ema_recording.writer import BagWriter
+from ema_ros import topics
+from ema_ros.stamps import stamp_from_message, stamp_to_message
+
+from ..waiting import DEADLINE_S, wait_for
+from .dashboard_client import Viewer, Web
+from .dashboard_session import DashboardSession
+from .spinning import made
+
+START_NS = 1_700_000_000_000_000_000
+STEP_NS = 10_000_000
+LAST = 2000  # twenty seconds
+
+
+@pytest.fixture(scope="module")
+def web() -> Iterator[Web]:
+    with Web() as web:
+        yield web
+
+
+@pytest.fixture
+def session(context: Context, web: Web) -> Iterator[DashboardSession]:
+    session = DashboardSession(context, web)
+    yield session
+    session.close()
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Numbered blocks of telemetry; the health of two actuators at 0 and 1 s and every 5 s."""
+    path = tmp_path_factory.mktemp("bag") / "flight.mcap"
+    with BagWriter(path) as writer:
+        writer.add_topic("/ema/telemetry", TelemetryBlock, topics.STREAM)
+        writer.add_topic("/ema/health", Health, topics.LATCHED)
+        writer.add_topic("/ema/playback_state", PlaybackState, topics.LATCHED)
+        writer.write("/ema/playback_state", PlaybackState(bag="another"), START_NS)
+        for number in range(LAST + 1):
+            at_ns = START_NS + number * STEP_NS
+            writer.write("/ema/telemetry", TelemetryBlock(first_index=number), at_ns)
+            if number % 500 == 0:
+                writer.write("/ema/health", health("left", at_ns), at_ns)
+            if number % 500 == 100:
+                writer.write("/ema/health", health("right", at_ns), at_ns)
+    return path
+
+
+def health(actuator_id: str, stamp_ns: int) -> Health:
+    message = Health(actuator_id=actuator_id)
+    message.header.stamp = stamp_to_message(stamp_ns)
+    return message
+
+
+class Replay:
+    """A player, and what came of it."""
+
+    def __init__(self, session: DashboardSession, bag: Path, **parameters: Any) -> None:
+        given = {"bag": str(bag), **parameters}
+        overrides = [Parameter(name, value=value) for name, value in given.items()]
+        self.player: PlayerNode = session.add(
+            made(PlayerNode, context=session.context, parameter_overrides=overrides)
+        )
+        self.states: list[PlaybackState] = []
+        self.indices: list[int] = []
+        self.healths: list[Health] = []
+        self.node = session.node("listener")
+        listen = self.node.create_subscription
+        listen(PlaybackState, "playback_state", self.states.append, topics.LATCHED)
+        listen(Health, "health", self.healths.append, topics.LATCHED_BY_MANY)
+        listen(TelemetryBlock, "telemetry", self._note_block, topics.STREAM)
+        assert self.player.bring_up()
+        wait_for(lambda: len(self.indices) > 5, "the player to play")
+
+    def _note_block(self, block: TelemetryBlock) -> None:
+        self.indices.append(block.first_index)
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, f"player/{name}")
+        assert client.wait_for_service(DEADLINE_S)
+        future = client.call_async(request)
+        wait_for(future.done, f"an answer of {name}")
+        return future.result()
+
+    def seek(self, seconds: float) -> Any:
+        return self.call(SeekPlayback, "seek", SeekPlayback.Request(time=at(seconds)))
+
+    def wait_for_state(self, is_meant: Callable[[PlaybackState], bool]) -> PlaybackState:
+        wait_for(lambda: self.states and is_meant(self.states[-1]), "a state of the playback")
+        return self.states[-1]
+
+
+def at(seconds: float) -> TimeMessage:
+    return stamp_to_message(START_NS + round(seconds * 1e9))
+
+
+def position_s(state: PlaybackState) -> float:
+    return (stamp_from_message(state.position) - START_NS) / 1e9
+
+
+def test_the_state_of_a_playback_is_published(session, bag):
+    replay = Replay(session, bag)
+    state = replay.wait_for_state(lambda state: position_s(state) > 0.0)
+    assert (state.bag, state.status, state.rate) == (str(bag), PlaybackState.PLAYING, 1.0)
+    assert (state.start, state.end) == (at(0.0), at(LAST * 0.01))
+
+
+def test_a_paused_playback_stands_still_and_resumes_where_it_was(session, bag):
+    replay = Replay(session, bag, rate=2.0)
+    assert replay.call(Trigger, "pause", Trigger.Request()).success
+    state = replay.wait_for_state(lambda state: state.status == PlaybackState.PAUSED)
+    played = replay.player._playback.played
+    assert replay.call(Trigger, "pause", Trigger.Request()).success  # again: nothing changes
+    assert replay.player._playback.played == played
+    assert replay.player._playback.reached_ns == stamp_from_message(state.position)
+    assert replay.call(Trigger, "resume", Trigger.Request()).success
+    wait_for(lambda: len(replay.indices) > played + 10, "it to play on")
+    assert replay.indices == list(range(len(replay.indices)))  # none lost, none twice
+
+
+def test_a_seek_publishes_what_is_latched_there_and_then_goes_on(session, bag):
+    replay = Replay(session, bag)
+    assert replay.call(Trigger, "pause", Trigger.Request()).success
+    for seconds, latched in (
+        (12.0, {("left", 10), ("right", 11)}),
+        (5.5, {("left", 5), ("right", 1)}),
+    ):
+        replay.healths.clear()
+        replay.states.clear()
+        assert replay.seek(seconds).success
+        state = replay.wait_for_state(lambda state: state.status == PlaybackState.PAUSED)
+        assert position_s(state) == seconds
+        assert any(state.jumped for state in replay.states)
+        wait_for(lambda: len(replay.healths) == 2, "what is latched")
+        stamps = {(m.actuator_id, m.header.stamp.sec - START_NS // 10**9) for m in replay.healths}
+        assert stamps == latched
+        replay.indices.clear()
+    assert replay.call(Trigger, "resume", Trigger.Request()).success
+    wait_for(lambda: len(replay.indices) > 20, "it to play on")
+    assert replay.indices[:20] == list(range(550, 570))
+
+
+def test_the_rate_can_be_changed(session, bag):
+    replay = Replay(session, bag)
+    request = SetPlaybackRate.Request(rate=50.0)
+    assert replay.call(SetPlaybackRate, "set_rate", request).success
+    assert replay.wait_for_state(lambda state: state.rate == 50.0)
+    assert replay.player.finished.wait(DEADLINE_S)
+    wait_for(lambda: len(replay.indices) == LAST + 1, "all messages")
+    assert replay.indices == list(range(LAST + 1))
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 101.0, float("nan")])
+def test_impossible_rates_are_refused(session, bag, rate):
+    replay = Replay(session, bag)
+    answer = replay.call(SetPlaybackRate, "set_rate", SetPlaybackRate.Request(rate=rate))
+    assert not answer.success
+    assert answer.message.startswith("rate = ")
+    assert replay.player._playback.rate == 1.0
+
+
+def test_times_outside_of_the_bag_are_refused(session, bag):
+    replay = Replay(session, bag)
+    answer = replay.seek(30.0)
+    assert not answer.success
+    assert f"is outside {bag}" in answer.message
+
+
+def test_a_player_that_stays_at_the_end_can_be_moved_back(session, bag):
+    replay = Replay(session, bag, rate=100.0, stay=True)
+    replay.wait_for_state(lambda state: state.status == PlaybackState.ENDED)
+    assert not replay.player.finished.is_set()
+    refused = replay.call(Trigger, "resume", Trigger.Request())
+    assert "seek first" in refused.message
+    assert replay.seek(19.0).success
+    replay.indices.clear()
+    assert replay.call(Trigger, "resume", Trigger.Request()).success
+    wait_for(lambda: len(replay.indices) == 101, "the last second again")
+    assert replay.indices == list(range(1900, 2001))
+
+
+def test_a_recorded_state_of_a_playback_is_not_played(session, bag):
+    replay = Replay(session, bag)
+    assert "/ema/playback_state" not in replay.player._outputs
+    assert all(state.bag == str(bag) for state in replay.states)
+
+
+def reconnected(session: DashboardSession, node: Any) -> Viewer:
+    """Return a client of the server that offers the control of a playback."""
+
+    def connect() -> Viewer | None:
+        viewer = session.view(node)
+        wait_for(lambda: viewer.told or viewer.socket.closed, "the information of the server")
+        offers = viewer.told and "playbackControl" in viewer.told[0]["capabilities"]
+        return viewer if offers else None
+
+    return wait_for(connect, "the control of a playback")
+
+
+def told(viewer: Viewer, request: str) -> dict[str, Any]:
+    """Wait for the state that answers a request."""
+
+    def answers() -> list[dict[str, Any]]:
+        return [item for item in viewer.told if item.get("request") == request]
+
+    wait_for(answers, f"an answer to {request}")
+    return answers()[-1]
+
+
+def test_a_replay_is_driven_from_foxglove(session, bag):
+    node = session.dashboard()
+    before = session.view(node)
+    replay = Replay(session, bag, stay=True)
+    wait_for(lambda: before.socket.closed, "the server to start anew")  # clients then reconnect
+    viewer = reconnected(session, node)
+    information = viewer.told[0]
+    assert information["dataStartTime"] == {"sec": START_NS // 10**9, "nsec": 0}
+    assert information["dataEndTime"] == {"sec": START_NS // 10**9 + 20, "nsec": 0}
+    viewer.look_at("/ema/telemetry", "/ema/health")
+
+    viewer.control(play=False, request="pause")
+    assert told(viewer, "pause")["status"] == 1
+    played = replay.player._playback.played
+    viewer.control(play=False, speed=4.0, seek_ns=START_NS + 12 * 10**9, request="seek")
+    answer = told(viewer, "seek")
+    assert (answer["status"], answer["speed"], answer["jumped"]) == (1, 4.0, True)
+    assert answer["time_ns"] == START_NS + 12 * 10**9
+    assert replay.player._playback.played == played
+    assert replay.player._playback.rate == 4.0
+    viewer.heard.clear()
+    viewer.control(play=True, speed=4.0, request="play")
+    assert told(viewer, "play")["status"] == 0
+    wait_for(lambda: len(viewer.heard["/ema/telemetry"]) > 10, "telemetry from there on")
+    at_ns, block = viewer.heard["/ema/telemetry"][0]
+    assert block.first_index >= 1200
+    # The time of the graph: that of the bag, up to the step of the clock.
+    assert abs(at_ns - (START_NS + block.first_index * STEP_NS)) < 10**9
+
+    viewer.control(play=False, speed=4.0, seek_ns=START_NS + 2 * 10**9, request="back")
+    told(viewer, "back")
+    late = reconnected(session, node)
+    late.look_at("/ema/health")
+    stamps = {m.header.stamp.sec - START_NS // 10**9 for m in late.wait_for("/ema/health", 2)}
+    assert stamps == {0, 1}  # nothing of what is later than the new time
+
+
+def test_what_the_player_refuses_changes_nothing_and_is_answered(session, bag):
+    node = session.dashboard()
+    replay = Replay(session, bag)
+    viewer = reconnected(session, node)
+    viewer.control(play=True, seek_ns=START_NS + 10**12, request="far")
+    assert not told(viewer, "far")["jumped"]
+    viewer.control(play=True, speed=1e6, request="fast")
+    assert told(viewer, "fast")["speed"] == 1.0
+    assert replay.player._playback.rate == 1.0
+
+
+def test_where_there_is_no_player_its_control_is_not_offered(session, bag):
+    node = session.dashboard()
+    replay = Replay(session, bag)
+    viewer = reconnected(session, node)
+    replay.player.trigger_shutdown()
+    wait_for(lambda: viewer.socket.closed, "the server to start anew")
+    again = session.view(node)
+    wait_for(lambda: again.told, "the information of the server")
+    assert again.told[0]["capabilities"] == []
