@@ -24,6 +24,7 @@ from .spinning import end, ros_context, spinning
 
 PACKAGES = {
     "actuator": "ema_sim",
+    "dashboard": "ema_dashboard",
     "monitor": "ema_monitor",
     "player": "ema_recording",
     "recorder": "ema_recording",

@@ -10,6 +10,7 @@ import pytest
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
 from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
+from ema_dashboard.dashboard_node import DashboardNode
 from ema_monitor.node.monitor_node import MonitorNode
 from ema_recording.player_node import PlayerNode
 from ema_recording.recorder_node import RecorderNode
@@ -21,6 +22,7 @@ from .spinning import ros_context
 SHARE = Path(get_package_share_directory("ema_bringup"))
 CLASSES = {
     "actuator": ActuatorNode,
+    "dashboard": DashboardNode,
     "monitor": MonitorNode,
     "recorder": RecorderNode,
     "player": PlayerNode,
@@ -149,7 +151,7 @@ def test_launch_arguments_are_described(name):
 
 @pytest.mark.usefixtures("launch_modules")
 def test_recorder_is_launched_when_a_bag_is_named():
-    assert set(nodes_of("ema.launch.py")) == {"actuator", "monitor"}
+    assert set(nodes_of("ema.launch.py")) == {"actuator", "monitor", "dashboard"}
     recorder = nodes_of("ema.launch.py", bag="worn")["recorder"]
     assert recorder["parameters"][1] == {"output": "worn"}
     nodes = nodes_of("ema.launch.py", namespace="/left", actuator_params="own.yaml")

@@ -117,10 +117,10 @@ def test_a_late_client_gets_the_latest_of_each_actuator_and_nobody_else_gets_it_
     outputs = [session.source.create_publisher(Health, "health", topics.LATCHED) for _ in range(2)]
     node = session.dashboard()
     early = session.view(node, "/ema/health")
-    outputs[0].publish(health("left", 0.5))
-    outputs[0].publish(health("left", 0.25))
-    outputs[1].publish(health("right", 0.75))
-    early.wait_for("/ema/health", 3)
+    messages = (health("left", 0.5), health("left", 0.25), health("right", 0.75))
+    for number, message in enumerate(messages):
+        outputs[number // 2].publish(message)
+        early.wait_for("/ema/health", number + 1)
     late = session.view(node, "/ema/health")
     latest = {(item.actuator_id, item.health_index) for item in late.wait_for("/ema/health", 2)}
     assert latest == {("left", 0.25), ("right", 0.75)}

@@ -24,7 +24,7 @@ from ema_cli.processes.stop_request import ENDING, deferred_signals
     help="Folder for bag, picture and logs; by default bags/demo_DATE_TIME.",
 )
 def demo(duration_s: float, output: Path | None) -> None:
-    """Watch an actuator wear out: simulator, monitor and recorder, then a picture of the bag.
+    """Watch an actuator wear out: its diagnosis live and on the dashboard, then a picture.
 
     ROS_DOMAIN_ID is honoured where it is set; otherwise the demo has a domain of its own.
     """

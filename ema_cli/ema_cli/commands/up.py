@@ -41,11 +41,11 @@ def up(
     assignments: tuple[str, ...],
     namespace: str | None,
 ) -> None:
-    """Run nodes until Ctrl-C: without names, the simulated actuator and its monitor.
+    """Run nodes until Ctrl-C: without names, the simulated actuator, its monitor and the dashboard.
 
-    The others live on when one ends. Exit code 1 when one of them failed. A simulated actuator is a
-    new unit at each start: beside it the monitor keeps its history in memory, unless
-    history_folder says otherwise.
+    The dashboard prints its address. The others live on when one ends. Exit code 1 when one of them
+    failed. A simulated actuator is a new unit at each start: beside it the monitor keeps its
+    history in memory, unless history_folder says otherwise.
     """
     with (
         deferred_signals(*ENDING) as stop,
@@ -55,7 +55,7 @@ def up(
         for assignment in assignments:
             if ":=" not in assignment:
                 raise ValueError(f"-p {assignment!r}: expected name:=value")
-        names = dict.fromkeys(nodes or ("actuator", "monitor"))
+        names = dict.fromkeys(nodes or ("actuator", "monitor", "dashboard"))
         if "actuator" in names:
             parameter_files = (parameter_file("simulated"), *parameter_files)
         commands = {

@@ -16,6 +16,7 @@ NODES: Final = {
     "monitor": ("ema_monitor", "monitor_node"),
     "recorder": ("ema_recording", "recorder_node"),
     "player": ("ema_recording", "player_node"),
+    "dashboard": ("ema_dashboard", "dashboard_node"),
 }
 """Package and executable of each node, as for ``ros2 run``."""
 

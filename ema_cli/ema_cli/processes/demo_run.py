@@ -22,7 +22,7 @@ from ema_cli.show.live_table import LiveTable
 SHOWN: Final = ("friction", "backlash", "short_circuit_a")
 """The faults that grow in the demo."""
 
-_NODES: Final = ("recorder", "monitor", "actuator")
+_NODES: Final = ("recorder", "dashboard", "monitor", "actuator")
 _DISCOVERY_S: Final = 1.0
 _START_S: Final = 180.0  # the first run ever compiles the kernels
 _LAST_CYCLE_S: Final = 10.0
@@ -107,7 +107,7 @@ def _make_folder(output: Path | None) -> Path:
 def _announce(report: Callable[[str], None], folder: Path) -> None:
     names = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")
     environment = " ".join(f"{name}={os.environ[name]}" for name in names)
-    report(f"simulator, monitor and recorder start; their logs are in {folder}")
+    report(f"simulator, monitor, dashboard and recorder start; their logs are in {folder}")
     look_on = "ros2 topic echo /ema/health" if which("ros2") else "and any program of ROS 2"
     report(f"to watch from another shell: {environment} {look_on}")
 
@@ -122,9 +122,12 @@ def _watch(
     """Show what is found until the time is over, a node has failed or a signal came."""
     began = time.monotonic()
     first_cycle: float | None = None
+    address = ""
     while not stop and not processes.failed:
         now = time.monotonic()
         diagnoses, cycles = observer.diagnoses(), observer.cycles()
+        if not address and (address := observer.dashboard_address):
+            table.report(f"dashboard at {address}")
         if first_cycle is None and cycles:
             first_cycle = now
         if first_cycle is None:

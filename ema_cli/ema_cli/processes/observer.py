@@ -5,6 +5,7 @@ import time
 from typing import Any, Final
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -38,12 +39,18 @@ class Observer:
     ----------
     name
         Name of its node, in a namespace of its own.
+
+    Attributes
+    ----------
+    dashboard_address
+        Where the dashboard serves; empty as long as none has told.
     """
 
     def __init__(self, name: str) -> None:
         self._name = name
         self._history = DiagnosisLog()
         self._telemetry_ns = 0
+        self.dashboard_address = ""
         self._lock = threading.Lock()
         self._ending = threading.Event()
 
@@ -57,6 +64,7 @@ class Observer:
         self._node.create_subscription(
             message_class, f"{NAMESPACE}/{TELEMETRY}", self._take_telemetry, qos_profile_sensor_data
         )
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._take_status, 10)
         self._thread = threading.Thread(target=self._spin, name="observer", daemon=True)
         self._thread.start()
         return self
@@ -105,6 +113,12 @@ class Observer:
     def _take_telemetry(self, message: Any) -> None:
         with self._lock:
             self._telemetry_ns = stamp_from_message(message.header.stamp)
+
+    def _take_status(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == "dashboard: dashboard":
+                values = {item.key: item.value for item in status.values}
+                self.dashboard_address = values["address"]
 
     def _spin(self) -> None:
         executor = SingleThreadedExecutor(context=self._context)

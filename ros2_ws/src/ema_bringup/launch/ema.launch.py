@@ -1,4 +1,4 @@
-"""Simulated actuator, monitor and, if a bag is named, recorder.
+"""Simulated actuator, monitor, dashboard and, if a bag is named, recorder.
 
 ros2 launch ema_bringup ema.launch.py bag:=worn_flap
 """
@@ -44,6 +44,11 @@ def generate_launch_description() -> LaunchDescription:
                 description="parameter file of the recorder",
             ),
             DeclareLaunchArgument(
+                "dashboard_params",
+                default_value=PathJoinSubstitution([config, "dashboard.yaml"]),
+                description="parameter file of the dashboard, which prints its address",
+            ),
+            DeclareLaunchArgument(
                 "bag", default_value="", description="bag to record; empty: no recorder"
             ),
             Node(
@@ -67,6 +72,14 @@ def generate_launch_description() -> LaunchDescription:
                         )
                     },
                 ],
+                output="screen",
+            ),
+            Node(
+                package="ema_dashboard",
+                executable="dashboard_node",
+                name="dashboard",
+                namespace=namespace,
+                parameters=[LaunchConfiguration("dashboard_params")],
                 output="screen",
             ),
             Node(

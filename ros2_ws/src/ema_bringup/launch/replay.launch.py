@@ -1,4 +1,4 @@
-"""Diagnosis of a recording: the topics of the actuator are played to a monitor.
+"""Diagnosis of a recording: the topics of the actuator are played to a monitor, and shown.
 
 ros2 launch ema_bringup replay.launch.py bag:=worn_flap rate:=4.0
 """
@@ -46,6 +46,19 @@ def generate_launch_description() -> LaunchDescription:
                     LaunchConfiguration("monitor_params"),
                     {"use_sim_time": True},
                 ],
+                output="screen",
+            ),
+            DeclareLaunchArgument(
+                "dashboard_params",
+                default_value=PathJoinSubstitution([config, "dashboard.yaml"]),
+                description="parameter file of the dashboard, which prints its address",
+            ),
+            Node(
+                package="ema_dashboard",
+                executable="dashboard_node",
+                name="dashboard",
+                namespace=LaunchConfiguration("namespace"),
+                parameters=[LaunchConfiguration("dashboard_params")],
                 output="screen",
             ),
             Node(
