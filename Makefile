@@ -60,6 +60,7 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python live.py --json live.json
 	$(activate) && cd benchmarks && python fleet.py --json fleet.json
 	$(activate) && cd benchmarks && python promptness.py --json promptness.json
+	$(activate) && cd benchmarks && python dashboard.py --json dashboard.json
 	$(activate) && cd benchmarks && python startup.py --json startup.json
 	$(activate) && cd benchmarks && python memory.py --json memory.json
 	tools/peers.sh python benchmarks/prognosis.py --json benchmarks/prognosis.json
