@@ -1,0 +1,43 @@
+// Remaining life and removal in words.
+
+import { hours, lifeHours } from "../format.ts";
+import { ERROR, type Health, type RemainingLife } from "../messages.ts";
+
+const SOON_HOURS = 0.5;
+
+/** Median and interval of a remaining life. */
+export function Life({ life }: { life: RemainingLife }) {
+  if (!life.known) return <span class="soft" title={life.reason}>unknown</span>;
+  if (!Number.isFinite(life.hours_50)) {
+    return <span>more than {lifeHours(life.hours_05, life)} h</span>;
+  }
+  return (
+    <span class="life" title={`5 %, 50 %, 95 %, until ${life.criterion}`}>
+      <strong>{lifeHours(life.hours_50, life)} h</strong>{" "}
+      <span class="soft nowrap">
+        {lifeHours(life.hours_05, life)} – {lifeHours(life.hours_95, life)} h
+      </span>
+    </span>
+  );
+}
+
+/** Service hour before which to remove the unit, at 5 % risk of failure until then. */
+export function RemoveBefore({ health }: { health: Health }) {
+  if (health.level === ERROR) return <strong>now</strong>;
+  const life = health.rul;
+  if (!life.known || !Number.isFinite(life.hours_05)) return <span class="soft">no date</span>;
+  if (life.hours_05 < SOON_HOURS) return <strong>now</strong>;
+  return (
+    <span title={health.removal}>
+      <strong>{lifeHours(health.flight_hours + life.hours_05, life)} h</strong>{" "}
+      <span class="soft nowrap">in {hours(Number(life.hours_05))} h</span>
+    </span>
+  );
+}
+
+/** What ends life first, or is in WARN or ERROR. */
+export function why(health: Health): string {
+  if (health.cause) return health.cause;
+  if (health.reason) return health.reason;
+  return health.level === 0 ? "no fault or requirement gives a warning" : "";
+}
