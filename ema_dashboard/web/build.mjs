@@ -1,6 +1,6 @@
 // Bundle the page into the folder that the package ships, or with --check compare that folder.
 import { build } from "esbuild";
-import { mkdtemp, readFile, readdir, rm, cp } from "node:fs/promises";
+import { cp, mkdir, mkdtemp, readFile, readdir, rm, writeFile } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { fileURLToPath } from "node:url";
@@ -11,7 +11,7 @@ const shipped = path.join(here, "../ema_dashboard/page");
 const MOST_COMPRESSED = 200_000; // bytes
 
 async function bundle(to) {
-  await build({
+  const { metafile } = await build({
     absWorkingDir: here,
     entryPoints: ["src/main.tsx", "src/worker.ts", "src/style.css"],
     outdir: to,
@@ -21,13 +21,29 @@ async function bundle(to) {
     target: ["es2022"],
     jsx: "automatic",
     jsxImportSource: "preact",
-    legalComments: "linked",
+    legalComments: "none", // all licences are in one file
+    metafile: true,
     charset: "utf8",
     define: { "process.env.NODE_ENV": '"production"' },
   });
   for (const name of ["index.html", "icon.svg"]) {
     await cp(path.join(here, "src", name), path.join(to, name));
   }
+  await writeFile(path.join(to, "licences.txt"), await licences(Object.keys(metafile.inputs)));
+}
+
+/** The licences of the packages that are in the bundle. */
+async function licences(inputs) {
+  const found = inputs.map((name) => /node_modules\/((?:@[^/]+\/)?[^/]+)/.exec(name)?.[1]);
+  const texts = [];
+  for (const name of [...new Set(found.filter(Boolean))].sort()) {
+    const folder = path.join(here, "node_modules", name);
+    const { version, license } = JSON.parse(await readFile(path.join(folder, "package.json")));
+    const file = (await readdir(folder)).find((one) => /^licen[cs]e/i.test(one));
+    const text = file ? await readFile(path.join(folder, file), "utf8") : "";
+    texts.push(`${name} ${version}, ${license}\n\n${text.trim()}\n`);
+  }
+  return texts.join(`\n${"-".repeat(80)}\n\n`);
 }
 
 async function contents(folder) {
@@ -66,7 +82,8 @@ try {
     console.log("the shipped page is that of the sources");
   } else {
     await rm(shipped, { recursive: true, force: true });
-    await cp(to, shipped, { recursive: true });
+    await mkdir(shipped, { recursive: true });
+    for (const [name, bytes] of made) await writeFile(path.join(shipped, name), bytes);
   }
 } finally {
   await rm(to, { recursive: true, force: true });

@@ -1,5 +1,6 @@
 // The registries of faults and hidden causes, as src/registry.json has them.
 
+import { decimalsOf } from "./format.ts";
 import registry from "./registry.json";
 
 export type Fault = (typeof registry.faults)[number];
@@ -22,8 +23,7 @@ export function faultOf(name: string): Fault | undefined {
 /** The physical meaning of a normalised value, with the digits that its sigma leaves. */
 export function physical(fault: Fault, value: number, sigma: number): string {
   const scaled = Math.abs(fault.slope) * sigma;
-  const digits = Number.isFinite(scaled) && scaled > 0
-    ? Math.min(Math.max(1 - Math.floor(Math.log10(scaled)), 0), 4) : 3;
+  const digits = Number.isFinite(scaled) && scaled > 0 ? decimalsOf(scaled) : 3;
   const at = fault.base + fault.slope * value;
   return `${fault.quantity} ${at.toFixed(digits)} ${fault.unit}`.trim();
 }

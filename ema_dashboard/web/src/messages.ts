@@ -3,7 +3,7 @@
 
 export interface Time {
   sec: number;
-  nsec: number;
+  nanosec: number;
 }
 
 export interface Header {
@@ -218,15 +218,15 @@ export interface DiagnosticArray {
 
 /** Seconds since the epoch. */
 export function seconds(time: Time): number {
-  return time.sec + time.nsec * 1e-9;
+  return time.sec + time.nanosec * 1e-9;
 }
 
 export function timeOf(value: number): Time {
   const sec = Math.floor(value);
-  return { sec, nsec: Math.round((value - sec) * 1e9) };
+  return { sec, nanosec: Math.round((value - sec) * 1e9) };
 }
 
 /** Nanoseconds since the epoch, exactly. */
 export function nanoseconds(time: Time): bigint {
-  return BigInt(time.sec) * 1_000_000_000n + BigInt(time.nsec);
+  return BigInt(time.sec) * 1_000_000_000n + BigInt(time.nanosec);
 }

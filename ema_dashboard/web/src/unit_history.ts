@@ -123,7 +123,7 @@ export class UnitRecord {
 }
 
 function identityOf(event: UnitEvent): string {
-  return `${event.stamp.sec}.${event.stamp.nsec} ${event.text}`;
+  return `${event.stamp.sec}.${event.stamp.nanosec} ${event.text}`;
 }
 
 const KINDS = ["fault", "repair", "step", "outlier", "calibration", "gap", "restart",

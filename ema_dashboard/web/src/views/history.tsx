@@ -29,7 +29,7 @@ export function History({ actuator, columns }: { actuator: Actuator; columns?: H
       {!columns || count === 0 ? (
         <Empty>{columns ? "No test of this unit has been kept yet." : "Loading the history…"}</Empty>
       ) : (
-        <div class="plots">
+        <div class="plots many">
           {ASSESSED.map((fault) => (
             <OfFault key={fault.name} fault={fault} columns={columns} isHours={isHours}
               forecast={isHours ? forecast : undefined}

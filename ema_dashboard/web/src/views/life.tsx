@@ -1,6 +1,6 @@
 // Remaining life and removal in words.
 
-import { hours, lifeHours } from "../format.ts";
+import { lifeHours } from "../format.ts";
 import { ERROR, type Health, type RemainingLife } from "../messages.ts";
 
 const SOON_HOURS = 0.5;
@@ -8,6 +8,7 @@ const SOON_HOURS = 0.5;
 /** Median and interval of a remaining life. */
 export function Life({ life }: { life: RemainingLife }) {
   if (!life.known) return <span class="soft" title={life.reason}>unknown</span>;
+  if (life.hours_95 <= 0) return <strong>none left</strong>;
   if (!Number.isFinite(life.hours_50)) {
     return <span>more than {lifeHours(life.hours_05, life)} h</span>;
   }
@@ -30,7 +31,7 @@ export function RemoveBefore({ health }: { health: Health }) {
   return (
     <span title={health.removal}>
       <strong>{lifeHours(health.flight_hours + life.hours_05, life)} h</strong>{" "}
-      <span class="soft nowrap">in {hours(Number(life.hours_05))} h</span>
+      <span class="soft nowrap">in {lifeHours(life.hours_05, life)} h</span>
     </span>
   );
 }

@@ -58,7 +58,7 @@ function Items({ items, heading }: { items: FaultHealth[]; heading: string }) {
                   {item.limit_is_lower ? "≥ " : "≤ "}
                   {significant(scale * item.limit, digits)}{unit(name)}
                 </td>
-                <td class="number">{growth(scale * PER_HOURS * item.trend)}</td>
+                <td class="number">{growth(scale * PER_HOURS * item.trend)}{unit(name)}</td>
                 <td class="number"><Life life={item.rul} /></td>
               </tr>
             );
