@@ -289,7 +289,7 @@ def forecast(unit: Unit, stamp_ns: int) -> HealthForecast:
     for number, fault in enumerate(_LIMITED):
         assert fault.limit is not None
         now = float(unit.shares(unit.tests)[number]) * fault.limit
-        rate = -math.log(max(now / fault.limit, 1e-3))
+        rate = -math.log(min(max(now / fault.limit, 1e-3), 1.0))
         grows = number == unit.worst and middle > 0.0
         rows = [
             fault.healthy + now * np.exp(rate * hours / until if grows else 0.0 * hours)
@@ -349,9 +349,10 @@ def history(unit: Unit, now_ns: int, period_s: float) -> UnitHistory:
     """Return the tests of a unit up to its latest one, and what happened to it."""
     tests = []
     for number in range(1, unit.tests + 1):
-        values = unit.values(number) + SIGMA * unit.rng.normal(size=8)
+        rng = np.random.default_rng([hash_of(unit.actuator_id), number])
+        values = unit.values(number) + SIGMA * rng.normal(size=8)
         low, middle, high = unit.life_hours(number)
-        scatter = math.exp(0.06 * unit.rng.normal())
+        scatter = math.exp(0.06 * rng.normal())
         tests.append(
             UnitTest(
                 stamp=stamp_to_message(now_ns - int((unit.tests - number) * period_s * NS)),

@@ -56,6 +56,7 @@ class Server(ServerListener):
     def __init__(self, count: int, period_s: float, channels: list[str]) -> None:
         self.units = {unit.actuator_id: unit for unit in made.fleet(count)}
         self.period_s = period_s
+        self.tested_ns: dict[str, int] = {}
         self.latest: dict[tuple[str, str], Any] = {}
         self.requests: list[dict[str, Any]] = []
         self.names = channels
@@ -72,7 +73,7 @@ class Server(ServerListener):
 
     def describe(self, unit: made.Unit, now_ns: int) -> None:
         self.keep("actuator_description", unit, made.description(unit, now_ns))
-        self.keep("unit_history", unit, made.history(unit, now_ns, self.period_s))
+        self.tested_ns[unit.actuator_id] = now_ns
         self.judge(unit, now_ns)
 
     def judge(self, unit: made.Unit, now_ns: int, refused: str = "") -> None:
@@ -133,6 +134,10 @@ class Server(ServerListener):
 
     def repeat(self, topic: str) -> None:
         with self.lock:
+            if topic == "unit_history":
+                for unit in self.units.values():
+                    now_ns = self.tested_ns[unit.actuator_id]
+                    self.send(topic, made.history(unit, now_ns, self.period_s))
             for (name, _), message in self.latest.items():
                 if name == topic and topic not in _STREAMS:
                     self.send(name, message)
@@ -199,9 +204,11 @@ class Server(ServerListener):
 
     def test(self, unit: made.Unit, refused: str = "") -> None:
         unit.window += 1
+        now_ns = time.time_ns()
         if not refused:
             unit.tests += 1
-        self.judge(unit, time.time_ns(), refused)
+            self.tested_ns[unit.actuator_id] = now_ns
+        self.judge(unit, now_ns, refused)
 
     def obey(self, order: dict[str, Any]) -> dict[str, Any]:
         """Do what a line says; return the answer."""

@@ -14,15 +14,17 @@ const WORN = "#/actuator/%2Fema/left_outboard_flap";
 
 const live = (order) => async (stage) => stage.source.order({ do: "run", period: 30, ...order });
 const rows = (page) => page.waitForSelector("table.fleet tbody tr");
-const plots = (page) => page.waitForSelector("#history ~ *, .plots canvas");
+const plots = (page) => page.waitForSelector(".plots.many canvas");
 
 const STATES = [
   { name: "fleet", before: live({}), ready: rows },
   { name: "fleet_phone", before: live({}), ready: rows, view: PHONE },
   { name: "actuator", at: WORN, before: live({ open: "left_outboard_flap" }), full: true,
-    ready: async (page) => { await plots(page); await page.waitForTimeout(3000); } },
+    ready: async (page) => { await plots(page); await page.locator("#live").scrollIntoViewIfNeeded();
+    await page.waitForTimeout(2500); } },
   { name: "actuator_phone", at: WORN, before: live({ open: "left_outboard_flap" }), view: PHONE,
-    full: true, ready: async (page) => { await plots(page); await page.waitForTimeout(3000); } },
+    full: true, ready: async (page) => { await plots(page);
+      await page.locator("#live").scrollIntoViewIfNeeded(); await page.waitForTimeout(2500); } },
   { name: "failed", at: "#/actuator/%2Fema/right_outboard_flap", before: live({}), ready: plots },
   { name: "refused", at: WORN, ready: async (page, stage) => {
     await plots(page);

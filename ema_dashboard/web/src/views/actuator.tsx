@@ -80,8 +80,8 @@ function Head({ actuator }: { actuator: Actuator }) {
       {health ? (
         <>
           <p class="why" role="status">
-            {health.dominant_fault && <strong>{labelOf(health.dominant_fault)}. </strong>}
-            {why(health)}
+            {health.dominant_fault && <strong>{labelOf(health.dominant_fault)} </strong>}
+            {why(health, labelOf(health.dominant_fault))}
           </p>
           {health.removal && <p class="removal">{health.removal}</p>}
           <dl class="figures">

@@ -199,7 +199,7 @@ const Row = memo(({ actuator, hasNamespace }: { actuator: Actuator; hasNamespace
       </td>
       <td class="c-cause">
         {dominant(actuator) && <strong>{dominant(actuator)}</strong>}
-        <small>{health ? why(health) : waiting(actuator)}</small>
+        <small>{health ? why(health, dominant(actuator)) : waiting(actuator)}</small>
       </td>
       <td class="c-life" data-label="Remaining life">
         {health ? <Life life={health.rul} /> : "–"}

@@ -42,21 +42,15 @@ export function useStored(name: string, initial: string): [string, (value: strin
   }];
 }
 
-const dark = matchMedia("(prefers-color-scheme: dark)");
-
 /** Which colours are shown now; plots are drawn with them. */
 export function useTheme(): string {
-  const shown = () => document.documentElement.dataset.theme ?? (dark.matches ? "dark" : "light");
+  const shown = () => document.documentElement.dataset.theme ?? "light";
   const [theme, set] = useState(shown);
   useEffect(() => {
-    const changed = () => set(shown());
-    const observer = new MutationObserver(changed);
+    const observer = new MutationObserver(() => set(shown()));
     observer.observe(document.documentElement, { attributeFilter: ["data-theme"] });
-    dark.addEventListener("change", changed);
-    return () => {
-      observer.disconnect();
-      dark.removeEventListener("change", changed);
-    };
+    set(shown());
+    return () => observer.disconnect();
   }, []);
   return theme;
 }

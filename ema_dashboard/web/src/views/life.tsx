@@ -4,10 +4,14 @@ import { lifeHours } from "../format.ts";
 import { ERROR, type Health, type RemainingLife } from "../messages.ts";
 
 const SOON_HOURS = 0.5;
+const LONGEST_REASON = 40;
 
 /** Median and interval of a remaining life. */
 export function Life({ life }: { life: RemainingLife }) {
-  if (!life.known) return <span class="soft" title={life.reason}>unknown</span>;
+  if (!life.known) {
+    const isShort = life.reason && life.reason.length <= LONGEST_REASON;
+    return <span class="soft" title={life.reason}>unknown{isShort && `: ${life.reason}`}</span>;
+  }
   if (life.hours_95 <= 0) return <strong>none left</strong>;
   if (!Number.isFinite(life.hours_50)) {
     return <span>more than {lifeHours(life.hours_05, life)} h</span>;
@@ -36,9 +40,12 @@ export function RemoveBefore({ health }: { health: Health }) {
   );
 }
 
-/** What ends life first, or is in WARN or ERROR. */
-export function why(health: Health): string {
-  if (health.cause) return health.cause;
+/** Why the level is what it is; after a label that already names its first word, without it. */
+export function why(health: Health, label = ""): string {
+  if (health.cause) {
+    return label && health.cause.startsWith(`${label} `)
+      ? health.cause.slice(label.length + 1) : health.cause;
+  }
   if (health.reason) return health.reason;
   return health.level === 0 ? "no fault or requirement gives a warning" : "";
 }

@@ -38,7 +38,8 @@ export function Live({ actuatorKey }: { actuatorKey: string }) {
       timer = setTimeout(() => setSilent(true), 3000);
       if (paused.current || document.hidden) return;
       for (const { plot, isSeen, columns } of plots.current.values()) {
-        if (!isSeen()) continue;
+        // The first ones give the axes their size, wherever the plot is.
+        if (!isSeen() && plot.data[0].length > 0) continue;
         plot.setData([signals.time, ...columns.map((one) => signals.values[one])] as never);
       }
     });

@@ -2,6 +2,7 @@
 
 import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
+import { significant } from "../format.ts";
 import { useBox, useTheme } from "./hooks.ts";
 
 export type Colour = (name: string) => string;
@@ -93,10 +94,14 @@ function options(latest: { current: PlotProps }, width: number): uPlot.Options {
       drag: { x: true, y: false },
       ...(sync ? { sync: { key: sync } } : {}),
     },
-    series: [{ label: x }, ...series.map((one) => resolved(one))],
+    series: [{ label: "at", value: (_, value) => fixedOrNone(value) }, ...series.map((one) => resolved(one))],
     ...(bands ? { bands: bands.map((band) => ({ ...band, fill: colour(String(band.fill)) })) } : {}),
     hooks: { draw: [(plot) => latest.current.draw?.(plot, colour)] },
   };
+}
+
+function fixedOrNone(value: number | null): string {
+  return value === null ? "–" : significant(value, 4);
 }
 
 /** Names of colours become those of the theme. */
@@ -152,8 +157,8 @@ export function upright(plot: uPlot, value: number, text: string, stroke: string
   ctx.font = `${12 * ratio}px system-ui, sans-serif`;
   const isRight = x > left + 0.8 * width;
   ctx.textAlign = isRight ? "right" : "left";
-  ctx.textBaseline = "bottom";
-  ctx.fillText(text, x + (isRight ? -4 : 4) * ratio, top + height - 4 * ratio);
+  ctx.textBaseline = "top";
+  ctx.fillText(text, x + (isRight ? -4 : 4) * ratio, top + 2 * ratio);
   ctx.restore();
 }
 

@@ -1,6 +1,6 @@
 // What is around every view: the bar on top, the state of the connection, and the playback.
 
-import { useEffect } from "preact/hooks";
+import { useEffect, useLayoutEffect } from "preact/hooks";
 import { duration } from "../format.ts";
 import type { Connection } from "../protocol.ts";
 import type { State } from "../state.ts";
@@ -13,6 +13,7 @@ import { Diagnostics } from "./system.tsx";
 
 const SILENT_MS = 5000;
 const THEMES = ["auto", "light", "dark"];
+const dark = matchMedia("(prefers-color-scheme: dark)");
 
 export function Shell({ state }: { state: State }) {
   useUpdates(state);
@@ -142,9 +143,14 @@ function Banner({ state }: { state: State }) {
 
 function Theme() {
   const [theme, setTheme] = useStored("ema-theme", "auto");
-  useEffect(() => {
-    if (theme === "auto") delete document.documentElement.dataset.theme;
-    else document.documentElement.dataset.theme = theme;
+  useLayoutEffect(() => {
+    const show = () => {
+      const system = dark.matches ? "dark" : "light";
+      document.documentElement.dataset.theme = theme === "auto" ? system : theme;
+    };
+    show();
+    dark.addEventListener("change", show);
+    return () => dark.removeEventListener("change", show);
   }, [theme]);
   return (
     <label class="theme">
