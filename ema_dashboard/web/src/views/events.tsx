@@ -32,7 +32,7 @@ export function Events({ events, now }: { events?: UnitEvent[]; now: number }) {
       ) : (
         <>
           <TimeLine events={events} now={now} />
-          <ol class="events">
+          <ol class="events" tabIndex={0} aria-label="Events, the latest first">
             {events.slice(-MOST_LISTED).reverse().map((event, i) => {
               const kind = kindOf(event);
               return (

@@ -93,7 +93,7 @@ function OfFault({ fault, columns, isHours, forecast, item, isDominant }: OfFaul
     <figure class={isDominant ? "dominant" : ""}>
       <figcaption>
         <strong>{fault.label}</strong> <span class="value">{shown}</span>
-        {isDominant && <span class="tag">ends life first</span>}
+        {isDominant && <span class="tag">dominant</span>}
         <Badge level={level} />
       </figcaption>
       <Plot label={inWords(fault, shown, limits, columns, level.word, isHours)} height={210}

@@ -13,6 +13,11 @@ const EMPTY: uPlot.AlignedData = [[], []];
 const X = "time before the latest sample [s]";
 const xRange = (): [number, number] => [-SHOWN_S, 0];
 
+/** A slot without samples is a gap, for which uPlot has null. */
+function withGaps(values: Float64Array): (number | null)[] {
+  return Array.from(values, (value) => (Number.isNaN(value) ? null : value));
+}
+
 interface Drawn {
   plot: uPlot;
   isSeen: () => boolean;
@@ -40,7 +45,8 @@ export function Live({ actuatorKey }: { actuatorKey: string }) {
       for (const { plot, isSeen, columns } of plots.current.values()) {
         // The first ones give the axes their size, wherever the plot is.
         if (!isSeen() && plot.data[0].length > 0) continue;
-        plot.setData([signals.time, ...columns.map((one) => signals.values[one])] as never);
+        const drawn = columns.map((one) => withGaps(signals.values[one]));
+        plot.setData([signals.time, ...drawn] as unknown as uPlot.AlignedData);
       }
     });
     return () => {
