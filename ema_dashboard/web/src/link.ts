@@ -48,7 +48,6 @@ export class Link {
     clearTimeout(this.#timer);
     if (this.#socket && this.#socket.readyState <= WebSocket.OPEN) return;
     this.#attempt += 1;
-    this.#listener.connection({ state: "connecting", attempt: this.#attempt });
     const socket = new WebSocket(this.#url, [SUBPROTOCOL]);
     const client = new FoxgloveClient({ ws: socket as unknown as IWebSocket });
     let wasOpen = false;

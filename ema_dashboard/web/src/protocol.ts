@@ -14,7 +14,7 @@ export function keyOf(address: Address): string {
 }
 
 export type Connection =
-  | { state: "connecting"; attempt: number }
+  | { state: "connecting" }
   | { state: "open" }
   | { state: "closed"; reason: string; retryAt: number }
   | { state: "refused"; reason: string; retryAt: number };

@@ -36,7 +36,7 @@ export type Emit = (event: { address: Address; text: string; eventKind: string; 
 => void;
 
 export class State {
-  connection: Connection = { state: "connecting", attempt: 1 };
+  connection: Connection = { state: "connecting" };
   topics: string[] | undefined;
   actuators = new Map<string, Actuator>();
   diagnostics = new Map<string, Diagnostic>();

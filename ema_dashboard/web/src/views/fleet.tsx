@@ -159,7 +159,7 @@ function Head({ column, by, onSort }: {
   const direction = by === name ? "ascending" : by === `-${name}` ? "descending" : "none";
   const isDefault = name === "level";
   return (
-    <th scope="col" aria-sort={direction}>
+    <th scope="col" class={`c-${name}`} aria-sort={direction}>
       <button type="button"
         onClick={() => onSort(direction === "ascending" && !isDefault ? `-${name}` : name)}>
         {title}

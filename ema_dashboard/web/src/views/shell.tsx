@@ -93,8 +93,7 @@ function Connected({ state }: { state: State }) {
   useSecond();
   const { connection } = state;
   const words: Record<Connection["state"], string> = {
-    connecting: connection.state === "connecting" && connection.attempt > 1
-      ? "connecting again…" : "connecting…",
+    connecting: "connecting…",
     open: isSilent(state) ? "connected, silent" : "live",
     closed: "disconnected",
     refused: "refused",
