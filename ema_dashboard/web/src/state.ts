@@ -1,4 +1,4 @@
-// What is known of the fleet. Messages come in batches; views are told at most every 200 ms.
+// What is known of the fleet. Messages come in batches; views are told at most five times a second.
 
 import {
   type ActuatorDescription, type Advice, type DiagnosticArray, type DiagnosticStatus,
@@ -12,6 +12,8 @@ import type { LiveSignals } from "./telemetry.ts";
 import type { HistoryColumns } from "./unit_history.ts";
 
 const LEAST_MS = 200; // between two updates of the views
+const MOST_MS = 600;
+const LEAST_IDLE = 8; // times as long as the latest update took
 const CURRENT_S = 3; // a clock that is older does not say what time it is
 
 /** What is known of an actuator; another object after each change. */
@@ -49,6 +51,7 @@ export class State {
   #live = new Set<(key: string, signals: LiveSignals) => void>();
   #isDue = false;
   #lastUpdate = -Infinity;
+  #took = 0; // by the latest update [ms]
   #now = { stamp: 0, at: 0, isClock: false };
   #emit: Emit;
 
@@ -110,12 +113,15 @@ export class State {
   #changed(): void {
     if (this.#isDue) return;
     this.#isDue = true;
-    const wait = Math.max(this.#lastUpdate + LEAST_MS - performance.now(), 0);
+    const pause = Math.min(Math.max(LEAST_MS, LEAST_IDLE * this.#took), MOST_MS);
     setTimeout(() => {
       this.#isDue = false;
-      this.#lastUpdate = performance.now();
+      const start = performance.now();
+      this.#lastUpdate = start;
       for (const view of this.#views) view();
-    }, wait);
+      // Views draw before the next frame, style and layout follow.
+      requestAnimationFrame(() => setTimeout(() => { this.#took = performance.now() - start; }));
+    }, Math.max(this.#lastUpdate + pause - performance.now(), 0));
   }
 
   #receive({ namespace, topic, message }: Received): void {

@@ -129,15 +129,15 @@ export function Fleet({ state }: { state: State }) {
           </button>
         </p>
       ) : (
-        <table class="fleet">
+        <table class="fleet" role="table">
           <caption class="unseen">Actuators, {rows.length} of {all.length}</caption>
-          <thead>
-            <tr>
+          <thead role="rowgroup">
+            <tr role="row">
               {COLUMNS.map((column) => <Head key={column.name} column={column} by={by}
                 onSort={setBy} />)}
             </tr>
           </thead>
-          <tbody>
+          <tbody role="rowgroup">
             {rows.map((one) => (
               <Row key={one.key} actuator={one} hasNamespace={namespaces.size > 1} />
             ))}
@@ -159,7 +159,7 @@ function Head({ column, by, onSort }: {
   const direction = by === name ? "ascending" : by === `-${name}` ? "descending" : "none";
   const isDefault = name === "level";
   return (
-    <th scope="col" class={`c-${name}`} aria-sort={direction}>
+    <th scope="col" role="columnheader" class={`c-${name}`} aria-sort={direction}>
       <button type="button"
         onClick={() => onSort(direction === "ascending" && !isDefault ? `-${name}` : name)}>
         {title}
@@ -181,15 +181,15 @@ const Row = memo(({ actuator, hasNamespace }: { actuator: Actuator; hasNamespace
     send({ kind: "watch", address: actuator });
   };
   return (
-    <tr class={level.name} data-actuator={actuator.key} onClick={open}>
-      <td class="c-level"><Badge level={level} /></td>
-      <th scope="row" class="c-actuator">
+    <tr role="row" class={level.name} data-actuator={actuator.key} onClick={open}>
+      <td role="cell" class="c-level"><Badge level={level} /></td>
+      <th scope="row" role="rowheader" class="c-actuator">
         <a href={addressOf(actuator)}>{actuator.id}</a>
         <small>
           {hasNamespace && `${actuator.namespace} · `}{actuator.serial || "no serial number"}
         </small>
       </th>
-      <td class="c-health" data-label="Health index">
+      <td role="cell" class="c-health" data-label="Health index">
         {health && Number.isFinite(health.health_index) ? (
           <span class="with-bar">
             <Bar share={health.health_index} level={level} />
@@ -197,18 +197,18 @@ const Row = memo(({ actuator, hasNamespace }: { actuator: Actuator; hasNamespace
           </span>
         ) : "–"}
       </td>
-      <td class="c-cause">
+      <td role="cell" class="c-cause">
         {dominant(actuator) && <strong>{dominant(actuator)}</strong>}
         <small>{health ? why(health, dominant(actuator)) : waiting(actuator)}</small>
       </td>
-      <td class="c-life" data-label="Remaining life">
+      <td role="cell" class="c-life" data-label="Remaining life">
         {health ? <Life life={health.rul} /> : "–"}
       </td>
-      <td class="c-remove" data-label="Remove before">
+      <td role="cell" class="c-remove" data-label="Remove before">
         {health ? <RemoveBefore health={health} /> : "–"}
       </td>
-      <td class="c-test" data-label="Last test"><Since health={health} suffix=" ago" /></td>
-      <td class="c-advice" data-label="Advice">
+      <td role="cell" class="c-test" data-label="Last test"><Since health={health} suffix=" ago" /></td>
+      <td role="cell" class="c-advice" data-label="Advice">
         {advice ? <span title={advice.reason}>{ACTIONS[advice.action]}</span> : "–"}
       </td>
     </tr>
