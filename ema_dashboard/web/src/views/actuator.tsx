@@ -85,8 +85,7 @@ function Head({ actuator }: { actuator: Actuator }) {
           </p>
           {health.removal && <p class="removal">{health.removal}</p>}
           <dl class="figures">
-            <Figure label="remaining life" note={health.rul.known ? health.rul.criterion
-              : health.rul.reason}>
+            <Figure label="remaining life" note={health.rul.known && health.rul.criterion}>
               <Life life={health.rul} />
             </Figure>
             <Figure label="remove before"><RemoveBefore health={health} /></Figure>

@@ -1,7 +1,7 @@
 // Remaining life and removal in words.
 
 import { lifeHours } from "../format.ts";
-import { ERROR, type Health, type RemainingLife } from "../messages.ts";
+import { ERROR, OK, type Health, type RemainingLife } from "../messages.ts";
 
 const SOON_HOURS = 0.5;
 const LONGEST_REASON = 40;
@@ -46,6 +46,7 @@ export function why(health: Health, label = ""): string {
     return label && health.cause.startsWith(`${label} `)
       ? health.cause.slice(label.length + 1) : health.cause;
   }
-  if (health.reason) return health.reason;
-  return health.level === 0 ? "no fault or requirement gives a warning" : "";
+  if (health.level !== OK) return health.reason;
+  const well = "no fault or requirement gives a warning";
+  return health.reason ? `${well}; ${health.reason}` : well;
 }

@@ -9,6 +9,7 @@ import { Life } from "./life.tsx";
 import { Badge, Empty, Section } from "./parts.tsx";
 
 const PER_HOURS = 1000;
+const NEGLIGIBLE = 0.01; // share of sigma
 
 export function Requirements({ health }: { health: Health }) {
   const items = health.requirements;
@@ -58,7 +59,7 @@ function Items({ items, heading }: { items: FaultHealth[]; heading: string }) {
                   {item.limit_is_lower ? "≥ " : "≤ "}
                   {significant(scale * item.limit, digits)}{unit(name)}
                 </td>
-                <td class="number">{growth(scale * PER_HOURS * item.trend)}{unit(name)}</td>
+                <td class="number">{growth(scale * PER_HOURS * item.trend, scale * item.sigma)}{unit(name)}</td>
                 <td class="number"><Life life={item.rul} /></td>
               </tr>
             );
@@ -73,8 +74,9 @@ function significantOf(value: number): number {
   return Math.min(String(Number(Math.abs(value).toPrecision(4))).replace(/^0\.0*|\./g, "").length, 4);
 }
 
-function growth(value: number): string {
+function growth(value: number, sigma: number): string {
   if (!Number.isFinite(value)) return "–";
+  if (Math.abs(value) < NEGLIGIBLE * sigma) return "0";
   return (value > 0 ? "+" : "") + significant(value, 2);
 }
 
