@@ -59,7 +59,9 @@ function Items({ items, heading }: { items: FaultHealth[]; heading: string }) {
                   {item.limit_is_lower ? "≥ " : "≤ "}
                   {significant(scale * item.limit, digits)}{unit(name)}
                 </td>
-                <td class="number">{growth(scale * PER_HOURS * item.trend, scale * item.sigma)}{unit(name)}</td>
+                <td class="number">
+                  {growth(scale * PER_HOURS * item.trend, scale * item.sigma, unit(name))}
+                </td>
                 <td class="number"><Life life={item.rul} /></td>
               </tr>
             );
@@ -74,10 +76,10 @@ function significantOf(value: number): number {
   return Math.min(String(Number(Math.abs(value).toPrecision(4))).replace(/^0\.0*|\./g, "").length, 4);
 }
 
-function growth(value: number, sigma: number): string {
+function growth(value: number, sigma: number, unitText: string): string {
   if (!Number.isFinite(value)) return "–";
   if (Math.abs(value) < NEGLIGIBLE * sigma) return "0";
-  return (value > 0 ? "+" : "") + significant(value, 2);
+  return (value > 0 ? "+" : "") + significant(value, 2) + unitText;
 }
 
 export function FaultVector({ estimate }: { estimate?: FaultEstimate }) {
