@@ -244,7 +244,10 @@ def estimate(unit: Unit, stamp_ns: int, refused: str = "") -> FaultEstimate:
     if unit.worst % 2 == 0 or unit.share > 0.8:
         causes.append(
             HiddenCause(
-                name="winding_temperature", value=41.3, sigma=2.6, unit="K",
+                name="winding_temperature",
+                value=41.3,
+                sigma=2.6,
+                unit="K",
                 alternatives=["torque constant"],
             )  # fmt: skip
         )

@@ -263,7 +263,9 @@ class Server(ServerListener):
 def plain(message: Any) -> Any:
     """Return a message as plain values; what is not a finite number is null."""
     if hasattr(message, "get_fields_and_field_types"):
-        return {name: plain(getattr(message, name)) for name in message.get_fields_and_field_types()}
+        return {
+            name: plain(getattr(message, name)) for name in message.get_fields_and_field_types()
+        }
     if isinstance(message, np.ndarray | np.generic | array):
         message = message.tolist()
     if isinstance(message, list | tuple):

@@ -1,9 +1,10 @@
 // The history of each unit: what the node sent, and what has come live since then.
 
 import {
-  type FaultEstimate, type Health, type UnitEvent, type UnitHistory, type UnitTest, STALE, seconds,
+  type FaultEstimate, type Health, type UnitEvent, type UnitHistory, type UnitTest, OK, STALE, seconds,
 } from "./messages.ts";
-import { FAULTS } from "./faults.ts";
+import { FAULTS, labelOf } from "./faults.ts";
+import { LEVELS } from "./levels.ts";
 
 const MOST_TESTS = 2000;
 const MOST_EVENTS = 500;
@@ -99,8 +100,27 @@ export class UnitRecord {
       rul_05: life((test) => test.rul_05),
       rul_50: life((test) => test.rul_50),
       rul_95: life((test) => test.rul_95),
-      events: this.#events,
+      events: [...this.#events, ...this.#detected()]
+        .sort((one, other) => seconds(one.stamp) - seconds(other.stamp)),
     };
+  }
+
+  /** Changes of the level from test to test, where nothing else tells of a fault. */
+  #detected(): UnitEvent[] {
+    const told = new Set(this.#events.filter(({ kind }) => kind === "fault")
+      .map(({ stamp }) => seconds(stamp)));
+    const found: UnitEvent[] = [];
+    let before = OK;
+    for (const { stamp, flight_hours, level, dominant_fault } of this.#tests) {
+      if (level >= STALE) continue;
+      if (level !== before && !told.has(seconds(stamp))) {
+        const name = dominant_fault ? `${labelOf(dominant_fault)}: ` : "";
+        const text = `${name}${LEVELS[before]!.word} → ${LEVELS[level]!.word}`;
+        found.push({ stamp, flight_hours, kind: "fault", text });
+      }
+      before = level;
+    }
+    return found;
   }
 
   #merge(): void {

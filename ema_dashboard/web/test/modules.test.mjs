@@ -131,6 +131,17 @@ test("after a seek nothing is kept that is later than the position", () => {
   assert.deepEqual([...record.columns().hours], [10, 20]);
 });
 
+test("a change of level between tests is an event, unless it is told already", () => {
+  const record = new UnitRecord();
+  const known = base(100, 200, 300, 400);
+  [0, 1, 1, 2].forEach((level, i) => { known.tests[i].level = level; });
+  known.tests[1].dominant_fault = "short_circuit_a";
+  known.events.push({ stamp: known.tests[3].stamp, flight_hours: 40, kind: "fault", text: "told" });
+  record.replace(() => known);
+  assert.deepEqual(record.columns().events.map(({ text }) => text),
+    ["short circuit A: OK → WARN", "told"]);
+});
+
 test("events are told by their kind", () => {
   assert.deepEqual(kindOf("repair: friction fell"), { kind: "repair", text: "friction fell" });
   assert.equal(kindOf("missed tests: 2").kind, "gap");

@@ -84,6 +84,8 @@ for (const state of STATES.filter(({ name }) => !only.length || only.includes(na
     await page.goto(stage.address + (state.at ?? ""));
     await state.ready(page, stage);
     await page.waitForTimeout(500); // fonts and the plots' first drawing
+    await page.evaluate(() => scrollTo(0, 0));
+    await page.waitForTimeout(200);
     const file = path.join(folder, `${state.name}_${colorScheme}.png`);
     await page.screenshot({ path: file, fullPage: state.full ?? false });
     console.log(file);

@@ -99,7 +99,7 @@ function OfFault({ fault, columns, isHours, forecast, item, isDominant }: OfFaul
       <Plot label={inWords(fault, shown, limits, columns, level.word, isHours)} height={210}
         x={isHours ? "service hours [h]" : "time of the test"} y={`${fault.label} [-]`}
         isTime={!isHours} series={series} data={built.data} bands={bands} legend={false}
-        yRange={(_, least, most) => [Math.min(bottom, least ?? 0), Math.max(top, most ?? 0)]}
+        yRange={(_, least, most) => [Math.min(bottom, least ?? 0), Math.max(top, 1.05 * (most ?? 0))]}
         draw={draw} />
     </figure>
   );

@@ -78,7 +78,7 @@ function options(latest: { current: PlotProps }, width: number): uPlot.Options {
     width,
     height,
     pxAlign: 1,
-    padding: [8, 10, 0, 0],
+    padding: [8, 18, 0, 0],
     scales: {
       x: { time: isTime ?? false, ...(xRange ? { range: xRange } : {}) },
       y: yRange ? { range: yRange } : {},

@@ -31,7 +31,7 @@ export function Diagnostics({ state, id }: { state: State; id?: string }) {
               </span>
               {id !== undefined && one.values.length > 0 && (
                 <details>
-                  <summary>{one.values.length} figures</summary>
+                  <summary>{one.values.length} {one.values.length === 1 ? "figure" : "figures"}</summary>
                   <dl class="values">
                     {one.values.map(({ key, value }) => (
                       <div key={key}><dt>{key}</dt><dd>{value}</dd></div>
