@@ -4,6 +4,7 @@ The figures are plausible, and consistent with each other; no model is computed.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -130,7 +131,7 @@ def description(unit: Unit, now_ns: int) -> ActuatorDescription:
     return message
 
 
-def _life(quantiles: tuple[float, float, float], criterion: str) -> RemainingUsefulLife:
+def _life(quantiles: Sequence[float], criterion: str) -> RemainingUsefulLife:
     low, middle, high = quantiles
     return RemainingUsefulLife(
         known=True,
@@ -184,7 +185,7 @@ def health(unit: Unit, stamp_ns: int) -> Health:
         FaultHealth(
             name=name, level=OK, value=value, sigma=0.02 * value, limit=limit_of,
             limit_is_lower=is_lower, trend=0.01 * value / 100.0, unit=unit_of,
-            rul=_life(tuple(3.0 * q for q in quantiles), f"{name} reaches {limit_of:g} {unit_of}"),
+            rul=_life([3.0 * q for q in quantiles], f"{name} reaches {limit_of:g} {unit_of}"),
         )
         for name, value, limit_of, is_lower, unit_of in _REQUIREMENTS
     ]  # fmt: skip
@@ -249,7 +250,7 @@ def estimate(unit: Unit, stamp_ns: int, refused: str = "") -> FaultEstimate:
                 sigma=2.6,
                 unit="K",
                 alternatives=["torque constant"],
-            )  # fmt: skip
+            )
         )
     message = FaultEstimate(
         actuator_id=unit.actuator_id,
@@ -453,11 +454,10 @@ def block(unit: Unit, number: int, stamp_ns: int) -> TelemetryBlock:
 
 def diagnostics(units: list[Unit], now_ns: int) -> DiagnosticArray:
     """Return the status that the monitor reports each second."""
-    message = DiagnosticArray()
-    message.header.stamp = stamp_to_message(now_ns)
+    found = []
 
     def status(level: int, task: str, text: str, **values: str) -> None:
-        message.status.append(
+        found.append(
             DiagnosticStatus(
                 level=bytes([level]),
                 name=f"ema/monitor: {task}",
@@ -473,4 +473,6 @@ def diagnostics(units: list[Unit], now_ns: int) -> DiagnosticArray:
     for unit in units:
         status(OK, f"{unit.actuator_id} telemetry", "receiving", windows=str(unit.window), gaps="0")
         status(unit.level_at(unit.tests), f"{unit.actuator_id} health", "see health")
+    message = DiagnosticArray(status=found)
+    message.header.stamp = stamp_to_message(now_ns)
     return message
