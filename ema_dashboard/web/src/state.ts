@@ -3,7 +3,7 @@
 import {
   type ActuatorDescription, type Advice, type DiagnosticArray, type DiagnosticStatus,
   type FaultEstimate, type Health, type HealthForecast, type PlaybackState, type WindowFit,
-  PAUSED, PLAYING, REFUSED, seconds, type Time,
+  PLAYING, REFUSED, seconds, type Time,
 } from "./messages.ts";
 import { labelOf } from "./faults.ts";
 import { LEVELS } from "./levels.ts";
@@ -98,6 +98,9 @@ export class State {
         break;
       case "channels":
         this.topics = message.topics;
+        if (!this.topics.some((topic) => topic.endsWith("/playback_state"))) {
+          this.playback = undefined;
+        }
         break;
       case "history":
         this.history = message;
@@ -203,9 +206,10 @@ export class State {
         this.#emit({ address: actuator, text: status.message, eventKind, stamp });
       }
     }
+    // Of the times of a recording only the player knows which is now.
+    if (this.playback) return;
     const passed = performance.now() - this.#now.at;
     if (!this.#now.isClock || passed > 1000 * CURRENT_S) {
-      if (this.playback?.status === PAUSED) return;
       this.#now = { stamp, at: performance.now(), isClock: false };
     }
   }
