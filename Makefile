@@ -9,7 +9,7 @@ DEMO_S ?= 60
 pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
 numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study
 
-.PHONY: help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers calibration sample lock clean distclean
+.PHONY: page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers calibration sample lock clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -36,6 +36,29 @@ soak: setup ## the tests of nodes twenty times in a row, ten of them beside 8 bu
 
 pip-check: setup ## install the library by pip where there is no ROS, and identify a recorded window
 	tools/pip_check.sh
+
+# The page's packages are not for users: what is shipped is the bundle.
+web = ema_dashboard/web
+$(web)/node_modules: $(web)/package-lock.json
+	@command -v npm >/dev/null || { echo "npm is not on the path: install nodejs and npm" >&2; exit 1; }
+	cd $(web) && npm ci --no-progress
+	@touch $@
+
+page: setup $(web)/node_modules ## bundle the dashboard's page anew, after a change in ema_dashboard/web
+	$(activate) && python $(web)/registry.py
+	cd $(web) && npx tsc && node build.mjs
+
+test-web: setup $(web)/node_modules ## the page in a real browser; needs Node and Chromium on the path
+	@command -v chromium chromium-browser google-chrome "$(CHROMIUM)" >/dev/null || \
+	    { echo "no Chromium on the path: install it, or name it with CHROMIUM=/path/to/it" >&2; exit 1; }
+	cd $(web) && npx tsc && node build.mjs --check
+	$(activate) && cd $(web) && node --test --test-concurrency=1 test/
+
+bench-web: setup $(web)/node_modules ## the page with 200 actuators for 10 minutes: main thread and memory
+	$(activate) && cd $(web) && LOAD_S=600 node --test test/load.test.mjs
+
+screenshots: setup $(web)/node_modules ## pictures of every state of the page in docs/screens
+	$(activate) && cd $(web) && node test/screenshots.mjs ../../docs/screens
 
 lint: style types ## style, types and import contracts
 

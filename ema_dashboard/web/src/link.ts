@@ -1,0 +1,169 @@
+// The connection to the dashboard node: the protocol of Foxglove, which ends and begins again.
+
+import { parse } from "@foxglove/rosmsg";
+import { MessageReader } from "@foxglove/rosmsg2-serialization";
+import { type Channel, FoxgloveClient, type IWebSocket } from "@foxglove/ws-protocol";
+import type { Connection } from "./protocol.ts";
+
+const SUBPROTOCOL = "foxglove.sdk.v1";
+const FIRST_WAIT_MS = 250;
+const LONGEST_WAIT_MS = 5000;
+const PLAYBACK_CONTROL_REQUEST = 3; // opcode of a client's message
+
+interface Subscribed {
+  id?: number;
+  channel: Channel;
+  reader: MessageReader<unknown>;
+}
+
+export interface Listener {
+  /** Whether a topic is wanted now. */
+  wants(topic: string): boolean;
+  /** One message; decode() is called only for what is shown. */
+  message(topic: string, data: DataView, decode: () => unknown): void;
+  channels(topics: string[]): void;
+  connection(connection: Connection): void;
+  session(): void;
+}
+
+export class Link {
+  #url: string;
+  #listener: Listener;
+  #socket?: WebSocket;
+  #client?: FoxgloveClient;
+  #channels = new Map<number, Subscribed>();
+  #subscriptions = new Map<number, Subscribed>();
+  #session?: string;
+  #attempt = 0;
+  #timer?: ReturnType<typeof setTimeout>;
+  #readers = new Map<string, MessageReader<unknown>>();
+  #requests = 0;
+
+  constructor(url: string, listener: Listener) {
+    this.#url = url;
+    this.#listener = listener;
+  }
+
+  open(): void {
+    clearTimeout(this.#timer);
+    if (this.#socket && this.#socket.readyState <= WebSocket.OPEN) return;
+    this.#attempt += 1;
+    const socket = new WebSocket(this.#url, [SUBPROTOCOL]);
+    const client = new FoxgloveClient({ ws: socket as unknown as IWebSocket });
+    let wasOpen = false;
+    this.#socket = socket;
+    this.#client = client;
+    client.on("serverInfo", (info) => {
+      wasOpen = true;
+      this.#attempt = 0;
+      if (this.#session !== undefined && info.sessionId !== this.#session) this.#listener.session();
+      this.#session = info.sessionId ?? "";
+      this.#listener.connection({ state: "open" });
+    });
+    client.on("advertise", (channels) => this.#advertised(channels));
+    client.on("unadvertise", (ids) => {
+      for (const id of ids) {
+        const gone = this.#channels.get(id);
+        if (gone?.id !== undefined) this.#subscriptions.delete(gone.id);
+        this.#channels.delete(id);
+      }
+      this.#tellChannels();
+    });
+    client.on("message", ({ subscriptionId, data }) => {
+      const of = this.#subscriptions.get(subscriptionId);
+      if (!of) return;
+      const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
+      this.#listener.message(of.channel.topic, view, () => of.reader.readMessage(view));
+    });
+    // Messages of kinds that this version of the client does not know are no fault.
+    client.on("error", () => undefined);
+    client.on("close", (event) => {
+      this.#channels.clear();
+      this.#subscriptions.clear();
+      void this.#closed(event as CloseEvent, wasOpen);
+    });
+  }
+
+  /** Subscribe to what has become wanted, and end what is no longer. */
+  update(): void {
+    for (const one of this.#channels.values()) {
+      const isWanted = this.#listener.wants(one.channel.topic);
+      if (isWanted && one.id === undefined) {
+        one.id = this.#client!.subscribe(one.channel.id);
+        this.#subscriptions.set(one.id, one);
+      } else if (!isWanted && one.id !== undefined) {
+        this.#client!.unsubscribe(one.id);
+        this.#subscriptions.delete(one.id);
+        one.id = undefined;
+      }
+    }
+  }
+
+  /** Play or pause at a rate, and go to a log time [ns] if one is given. */
+  control(play: boolean, rate: number, seek?: bigint): void {
+    if (this.#socket?.readyState !== WebSocket.OPEN) return;
+    const id = new TextEncoder().encode(`page-${++this.#requests}`);
+    const data = new DataView(new ArrayBuffer(19 + id.length));
+    data.setUint8(0, PLAYBACK_CONTROL_REQUEST);
+    data.setUint8(1, play ? 0 : 1);
+    data.setFloat32(2, rate, true);
+    data.setUint8(6, seek === undefined ? 0 : 1);
+    data.setBigUint64(7, seek ?? 0n, true);
+    data.setUint32(15, id.length, true);
+    new Uint8Array(data.buffer, 19).set(id);
+    this.#socket.send(data.buffer);
+  }
+
+  #advertised(channels: Channel[]): void {
+    for (const channel of channels) {
+      if (channel.encoding !== "cdr" || channel.schemaEncoding !== "ros2msg") continue;
+      let reader = this.#readers.get(channel.schema);
+      if (!reader) {
+        reader = new MessageReader(parse(channel.schema, { ros2: true }));
+        this.#readers.set(channel.schema, reader);
+      }
+      this.#channels.set(channel.id, { channel, reader });
+    }
+    this.#tellChannels();
+    this.update();
+  }
+
+  #tellChannels(): void {
+    this.#listener.channels([...this.#channels.values()].map((one) => one.channel.topic));
+  }
+
+  async #closed(event: CloseEvent, wasOpen: boolean): Promise<void> {
+    const wait = Math.min(FIRST_WAIT_MS * 2 ** Math.max(this.#attempt - 1, 0), LONGEST_WAIT_MS);
+    const retryAt = Date.now() + wait;
+    this.#timer = setTimeout(() => this.open(), wait);
+    const reason = await refusal(event, wasOpen);
+    // The page has not been told why; meanwhile it may be connected again.
+    if (this.#socket && this.#socket.readyState <= WebSocket.OPEN) return;
+    if (reason) this.#listener.connection({ state: "refused", reason, retryAt });
+    else this.#listener.connection({ state: "closed", reason: event.reason, retryAt });
+  }
+}
+
+/** Why the server does not want this page, in words; empty when it cannot be reached. */
+async function refusal(event: CloseEvent, wasOpen: boolean): Promise<string> {
+  if (event.code === 1008 || event.code === 1013) {
+    return event.reason || "the server has ended the connection";
+  }
+  if (wasOpen) return "";
+  // A browser does not tell how an upgrade was answered, so the same is asked by plain HTTP.
+  try {
+    const answer = await fetch("/", { method: "HEAD", cache: "no-store" });
+    if (answer.status === 401 || answer.status === 403) {
+      return "the token is missing or wrong: open the address with ?token= and the token of the " +
+        "node's parameter";
+    }
+    if (answer.status === 503) return "the server has as many clients as it allows";
+    if (answer.ok) {
+      return "the page is served but its data are not: the server has as many clients as it " +
+        "allows, or does not allow this origin";
+    }
+    return `the server answers with status ${answer.status}`;
+  } catch {
+    return "";
+  }
+}

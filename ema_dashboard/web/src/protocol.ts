@@ -1,0 +1,40 @@
+// What worker and page say to each other.
+
+import type { HistoryColumns } from "./unit_history.ts";
+import type { LiveSignals } from "./telemetry.ts";
+
+/** An actuator of a namespace. */
+export interface Address {
+  namespace: string;
+  id: string;
+}
+
+export function keyOf(address: Address): string {
+  return `${address.namespace}/${address.id}`;
+}
+
+export type Connection =
+  | { state: "connecting" }
+  | { state: "open" }
+  | { state: "closed"; reason: string; retryAt: number }
+  | { state: "refused"; reason: string; retryAt: number };
+
+export interface Received {
+  namespace: string;
+  topic: string;
+  message: unknown;
+}
+
+export type FromWorker =
+  | { kind: "connection"; connection: Connection }
+  | { kind: "session" } // what was known is of a server that is gone
+  | { kind: "channels"; topics: string[] }
+  | { kind: "messages"; received: Received[] }
+  | { kind: "history"; key: string; columns: HistoryColumns }
+  | { kind: "live"; key: string; signals: LiveSignals };
+
+export type ToWorker =
+  | { kind: "watch"; address: Address | null }
+  | { kind: "play"; play: boolean; rate: number; seek?: bigint }
+  | { kind: "event"; address: Address; text: string; eventKind: string; stamp: number }
+  | { kind: "retry" };

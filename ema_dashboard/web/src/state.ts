@@ -1,0 +1,241 @@
+// What is known of the fleet. Messages come in batches; views are told at most five times a second.
+
+import {
+  type ActuatorDescription, type Advice, type DiagnosticArray, type DiagnosticStatus,
+  type FaultEstimate, type Health, type HealthForecast, type PlaybackState, type WindowFit,
+  PLAYING, REFUSED, seconds, type Time,
+} from "./messages.ts";
+import { labelOf } from "./faults.ts";
+import { LEVELS } from "./levels.ts";
+import { type Address, type Connection, type FromWorker, type Received, keyOf } from "./protocol.ts";
+import type { LiveSignals } from "./telemetry.ts";
+import type { HistoryColumns } from "./unit_history.ts";
+
+const LEAST_MS = 200; // between two updates of the views
+const MOST_MS = 600;
+const LEAST_IDLE = 8; // times as long as the latest update took
+const CURRENT_S = 3; // a clock that is older does not say what time it is
+
+/** What is known of an actuator; another object after each change. */
+export interface Actuator extends Address {
+  key: string;
+  serial: string;
+  description?: ActuatorDescription;
+  health?: Health;
+  estimate?: FaultEstimate; // the latest one
+  usable?: FaultEstimate; // the latest one that may be used
+  forecast?: HealthForecast;
+  advice?: Advice;
+  fit?: WindowFit;
+}
+
+export interface Diagnostic extends DiagnosticStatus {
+  stamp: number;
+  received: number;
+}
+
+export type Emit = (event: { address: Address; text: string; eventKind: string; stamp: number })
+=> void;
+
+export class State {
+  connection: Connection = { state: "connecting" };
+  topics: string[] | undefined;
+  actuators = new Map<string, Actuator>();
+  diagnostics = new Map<string, Diagnostic>();
+  playback?: PlaybackState;
+  history?: { key: string; columns: HistoryColumns };
+  lastReceived = 0; // local clock [ms]
+  lostAt = 0; // when the connection was lost [ms]; 0 while there is one
+
+  #views = new Set<() => void>();
+  #live = new Set<(key: string, signals: LiveSignals) => void>();
+  #isDue = false;
+  #lastUpdate = -Infinity;
+  #took = 0; // by the latest update [ms]
+  #now = { stamp: 0, at: 0, isClock: false };
+  #emit: Emit;
+
+  constructor(emit: Emit) {
+    this.#emit = emit;
+  }
+
+  /** Be told of changes; returns how to end it. */
+  subscribe(view: () => void): () => void {
+    this.#views.add(view);
+    return () => this.#views.delete(view);
+  }
+
+  onLive(listener: (key: string, signals: LiveSignals) => void): () => void {
+    this.#live.add(listener);
+    return () => this.#live.delete(listener);
+  }
+
+  /** Time of the nodes [s]: that of a recording or simulation where there is one. */
+  now(): number {
+    if (!this.#now.at) return Date.now() / 1000;
+    const passed = (performance.now() - this.#now.at) / 1000;
+    const isStill = this.playback !== undefined && this.playback.status !== PLAYING;
+    if (this.#now.isClock) return this.#now.stamp + (isStill ? 0 : Math.min(passed, 1));
+    return this.#now.stamp + passed;
+  }
+
+  take(message: FromWorker): void {
+    switch (message.kind) {
+      case "live":
+        for (const listener of this.#live) listener(message.key, message.signals);
+        return;
+      case "connection":
+        if (message.connection.state === "open") this.lostAt = 0;
+        else if (this.connection.state === "open") this.lostAt = Date.now();
+        this.connection = message.connection;
+        break;
+      case "session":
+        this.actuators.clear();
+        this.diagnostics.clear();
+        this.playback = undefined;
+        this.history = undefined;
+        this.#now = { stamp: 0, at: 0, isClock: false };
+        break;
+      case "channels":
+        this.topics = message.topics;
+        if (!this.topics.some((topic) => topic.endsWith("/playback_state"))) {
+          this.playback = undefined;
+        }
+        break;
+      case "history":
+        this.history = message;
+        break;
+      case "messages":
+        this.lastReceived = Date.now();
+        for (const one of message.received) this.#receive(one);
+        break;
+    }
+    this.#changed();
+  }
+
+  #changed(): void {
+    if (this.#isDue) return;
+    this.#isDue = true;
+    const pause = Math.min(Math.max(LEAST_MS, LEAST_IDLE * this.#took), MOST_MS);
+    setTimeout(() => {
+      this.#isDue = false;
+      const start = performance.now();
+      this.#lastUpdate = start;
+      for (const view of this.#views) view();
+      // Views draw before the next frame, style and layout follow.
+      requestAnimationFrame(() => setTimeout(() => { this.#took = performance.now() - start; }));
+    }, Math.max(this.#lastUpdate + pause - performance.now(), 0));
+  }
+
+  #receive({ namespace, topic, message }: Received): void {
+    if (topic === "/diagnostics") return this.#diagnosed(message as DiagnosticArray);
+    if (topic === "/clock") return this.#clocked(seconds((message as { clock: Time }).clock));
+    if (topic === "playback_state") return this.#played(message as PlaybackState);
+    const of = message as { actuator_id: string; serial_number?: string };
+    const address = { namespace, id: of.actuator_id };
+    const key = keyOf(address);
+    const before = this.actuators.get(key) ?? { ...address, key, serial: "" };
+    const after: Actuator = { ...before };
+    if (of.serial_number) after.serial = of.serial_number;
+    switch (topic) {
+      case "actuator_description":
+        after.description = message as ActuatorDescription;
+        break;
+      case "health":
+        after.health = message as Health;
+        this.#compare(before, after.health);
+        break;
+      case "fault_estimate":
+        after.estimate = message as FaultEstimate;
+        if (after.estimate.valid) after.usable = after.estimate;
+        this.#examine(before, after.estimate);
+        break;
+      case "health_forecast":
+        after.forecast = message as HealthForecast;
+        break;
+      case "advice":
+        after.advice = message as Advice;
+        break;
+      case "window_fit":
+        after.fit = message as WindowFit;
+        break;
+      default:
+        return;
+    }
+    this.actuators.set(key, after);
+  }
+
+  /** Say which fault or requirement has another level than in the health before. */
+  #compare(before: Actuator, health: Health): void {
+    if (before.health?.serial_number !== health.serial_number) return;
+    const known = [...before.health.faults, ...before.health.requirements];
+    const levels = new Map(known.map((item) => [item.name, item.level]));
+    for (const item of [...health.faults, ...health.requirements]) {
+      const was = levels.get(item.name);
+      if (was === undefined || was === item.level || item.level === 0 || item.level > 2) continue;
+      const text = `${labelOf(item.name)}: ${LEVELS[was]!.word} → ${LEVELS[item.level]!.word}`;
+      this.#emit({
+        address: before, text, eventKind: "fault", stamp: seconds(health.header.stamp),
+      });
+    }
+  }
+
+  #examine(before: Actuator, estimate: FaultEstimate): void {
+    const stamp = seconds(estimate.header.stamp);
+    if (before.estimate && estimate.window < before.estimate.window) {
+      this.#emit({ address: before, text: "the monitor was started again", eventKind: "restart",
+        stamp });
+    }
+    const isNew = before.estimate?.reason !== estimate.reason;
+    if (estimate.verdict === REFUSED && isNew && /calibrat/.test(estimate.reason)) {
+      this.#emit({ address: before, text: estimate.reason, eventKind: "calibration", stamp });
+    }
+  }
+
+  #diagnosed(array: DiagnosticArray): void {
+    const stamp = seconds(array.header.stamp);
+    for (const status of array.status) {
+      const before = this.diagnostics.get(status.name);
+      this.diagnostics.set(status.name, { ...status, stamp, received: Date.now() });
+      const id = /: (.+) telemetry$/.exec(status.name)?.[1];
+      const isNew = status.level > 0 && status.level < 3 && before?.message !== status.message;
+      if (id === undefined || !before || !isNew) continue;
+      for (const actuator of this.actuators.values()) {
+        if (actuator.id !== id) continue;
+        const eventKind = /gap|missing/.test(status.message) ? "gap" : "other";
+        this.#emit({ address: actuator, text: status.message, eventKind, stamp });
+      }
+    }
+    // Of the times of a recording only the player knows which is now.
+    if (this.playback) return;
+    const passed = performance.now() - this.#now.at;
+    if (!this.#now.isClock || passed > 1000 * CURRENT_S) {
+      this.#now = { stamp, at: performance.now(), isClock: false };
+    }
+  }
+
+  #clocked(stamp: number): void {
+    this.#now = { stamp, at: performance.now(), isClock: true };
+  }
+
+  #played(playback: PlaybackState): void {
+    this.playback = playback;
+    const position = seconds(playback.position);
+    this.#clocked(position);
+    if (!playback.jumped) return;
+    // What is later than the position is not known there.
+    for (const actuator of this.actuators.values()) {
+      const kept = <T extends { header: { stamp: Time } }>(message?: T) =>
+        message && seconds(message.header.stamp) <= position ? message : undefined;
+      this.actuators.set(actuator.key, {
+        ...actuator,
+        health: kept(actuator.health),
+        estimate: kept(actuator.estimate),
+        usable: kept(actuator.usable),
+        forecast: kept(actuator.forecast),
+        advice: kept(actuator.advice),
+        fit: kept(actuator.fit),
+      });
+    }
+  }
+}

@@ -1,0 +1,90 @@
+// The last seconds of one actuator's telemetry, thinned to the least and largest value of each
+// slot of time, so that no peak is lost.
+
+import { seconds, type TelemetryBlock } from "./messages.ts";
+
+export const SHOWN_S = 10;
+const LEAST_SLOT_S = 0.02;
+const SIGNALS = ["command", "position", "current", "speed"] as const;
+
+export interface LiveSignals {
+  end: number; // stamp of the latest sample [s]
+  period: number; // sample period [s]
+  time: Float64Array; // of the values, from the latest sample on [s]
+  values: Record<(typeof SIGNALS)[number], Float64Array>;
+}
+
+export class Telemetry {
+  #slot = 0;
+  #period = 0;
+  #first = 0; // number of the oldest slot that is kept
+  #end = -Infinity;
+  #count = 0;
+  #low: Float64Array[] = [];
+  #high: Float64Array[] = [];
+
+  /** Add a block; one of another period, or one that goes back in time, starts anew. */
+  add(block: TelemetryBlock): void {
+    const start = seconds(block.header.stamp);
+    const n = block.current.length;
+    if (n === 0 || !(block.sample_period > 0)) return;
+    if (block.sample_period !== this.#period || start < this.#end - 1) this.#reset(block, start);
+    for (let i = 0; i < n; i++) {
+      const slot = Math.floor((start + i * this.#period) / this.#slot);
+      if (slot >= this.#first + this.#count) this.#advance(slot - this.#count + 1);
+      const at = slot % this.#count;
+      if (slot < this.#first) continue;
+      for (let k = 0; k < SIGNALS.length; k++) {
+        const value = block[SIGNALS[k]!][i]!;
+        const [low, high] = [this.#low[k]!, this.#high[k]!];
+        if (!(low[at]! <= value)) low[at] = value;
+        if (!(high[at]! >= value)) high[at] = value;
+      }
+    }
+    this.#end = Math.max(this.#end, start + (n - 1) * this.#period);
+  }
+
+  get isEmpty(): boolean {
+    return this.#count === 0;
+  }
+
+  /** Two values a slot, the lower one first; a slot without samples has NaN. */
+  signals(): LiveSignals {
+    const n = this.#count;
+    const time = new Float64Array(2 * n);
+    const values = SIGNALS.map(() => new Float64Array(2 * n));
+    for (let i = 0; i < n; i++) {
+      const slot = this.#first + i;
+      time[2 * i] = slot * this.#slot - this.#end;
+      time[2 * i + 1] = (slot + 0.5) * this.#slot - this.#end;
+      for (let k = 0; k < SIGNALS.length; k++) {
+        values[k]![2 * i] = this.#low[k]![slot % n]!;
+        values[k]![2 * i + 1] = this.#high[k]![slot % n]!;
+      }
+    }
+    const [command, position, current, speed] = values as [
+      Float64Array, Float64Array, Float64Array, Float64Array,
+    ];
+    return {
+      end: this.#end, period: this.#period, time, values: { command, position, current, speed },
+    };
+  }
+
+  #reset(block: TelemetryBlock, start: number): void {
+    this.#period = block.sample_period;
+    this.#slot = Math.max(LEAST_SLOT_S, this.#period);
+    this.#count = Math.ceil(SHOWN_S / this.#slot);
+    this.#low = SIGNALS.map(() => new Float64Array(this.#count).fill(NaN));
+    this.#high = SIGNALS.map(() => new Float64Array(this.#count).fill(NaN));
+    this.#first = Math.floor(start / this.#slot) - this.#count + 1;
+    this.#end = -Infinity;
+  }
+
+  #advance(first: number): void {
+    const from = Math.max(this.#first, first - this.#count);
+    for (let slot = from; slot < first; slot++) {
+      for (const column of [...this.#low, ...this.#high]) column[slot % this.#count] = NaN;
+    }
+    this.#first = first;
+  }
+}

@@ -1,0 +1,38 @@
+// What to do with the actuator, and what it costs.
+
+import { hours, percent, significant } from "../format.ts";
+import { ACTIONS, type Advice } from "../messages.ts";
+
+const WHAT: Record<string, (at: string) => string> = {
+  continue: (at) => `Continue, and decide anew ${at}`,
+  inspect: (at) => `Inspect ${at}`,
+  remove: (at) => `Remove ${at}`,
+  unknown: () => "No advice",
+};
+
+export function AdviceCard({ advice }: { advice?: Advice }) {
+  if (!advice) return null;
+  const action = ACTIONS[advice.action] ?? "unknown";
+  const when = Number.isFinite(advice.flight_hours)
+    ? `${action === "continue" ? "at" : "by"} ${hours(advice.flight_hours)} service hours` : "";
+  const unit = `${advice.cost_unit} per flight hour`.trim();
+  const saved = 1 - advice.expected_cost / advice.cost_of_immediate_removal;
+  return (
+    <section class={`card advice ${action}`} aria-labelledby="advice">
+      <h2 id="advice" class="quiet">Advice</h2>
+      <p class="what">
+        <strong>{WHAT[action]!(when)}</strong>
+        {Number.isFinite(advice.from_now) && <span class="soft"> in {hours(advice.from_now)} h</span>}
+      </p>
+      {advice.reason && <p>{advice.reason}</p>}
+      {Number.isFinite(advice.expected_cost) && (
+        <p class="soft">
+          {significant(advice.expected_cost, 3)} {unit}; removed at once{" "}
+          {significant(advice.cost_of_immediate_removal, 3)}
+          {Number.isFinite(saved) && saved > 0 && ` (${percent(saved)} less)`};{" "}
+          {percent(advice.probability_of_failure)} risk of failure until then
+        </p>
+      )}
+    </section>
+  );
+}

@@ -1,0 +1,90 @@
+// What happened to a unit, on a time line and as a list.
+
+import { clockTime, dateTime, hours } from "../format.ts";
+import { type UnitEvent, seconds } from "../messages.ts";
+import { Empty, Section } from "./parts.tsx";
+import { useBox } from "./hooks.ts";
+
+const MOST_LISTED = 50;
+
+// A sign for each kind, so that it is told without its colour.
+const KINDS: Record<string, { sign: string; colour: string; word: string }> = {
+  fault: { sign: "▲", colour: "error", word: "fault" },
+  repair: { sign: "✚", colour: "ok", word: "repair" },
+  step: { sign: "◆", colour: "warn", word: "step" },
+  outlier: { sign: "○", colour: "warn", word: "outlier" },
+  calibration: { sign: "■", colour: "model", word: "calibration" },
+  gap: { sign: "▬", colour: "stale", word: "gap" },
+  restart: { sign: "↻", colour: "data", word: "restart" },
+  "service hours": { sign: "◷", colour: "data", word: "service hours" },
+  history: { sign: "▤", colour: "stale", word: "history" },
+};
+const OTHER = { sign: "●", colour: "stale", word: "other" };
+
+const kindOf = (event: UnitEvent) => KINDS[event.kind] ?? OTHER;
+
+export function Events({ events, now }: { events?: UnitEvent[]; now: number }) {
+  const count = events?.length ?? 0;
+  return (
+    <Section title="Events" id="events" note={count > 0 && `${count} kept`}>
+      {!events ? <Empty>Loading the history…</Empty> : count === 0 ? (
+        <Empty>Nothing has happened to this unit since its first test.</Empty>
+      ) : (
+        <>
+          <TimeLine events={events} now={now} />
+          <ol class="events" tabIndex={0} aria-label="Events, the latest first">
+            {events.slice(-MOST_LISTED).reverse().map((event, i) => {
+              const kind = kindOf(event);
+              return (
+                <li key={`${i} ${event.text}`}>
+                  <span class="event-sign" style={{ color: `var(--${kind.colour})` }}
+                    aria-hidden="true">{kind.sign}</span>
+                  <strong>{kind.word}</strong>
+                  <span class="event-text">{event.text}</span>
+                  <span class="soft event-time">
+                    {Number.isFinite(event.flight_hours) && `${hours(event.flight_hours)} h · `}
+                    {dateTime(seconds(event.stamp))}
+                  </span>
+                </li>
+              );
+            })}
+          </ol>
+          {count > MOST_LISTED && <p class="soft">{count - MOST_LISTED} older ones not listed</p>}
+        </>
+      )}
+    </Section>
+  );
+}
+
+function TimeLine({ events, now }: { events: UnitEvent[]; now: number }) {
+  const [ref, width] = useBox<HTMLDivElement>();
+  const times = events.map((event) => seconds(event.stamp));
+  const first = Math.min(...times);
+  const last = Math.max(now, ...times);
+  const span = Math.max(last - first, 1);
+  const at = (time: number) => 14 + ((time - first) / span) * Math.max(width - 28, 1);
+  const isShort = span < 86_400;
+  const text = (time: number) => (isShort ? clockTime(time) : dateTime(time).slice(0, 16));
+  return (
+    <div class="timeline" ref={ref} role="img"
+      aria-label={`${events.length} events from ${dateTime(first)} on`}>
+      {width > 0 && (
+        <svg width={width} height="64">
+          <line x1="14" x2={width - 14} y1="34" y2="34" class="axis" />
+          {events.map((event, i) => {
+            const kind = kindOf(event);
+            return (
+              <text key={i} x={at(times[i]!)} y="29" text-anchor="middle" class="mark"
+                style={{ fill: `var(--${kind.colour})` }}>
+                <title>{`${kind.word}: ${event.text}`}</title>
+                {kind.sign}
+              </text>
+            );
+          })}
+          <text x="14" y="55" class="tick">{text(first)}</text>
+          <text x={width - 14} y="55" text-anchor="end" class="tick">{text(last)}</text>
+        </svg>
+      )}
+    </div>
+  );
+}

@@ -1,0 +1,223 @@
+// Overview of the fleet, the worst first.
+
+import { memo } from "preact/compat";
+import { useMemo } from "preact/hooks";
+import { labelOf } from "../faults.ts";
+import { fixed } from "../format.ts";
+import { LEVELS } from "../levels.ts";
+import { ACTIONS, seconds } from "../messages.ts";
+import type { Actuator, State } from "../state.ts";
+import { useApp, useStored } from "./hooks.ts";
+import { Life, RemoveBefore, why } from "./life.tsx";
+import { Badge, Bar, Shape, Since, levelOf } from "./parts.tsx";
+import { addressOf } from "./route.ts";
+
+interface Column {
+  name: string;
+  title: string;
+  unit?: string;
+  of: (actuator: Actuator) => number | string; // the least comes first
+}
+
+const unknownLast = (value?: number) =>
+  value === undefined || Number.isNaN(value) ? Infinity : value;
+
+const lifeOf = (actuator: Actuator, quantile: "hours_05" | "hours_50") => {
+  const life = actuator.health?.rul;
+  return life?.known ? unknownLast(life[quantile]) : Infinity;
+};
+
+const COLUMNS: Column[] = [
+  { name: "level", title: "Level", of: (one) => levelOf(one.health).rank },
+  { name: "actuator", title: "Actuator", of: (one) => one.id },
+  { name: "health", title: "Health index", of: (one) => unknownLast(one.health?.health_index) },
+  { name: "cause", title: "Worst fault or requirement", of: (one) => dominant(one) || "~" },
+  { name: "life", title: "Remaining life", unit: "median, 5 – 95 %",
+    of: (one) => lifeOf(one, "hours_50") },
+  { name: "remove", title: "Remove before", unit: "service hour",
+    of: (one) => (one.health?.level === 2 ? -1 : lifeOf(one, "hours_05")) },
+  { name: "test", title: "Last test", unit: "ago",
+    of: (one) => -(one.health ? seconds(one.health.header.stamp) : 0) },
+  { name: "advice", title: "Advice", of: (one) => -(one.advice?.action ?? -1) },
+];
+
+function dominant(actuator: Actuator): string {
+  const name = actuator.health?.dominant_fault;
+  return name ? labelOf(name) : "";
+}
+
+/** The worst first: by level, then by the time that is left, then by health index. */
+export function byWorst(one: Actuator, other: Actuator): number {
+  return levelOf(one.health).rank - levelOf(other.health).rank ||
+    difference(lifeOf(one, "hours_05"), lifeOf(other, "hours_05")) ||
+    difference(unknownLast(one.health?.health_index), unknownLast(other.health?.health_index)) ||
+    one.key.localeCompare(other.key);
+}
+
+function difference(one: number, other: number): number {
+  return one === other ? 0 : one < other ? -1 : 1;
+}
+
+function sorted(actuators: Actuator[], by: string): Actuator[] {
+  const isDown = by.startsWith("-");
+  const column = COLUMNS.find(({ name }) => name === by.replace("-", ""));
+  if (!column || by === "level") return actuators.sort(byWorst);
+  const compare = (one: Actuator, other: Actuator) => {
+    const [a, b] = [column.of(one), column.of(other)];
+    return typeof a === "string" ? a.localeCompare(String(b)) : difference(a, Number(b));
+  };
+  return actuators.sort((one, other) =>
+    (isDown ? -1 : 1) * compare(one, other) || byWorst(one, other));
+}
+
+function matches(actuator: Actuator, words: string): boolean {
+  const text = `${actuator.id} ${actuator.serial} ${actuator.namespace} ` +
+    `${actuator.description?.model ?? ""} ${dominant(actuator)} ${levelOf(actuator.health).word}`;
+  return words.toLowerCase().split(/\s+/).every((word) => text.toLowerCase().includes(word));
+}
+
+const CHOICES = [LEVELS[2]!, LEVELS[1]!, LEVELS[3]!, LEVELS[0]!];
+
+export function Fleet({ state }: { state: State }) {
+  const [by, setBy] = useStored("ema-sort", "level");
+  const [words, setWords] = useStored("ema-filter", "");
+  const [shown, setShown] = useStored("ema-levels", "");
+  const all = [...state.actuators.values()];
+  const namespaces = useMemo(() => new Set(all.map((one) => one.namespace)), [all.length]);
+  const chosen = all.filter((one) =>
+    matches(one, words) && (!shown || nameOf(one) === shown));
+  const rows = sorted(chosen, by);
+  const count = (name: string) => all.filter((one) => nameOf(one) === name).length;
+
+  return (
+    <main id="main" tabIndex={-1}>
+      <h1 class="fleet-title">
+        Fleet <span class="soft">{all.length} {all.length === 1 ? "actuator" : "actuators"}</span>
+      </h1>
+      <div class="fleet-tools">
+        <div class="chips" role="group" aria-label="Show one level only">
+          {CHOICES.map((level) => (
+            <button type="button" key={level.name} class={`chip ${level.name}`}
+              aria-pressed={shown === level.name}
+              onClick={() => setShown(shown === level.name ? "" : level.name)}>
+              <Shape level={level} size={20} />
+              <strong>{count(level.name)}</strong> {level.word}
+            </button>
+          ))}
+        </div>
+        <label class="filter">
+          <span>Filter</span>
+          <input type="search" value={words} placeholder="name, serial number, fault"
+            onInput={(event) => setWords(event.currentTarget.value)} />
+        </label>
+        <label class="sort-choice">
+          <span>Sort by</span>
+          <select value={by} onChange={(event) => setBy(event.currentTarget.value)}>
+            {COLUMNS.map(({ name, title }) => (
+              <option key={name} value={name}>
+                {name === "level" ? "Level, worst first" : title}
+              </option>
+            ))}
+          </select>
+        </label>
+      </div>
+      {rows.length === 0 ? (
+        <p class="empty">
+          No actuator of {all.length} matches.{" "}
+          <button type="button" class="link" onClick={() => { setWords(""); setShown(""); }}>
+            Show all
+          </button>
+        </p>
+      ) : (
+        <table class="fleet" role="table">
+          <caption class="unseen">Actuators, {rows.length} of {all.length}</caption>
+          <thead role="rowgroup">
+            <tr role="row">
+              {COLUMNS.map((column) => <Head key={column.name} column={column} by={by}
+                onSort={setBy} />)}
+            </tr>
+          </thead>
+          <tbody role="rowgroup">
+            {rows.map((one) => (
+              <Row key={one.key} actuator={one} hasNamespace={namespaces.size > 1} />
+            ))}
+          </tbody>
+        </table>
+      )}
+    </main>
+  );
+}
+
+function nameOf(actuator: Actuator): string {
+  return levelOf(actuator.health).name;
+}
+
+function Head({ column, by, onSort }: {
+  column: Column; by: string; onSort: (by: string) => void;
+}) {
+  const { name, title, unit } = column;
+  const direction = by === name ? "ascending" : by === `-${name}` ? "descending" : "none";
+  const isDefault = name === "level";
+  return (
+    <th scope="col" role="columnheader" class={`c-${name}`} aria-sort={direction}>
+      <button type="button"
+        onClick={() => onSort(direction === "ascending" && !isDefault ? `-${name}` : name)}>
+        {title}
+        <span class="arrow" aria-hidden="true">
+          {direction === "ascending" ? "▲" : direction === "descending" ? "▼" : ""}
+        </span>
+      </button>
+      {unit && <small>{unit}</small>}
+    </th>
+  );
+}
+
+const Row = memo(({ actuator, hasNamespace }: { actuator: Actuator; hasNamespace: boolean }) => {
+  const { health, advice } = actuator;
+  const level = levelOf(health);
+  const { send } = useApp();
+  const open = () => {
+    location.hash = addressOf(actuator);
+    send({ kind: "watch", address: actuator });
+  };
+  return (
+    <tr role="row" class={level.name} data-actuator={actuator.key} onClick={open}>
+      <td role="cell" class="c-level"><Badge level={level} /></td>
+      <th scope="row" role="rowheader" class="c-actuator">
+        <a href={addressOf(actuator)}>{actuator.id}</a>
+        <small>
+          {hasNamespace && `${actuator.namespace} · `}{actuator.serial || "no serial number"}
+        </small>
+      </th>
+      <td role="cell" class="c-health" data-label="Health index">
+        {health && Number.isFinite(health.health_index) ? (
+          <span class="with-bar">
+            <Bar share={health.health_index} level={level} />
+            <strong>{fixed(health.health_index, 2)}</strong>
+          </span>
+        ) : "–"}
+      </td>
+      <td role="cell" class="c-cause">
+        {dominant(actuator) && <strong>{dominant(actuator)}</strong>}
+        <small>{health ? why(health, dominant(actuator)) : waiting(actuator)}</small>
+      </td>
+      <td role="cell" class="c-life" data-label="Remaining life">
+        {health ? <Life life={health.rul} /> : "–"}
+      </td>
+      <td role="cell" class="c-remove" data-label="Remove before">
+        {health ? <RemoveBefore health={health} /> : "–"}
+      </td>
+      <td role="cell" class="c-test" data-label="Last test"><Since health={health} suffix=" ago" /></td>
+      <td role="cell" class="c-advice" data-label="Advice">
+        {advice ? <span title={advice.reason}>{ACTIONS[advice.action]}</span> : "–"}
+      </td>
+    </tr>
+  );
+});
+
+function waiting(actuator: Actuator): string {
+  if (actuator.estimate && !actuator.estimate.valid) {
+    return `test refused: ${actuator.estimate.reason}`;
+  }
+  return "waiting for its first test";
+}

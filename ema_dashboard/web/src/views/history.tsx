@@ -1,0 +1,161 @@
+// Each fault over the service hours: its tests, what is expected of it, and its limit.
+
+import { useMemo } from "preact/hooks";
+import type uPlot from "uplot";
+import { ASSESSED, FAULTS, type Fault } from "../faults.ts";
+import { fixed, hours as inHours, withSigma } from "../format.ts";
+import { LEVELS, UNKNOWN } from "../levels.ts";
+import type { FaultHealth, HealthForecast } from "../messages.ts";
+import type { Actuator } from "../state.ts";
+import type { HistoryColumns } from "../unit_history.ts";
+import { Badge, Empty, Section } from "./parts.tsx";
+import { type Colour, Plot, intervals, line, upright } from "./plot.tsx";
+
+const WIDTH_90 = 1.645; // standard deviations to either end of a 90 % interval
+
+export function History({ actuator, columns }: { actuator: Actuator; columns?: HistoryColumns }) {
+  const { health, forecast } = actuator;
+  const count = columns?.hours.length ?? 0;
+  const isHours = columns !== undefined && count > 0 && Number.isFinite(columns.hours.at(-1)!);
+  const note = columns && count > 0 && (
+    <>
+      {count} {count === 1 ? "test" : "tests"} with 90 % intervals
+      {columns.omitted > 0 && <>, {columns.omitted} older ones not shown</>}; hollow: not
+      significant; band: forecast, 5 – 95 %
+    </>
+  );
+  return (
+    <Section title="Faults over service hours" id="history" note={note}>
+      {!columns || count === 0 ? (
+        <Empty>{columns ? "No test of this unit has been kept yet." : "Loading the history…"}</Empty>
+      ) : (
+        <div class="plots many">
+          {ASSESSED.map((fault) => (
+            <OfFault key={fault.name} fault={fault} columns={columns} isHours={isHours}
+              forecast={isHours ? forecast : undefined}
+              item={health?.faults.find(({ name }) => name === fault.name)}
+              isDominant={health?.dominant_fault === fault.name} />
+          ))}
+        </div>
+      )}
+    </Section>
+  );
+}
+
+interface OfFaultProps {
+  fault: Fault;
+  columns: HistoryColumns;
+  isHours: boolean;
+  forecast?: HealthForecast;
+  item?: FaultHealth;
+  isDominant: boolean;
+}
+
+function OfFault({ fault, columns, isHours, forecast, item, isDominant }: OfFaultProps) {
+  const k = FAULTS.indexOf(fault);
+  const built = useMemo(
+    () => assemble(columns, k, isHours, forecast, fault.name), [columns, forecast, isHours, k],
+  );
+  const distance = item ? Math.abs(item.limit - fault.healthy) : 0.5;
+  const limits = fault.twoSided
+    ? [fault.healthy - distance, fault.healthy + distance] : [fault.healthy + distance];
+  const bottom = fault.twoSided ? fault.healthy - 1.2 * distance : 0;
+  const top = fault.healthy + 1.2 * distance;
+  const now = isHours ? columns.hours.at(-1)! : columns.stamp.at(-1)!;
+  const level = item ? LEVELS[item.level] ?? UNKNOWN : UNKNOWN;
+  const shown = item ? withSigma(item.value, item.sigma) : "–";
+
+  const draw = (plot: uPlot, colour: Colour) => {
+    intervals(plot, built.x, built.low, built.high, colour("interval"));
+    for (const limit of limits) line(plot, limit, `limit ${fixed(limit, 2)}`, colour("limit"));
+    if (forecast) upright(plot, now, "now", colour("ink-soft"));
+  };
+  const series: uPlot.Series[] = [
+    {
+      label: "estimate", stroke: "data", width: 0,
+      points: { show: true, size: 6, fill: "data", width: 1.5 },
+      value: (_, v) => fixed(v, 4),
+    },
+    {
+      label: "not significant", stroke: "data", width: 0,
+      points: { show: true, size: 6, fill: "card", width: 1.5 },
+      value: (_, v) => fixed(v, 4),
+    },
+    ...built.quantiles.map((p, i): uPlot.Series => ({
+      label: `${100 * p} %`, stroke: "fan-line", width: i === built.middle ? 2 : 0.5,
+      points: { show: false }, value: (_, v) => fixed(v, 3),
+    })),
+  ];
+  const last = 2 + built.quantiles.length;
+  const bands = built.quantiles.length > 1 ? [{ series: [last, 3] as [number, number], fill: "fan" }]
+    : [];
+  return (
+    <figure class={isDominant ? "dominant" : ""}>
+      <figcaption>
+        <strong>{fault.label}</strong> <span class="value">{shown}</span>
+        {isDominant && <span class="tag">dominant</span>}
+        <Badge level={level} />
+      </figcaption>
+      <Plot label={inWords(fault, shown, limits, columns, level.word, isHours)} height={210}
+        x={isHours ? "service hours [h]" : "time of the test"} y={`${fault.label} [-]`}
+        isTime={!isHours} series={series} data={built.data} bands={bands} legend={false}
+        yRange={(_, least, most) => [Math.min(bottom, least ?? 0), Math.max(top, 1.05 * (most ?? 0))]}
+        draw={draw} />
+    </figure>
+  );
+}
+
+function inWords(
+  fault: Fault, shown: string, limits: number[], columns: HistoryColumns, level: string,
+  isHours: boolean,
+): string {
+  const until = isHours ? ` up to ${inHours(columns.hours.at(-1)!)} service hours` : "";
+  const limit = limits.map((one) => fixed(one, 2)).join(" and ");
+  return `${fault.label} over ${columns.hours.length} tests${until}: now ${shown}, limit ${limit}, ` +
+    `level ${level}`;
+}
+
+interface Assembled {
+  x: number[];
+  low: number[];
+  high: number[];
+  quantiles: number[];
+  middle: number;
+  data: uPlot.AlignedData;
+}
+
+/** Tests first, then the forecast, on one ascending axis. */
+function assemble(
+  columns: HistoryColumns, k: number, isHours: boolean, forecast: HealthForecast | undefined,
+  name: string,
+): Assembled {
+  const at = isHours ? columns.hours : columns.stamp;
+  const order = Array.from(at.keys()).filter((i) => Number.isFinite(at[i]!))
+    .sort((one, other) => at[one]! - at[other]!);
+  const x = order.map((i) => at[i]!);
+  const value = order.map((i) => columns.faults[k]![i]!);
+  const sigma = order.map((i) => columns.sigmas[k]![i]!);
+  const isHollow = order.map((i) => ((columns.insignificant[i]! >> k) & 1) === 1);
+  const of = forecast?.faults.find((one) => one.name === name);
+  const probabilities = of ? Array.from(forecast!.probabilities) : [];
+  const ahead = of ? Array.from(forecast!.hours, (h) => forecast!.flight_hours + h) : [];
+  const known = value.map((v) => (Number.isFinite(v) ? v : null));
+  const gap = ahead.map(() => null);
+  const data = [
+    [...x, ...ahead],
+    [...known.map((v, i) => (isHollow[i] ? null : v)), ...gap],
+    [...known.map((v, i) => (isHollow[i] ? v : null)), ...gap],
+    ...probabilities.map((_, row) => [
+      ...x.map(() => null),
+      ...Array.from(of!.values.subarray(row * ahead.length, (row + 1) * ahead.length)),
+    ]),
+  ] as uPlot.AlignedData;
+  return {
+    x,
+    low: value.map((v, i) => v - WIDTH_90 * sigma[i]!),
+    high: value.map((v, i) => v + WIDTH_90 * sigma[i]!),
+    quantiles: probabilities,
+    middle: probabilities.indexOf(0.5),
+    data,
+  };
+}

@@ -1,0 +1,52 @@
+// Remaining life and removal in words.
+
+import { lifeHours } from "../format.ts";
+import { ERROR, OK, type Health, type RemainingLife } from "../messages.ts";
+
+const SOON_HOURS = 0.5;
+const LONGEST_REASON = 40;
+
+/** Median and interval of a remaining life. */
+export function Life({ life }: { life: RemainingLife }) {
+  if (!life.known) {
+    const isShort = life.reason && life.reason.length <= LONGEST_REASON;
+    return <span class="soft" title={life.reason}>unknown{isShort && `: ${life.reason}`}</span>;
+  }
+  if (life.hours_95 <= 0) return <strong>none left</strong>;
+  if (!Number.isFinite(life.hours_50)) {
+    return <span>more than {lifeHours(life.hours_05, life)} h</span>;
+  }
+  return (
+    <span class="life" title={`5 %, 50 %, 95 %, until ${life.criterion}`}>
+      <strong>{lifeHours(life.hours_50, life)} h</strong>{" "}
+      <span class="soft nowrap">
+        {lifeHours(life.hours_05, life)} – {lifeHours(life.hours_95, life)} h
+      </span>
+    </span>
+  );
+}
+
+/** Service hour before which to remove the unit, at 5 % risk of failure until then. */
+export function RemoveBefore({ health }: { health: Health }) {
+  if (health.level === ERROR) return <strong>now</strong>;
+  const life = health.rul;
+  if (!life.known || !Number.isFinite(life.hours_05)) return <span class="soft">no date</span>;
+  if (life.hours_05 < SOON_HOURS) return <strong>now</strong>;
+  return (
+    <span title={health.removal}>
+      <strong>{lifeHours(health.flight_hours + life.hours_05, life)} h</strong>{" "}
+      <span class="soft nowrap">in {lifeHours(life.hours_05, life)} h</span>
+    </span>
+  );
+}
+
+/** Why the level is what it is; after a label that already names its first word, without it. */
+export function why(health: Health, label = ""): string {
+  if (health.cause) {
+    return label && health.cause.startsWith(`${label} `)
+      ? health.cause.slice(label.length + 1) : health.cause;
+  }
+  if (health.level !== OK) return health.reason;
+  const well = "no fault or requirement gives a warning";
+  return health.reason ? `${well}; ${health.reason}` : well;
+}

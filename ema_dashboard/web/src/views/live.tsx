@@ -1,0 +1,103 @@
+// Live telemetry of one actuator: drawn as it comes, at most 20 times a second, when it is seen.
+
+import { useEffect, useRef, useState } from "preact/hooks";
+import uPlot from "uplot";
+import { significant } from "../format.ts";
+import type { LiveSignals } from "../telemetry.ts";
+import { SHOWN_S } from "../telemetry.ts";
+import { useApp } from "./hooks.ts";
+import { Empty, Section } from "./parts.tsx";
+import { Plot } from "./plot.tsx";
+
+const EMPTY: uPlot.AlignedData = [[], []];
+const X = "time before the latest sample [s]";
+const xRange = (): [number, number] => [-SHOWN_S, 0];
+
+/** A slot without samples is a gap, for which uPlot has null. */
+function withGaps(values: Float64Array): (number | null)[] {
+  return Array.from(values, (value) => (Number.isNaN(value) ? null : value));
+}
+
+interface Drawn {
+  plot: uPlot;
+  isSeen: () => boolean;
+  columns: (keyof LiveSignals["values"])[];
+}
+
+export function Live({ actuatorKey }: { actuatorKey: string }) {
+  const { state } = useApp();
+  const [isPaused, setPaused] = useState(false);
+  const [period, setPeriod] = useState<number | undefined>();
+  const [isSilent, setSilent] = useState(false);
+  const plots = useRef(new Map<string, Drawn>());
+  const paused = useRef(false);
+  paused.current = isPaused;
+
+  useEffect(() => {
+    let timer: ReturnType<typeof setTimeout>;
+    const end = state.onLive((key, signals) => {
+      if (key !== actuatorKey) return;
+      setPeriod(signals.period);
+      setSilent(false);
+      clearTimeout(timer);
+      timer = setTimeout(() => setSilent(true), 3000);
+      if (paused.current || document.hidden) return;
+      for (const { plot, isSeen, columns } of plots.current.values()) {
+        // The first ones give the axes their size, wherever the plot is.
+        if (!isSeen() && plot.data[0].length > 0) continue;
+        const drawn = columns.map((one) => withGaps(signals.values[one]));
+        plot.setData([signals.time, ...drawn] as unknown as uPlot.AlignedData);
+      }
+    });
+    return () => {
+      clearTimeout(timer);
+      end();
+    };
+  }, [actuatorKey]);
+
+  const keep = (name: string, columns: Drawn["columns"]) =>
+    (plot: uPlot | null, isSeen: () => boolean) => {
+      if (plot) plots.current.set(name, { plot, isSeen, columns });
+      else plots.current.delete(name);
+    };
+  const series = (label: string, stroke: string, dash?: number[]): uPlot.Series => ({
+    label, stroke, width: 1.3, points: { show: false }, ...(dash ? { dash } : {}),
+  });
+  const note = period !== undefined && (
+    <span class="live-note">
+      {isSilent ? "no telemetry for 3 s" : `${significant(1 / period, 3)} samples a second`}{" "}
+      <button type="button" onClick={() => setPaused(!isPaused)}>
+        {isPaused ? "go on" : "pause"}
+      </button>
+    </span>
+  );
+  return (
+    <Section title="Live telemetry" id="live" note={note}>
+      {period === undefined && <Empty>No telemetry has come since this page was opened.</Empty>}
+      <div class="plots" hidden={period === undefined}>
+        <figure>
+          <figcaption><strong>current</strong></figcaption>
+          <Plot label="Current of the last ten seconds" height={190} x={X} y="current [A]"
+            series={[series("current", "data")]} data={EMPTY} legend={false} xRange={xRange}
+            onPlot={keep("current", ["current"])} />
+        </figure>
+        <figure>
+          <figcaption><strong>motor speed</strong></figcaption>
+          <Plot label="Motor speed of the last ten seconds" height={190} x={X} y="speed [rad/s]"
+            series={[series("speed", "data")]} data={EMPTY} legend={false} xRange={xRange}
+            onPlot={keep("speed", ["speed"])} />
+        </figure>
+        <figure>
+          <figcaption>
+            <strong>angle</strong> <span class="key data">position</span>{" "}
+            <span class="key model">command</span>
+          </figcaption>
+          <Plot label="Position and command of the last ten seconds" height={190} x={X}
+            y="angle [rad]" legend={false} xRange={xRange} data={[[], [], []]}
+            series={[series("position", "data"), series("command", "model", [6, 4])]}
+            onPlot={keep("angle", ["position", "command"])} />
+        </figure>
+      </div>
+    </Section>
+  );
+}

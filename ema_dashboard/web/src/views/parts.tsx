@@ -1,0 +1,107 @@
+// Small parts that several views share.
+
+import type { ComponentChildren } from "preact";
+import { duration } from "../format.ts";
+import { LEVELS, type Level, UNKNOWN } from "../levels.ts";
+import { type Health, seconds } from "../messages.ts";
+import { useApp, useSecond } from "./hooks.ts";
+
+export function levelOf(health?: Health): Level {
+  return health ? LEVELS[health.level] ?? UNKNOWN : UNKNOWN;
+}
+
+// A shape for each level, so that it is told without colours: disc, triangle, octagon, ring.
+const SHAPES = {
+  ok: (
+    <>
+      <circle cx="12" cy="12" r="10" class="shape" />
+      <path d="M7 12.5 l3.5 3.5 L17 8.5" class="sign" />
+    </>
+  ),
+  warn: (
+    <>
+      <path d="M12 2 L23 21.5 H1 Z" class="shape" />
+      <path d="M12 9 V14.5 M12 17.2 V18.6" class="sign" />
+    </>
+  ),
+  error: (
+    <>
+      <path d="M7.5 1.5 h9 l6 6 v9 l-6 6 h-9 l-6 -6 v-9 Z" class="shape" />
+      <path d="M8 8 L16 16 M16 8 L8 16" class="sign" />
+    </>
+  ),
+  stale: (
+    <>
+      <circle cx="12" cy="12" r="9.5" class="shape" stroke-dasharray="4 2.5" />
+      <path d="M12 6.5 V12.5 L16 14.5" class="sign" />
+    </>
+  ),
+};
+
+export function Shape({ level, size = 24 }: { level: Level; size?: number }) {
+  return (
+    <svg class={`level-shape ${level.name}`} width={size} height={size} viewBox="0 0 24 24"
+      aria-hidden="true">
+      {SHAPES[level.name]}
+    </svg>
+  );
+}
+
+export function Badge({ level, large = false }: { level: Level; large?: boolean }) {
+  return (
+    <span class={`badge ${level.name} ${large ? "large" : ""}`}>
+      <Shape level={level} size={large ? 36 : 22} />
+      <span>{level.word}</span>
+    </span>
+  );
+}
+
+/** Time since the latest test, which goes on by itself. */
+export function Since({ health, suffix = "" }: { health?: Health; suffix?: string }) {
+  const { state } = useApp();
+  useSecond();
+  if (!health) return <>–</>;
+  return <>{duration(state.now() - seconds(health.header.stamp))}{suffix}</>;
+}
+
+export function Section({ title, note, id, children }: {
+  title: string; note?: ComponentChildren; id: string; children: ComponentChildren;
+}) {
+  return (
+    <section class="card" aria-labelledby={id}>
+      <header class="card-head">
+        <h2 id={id}>{title}</h2>
+        {note && <div class="note">{note}</div>}
+      </header>
+      {children}
+    </section>
+  );
+}
+
+export function Empty({ children }: { children: ComponentChildren }) {
+  return <p class="empty">{children}</p>;
+}
+
+export function Figure({ label, children, note }: {
+  label: string; children: ComponentChildren; note?: ComponentChildren;
+}) {
+  return (
+    <div class="figure">
+      <dt>{label}</dt>
+      <dd>
+        <strong>{children}</strong>
+        {note && <small>{note}</small>}
+      </dd>
+    </div>
+  );
+}
+
+/** A share from 0 to 1 as a bar; its number stands beside it. */
+export function Bar({ share, level }: { share: number; level: Level }) {
+  const width = `${100 * Math.min(Math.max(Number.isFinite(share) ? share : 0, 0), 1)}%`;
+  return (
+    <span class={`bar ${level.name}`} aria-hidden="true">
+      <span style={{ width }} />
+    </span>
+  );
+}

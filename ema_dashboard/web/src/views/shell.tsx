@@ -1,0 +1,162 @@
+// What is around every view: the bar on top, the state of the connection, and the playback.
+
+import { useEffect, useLayoutEffect } from "preact/hooks";
+import { duration } from "../format.ts";
+import type { Connection } from "../protocol.ts";
+import type { State } from "../state.ts";
+import { OneActuator } from "./actuator.tsx";
+import { Fleet } from "./fleet.tsx";
+import { useApp, useSecond, useStored, useUpdates } from "./hooks.ts";
+import { Playback } from "./playback.tsx";
+import { useRoute } from "./route.ts";
+import { Diagnostics } from "./system.tsx";
+
+const SILENT_MS = 5000;
+const THEMES = ["auto", "light", "dark"];
+const dark = matchMedia("(prefers-color-scheme: dark)");
+
+export function Shell({ state }: { state: State }) {
+  useUpdates(state);
+  const route = useRoute();
+  const { send } = useApp();
+  const name = route ? `${route.namespace}/${route.id}` : "";
+  useEffect(() => {
+    send({ kind: "watch", address: route });
+    document.title = route ? `${route.id} · EMA health` : "EMA health";
+    scrollTo(0, 0);
+  }, [name]);
+  const isOff = state.connection.state !== "open";
+  return (
+    <div class={isOff && state.lastReceived ? "old" : ""}>
+      <a class="skip" href="#main" onClick={(event) => {
+        event.preventDefault();
+        document.getElementById("main")?.focus();
+      }}>To the content</a>
+      <header class="top">
+        <a class="brand" href="#/">
+          <img src="icon.svg" alt="" width="28" height="28" /> EMA health
+        </a>
+        <Connected state={state} />
+        <Theme />
+      </header>
+      <Banner state={state} />
+      {state.playback && <Playback playback={state.playback} />}
+      {route ? <OneActuator state={state} address={route} /> : <Home state={state} />}
+    </div>
+  );
+}
+
+function Home({ state }: { state: State }) {
+  if (state.actuators.size === 0) return <NothingYet state={state} />;
+  return (
+    <>
+      <Fleet state={state} />
+      <div class="below"><Diagnostics state={state} /></div>
+    </>
+  );
+}
+
+function NothingYet({ state }: { state: State }) {
+  useSecond();
+  if (state.connection.state !== "open" || state.topics === undefined) {
+    const isRefused = state.connection.state === "refused";
+    return (
+      <main id="main" tabIndex={-1} class="middle">
+        <h1>{isRefused ? "Not allowed" : "Connecting…"}</h1>
+        {!isRefused && <div class="loading" aria-hidden="true"><i /><i /><i /></div>}
+        <p class="soft">{isRefused ? state.connection.state === "refused" && state.connection.reason
+          : `to the dashboard node at ${location.host}`}</p>
+      </main>
+    );
+  }
+  const hasMonitor = state.topics.some((topic) => topic.endsWith("/health"));
+  return (
+    <>
+      <main id="main" tabIndex={-1} class="middle">
+        <h1>{hasMonitor ? "No test yet" : "No actuator yet"}</h1>
+        <p>
+          {hasMonitor
+            ? "A monitor is running. The first actuator appears here when it is described, or has " +
+              "made its first test."
+            : "The dashboard runs, but no monitor and no actuator has been heard in its namespace."}
+        </p>
+        {!hasMonitor && <p class="soft">Start one of them: <code>ema up</code>, or{" "}
+          <code>ema up monitor</code> for an actuator of your own.</p>}
+        <p class="soft">{state.topics.length} topics are offered.</p>
+      </main>
+      {state.diagnostics.size > 0 && <div class="below"><Diagnostics state={state} /></div>}
+    </>
+  );
+}
+
+function Connected({ state }: { state: State }) {
+  useSecond();
+  const { connection } = state;
+  const words: Record<Connection["state"], string> = {
+    connecting: "connecting…",
+    open: isSilent(state) ? "connected, silent" : "live",
+    closed: "disconnected",
+    refused: "refused",
+  };
+  const isLive = connection.state === "open" && !isSilent(state);
+  return (
+    <span class={`connected ${isLive ? "live" : connection.state}`} role="status">
+      <i aria-hidden="true" /> {words[connection.state]}
+    </span>
+  );
+}
+
+function isSilent(state: State): boolean {
+  return state.lastReceived > 0 && Date.now() - state.lastReceived > SILENT_MS;
+}
+
+function Banner({ state }: { state: State }) {
+  const { send } = useApp();
+  useSecond();
+  const { connection } = state;
+  if (connection.state === "open") {
+    if (!isSilent(state)) return null;
+    return (
+      <p class="banner warn wide" role="alert">
+        <strong>Nothing has been received for{" "}
+          {duration((Date.now() - state.lastReceived) / 1000)}.</strong>{" "}
+        The dashboard answers, but no node reports its status. What is shown is as of then.
+      </p>
+    );
+  }
+  if (!state.lastReceived) return null;
+  const again = (
+    <button type="button" onClick={() => send({ kind: "retry" })}>Try now</button>
+  );
+  const since = duration((Date.now() - state.lostAt) / 1000);
+  return (
+    <p class="banner error wide" role="alert">
+      <strong>
+        {connection.state === "refused" ? "The server refuses this page." : `Disconnected for ${since}.`}
+      </strong>{" "}
+      {connection.state === "refused" ? connection.reason
+        : "What is shown is as of then; the page connects again by itself."} {again}
+    </p>
+  );
+}
+
+function Theme() {
+  const [theme, setTheme] = useStored("ema-theme", "auto");
+  useLayoutEffect(() => {
+    const show = () => {
+      const system = dark.matches ? "dark" : "light";
+      document.documentElement.dataset.theme = theme === "auto" ? system : theme;
+    };
+    show();
+    dark.addEventListener("change", show);
+    return () => dark.removeEventListener("change", show);
+  }, [theme]);
+  return (
+    <label class="theme">
+      <span class="unseen">Colours</span>
+      <select value={theme} onChange={(event) => setTheme(event.currentTarget.value)}>
+        {THEMES.map((one) => <option key={one} value={one}>{one}</option>)}
+      </select>
+    </label>
+  );
+}

@@ -1,0 +1,61 @@
+// Status of the nodes, from /diagnostics.
+
+import { duration } from "../format.ts";
+import { LEVELS, UNKNOWN } from "../levels.ts";
+import type { Diagnostic, State } from "../state.ts";
+import { useSecond } from "./hooks.ts";
+import { Badge, Empty, Section } from "./parts.tsx";
+
+const SILENT_MS = 5000;
+
+export function Diagnostics({ state, id }: { state: State; id?: string }) {
+  useSecond();
+  const all = [...state.diagnostics.values()];
+  const chosen = id === undefined ? all
+    : all.filter(({ name }) => name.includes(`: ${id} `) || name.endsWith(`: ${id}`));
+  const shown = chosen.sort((one, other) => rank(one) - rank(other) ||
+    one.name.localeCompare(other.name));
+  const rows = id === undefined ? shown.filter((one) => one.level > 0 || isOfNode(one)) : shown;
+  return (
+    <Section title={id === undefined ? "Nodes" : "Diagnostics"} id="diagnostics">
+      {rows.length === 0 ? <Empty>No status has been received.</Empty> : (
+        <ul class="diagnostics">
+          {rows.map((one) => (
+            <li key={one.name}>
+              <Badge level={LEVELS[isSilent(one) ? 3 : one.level] ?? UNKNOWN} />
+              <strong>{one.name}</strong>
+              <span>
+                {one.message}
+                {isSilent(one) &&
+                  <span class="soft"> silent for {duration((Date.now() - one.received) / 1000)}</span>}
+              </span>
+              {id !== undefined && one.values.length > 0 && (
+                <details>
+                  <summary>{one.values.length} {one.values.length === 1 ? "figure" : "figures"}</summary>
+                  <dl class="values">
+                    {one.values.map(({ key, value }) => (
+                      <div key={key}><dt>{key}</dt><dd>{value}</dd></div>
+                    ))}
+                  </dl>
+                </details>
+              )}
+            </li>
+          ))}
+        </ul>
+      )}
+    </Section>
+  );
+}
+
+/** A status of a node as a whole, and not of one actuator. */
+function isOfNode({ name }: Diagnostic): boolean {
+  return /: \S+$/.test(name);
+}
+
+function isSilent(one: Diagnostic): boolean {
+  return Date.now() - one.received > SILENT_MS;
+}
+
+function rank(one: Diagnostic): number {
+  return (LEVELS[isSilent(one) ? 3 : one.level] ?? UNKNOWN).rank;
+}

@@ -1,0 +1,162 @@
+// The latest window: measured against estimated, and how far the estimate is to be trusted.
+
+import { useMemo } from "preact/hooks";
+import type uPlot from "uplot";
+import { labelOf } from "../faults.ts";
+import { dateTime, fixed, percent, significant, unit, withSigma } from "../format.ts";
+import { type FaultEstimate, type HiddenCause, VERDICTS, type WindowFit, seconds } from "../messages.ts";
+import type { Actuator } from "../state.ts";
+import { Empty, Figure, Section } from "./parts.tsx";
+import { Plot } from "./plot.tsx";
+
+export function LastWindow({ actuator }: { actuator: Actuator }) {
+  const { estimate, fit } = actuator;
+  if (!estimate && !fit) {
+    return (
+      <Section title="Last window" id="window"><Empty>No window has been found yet.</Empty></Section>
+    );
+  }
+  return (
+    <Section title="Last window" id="window"
+      note={estimate && `window ${estimate.window}, ended ${dateTime(seconds(estimate.window_end))}`}>
+      {estimate && <Trust estimate={estimate} />}
+      {fit && fit.current.length > 0 ? <Signals fit={fit} /> : (
+        <Empty>No signals of this window have been received.</Empty>
+      )}
+    </Section>
+  );
+}
+
+const MARKS = ["ok", "warn", "error"] as const;
+
+function Trust({ estimate }: { estimate: FaultEstimate }) {
+  const verdict = VERDICTS[estimate.verdict] ?? "refused";
+  const isGood = estimate.goodness_of_fit <= estimate.goodness_limit;
+  return (
+    <>
+      <p class={`verdict ${MARKS[estimate.verdict] ?? "error"}`}>
+        <strong>{verdict}</strong>
+        {estimate.reason && <>: {estimate.reason}</>}
+      </p>
+      <dl class="figures small">
+        <Figure label="goodness of fit"
+          note={`limit ${significant(estimate.goodness_limit, 3)}${isGood ? "" : ", exceeded"}`}>
+          {significant(estimate.goodness_of_fit, 3)}
+        </Figure>
+        <Figure label="unexplained share">{percent(estimate.unexplained_share)}</Figure>
+        <Figure label="travel of the command"
+          note={`at least ${significant(estimate.excitation_limit, 2)} rad`}>
+          {significant(estimate.excitation, 3)} rad
+        </Figure>
+        <Figure label="calibration"
+          note={`${estimate.calibration_windows} healthy windows`}>
+          {estimate.calibration_id || "none"}
+        </Figure>
+        <Figure label="search" note={estimate.warm_start ? "warm start" : "cold start"}>
+          {String(estimate.evaluations)} evaluations
+        </Figure>
+      </dl>
+      <Causes title="Explained by what is no fault" causes={estimate.hidden_causes} />
+      <Causes title="Measured, and taken for known" causes={estimate.measured_causes} />
+      {estimate.confusions.length > 0 && (
+        <p class="remark">This window cannot tell apart: {estimate.confusions.join("; ")}.</p>
+      )}
+    </>
+  );
+}
+
+function Causes({ title, causes }: { title: string; causes: HiddenCause[] }) {
+  if (causes.length === 0) return null;
+  return (
+    <div class="causes">
+      <h3>{title}</h3>
+      <ul>
+        {causes.map((cause) => (
+          <li key={cause.name}>
+            <strong>{labelOf(cause.name)}</strong> {withSigma(cause.value, cause.sigma)}
+            {cause.unit === "-" ? " (relative change)" : unit(cause.unit)}
+            {cause.alternatives.length > 0 && (
+              <span class="soft"> or {cause.alternatives.map(labelOf).join(", ")}</span>
+            )}
+          </li>
+        ))}
+      </ul>
+    </div>
+  );
+}
+
+function Signals({ fit }: { fit: WindowFit }) {
+  const built = useMemo(() => {
+    const time = Array.from(fit.current, (_, i) => fit.start + i * fit.period);
+    const rest = (one: Float32Array, other: Float32Array) =>
+      one.length === other.length ? Array.from(one, (value, i) => value - other[i]!) : [];
+    const rms = (values: number[]) =>
+      Math.sqrt(values.reduce((sum, value) => sum + value * value, 0) / values.length);
+    const current = rest(fit.current, fit.estimated_current);
+    const speed = rest(fit.speed, fit.estimated_speed);
+    return {
+      current: [time, fit.current, fit.estimated_current],
+      currentRest: [time, current],
+      speed: [time, fit.speed, fit.estimated_speed],
+      speedRest: [time, speed],
+      angle: [time, fit.command, fit.position],
+      rms: { current: rms(current), speed: rms(speed) },
+    } as unknown as Record<string, uPlot.AlignedData> & { rms: { current: number; speed: number } };
+  }, [fit]);
+  const series = (digits: number, names: [string, string]): uPlot.Series[] => [
+    { label: names[0], stroke: "data", width: 1.8, points: { show: false }, value: figure(digits) },
+    {
+      label: names[1], stroke: "model", width: 2, dash: [7, 4], points: { show: false },
+      value: figure(digits),
+    },
+  ];
+  const residual = (digits: number): uPlot.Series[] => [
+    {
+      label: "measured − monitor's", stroke: "rest", width: 1.4, points: { show: false },
+      value: figure(digits),
+    },
+  ];
+  const pair: [string, string] = ["measured", "monitor's"];
+  const x = "time in the window [s]";
+  const shared = { x, sync: "window" };
+  return (
+    <div class="plots">
+      <figure>
+        <figcaption><strong>current</strong></figcaption>
+        <Plot {...shared} label="Measured current against the monitor's" height={210}
+          y="current [A]" series={series(3, pair)} data={built.current!} />
+      </figure>
+      <figure>
+        <figcaption>
+          <strong>residual of the current</strong>
+          <span class="value">rms {significant(built.rms.current, 3)} A</span>
+        </figcaption>
+        <Plot {...shared} label={`Residual of the current, rms ${significant(built.rms.current, 3)} A`}
+          height={210} y="residual [A]" series={residual(3)} data={built.currentRest!} />
+      </figure>
+      <figure>
+        <figcaption><strong>speed</strong></figcaption>
+        <Plot {...shared} label="Measured motor speed against the monitor's" height={210}
+          y="speed [rad/s]" series={series(1, pair)} data={built.speed!} />
+      </figure>
+      <figure>
+        <figcaption>
+          <strong>residual of the speed</strong>
+          <span class="value">rms {significant(built.rms.speed, 3)} rad/s</span>
+        </figcaption>
+        <Plot {...shared}
+          label={`Residual of the speed, rms ${significant(built.rms.speed, 3)} rad/s`}
+          height={210} y="residual [rad/s]" series={residual(2)} data={built.speedRest!} />
+      </figure>
+      <figure>
+        <figcaption><strong>command and position</strong></figcaption>
+        <Plot {...shared} label="Commanded and measured angle of the user shaft" height={210}
+          y="angle [rad]" series={series(5, ["command", "position"])} data={built.angle!} />
+      </figure>
+    </div>
+  );
+}
+
+function figure(digits: number) {
+  return (_: uPlot, value: number | null) => (value === null ? "–" : fixed(value, digits));
+}

@@ -1,0 +1,156 @@
+// Connection, decoding and thinning run here, so that the page itself only draws.
+
+import { Link } from "./link.ts";
+import {
+  type DiagnosticArray, type FaultEstimate, type Health, type PlaybackState, type TelemetryBlock,
+  type UnitHistory, seconds, timeOf,
+} from "./messages.ts";
+import { actuatorOf } from "./peek.ts";
+import { type Address, type FromWorker, type Received, type ToWorker, keyOf } from "./protocol.ts";
+import { Telemetry } from "./telemetry.ts";
+import { UnitRecord } from "./unit_history.ts";
+
+const BATCH_MS = 50; // 20 Hz
+
+const OF_ALL = new Set([
+  "health", "fault_estimate", "health_forecast", "advice", "unit_history", "actuator_description",
+  "playback_state",
+]);
+const OF_THE_OPEN = new Set(["telemetry", "window_fit"]);
+const OF_THE_SYSTEM = new Set(["/diagnostics", "/clock"]);
+
+let watched: Address | null = null;
+let telemetry = new Telemetry();
+let hasNewTelemetry = false;
+let hasNewHistory = false;
+let received: Received[] = [];
+let clock: Received | undefined;
+const records = new Map<string, UnitRecord>();
+
+const tell = (message: FromWorker, transfer: Transferable[] = []) =>
+  (self as unknown as Worker).postMessage(message, transfer);
+
+function split(topic: string): [string, string] {
+  const at = topic.lastIndexOf("/");
+  return [topic.slice(0, at), topic.slice(at + 1)];
+}
+
+function recordOf(key: string): UnitRecord {
+  let record = records.get(key);
+  if (!record) {
+    record = new UnitRecord();
+    records.set(key, record);
+  }
+  return record;
+}
+
+function isWatched(key: string): boolean {
+  return watched !== null && keyOf(watched) === key;
+}
+
+const link = new Link(new URL("/", self.location.href.replace(/^http/, "ws")).href, {
+  wants(topic) {
+    const [namespace, name] = split(topic);
+    if (OF_THE_SYSTEM.has(topic) || OF_ALL.has(name)) return true;
+    return watched?.namespace === namespace && OF_THE_OPEN.has(name);
+  },
+  message(topic, data, decode) {
+    if (topic === "/clock") {
+      clock = { namespace: "", topic, message: decode() };
+      return;
+    }
+    if (topic === "/diagnostics") {
+      received.push({ namespace: "", topic, message: decode() as DiagnosticArray });
+      return;
+    }
+    const [namespace, name] = split(topic);
+    if (name === "playback_state") {
+      const message = decode() as PlaybackState;
+      if (message.jumped) jump(seconds(message.position));
+      received.push({ namespace, topic: name, message });
+      return;
+    }
+    const id = actuatorOf(data);
+    if (id === undefined) return;
+    const key = keyOf({ namespace, id });
+    if (OF_THE_OPEN.has(name) && !isWatched(key)) return;
+    if (name === "telemetry") {
+      telemetry.add(decode() as TelemetryBlock);
+      hasNewTelemetry = true;
+    } else if (name === "unit_history") {
+      recordOf(key).replace(() => decode() as UnitHistory);
+      hasNewHistory ||= isWatched(key);
+    } else {
+      const message = decode();
+      received.push({ namespace, topic: name, message });
+      if (name === "fault_estimate") recordOf(key).estimated(message as FaultEstimate);
+      if (name === "health" && recordOf(key).judged(message as Health)) {
+        hasNewHistory ||= isWatched(key);
+      }
+    }
+  },
+  channels: (topics) => tell({ kind: "channels", topics }),
+  connection: (connection) => tell({ kind: "connection", connection }),
+  session() {
+    received = [];
+    records.clear();
+    telemetry = new Telemetry();
+    tell({ kind: "session" });
+  },
+});
+
+function jump(time: number): void {
+  telemetry = new Telemetry();
+  for (const record of records.values()) record.forgetAfter(time);
+  hasNewHistory = true;
+}
+
+function flush(): void {
+  if (clock) {
+    received.push(clock);
+    clock = undefined;
+  }
+  if (received.length) tell({ kind: "messages", received });
+  received = [];
+  if (!watched) return;
+  const key = keyOf(watched);
+  if (hasNewHistory && records.has(key)) {
+    tell({ kind: "history", key, columns: recordOf(key).columns() });
+    hasNewHistory = false;
+  }
+  if (hasNewTelemetry && !telemetry.isEmpty) {
+    const signals = telemetry.signals();
+    const buffers = [signals.time, ...Object.values(signals.values)].map((one) => one.buffer);
+    tell({ kind: "live", key, signals }, buffers as ArrayBuffer[]);
+    hasNewTelemetry = false;
+  }
+}
+
+self.onmessage = ({ data }: MessageEvent<ToWorker>) => {
+  switch (data.kind) {
+    case "watch":
+      // Ended first, so that the node sends the last window of the other actuator.
+      watched = null;
+      link.update();
+      watched = data.address;
+      telemetry = new Telemetry();
+      hasNewHistory = true;
+      link.update();
+      break;
+    case "play":
+      link.control(data.play, data.rate, data.seek);
+      break;
+    case "event":
+      recordOf(keyOf(data.address)).happened({
+        stamp: timeOf(data.stamp), flight_hours: NaN, kind: data.eventKind, text: data.text,
+      });
+      hasNewHistory ||= isWatched(keyOf(data.address));
+      break;
+    case "retry":
+      link.open();
+      break;
+  }
+};
+
+setInterval(flush, BATCH_MS);
+link.open();

@@ -1,0 +1,158 @@
+// What the page computes, without a browser.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { load } from "./sources.mjs";
+
+const format = await load("format.ts");
+const { Telemetry } = await load("telemetry.ts");
+const { UnitRecord, kindOf } = await load("unit_history.ts");
+const { actuatorOf } = await load("peek.ts");
+
+test("a value has the digits that its sigma leaves", () => {
+  assert.equal(format.withSigma(0.24893, 0.0018), "0.2489 ± 0.0018");
+  assert.equal(format.withSigma(0.24893, 0.0042), "0.249 ± 0.004");
+  assert.equal(format.withSigma(16.42, 0.33), "16.4 ± 0.3");
+  assert.equal(format.withSigma(1234.5, 25), "1235 ± 25");
+  assert.equal(format.withSigma(-0.02, 0.01), "−0.020 ± 0.010");
+  assert.equal(format.withSigma(0.25, NaN), "0.250");
+  assert.equal(format.withSigma(NaN, 0.1), "–");
+});
+
+test("hours of a life are rounded to what its interval leaves", () => {
+  const life = { hours_05: 1012.3, hours_50: 1623.7, hours_95: 2717.9 };
+  assert.equal(format.lifeHours(life.hours_50, life), "1,620");
+  const short = { hours_05: 3.21, hours_50: 5.43, hours_95: 8.76 };
+  assert.equal(format.lifeHours(short.hours_50, short), "5.4");
+  assert.equal(format.lifeHours(Infinity, life), "∞");
+});
+
+test("durations are told in their two largest units", () => {
+  assert.deepEqual(
+    [0.4, 59, 61, 3600 * 2 + 300, 86_400 * 3 + 3600 * 4].map(format.duration),
+    ["0 s", "59 s", "1 min 1 s", "2 h 5 min", "3 d 4 h"],
+  );
+});
+
+function block(start, values, first = 0n, period = 0.01) {
+  const column = Float64Array.from(values);
+  return {
+    header: { stamp: { sec: Math.floor(start), nanosec: Math.round((start % 1) * 1e9) } },
+    sample_period: period, first_index: first,
+    command: column, current: column, position: column, speed: column,
+  };
+}
+
+test("thinned telemetry keeps the least and largest value of each slot, and gaps", () => {
+  const telemetry = new Telemetry();
+  const values = Array.from({ length: 100 }, (_, i) => Math.sin(i));
+  values[41] = 50;
+  values[42] = -70;
+  telemetry.add(block(1000, values, 0n, 0.001));
+  telemetry.add(block(1000.5, values, 500n, 0.001));
+  const { time, values: { current } } = telemetry.signals();
+  const known = [...current].filter((value) => !Number.isNaN(value));
+  assert.equal(Math.max(...known), 50);
+  assert.equal(Math.min(...known), -70);
+  // 0.1 s of samples, 0.4 s of a gap, 0.1 s of samples: 12 slots of 20 ms at most have values.
+  assert.ok(known.length <= 24 && known.length >= 20, String(known.length));
+  assert.ok(time.at(-1) <= 0.02 && time[0] >= -10.02);
+});
+
+test("telemetry that goes back in time starts anew", () => {
+  const telemetry = new Telemetry();
+  telemetry.add(block(1000, [5, 5, 5]));
+  telemetry.add(block(900, [1, 1, 1]));
+  const known = [...telemetry.signals().values.current].filter((value) => !Number.isNaN(value));
+  assert.deepEqual([...new Set(known)], [1]);
+});
+
+function health(sec, overrides = {}) {
+  return {
+    header: { stamp: { sec, nanosec: 5 } }, actuator_id: "a", serial_number: "1", level: 0,
+    health_index: 0.9, dominant_fault: "", flight_hours: sec / 10, cycles: 3n, events: [],
+    rul: { known: true, hours_05: 1, hours_50: 2, hours_95: 3 }, ...overrides,
+  };
+}
+
+function estimate(sec, overrides = {}) {
+  return {
+    header: { stamp: { sec, nanosec: 5 } }, serial_number: "1", valid: true, verdict: 0,
+    faults: { friction: 0.1, backlash: 0.2, short_circuit_a: 0, short_circuit_b: 0,
+      short_circuit_c: 0, eccentricity: 0, eccentricity_phase: 0.5, gain: 0.5 },
+    covariance: new Float64Array(64).fill(1e-4), unobservable: 2, insignificant: 0, ...overrides,
+  };
+}
+
+function base(...secs) {
+  return {
+    serial_number: "1", omitted: 7n, events: [],
+    tests: secs.map((sec) => ({
+      stamp: { sec, nanosec: 5 }, flight_hours: sec / 10, cycles: 1n, verdict: 0,
+      faults: new Float64Array(8), sigmas: new Float64Array(8), insignificant: 0, level: 0,
+      health_index: 1, dominant_fault: "", rul_known: false, rul_05: NaN, rul_50: NaN, rul_95: NaN,
+    })),
+  };
+}
+
+test("live tests follow those that the node sent, each once", () => {
+  const record = new UnitRecord();
+  record.replace(() => base(100, 200));
+  for (const sec of [200, 300]) {
+    record.estimated(estimate(sec));
+    record.judged(health(sec));
+  }
+  record.judged(health(300, { level: 1 })); // again, with its requirements
+  const columns = record.columns();
+  assert.deepEqual([...columns.hours], [10, 20, 30]);
+  assert.deepEqual([...columns.level], [0, 0, 1]);
+  assert.equal(columns.omitted, 7);
+  assert.ok(Number.isNaN(columns.faults[1][2]), "backlash was not observable");
+  assert.ok(Math.abs(columns.sigmas[0][2] - 0.01) < 1e-15);
+});
+
+test("a refused or stale test adds nothing, another unit begins anew", () => {
+  const record = new UnitRecord();
+  record.estimated(estimate(100));
+  record.judged(health(100));
+  record.estimated(estimate(200, { valid: false }));
+  assert.equal(record.judged(health(200)), false);
+  assert.equal(record.judged(health(100, { level: 3 })), false);
+  assert.equal(record.columns().hours.length, 1);
+  record.estimated(estimate(300, { serial_number: "2" }));
+  record.judged(health(300, { serial_number: "2" }));
+  assert.deepEqual([...record.columns().hours], [30]);
+});
+
+test("after a seek nothing is kept that is later than the position", () => {
+  const record = new UnitRecord();
+  record.replace(() => base(100, 200, 300));
+  record.forgetAfter(250);
+  assert.deepEqual([...record.columns().hours], [10, 20]);
+});
+
+test("a change of level between tests is an event, unless it is told already", () => {
+  const record = new UnitRecord();
+  const known = base(100, 200, 300, 400);
+  [0, 1, 1, 2].forEach((level, i) => { known.tests[i].level = level; });
+  known.tests[1].dominant_fault = "short_circuit_a";
+  known.events.push({ stamp: known.tests[3].stamp, flight_hours: 40, kind: "fault", text: "told" });
+  record.replace(() => known);
+  assert.deepEqual(record.columns().events.map(({ text }) => text),
+    ["short circuit A: OK → WARN", "told"]);
+});
+
+test("events are told by their kind", () => {
+  assert.deepEqual(kindOf("repair: friction fell"), { kind: "repair", text: "friction fell" });
+  assert.equal(kindOf("missed tests: 2").kind, "gap");
+  assert.equal(kindOf("something").kind, "other");
+});
+
+test("the actuator of a message is read without decoding it", () => {
+  const bytes = [0, 1, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 5, 0, 0, 0,
+    ...Buffer.from("flap\0")];
+  const view = (list) => new DataView(Uint8Array.from(list).buffer);
+  assert.equal(actuatorOf(view(bytes)), "flap");
+  assert.equal(actuatorOf(view(bytes.slice(0, 26))), undefined);
+  assert.equal(actuatorOf(view(bytes.slice(0, 8))), undefined);
+});

@@ -1,0 +1,83 @@
+// An origin for the tests: the shipped page, and the WebSocket of a server behind it, on one port.
+// It can be cut off, refuse, and count what the page loads.
+
+import { readFile } from "node:fs/promises";
+import { createServer } from "node:http";
+import { connect } from "node:net";
+import path from "node:path";
+import { fileURLToPath } from "node:url";
+
+const page = fileURLToPath(new URL("../../ema_dashboard/page/", import.meta.url));
+const TYPES = {
+  ".html": "text/html; charset=utf-8",
+  ".js": "text/javascript; charset=utf-8",
+  ".css": "text/css; charset=utf-8",
+  ".svg": "image/svg+xml",
+};
+// The strictest policy that the page needs; that of the dashboard node must not be stricter.
+const POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; " +
+  "connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'";
+
+export class Origin {
+  backend = 0; // port of the server behind
+  refuses = 0; // status with which everything is refused
+  #server;
+  #sockets = new Set();
+
+  async listen() {
+    this.#server = createServer((request, response) => void this.#answer(request, response));
+    this.#server.on("upgrade", (request, socket, head) => {
+      socket.on("error", () => undefined);
+      if (this.refuses || !this.backend) {
+        socket.end(`HTTP/1.1 ${this.refuses || 502} No\r\nConnection: close\r\n\r\n`);
+        return;
+      }
+      const behind = connect(this.backend, "127.0.0.1");
+      behind.on("error", () => socket.destroy());
+      socket.on("close", () => behind.destroy());
+      behind.on("close", () => socket.destroy());
+      this.#sockets.add(socket);
+      socket.on("close", () => this.#sockets.delete(socket));
+      const lines = [`${request.method} ${request.url} HTTP/1.1`];
+      for (let i = 0; i < request.rawHeaders.length; i += 2) {
+        lines.push(`${request.rawHeaders[i]}: ${request.rawHeaders[i + 1]}`);
+      }
+      behind.write(`${lines.join("\r\n")}\r\n\r\n`);
+      behind.write(head);
+      socket.pipe(behind).pipe(socket);
+    });
+    await new Promise((resolve) => this.#server.listen(0, "127.0.0.1", resolve));
+    return `http://127.0.0.1:${this.#server.address().port}/`;
+  }
+
+  /** End all connections of pages. */
+  cut() {
+    for (const socket of this.#sockets) socket.destroy();
+  }
+
+  close() {
+    this.cut();
+    this.#server.closeAllConnections();
+    this.#server.close();
+  }
+
+  async #answer(request, response) {
+    if (this.refuses === 401) {
+      response.writeHead(401).end();
+      return;
+    }
+    const name = new URL(request.url, "http://local").pathname.slice(1) || "index.html";
+    try {
+      const content = await readFile(path.join(page, path.basename(name)));
+      response.writeHead(200, {
+        "Content-Type": TYPES[path.extname(name)] ?? "text/plain; charset=utf-8",
+        "Content-Security-Policy": POLICY,
+        "X-Content-Type-Options": "nosniff",
+        "Cache-Control": "no-cache",
+      });
+      response.end(request.method === "HEAD" ? undefined : content);
+    } catch {
+      response.writeHead(404).end();
+    }
+  }
+}

@@ -1,0 +1,288 @@
+// The page in a real browser, driven by a server of made-up messages.
+
+import axe from "axe-core";
+import assert from "node:assert/strict";
+import { after, afterEach, before, beforeEach, describe, test } from "node:test";
+import { Stage, browse, until } from "./stage.mjs";
+import { load } from "./sources.mjs";
+
+const format = await load("format.ts");
+const LEVELS = ["OK", "WARN", "ERROR", "STALE"];
+const WORN = "left_outboard_flap";
+const addressOf = (id) => `#/actuator/%2Fema/${id}`;
+
+let browser;
+before(async () => { browser = await browse(); });
+after(() => browser.close());
+
+async function open(stage, at = "", options = {}) {
+  const context = await browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
+  const page = await context.newPage();
+  page.faults = [];
+  page.asked = [];
+  page.on("pageerror", (error) => page.faults.push(String(error)));
+  page.on("console", (said) => {
+    // That a connection failed is what some of the tests are about.
+    if (said.type() === "error" && !/WebSocket|Failed to load resource/.test(said.text())) {
+      page.faults.push(said.text());
+    }
+  });
+  page.on("request", (request) => page.asked.push(request.url()));
+  page.on("websocket", (socket) => page.asked.push(socket.url()));
+  await page.goto(stage.address + at);
+  return page;
+}
+
+const row = (page, id) => page.locator(`tr[data-actuator="/ema/${id}"]`);
+const levelShown = async (page, id) => (await row(page, id).locator(".c-level").innerText()).trim();
+
+describe("a fleet of nine", () => {
+  let stage;
+  let page;
+  beforeEach(async () => { stage = await Stage.open(); });
+  afterEach(async () => {
+    assert.deepEqual(page?.faults ?? [], []);
+    await page?.context().close();
+    stage.close();
+  });
+
+  test("the fleet shows the values of the messages, the worst first", async () => {
+    page = await open(stage);
+    await page.waitForSelector("table.fleet tbody tr:nth-child(9)");
+    const ids = await page.locator("tbody .c-actuator a").allInnerTexts();
+    assert.equal(ids.length, 9);
+    const ranks = [];
+    for (const id of ids) {
+      const { health, advice } = await stage.source.order({ do: "messages", actuator: id });
+      assert.equal(await levelShown(page, id), LEVELS[health.level]);
+      const shown = row(page, id);
+      const index = await shown.locator(".c-health strong").innerText();
+      assert.equal(index, format.fixed(health.health_index, 2));
+      const life = await shown.locator(".c-life").innerText();
+      if (health.rul.hours_95 > 0) {
+        assert.match(life, new RegExp(`^${format.lifeHours(health.rul.hours_50, health.rul)} h`));
+      } else assert.equal(life, "none left");
+      if (health.cause) {
+        assert.ok((await shown.locator(".c-cause").innerText()).replace("\n", " ")
+          .includes(health.cause));
+      }
+      const action = ["unknown", "continue", "inspect", "remove"][advice.action];
+      assert.equal(await shown.locator(".c-advice").innerText(), action);
+      ranks.push([2, 1, 3, 0].indexOf(health.level));
+    }
+    assert.deepEqual(ranks, [...ranks].sort(), "the worst first");
+  });
+
+  test("a change of level appears within a second", async () => {
+    page = await open(stage);
+    await row(page, "rudder").waitFor();
+    for (const level of [2, 1, 3, 0]) {
+      const start = performance.now();
+      await stage.source.order({ do: "set", actuator: "rudder", level });
+      await until(`level ${LEVELS[level]}`,
+        async () => (await levelShown(page, "rudder")) === LEVELS[level]);
+      const passed = performance.now() - start;
+      assert.ok(passed < 1000, `${LEVELS[level]} after ${passed.toFixed(0)} ms`);
+    }
+  });
+
+  test("an actuator shows the values of its messages with their sigma", async () => {
+    page = await open(stage, addressOf(WORN));
+    await page.waitForSelector("#vector");
+    const messages = await stage.source.order({ do: "messages", actuator: WORN });
+    const { health, fault_estimate: estimate, unit_history: _, advice } = messages;
+    assert.match(await page.locator(".why").innerText(), /\(fails above/);
+    assert.equal(await page.locator(".removal").innerText(), health.removal);
+    for (const item of health.faults) {
+      const cell = page.locator(`[aria-labelledby=tracked] tr[data-item=${item.name}] [data-value]`);
+      assert.equal(Number(await cell.getAttribute("data-value")), item.value);
+      assert.equal(await cell.innerText(), format.withSigma(item.value, item.sigma));
+    }
+    const names = Object.keys(estimate.faults);
+    for (const [k, name] of names.entries()) {
+      const sigma = Math.sqrt(estimate.covariance[9 * k]);
+      const cell = page.locator(`[aria-labelledby=vector] tr[data-fault=${name}] [data-value]`);
+      assert.equal(await cell.innerText(), format.withSigma(estimate.faults[name], sigma));
+    }
+    const matrix = await page.locator("table.matrix tbody td").allInnerTexts();
+    assert.equal(matrix.length, 64);
+    const shown = Number(matrix[1].replace("−", "-"));
+    const [xx, xy, yy] = [estimate.covariance[0], estimate.covariance[1], estimate.covariance[9]];
+    assert.ok(Math.abs(shown - xy / Math.sqrt(xx * yy)) <= 0.005);
+    assert.ok((await page.locator(".advice").innerText()).includes(advice.reason));
+    const window = await page.locator("[aria-labelledby=window]").innerText();
+    assert.ok(window.includes("winding temperature 41.3 ± 2.6 K"), window);
+    assert.ok(window.includes("3.1 %"), "the unexplained share");
+  });
+
+  test("history and place survive a reload", async () => {
+    page = await open(stage, addressOf(WORN));
+    const note = page.locator("[aria-labelledby=history] .note");
+    await stage.source.order({ do: "test", actuator: WORN });
+    await until("41 tests", async () => (await note.innerText()).startsWith("41 tests"));
+    await page.reload();
+    await until("41 tests again", async () =>
+      (await note.count()) && (await note.innerText()).startsWith("41 tests"));
+    assert.equal(await page.locator("h1").innerText(), WORN);
+    assert.ok((await page.locator("ol.events li").count()) >= 6);
+  });
+
+  test("a refused test is told with its reason, and the health before stays", async () => {
+    page = await open(stage, addressOf(WORN));
+    await page.waitForSelector(".why");
+    const reason = "the calibration expired: calibrate the unit";
+    await stage.source.order({ do: "test", actuator: WORN, refused: reason });
+    const banner = page.locator(".head .banner.error");
+    await banner.waitFor();
+    assert.ok((await banner.innerText()).includes(reason));
+    assert.equal((await page.locator(".head .badge").innerText()).trim(), "WARN");
+    await until("an event", async () =>
+      (await page.locator("ol.events").innerText()).includes(reason));
+  });
+
+  test("it connects again by itself when the server starts again", async () => {
+    page = await open(stage);
+    await row(page, "rudder").waitFor();
+    await stage.source.order({ do: "stop" });
+    await page.waitForSelector(".banner.error.wide");
+    assert.match(await page.locator(".connected").innerText(), /disconnected|connecting/);
+    assert.equal(await page.locator("tbody tr").count(), 9, "what was known stays");
+    await stage.source.order({ do: "set", actuator: "rudder", level: 2, share: 1.4 });
+    await stage.start();
+    await until("the new level", async () => (await levelShown(page, "rudder")) === "ERROR");
+    assert.equal(await page.locator(".banner.wide").count(), 0);
+    assert.equal(await page.locator("tbody tr").count(), 9);
+  });
+
+  test("a server that refuses is told from one that is gone", async () => {
+    stage.origin.refuses = 503;
+    page = await open(stage);
+    await page.waitForSelector("text=Not allowed");
+    assert.match(await page.locator("main").innerText(), /as many clients as it allows/);
+    stage.origin.refuses = 0;
+    await row(page, "rudder").waitFor();
+  });
+
+  test("it is sorted, filtered and opened by keyboard alone", async () => {
+    page = await open(stage);
+    await row(page, "rudder").waitFor();
+    await page.keyboard.press("Tab");
+    assert.equal(await page.evaluate(() => document.activeElement.className), "skip");
+    await page.getByRole("button", { name: "Actuator" }).focus();
+    await page.keyboard.press("Enter");
+    const first = page.locator("tbody .c-actuator a").first();
+    await until("sorted by name", async () => (await first.innerText()) === "elevator");
+    assert.equal(await page.locator("th[aria-sort=ascending]").innerText().then((t) => t.trim())
+      .then((t) => t.startsWith("Actuator")), true);
+    await page.getByRole("searchbox").focus();
+    await page.keyboard.type("rud");
+    await until("one row", async () => (await page.locator("tbody tr").count()) === 1);
+    await first.focus();
+    await page.keyboard.press("Enter");
+    await page.waitForSelector("h1:text('rudder')");
+  });
+
+  test("no request leaves its origin, and nothing is kept from running by the policy", async () => {
+    await stage.source.order({ do: "run", period: 5, open: WORN });
+    page = await open(stage, addressOf(WORN));
+    await page.waitForSelector(".plots.many canvas");
+    await page.goto(stage.address);
+    await row(page, "rudder").waitFor();
+    assert.ok(page.asked.some((url) => url.startsWith("ws://127.0.0.1")));
+    for (const url of page.asked) {
+      assert.equal(new URL(url).host, new URL(stage.address).host, url);
+    }
+  });
+
+  test("the first paint comes within a second", async () => {
+    page = await open(stage);
+    await row(page, "rudder").waitFor();
+    const paint = await page.evaluate(() =>
+      performance.getEntriesByName("first-contentful-paint")[0].startTime);
+    assert.ok(paint < 1000, `${paint} ms`);
+  });
+
+  for (const colorScheme of ["light", "dark"]) {
+    for (const [name, at, viewport] of [
+      ["fleet", "", { width: 1280, height: 900 }],
+      ["fleet on a phone", "", { width: 390, height: 844 }],
+      ["actuator", addressOf(WORN), { width: 1280, height: 900 }],
+      ["actuator on a phone", addressOf(WORN), { width: 390, height: 844 }],
+    ]) {
+      test(`nothing hinders access: ${name}, ${colorScheme}`, async () => {
+        await stage.source.order({ do: "run", period: 20, open: WORN });
+        page = await open(stage, at, { colorScheme, viewport });
+        await page.waitForSelector(at ? ".plots.many canvas" : "table.fleet tbody tr");
+        assert.deepEqual(await hindrances(page), []);
+        const overflow = await page.evaluate(() =>
+          document.documentElement.scrollWidth - document.documentElement.clientWidth);
+        assert.ok(overflow <= 0, `${overflow} px wider than the screen`);
+      });
+    }
+  }
+
+  test("nothing hinders access when it is disconnected", async () => {
+    page = await open(stage);
+    await row(page, "rudder").waitFor();
+    await stage.source.order({ do: "stop" });
+    await page.waitForSelector(".banner.error.wide");
+    assert.deepEqual(await hindrances(page), []);
+  });
+});
+
+/** What axe-core finds serious or critical. */
+async function hindrances(page) {
+  await page.evaluate(axe.source.replace(/^/, "") + ";0").catch(() => undefined);
+  const { violations } = await page.evaluate(() => globalThis.axe.run(document));
+  return violations.filter(({ impact }) => impact === "serious" || impact === "critical")
+    .map(({ id, nodes }) => `${id}: ${nodes.slice(0, 3).map((node) => node.html).join(" | ")}`);
+}
+
+describe("without messages", () => {
+  test("a monitor without actuators is told from no monitor", async () => {
+    const stage = await Stage.open("--actuators", 0);
+    const page = await open(stage);
+    await page.waitForSelector("text=No test yet");
+    await page.context().close();
+    stage.close();
+    const bare = await Stage.open("--actuators", 0, "--without", "playback_state", "health");
+    const other = await open(bare);
+    await other.waitForSelector("text=No actuator yet");
+    await other.context().close();
+    bare.close();
+  });
+});
+
+describe("a recording that is played", () => {
+  test("pause, position and speed are asked of the player", async () => {
+    const stage = await Stage.open("--without");
+    const play = (order) => stage.source.order({ do: "playback", status: 0, rate: 2, ...order });
+    await play({ position: 100 });
+    const page = await open(stage);
+    await page.waitForSelector(".playback");
+    const asked = async (check) => until("the request", async () =>
+      (await stage.source.order({ do: "requests" })).requests.find(check));
+    await page.getByRole("button", { name: "Pause" }).click();
+    await asked(({ command, speed, seek }) => command === "pause" && speed === 2 && seek === null);
+    await play({ position: 101, status: 1 });
+    await page.getByRole("button", { name: "Play" }).waitFor();
+    await page.getByLabel("Speed").selectOption("5");
+    await asked(({ command, speed }) => command === "pause" && speed === 5);
+    await page.getByLabel("Position in the recording").focus();
+    await page.keyboard.press("Home");
+    await asked(({ seek }) => seek === 1_700_000_000_000_000_000);
+    assert.match(await page.locator(".bag").innerText(), /wear_of_a_flap/);
+    await page.context().close();
+    stage.close();
+  });
+
+  test("after a seek back nothing is shown that is later than the position", async () => {
+    const stage = await Stage.open("--without");
+    const page = await open(stage);
+    await row(page, "rudder").locator("text=OK").first().waitFor();
+    await stage.source.order({ do: "playback", status: 1, rate: 1, position: 5, jumped: true });
+    await until("no health", async () => (await levelShown(page, "rudder")) === "NO HEALTH");
+    await page.context().close();
+    stage.close();
+  });
+});

@@ -1,0 +1,69 @@
+// A recording that is played to a real monitor and dashboard drives the same page.
+
+import assert from "node:assert/strict";
+import { execFileSync, spawn } from "node:child_process";
+import { createInterface } from "node:readline";
+import { test } from "node:test";
+import { fileURLToPath } from "node:url";
+import { browse, until } from "./stage.mjs";
+import { load } from "./sources.mjs";
+
+const { FAULTS } = await load("faults.ts");
+const BAG = fileURLToPath(new URL("../../../bags/faulty_flap.mcap", import.meta.url));
+const environment = {
+  ...process.env, ROS_DOMAIN_ID: "83", ROS_AUTOMATIC_DISCOVERY_RANGE: "LOCALHOST",
+};
+
+function run(...words) {
+  const child = spawn("ema", words, { env: environment, stdio: ["ignore", "pipe", "pipe"] });
+  const said = [];
+  for (const stream of [child.stdout, child.stderr]) {
+    createInterface({ input: stream }).on("line", (line) => said.push(line));
+  }
+  const ended = new Promise((resolve) => child.on("exit", resolve));
+  return { said, stop: () => { child.kill("SIGINT"); return ended; } };
+}
+
+test("a replayed bag drives the page as live messages do", async () => {
+  const expected = JSON.parse(execFileSync("ema", ["estimate", BAG, "--json"]))[0];
+  const nodes = run("up", "monitor", "dashboard", "-p", "use_sim_time:=true");
+  const browser = await browse();
+  let player;
+  try {
+    const line = await until("the dashboard's address",
+      () => nodes.said.find((one) => /dashboard at http/.test(one)), 60_000);
+    const page = await browser.newPage();
+    const asked = [];
+    const refused = [];
+    page.on("request", (request) => asked.push(request.url()));
+    page.on("console", (said) => said.type() === "error" && refused.push(said.text()));
+    const address = /http:\S+/.exec(line)[0];
+    await page.goto(address);
+    await page.waitForSelector("text=/No (test|actuator) yet/");
+    player = run("play", BAG, "--only-actuator", "--stay");
+    await page.waitForSelector("tr[data-actuator='/ema/flap'] .badge.warn", { timeout: 60_000 });
+    await page.waitForSelector(".playback >> text=faulty_flap");
+    await page.getByRole("link", { name: "flap" }).click();
+    const shown = (name) =>
+      page.locator(`[aria-labelledby=vector] tr[data-fault=${name}] [data-value]`);
+    await shown("friction").waitFor();
+    for (const { name } of FAULTS) {
+      const value = Number(await shown(name).getAttribute("data-value"));
+      assert.equal(value, expected.faults[name], `${name} as of ema estimate`);
+    }
+    const since = page.locator(".figure", { hasText: "last test" });
+    assert.match(await since.innerText(), /\d s ago/, "by the time of the recording");
+    // Again from the start, where nothing is known yet.
+    await until("the end", async () =>
+      /ended/.test(await page.locator(".playback .bag").innerText()), 30_000);
+    await page.getByRole("button", { name: "Play" }).click();
+    await page.waitForSelector("text=No health is known");
+    await page.waitForSelector(".head .badge.warn", { timeout: 60_000 });
+    for (const url of asked) assert.equal(new URL(url).host, new URL(address).host);
+    assert.deepEqual(refused.filter((said) => /Content Security Policy/.test(said)), []);
+  } finally {
+    await browser.close();
+    await player?.stop();
+    await nodes.stop();
+  }
+});

@@ -1,0 +1,96 @@
+// Pictures of every state of the page, in both themes: node test/screenshots.mjs FOLDER [NAMES...]
+
+import { mkdir } from "node:fs/promises";
+import path from "node:path";
+import { Stage, browse } from "./stage.mjs";
+
+const [folder, ...only] = process.argv.slice(2);
+if (!folder) throw new Error("usage: node test/screenshots.mjs FOLDER [NAMES...]");
+await mkdir(folder, { recursive: true });
+
+const DESKTOP = { width: 1440, height: 900 };
+const PHONE = { width: 390, height: 844 };
+const WORN = "#/actuator/%2Fema/left_outboard_flap";
+
+const live = (order) => async (stage) => stage.source.order({ do: "run", period: 30, ...order });
+const rows = (page) => page.waitForSelector("table.fleet tbody tr");
+const plots = (page) => page.waitForSelector(".plots.many canvas");
+
+const STATES = [
+  { name: "fleet", before: live({}), ready: rows },
+  { name: "fleet_phone", before: live({}), ready: rows, view: PHONE },
+  { name: "actuator", at: WORN, before: live({ open: "left_outboard_flap" }), full: true,
+    ready: async (page) => { await plots(page); await page.locator("#live").scrollIntoViewIfNeeded();
+    await page.waitForTimeout(2500); } },
+  { name: "actuator_phone", at: WORN, before: live({ open: "left_outboard_flap" }), view: PHONE,
+    full: true, ready: async (page) => { await plots(page);
+      await page.locator("#live").scrollIntoViewIfNeeded(); await page.waitForTimeout(2500); } },
+  { name: "failed", at: "#/actuator/%2Fema/right_outboard_flap", before: live({}), ready: plots },
+  { name: "refused", at: WORN, ready: async (page, stage) => {
+    await plots(page);
+    await stage.source.order({ do: "test", actuator: "left_outboard_flap",
+      refused: "the calibration flap-2031 expired on 2031-04-02: calibrate the unit" });
+    await page.waitForSelector(".head .banner.error");
+  } },
+  { name: "stale", at: WORN, ready: async (page, stage) => {
+    await plots(page);
+    await stage.source.order({ do: "set", actuator: "left_outboard_flap", level: 3 });
+    await page.waitForSelector(".banner.stale");
+  } },
+  { name: "disconnected", before: live({}), ready: async (page, stage) => {
+    await rows(page);
+    stage.origin.backend = 0;
+    stage.origin.cut();
+    await page.waitForSelector(".banner.error.wide");
+  } },
+  { name: "silent", before: live({}), ready: async (page, stage) => {
+    await rows(page);
+    await stage.source.order({ do: "halt" });
+    await page.waitForSelector(".banner.warn.wide");
+  } },
+  { name: "empty", options: ["--actuators", 0], before: live({}),
+    ready: (page) => page.waitForSelector("text=No test yet") },
+  { name: "nothing", options: ["--actuators", 0, "--without", "playback_state", "health"],
+    ready: (page) => page.waitForSelector("text=No actuator yet") },
+  { name: "connecting", before: async (stage) => { stage.origin.backend = 0; },
+    ready: (page) => page.waitForSelector(".loading") },
+  { name: "not_allowed", before: async (stage) => { stage.origin.refuses = 503; },
+    ready: (page) => page.waitForSelector("text=Not allowed") },
+  { name: "no_match", before: live({}), ready: async (page) => {
+    await rows(page);
+    await page.fill("input[type=search]", "winglet");
+    await page.waitForSelector(".empty");
+  } },
+  { name: "playback", options: ["--without"], at: WORN, before: async (stage) => {
+    await stage.source.order({ do: "playback", status: 1, rate: 2, position: 210 });
+  }, ready: async (page) => { await plots(page); await page.waitForSelector(".playback"); } },
+];
+
+const browser = await browse();
+for (const state of STATES.filter(({ name }) => !only.length || only.includes(name))) {
+  for (const colorScheme of ["light", "dark"]) {
+    const stage = await Stage.open(...(state.options ?? []));
+    await state.before?.(stage);
+    const context = await browser.newContext({
+      viewport: state.view ?? DESKTOP, colorScheme, deviceScaleFactor: state.view ? 2 : 1,
+    });
+    const page = await context.newPage();
+    page.on("console", (said) => {
+      if (said.type() === "error" && !/WebSocket|Failed to load/.test(said.text())) {
+        console.error(`${state.name}: ${said.text()}`);
+      }
+    });
+    page.on("pageerror", (error) => console.error(`${state.name}: ${error}`));
+    await page.goto(stage.address + (state.at ?? ""));
+    await state.ready(page, stage);
+    await page.waitForTimeout(500); // fonts and the plots' first drawing
+    await page.evaluate(() => scrollTo(0, 0));
+    await page.waitForTimeout(200);
+    const file = path.join(folder, `${state.name}_${colorScheme}.png`);
+    await page.screenshot({ path: file, fullPage: state.full ?? false });
+    console.log(file);
+    await context.close();
+    stage.close();
+  }
+}
+await browser.close();

@@ -1,0 +1,16 @@
+// Modules of the page for tests in Node, which does not read TypeScript in all its versions.
+
+import { build } from "esbuild";
+import { fileURLToPath } from "node:url";
+
+export async function load(name) {
+  const { outputFiles } = await build({
+    entryPoints: [fileURLToPath(new URL(`../src/${name}`, import.meta.url))],
+    bundle: true,
+    write: false,
+    format: "esm",
+    platform: "node",
+  });
+  const text = Buffer.from(outputFiles[0].contents).toString("base64");
+  return import(`data:text/javascript;base64,${text}`);
+}

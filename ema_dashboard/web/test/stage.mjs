@@ -1,0 +1,91 @@
+// What the tests and the screenshots run on: a server of made-up messages, an origin, a browser.
+
+import { execFileSync, spawn } from "node:child_process";
+import { createInterface } from "node:readline";
+import { fileURLToPath } from "node:url";
+import { chromium } from "playwright-core";
+import { Origin } from "./origin.mjs";
+
+const SERVER = fileURLToPath(new URL("../../../tests/web/synthetic_server.py", import.meta.url));
+
+/** The process of synthetic_server.py, which answers each order. */
+export class Source {
+  #process;
+  #answers = [];
+  #waiting = [];
+
+  constructor(...options) {
+    this.#process = spawn("python", [SERVER, ...options.map(String)], {
+      stdio: ["pipe", "pipe", "inherit"],
+    });
+    createInterface({ input: this.#process.stdout }).on("line", (line) => {
+      const waiting = this.#waiting.shift();
+      if (waiting) waiting.resolve(JSON.parse(line));
+      else this.#answers.push(JSON.parse(line));
+    });
+    this.#process.on("exit", (code) => {
+      for (const { reject } of this.#waiting) reject(new Error(`the source ended with ${code}`));
+    });
+  }
+
+  order(what) {
+    this.#process.stdin.write(`${JSON.stringify(what)}\n`);
+    return new Promise((resolve, reject) => this.#waiting.push({ resolve, reject }));
+  }
+
+  close() {
+    this.#process.stdin.end();
+  }
+}
+
+function browserPath() {
+  if (process.env.CHROMIUM) return process.env.CHROMIUM;
+  for (const name of ["chromium", "chromium-browser", "google-chrome"]) {
+    try {
+      return execFileSync("sh", ["-c", `command -v ${name}`], { encoding: "utf8" }).trim();
+    } catch {
+      // the next one
+    }
+  }
+  throw new Error("no Chromium on the path: install it, or name it with CHROMIUM=/path/to/it");
+}
+
+/** Headless Chromium, as the system has it. */
+export function browse() {
+  // The sandbox needs user namespaces, which containers do not have; only our own page is opened.
+  const args = ["--no-sandbox", "--disable-dev-shm-usage", "--enable-precise-memory-info"];
+  return chromium.launch({ executablePath: browserPath(), args });
+}
+
+/** Source, origin and address of a fleet. */
+export class Stage {
+  static async open(...options) {
+    const stage = new Stage();
+    stage.source = new Source(...options);
+    stage.origin = new Origin();
+    stage.address = await stage.origin.listen();
+    await stage.start();
+    return stage;
+  }
+
+  async start() {
+    this.origin.backend = (await this.source.order({ do: "start" })).port;
+  }
+
+  close() {
+    this.origin.close();
+    this.source.close();
+  }
+}
+
+/** Wait until a function of the test, asynchronous or not, returns something true. */
+export async function until(claim, check, limit_ms = 15_000) {
+  const end = performance.now() + limit_ms;
+  let last;
+  for (;;) {
+    last = await check();
+    if (last) return last;
+    if (performance.now() > end) throw new Error(`not within ${limit_ms} ms: ${claim}`);
+    await new Promise((resolve) => setTimeout(resolve, 20));
+  }
+}

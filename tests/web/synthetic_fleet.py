@@ -1,0 +1,478 @@
+"""Messages of a made-up fleet, as monitor and actuators would publish them, for tests of the page.
+
+The figures are plausible, and consistent with each other; no model is computed.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from ema_core.faults import FAULT_NAMES, FAULTS
+from ema_core.levels import ERROR, OK, STALE, WARN
+from ema_interfaces.msg import (
+    ActuatorDescription,
+    Advice,
+    FaultEstimate,
+    FaultForecast,
+    FaultHealth,
+    FaultVector,
+    Health,
+    HealthForecast,
+    HiddenCause,
+    RemainingUsefulLife,
+    TelemetryBlock,
+    UnitEvent,
+    UnitHistory,
+    UnitTest,
+    WindowFit,
+)
+from ema_ros.stamps import stamp_to_message
+
+HOURS_PER_TEST = 10.0
+SIGMA = 0.004
+SAMPLE_PERIOD_S = 1e-4
+BLOCK = 100
+NS = 1_000_000_000
+
+_LIMITED = [fault for fault in FAULTS if fault.limit is not None]
+_REQUIREMENTS = (
+    ("tracking_error", 0.0021, 0.004, False, "rad"),
+    ("bandwidth", 16.4, 12.0, True, "Hz"),
+    ("torque_margin", 0.62, 0.3, True, "N.m"),
+    ("free_play", 0.0008, 0.002, False, "rad"),
+)
+
+
+@dataclass
+class Unit:
+    """An actuator whose faults grow from test to test.
+
+    Attributes
+    ----------
+    worst
+        Number of the fault that grows.
+    share
+        Share of the way to its limit now.
+    """
+
+    actuator_id: str
+    worst: int
+    share: float
+    tests: int
+    rng: np.random.Generator
+    level: int | None = None
+    window: int = 0
+    events: list[UnitEvent] = field(default_factory=list)
+
+    @property
+    def serial_number(self) -> str:
+        return f"SN-{abs(hash_of(self.actuator_id)) % 9000 + 1000}"
+
+    def shares(self, test: float) -> np.ndarray:
+        """Share of the way to its limit of each limited fault after a test."""
+        shares = np.full(len(_LIMITED), 0.02)
+        growth = math.exp(3.0 * (test - self.tests) / max(self.tests, 1))
+        shares[self.worst] = self.share * growth
+        shares[0] = max(shares[0], 0.1 * test / max(self.tests, 1))
+        return shares
+
+    def values(self, test: float) -> np.ndarray:
+        values = {f.name: f.healthy for f in FAULTS}
+        for fault, share in zip(_LIMITED, self.shares(test), strict=True):
+            assert fault.limit is not None
+            values[fault.name] = fault.healthy + share * fault.limit
+        return np.array([values[name] for name in FAULT_NAMES])
+
+    def life_hours(self, test: float) -> tuple[float, float, float]:
+        """5, 50 and 95 % quantiles of the remaining life."""
+        share = float(self.shares(test)[self.worst])
+        if share >= 1.0:
+            return 0.0, 0.0, 0.0
+        median = -math.log(share) / 3.0 * max(self.tests, 1) * HOURS_PER_TEST
+        return 0.62 * median, median, 1.55 * median
+
+    def level_at(self, test: float) -> int:
+        if self.level is not None and test == self.tests:
+            return self.level
+        share = float(self.shares(test)[self.worst])
+        return ERROR if share >= 1.0 else WARN if share > 0.25 else OK
+
+
+def hash_of(text: str) -> int:
+    """Return a number for a text that is the same in each process."""
+    return int.from_bytes(text.encode(), "big") % 1_000_003
+
+
+def fleet(count: int, seed: int = 0) -> list[Unit]:
+    """Return units of which some are worn, in no order of their wear."""
+    rng = np.random.default_rng(seed)
+    names = ["left_outboard_flap", "left_inboard_flap", "right_inboard_flap", "right_outboard_flap"]
+    names += ["left_aileron", "right_aileron", "elevator", "rudder", "stabilizer_trim"]
+    names += [f"actuator_{i:03d}" for i in range(len(names), count)]
+    shares = [0.86, 0.12, 0.41, 1.12, 0.05, 0.33, 0.08, 0.18, 0.62]
+    shares += list(rng.uniform(0.02, 0.35, max(count - len(shares), 0)))
+    return [
+        Unit(names[i], int(rng.integers(len(_LIMITED))), shares[i], 40 + i % 30, rng)
+        for i in range(count)
+    ]
+
+
+def description(unit: Unit, now_ns: int) -> ActuatorDescription:
+    message = ActuatorDescription(
+        actuator_id=unit.actuator_id,
+        serial_number=unit.serial_number,
+        model="BLDC flap actuator",
+        sample_period=SAMPLE_PERIOD_S,
+    )
+    message.header.stamp = stamp_to_message(now_ns)
+    return message
+
+
+def _life(quantiles: Sequence[float], criterion: str) -> RemainingUsefulLife:
+    low, middle, high = quantiles
+    return RemainingUsefulLife(
+        known=True,
+        hours_05=low,
+        hours_50=middle,
+        hours_95=high,
+        cycles_05=low / HOURS_PER_TEST,
+        cycles_50=middle / HOURS_PER_TEST,
+        cycles_95=high / HOURS_PER_TEST,
+        criterion=criterion,
+    )
+
+
+def _unknown(reason: str) -> RemainingUsefulLife:
+    nan = math.nan
+    return RemainingUsefulLife(
+        known=False, hours_05=nan, hours_50=nan, hours_95=nan,
+        cycles_05=nan, cycles_50=nan, cycles_95=nan, reason=reason,
+    )  # fmt: skip
+
+
+def health(unit: Unit, stamp_ns: int) -> Health:
+    """Return the health after the latest test of a unit."""
+    level = unit.level_at(unit.tests)
+    shares, values = unit.shares(unit.tests), unit.values(unit.tests)
+    worst = _LIMITED[unit.worst]
+    hours = unit.tests * HOURS_PER_TEST
+    quantiles = unit.life_hours(unit.tests)
+    assert worst.limit is not None
+    limit = worst.healthy + worst.limit
+    life = _life(quantiles, f"{worst.label} exceeds {limit:g}")
+    far = _unknown("it does not grow")
+    faults = []
+    for number, fault in enumerate(_LIMITED):
+        assert fault.limit is not None
+        grows = number == unit.worst
+        faults.append(
+            FaultHealth(
+                name=fault.name,
+                level=level if grows else OK,
+                value=float(values[FAULT_NAMES.index(fault.name)]),
+                sigma=SIGMA,
+                limit=fault.healthy + fault.limit,
+                limit_is_lower=False,
+                trend=float(3.0 * shares[number] * fault.limit / hours) if grows else 2e-6,
+                unit="1",
+                rul=life if grows else far,
+            )
+        )
+    requirements = [
+        FaultHealth(
+            name=name, level=OK, value=value, sigma=0.02 * value, limit=limit_of,
+            limit_is_lower=is_lower, trend=0.01 * value / 100.0, unit=unit_of,
+            rul=_life([3.0 * q for q in quantiles], f"{name} reaches {limit_of:g} {unit_of}"),
+        )
+        for name, value, limit_of, is_lower, unit_of in _REQUIREMENTS
+    ]  # fmt: skip
+    distance = f"{worst.label} {values[FAULT_NAMES.index(worst.name)]:.3g}"
+    causes = {
+        OK: "",
+        WARN: f"{distance} (fails above {limit:.3g})",
+        ERROR: f"{distance} (failed: above {limit:.3g})",
+        STALE: "",
+    }
+    low, middle, _ = quantiles
+    removal = {
+        ERROR: f"Remove now: failed since {hours - 20:,.0f} h (now {hours:,.0f} h): "
+        f"{worst.label} exceeds {limit:g}"
+    }.get(
+        level,
+        f"Remove before {hours + low:,.0f} service hours (in {low:,.0f} h, 5 % risk of failure "
+        f"until then); median end of life {hours + middle:,.0f} h: {worst.label} exceeds {limit:g}",
+    )
+    message = Health(
+        actuator_id=unit.actuator_id,
+        serial_number=unit.serial_number,
+        level=level,
+        health_index=float(np.clip(1.0 - shares.max(), 0.0, 1.0)),
+        severity=int(np.searchsorted([0.25, 0.5, 0.8, 1.0], shares.max(), side="right")),
+        confidence=0.0 if level == STALE else 0.97,
+        dominant_fault=worst.name if level != OK else "",
+        faults=faults,
+        requirements=requirements,
+        rul_faults=life,
+        rul_requirements=requirements[0].rul,
+        rul=life,
+        flight_hours=hours,
+        cycles=unit.tests,
+        duty=1.0,
+        assumption="future use as in the past",
+        cause=causes[level],
+        removal=removal,
+        reason="no valid estimate for three expected periods" if level == STALE else "",
+    )
+    message.header.stamp = stamp_to_message(stamp_ns)
+    return message
+
+
+def _covariance(rng: np.random.Generator) -> np.ndarray:
+    mixing = rng.normal(size=(8, 8)) * 0.35 + np.eye(8)
+    covariance = mixing @ mixing.T
+    scale = SIGMA / np.sqrt(np.diag(covariance))
+    return covariance * np.outer(scale, scale)
+
+
+def estimate(unit: Unit, stamp_ns: int, refused: str = "") -> FaultEstimate:
+    """Return the estimate of the latest window of a unit; a reason makes it a refused one."""
+    values = np.clip(unit.values(unit.tests) + SIGMA * unit.rng.normal(size=8), 0.0, 1.0)
+    insignificant = sum(1 << k for k, f in enumerate(FAULTS) if abs(values[k] - f.healthy) < 0.02)
+    causes = []
+    if unit.worst % 2 == 0 or unit.share > 0.8:
+        causes.append(
+            HiddenCause(
+                name="winding_temperature",
+                value=41.3,
+                sigma=2.6,
+                unit="K",
+                alternatives=["torque constant"],
+            )
+        )
+    message = FaultEstimate(
+        actuator_id=unit.actuator_id,
+        serial_number=unit.serial_number,
+        window=unit.window,
+        window_start=stamp_to_message(stamp_ns - NS // 2),
+        window_end=stamp_to_message(stamp_ns),
+        faults=FaultVector(**dict(zip(FAULT_NAMES, values.tolist(), strict=True))),
+        covariance=_covariance(unit.rng).ravel(),
+        insignificant=insignificant,
+        fitness=1.3e-4,
+        goodness_of_fit=1.24,
+        goodness_limit=3.5,
+        unexplained_share=0.031,
+        hidden_causes=causes,
+        confusions=["winding temperature or torque constant"] if causes else [],
+        verdict=FaultEstimate.REFUSED if refused else FaultEstimate.VALID,
+        excitation=0.12,
+        excitation_limit=0.02,
+        algorithm="levenberg_marquardt",
+        seed=1,
+        evaluations=1260,
+        warm_start=True,
+        computing_time=0.061,
+        calibration_id="flap-2031",
+        calibration_windows=20,
+        valid=not refused,
+        reason=refused,
+    )
+    message.header.stamp = message.window_end
+    return message
+
+
+def forecast(unit: Unit, stamp_ns: int) -> HealthForecast:
+    """Return the quantiles of all faults at 30 hours to the end of life."""
+    low, middle, high = unit.life_hours(unit.tests)
+    end = max(1.1 * middle, 10.0)
+    hours = np.linspace(0.0, end, 30)
+    faults = []
+    for number, fault in enumerate(_LIMITED):
+        assert fault.limit is not None
+        now = float(unit.shares(unit.tests)[number]) * fault.limit
+        rate = -math.log(min(max(now / fault.limit, 1e-3), 1.0))
+        grows = number == unit.worst and middle > 0.0
+        rows = [
+            fault.healthy + now * np.exp(rate * hours / until if grows else 0.0 * hours)
+            for until in (high, middle, low)
+        ]
+        values = np.array(rows)
+        values[0] -= SIGMA
+        values[2] += SIGMA
+        faults.append(
+            FaultForecast(
+                name=fault.name,
+                limit=fault.limit,
+                values=np.clip(values, 0.0, 1.0).ravel(),
+            )
+        )
+    message = HealthForecast(
+        actuator_id=unit.actuator_id,
+        serial_number=unit.serial_number,
+        flight_hours=unit.tests * HOURS_PER_TEST,
+        duty=1.0,
+        hours=hours,
+        probabilities=[0.05, 0.5, 0.95],
+        faults=faults,
+    )
+    message.header.stamp = stamp_to_message(stamp_ns)
+    return message
+
+
+def advice(unit: Unit, stamp_ns: int) -> Advice:
+    """Return what to do with a unit: remove, inspect or continue, by its remaining life."""
+    low, middle, _ = unit.life_hours(unit.tests)
+    hours = unit.tests * HOURS_PER_TEST
+    action = Advice.REMOVE if low < 60.0 else Advice.INSPECT if low < 200.0 else Advice.CONTINUE
+    from_now = min(low, 0.8 * middle) if action != Advice.CONTINUE else HOURS_PER_TEST
+    words = {
+        Advice.REMOVE: "waiting longer costs more by its risk than the life that is left is worth",
+        Advice.INSPECT: "an inspection then costs less than the life that a removal would waste",
+        Advice.CONTINUE: "no action before the next test would cost less",
+    }
+    message = Advice(
+        actuator_id=unit.actuator_id,
+        serial_number=unit.serial_number,
+        action=action,
+        flight_hours=hours + from_now,
+        from_now=from_now,
+        probability_of_failure=0.012,
+        expected_cost=11.4,
+        cost_of_immediate_removal=19.7,
+        cost_unit="EUR",
+        reason=words[action],
+    )
+    message.header.stamp = stamp_to_message(stamp_ns)
+    return message
+
+
+def history(unit: Unit, now_ns: int, period_s: float) -> UnitHistory:
+    """Return the tests of a unit up to its latest one, and what happened to it."""
+    tests = []
+    for number in range(1, unit.tests + 1):
+        rng = np.random.default_rng([hash_of(unit.actuator_id), number])
+        values = unit.values(number) + SIGMA * rng.normal(size=8)
+        low, middle, high = unit.life_hours(number)
+        scatter = math.exp(0.06 * rng.normal())
+        tests.append(
+            UnitTest(
+                stamp=stamp_to_message(now_ns - int((unit.tests - number) * period_s * NS)),
+                flight_hours=number * HOURS_PER_TEST,
+                cycles=number,
+                faults=np.clip(values, 0.0, 1.0),
+                sigmas=np.full(8, SIGMA),
+                insignificant=sum(
+                    1 << k for k, f in enumerate(FAULTS) if abs(values[k] - f.healthy) < 0.02
+                ),
+                level=unit.level_at(number),
+                health_index=float(np.clip(1.0 - unit.shares(number).max(), 0.0, 1.0)),
+                dominant_fault=_LIMITED[unit.worst].name,
+                rul_known=number > 4,
+                rul_05=low * scatter,
+                rul_50=middle * scatter,
+                rul_95=high * scatter,
+            )
+        )
+    label = _LIMITED[unit.worst].label
+    said = (
+        (0.05, "history", "history of 3 earlier tests was taken over"),
+        (0.25, "calibration", "calibration flap-2031 with 20 healthy windows is used"),
+        (0.4, "gap", "2 tests missed"),
+        (0.55, "outlier", "friction: 0.214 is far from what the tests before let expect"),
+        (0.7, "restart", "the monitor was started again"),
+        (0.82, "fault", f"{label}: OK → WARN"),
+    )
+    events = []
+    for place, kind, text in said:
+        test = tests[int(place * len(tests))]
+        hours = test.flight_hours
+        events.append(UnitEvent(stamp=test.stamp, flight_hours=hours, kind=kind, text=text))
+    message = UnitHistory(
+        actuator_id=unit.actuator_id,
+        serial_number=unit.serial_number,
+        tests=tests,
+        events=[*events, *unit.events],
+        omitted=0,
+    )
+    message.header.stamp = tests[-1].stamp
+    return message
+
+
+def _chirp(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    phase = 2.0 * np.pi * (4.0 * t + 12.0 * t**2)
+    command = 0.03 * np.sin(phase) * (1.0 - 0.5 * t)
+    speed = np.gradient(command, t) * 400.0
+    current = 2.2 * np.tanh(speed / 40.0) + 0.012 * np.gradient(speed, t)
+    return command, speed, np.clip(current, -22.0, 22.0)
+
+
+def window_fit(unit: Unit, stamp_ns: int) -> WindowFit:
+    """Return measured and estimated signals of half a second, 400 values."""
+    t = np.linspace(0.0, 0.5, 400, endpoint=False)
+    command, speed, current = _chirp(t)
+    rng = unit.rng
+    message = WindowFit(
+        actuator_id=unit.actuator_id,
+        window=unit.window,
+        period=float(t[1]),
+        start=0.0,
+        command=command.astype(np.float32),
+        position=np.roll(command, 3).astype(np.float32),
+        current=(current + 0.15 * rng.normal(size=400)).astype(np.float32),
+        estimated_current=current.astype(np.float32),
+        speed=(speed + 0.8 * rng.normal(size=400)).astype(np.float32),
+        estimated_speed=(speed * 1.002).astype(np.float32),
+    )
+    message.header.stamp = stamp_to_message(stamp_ns)
+    return message
+
+
+_T = np.arange(20_000) * SAMPLE_PERIOD_S
+_COMMAND, _SPEED, _CURRENT = _chirp(_T % 0.5)
+
+
+def block(unit: Unit, number: int, stamp_ns: int) -> TelemetryBlock:
+    """Return a block of 10 ms, whose first sample ended at the stamp."""
+    start = number * BLOCK % len(_T)
+    part = slice(start, start + BLOCK)
+    noise = unit.rng.normal(size=BLOCK)
+    message = TelemetryBlock(
+        actuator_id=unit.actuator_id,
+        sample_period=SAMPLE_PERIOD_S,
+        first_index=number * BLOCK,
+        command=_COMMAND[part],
+        current=_CURRENT[part] + 0.2 * noise,
+        position=np.roll(_COMMAND, 30)[part],
+        speed=_SPEED[part],
+    )
+    message.header.stamp = stamp_to_message(stamp_ns)
+    return message
+
+
+def diagnostics(units: list[Unit], now_ns: int) -> DiagnosticArray:
+    """Return the status that the monitor reports each second."""
+    found = []
+
+    def status(level: int, task: str, text: str, **values: str) -> None:
+        found.append(
+            DiagnosticStatus(
+                level=bytes([level]),
+                name=f"ema/monitor: {task}",
+                message=text,
+                hardware_id="ema/monitor",
+                values=[KeyValue(key=key, value=value) for key, value in values.items()],
+            )
+        )
+
+    status(OK, "lifecycle", "active")
+    status(OK, "peers", "2 in touch")
+    status(OK, "identification", "waiting for windows")
+    for unit in units:
+        status(OK, f"{unit.actuator_id} telemetry", "receiving", windows=str(unit.window), gaps="0")
+        status(unit.level_at(unit.tests), f"{unit.actuator_id} health", "see health")
+    message = DiagnosticArray(status=found)
+    message.header.stamp = stamp_to_message(now_ns)
+    return message

@@ -1,0 +1,292 @@
+"""A server of made-up messages in the protocol of the dashboard node, for tests of the page.
+
+It is told what to do by a line of JSON each on its standard input, and answers each with one:
+
+    {"do": "start", "port": 0}            {"port": 40123}
+    {"do": "set", "actuator": "rudder", "level": 2, "share": 1.2}
+    {"do": "test", "actuator": "rudder"}  a further test; "refused": "reason" makes it a refused one
+    {"do": "run", "period": 5.0, "telemetry": 1.0, "open": "rudder"}
+    {"do": "messages", "actuator": "rudder"}
+    {"do": "playback", "status": 0, "rate": 1.0, "position": 12.5, "jumped": false}
+    {"do": "requests"}                    what was asked for by playback controls
+    {"do": "silence"}, {"do": "stop"}
+"""
+
+import argparse
+import json
+import math
+import sys
+import threading
+import time
+from array import array
+from typing import Any
+
+import foxglove
+import numpy as np
+import synthetic_fleet as made
+from foxglove.websocket import Capability, PlaybackControlRequest, ServerListener
+from rclpy.serialization import serialize_message
+
+from ema_interfaces.msg import PlaybackState
+from ema_recording.schema import schema_text
+from ema_ros.stamps import stamp_to_message
+
+NAMESPACE = "/ema"
+TEST_S = 0.7
+BAG_S = 600.0
+
+_TYPES = {
+    "actuator_description": "ema_interfaces/msg/ActuatorDescription",
+    "health": "ema_interfaces/msg/Health",
+    "fault_estimate": "ema_interfaces/msg/FaultEstimate",
+    "health_forecast": "ema_interfaces/msg/HealthForecast",
+    "advice": "ema_interfaces/msg/Advice",
+    "unit_history": "ema_interfaces/msg/UnitHistory",
+    "window_fit": "ema_interfaces/msg/WindowFit",
+    "telemetry": "ema_interfaces/msg/TelemetryBlock",
+    "playback_state": "ema_interfaces/msg/PlaybackState",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+}
+_STREAMS = {"telemetry", "/diagnostics"}
+
+
+class Server(ServerListener):
+    """The server, its fleet, and the latest message of each actuator on each latched topic."""
+
+    def __init__(self, count: int, period_s: float, channels: list[str]) -> None:
+        self.units = {unit.actuator_id: unit for unit in made.fleet(count)}
+        self.period_s = period_s
+        self.tested_ns: dict[str, int] = {}
+        self.latest: dict[tuple[str, str], Any] = {}
+        self.requests: list[dict[str, Any]] = []
+        self.names = channels
+        self.channels: dict[str, foxglove.Channel] = {}
+        self.lock = threading.RLock()
+        self.server: Any = None
+        self.context: Any = None
+        self.running: threading.Event | None = None
+        self.is_silent = False
+        self.blocks = 0
+        now = time.time_ns()
+        for number, unit in enumerate(self.units.values()):
+            self.describe(unit, now - int(period_s * made.NS * number / max(count, 1)))
+
+    def describe(self, unit: made.Unit, now_ns: int) -> None:
+        self.keep("actuator_description", unit, made.description(unit, now_ns))
+        self.tested_ns[unit.actuator_id] = now_ns
+        self.judge(unit, now_ns)
+
+    def judge(self, unit: made.Unit, now_ns: int, refused: str = "") -> None:
+        """Publish what follows from a window of a unit."""
+        self.keep("fault_estimate", unit, made.estimate(unit, now_ns, refused))
+        if not refused:
+            self.keep("health", unit, made.health(unit, now_ns))
+            self.keep("health_forecast", unit, made.forecast(unit, now_ns))
+            self.keep("advice", unit, made.advice(unit, now_ns))
+        self.keep("window_fit", unit, made.window_fit(unit, now_ns))
+
+    def keep(self, topic: str, unit: made.Unit, message: Any) -> None:
+        with self.lock:
+            self.latest[topic, unit.actuator_id] = message
+            self.send(topic, message)
+
+    def send(self, topic: str, message: Any, client: int | None = None) -> None:
+        with self.lock:
+            channel = self.channels.get(topic)
+            if channel is not None:
+                channel.log(serialize_message(message), log_time=time.time_ns(), sink_id=client)
+
+    def start(self, port: int) -> int:
+        context = self.context = foxglove.Context()
+        with self.lock:
+            for name in self.names:
+                topic = name if name.startswith("/") else f"{NAMESPACE}/{name}"
+                text = schema_text(_TYPES[name])
+                schema = foxglove.Schema(name=_TYPES[name], encoding="ros2msg", data=text.encode())
+                self.channels[name] = foxglove.Channel(
+                    topic, message_encoding="cdr", schema=schema, context=context
+                )
+        self.server = foxglove.start_server(
+            name="synthetic",
+            port=port,
+            server_listener=self,
+            supported_encodings=["cdr"],
+            context=context,
+            message_backlog_size=200_000,
+            capabilities=[Capability.PlaybackControl],
+            playback_time_range=(0, int(BAG_S * made.NS)),
+        )
+        return self.server.port
+
+    def stop(self) -> None:
+        if self.running:
+            self.running.set()
+            self.running = None
+        with self.lock:
+            self.channels = {}
+        if self.server:
+            self.server.stop()
+            self.server = None
+
+    def on_subscribe(self, client: Any, channel: Any) -> None:
+        topic = channel.topic.rsplit("/", 1)[-1]
+        threading.Thread(target=self.repeat, args=(topic,), daemon=True).start()
+
+    def repeat(self, topic: str) -> None:
+        with self.lock:
+            if topic == "unit_history":
+                for unit in self.units.values():
+                    now_ns = self.tested_ns[unit.actuator_id]
+                    self.send(topic, made.history(unit, now_ns, self.period_s))
+            for (name, _), message in self.latest.items():
+                if name == topic and topic not in _STREAMS:
+                    self.send(name, message)
+
+    def on_playback_control_request(self, playback_control_request: PlaybackControlRequest) -> None:
+        one = playback_control_request
+        command = str(one.playback_command).rsplit(".", 1)[-1].lower()
+        self.requests.append(
+            {"command": command, "speed": one.playback_speed, "seek": one.seek_time}
+        )
+
+    def run(self, period_s: float, telemetry: float, opened: str) -> None:
+        """Test all units in turn each period; stream each while it tests, and one all the time.
+
+        Parameters
+        ----------
+        telemetry
+            Share of the units that stream while they test.
+        """
+        self.running = threading.Event()
+        for target in (self._tests, self._telemetry):
+            args = (self.running, period_s, telemetry, opened)
+            threading.Thread(target=target, args=args, daemon=True).start()
+
+    def _tests(self, ended: threading.Event, period_s: float, _: float, __: str) -> None:
+        units = list(self.units.values())
+        start, number, told = time.monotonic(), 0, 0.0
+        while not ended.wait(0.02):
+            now = time.monotonic() - start
+            while number < now / period_s * len(units):
+                self.test(units[number % len(units)])
+                number += 1
+            if now >= told and not self.is_silent:
+                self.send("/diagnostics", made.diagnostics(units, time.time_ns()))
+                told = now + 1.0
+
+    def _telemetry(
+        self, ended: threading.Event, period_s: float, share: float, opened: str
+    ) -> None:
+        if not share and not opened:
+            return
+        units = list(self.units.values())
+        streaming = set(range(int(share * len(units))))
+        start, number = time.monotonic(), 0
+        first_ns = time.time_ns()
+        # Serialised once: a server of a fleet would be busy with making these messages alone.
+        kept = {}
+        while not ended.wait(0.002):
+            while number < (time.monotonic() - start) * 100.0:
+                stamp_ns = first_ns + number * made.NS // 100
+                for i, unit in enumerate(units):
+                    phase = (number / 100.0 - i * period_s / len(units)) % period_s
+                    if unit.actuator_id == opened:
+                        self.send("telemetry", made.block(unit, number, stamp_ns))
+                        self.blocks += 1
+                    elif i in streaming and phase < TEST_S:
+                        if i not in kept:
+                            kept[i] = serialize_message(made.block(unit, 0, stamp_ns))
+                        with self.lock:
+                            if "telemetry" in self.channels:
+                                self.channels["telemetry"].log(kept[i])
+                        self.blocks += 1
+                number += 1
+
+    def test(self, unit: made.Unit, refused: str = "") -> None:
+        unit.window += 1
+        now_ns = time.time_ns()
+        if not refused:
+            unit.tests += 1
+            self.tested_ns[unit.actuator_id] = now_ns
+        self.judge(unit, now_ns, refused)
+
+    def obey(self, order: dict[str, Any]) -> dict[str, Any]:
+        """Do what a line says; return the answer."""
+        unit = self.units.get(order.get("actuator", ""))
+        match order["do"]:
+            case "start":
+                return {"port": self.start(order.get("port", 0))}
+            case "stop":
+                self.stop()
+            case "set" if unit:
+                unit.share = order.get("share", unit.share)
+                unit.level = order.get("level", unit.level)
+                self.keep("health", unit, made.health(unit, time.time_ns()))
+            case "test" if unit:
+                self.test(unit, order.get("refused", ""))
+            case "run":
+                self.run(order["period"], order.get("telemetry", 0.0), order.get("open", ""))
+            case "halt" if self.running:
+                self.running.set()
+            case "silence":
+                self.is_silent = True
+            case "messages" if unit:
+                return {
+                    topic: plain(message)
+                    for (topic, name), message in self.latest.items()
+                    if name == unit.actuator_id
+                }
+            case "playback":
+                self.play(order)
+            case "requests":
+                return {"requests": self.requests}
+            case "counts":
+                return {"blocks": self.blocks}
+            case other:
+                raise ValueError(f"order {other!r} is unknown, or its actuator is")
+        return {}
+
+    def play(self, order: dict[str, Any]) -> None:
+        message = PlaybackState(
+            bag="bags/wear_of_a_flap", status=order["status"], rate=float(order["rate"]),
+            start=stamp_to_message(1_700_000_000 * made.NS),
+            end=stamp_to_message(int((1_700_000_000 + BAG_S) * made.NS)),
+            position=stamp_to_message(int((1_700_000_000 + order["position"]) * made.NS)),
+            jumped=order.get("jumped", False),
+        )  # fmt: skip
+        message.header.stamp = message.position
+        with self.lock:
+            self.latest["playback_state", ""] = message
+            self.send("playback_state", message)
+
+
+def plain(message: Any) -> Any:
+    """Return a message as plain values; what is not a finite number is null."""
+    if hasattr(message, "get_fields_and_field_types"):
+        return {
+            name: plain(getattr(message, name)) for name in message.get_fields_and_field_types()
+        }
+    if isinstance(message, np.ndarray | np.generic | array):
+        message = message.tolist()
+    if isinstance(message, list | tuple):
+        return [plain(item) for item in message]
+    if isinstance(message, float):
+        return message if math.isfinite(message) else None
+    return message.hex() if isinstance(message, bytes) else message
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--actuators", type=int, default=9)
+    parser.add_argument("--period", type=float, default=60.0, help="between tests of a unit [s]")
+    parser.add_argument("--without", nargs="*", default=["playback_state"], help="topics")
+    options = parser.parse_args()
+    names = [name for name in _TYPES if name not in options.without]
+    server = Server(options.actuators, options.period, names)
+    for line in sys.stdin:
+        print(json.dumps(server.obey(json.loads(line))), flush=True)
+    server.stop()
+
+
+if __name__ == "__main__":
+    main()

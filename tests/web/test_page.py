@@ -1,0 +1,39 @@
+"""What the shipped page has of the project, without a browser."""
+
+import gzip
+import importlib.util
+import json
+from importlib.resources import files
+from pathlib import Path
+from types import ModuleType
+
+WEB = Path(__file__).parents[2] / "ema_dashboard/web"
+
+
+def _registry_writer() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("registry", WEB / "registry.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_knows_the_faults_and_causes_of_the_registries():
+    writer = _registry_writer()
+    assert json.loads(writer.FILE.read_text()) == writer.registry(), "run `make page`"
+
+
+def test_the_shipped_page_is_small_and_names_no_other_host():
+    compressed = 0
+    for file in files("ema_dashboard").joinpath("page").iterdir():
+        content = file.read_bytes()
+        compressed += len(gzip.compress(content, mtime=0))
+        if file.name.endswith((".html", ".css")):
+            assert b"//" not in content.replace(b"/*", b""), f"{file.name} names an address"
+    assert compressed <= 200_000
+
+
+def test_the_lock_of_the_packages_names_no_addresses():
+    lock = json.loads((WEB / "package-lock.json").read_text())
+    assert all("resolved" not in package for package in lock["packages"].values())
