@@ -3,6 +3,7 @@
 // LOAD_S=600 makes it the long form, in which nothing may grow.
 
 import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
 import { test } from "node:test";
 import { Stage, browse } from "./stage.mjs";
 
@@ -25,6 +26,14 @@ test(`200 actuators for ${SECONDS} s leave the main thread free`, async () => {
   );
   await stage.source.order({ do: "run", period: 5, telemetry: 1, open: "left_outboard_flap" });
 
+  const system = await browser.newBrowserCDPSession();
+  const resident = async () => {
+    const { processInfo } = await system.send("SystemInfo.getProcessInfo");
+    const sizes = await Promise.all(processInfo.filter(({ type }) => type === "renderer").map(
+      async ({ id }) => Number(/VmRSS:\s+(\d+)/.exec(await readFile(`/proc/${id}/status`, "utf8"))[1])));
+    return Math.max(...sizes) / 1000;
+  };
+
   const measure = async (name, seconds) => {
     const heap = [];
     const [start, begun] = [await metrics(), performance.now()];
@@ -35,7 +44,12 @@ test(`200 actuators for ${SECONDS} s leave the main thread free`, async () => {
       // Collecting is work of the main thread, too: only where memory is what counts.
       if (SECONDS >= 120) await session.send("HeapProfiler.collectGarbage");
       const { JSHeapUsedSize, Nodes } = await metrics();
-      heap.push({ size: JSHeapUsedSize, nodes: Nodes });
+      const worker = await page.workers()[0].evaluate(() => performance.memory?.usedJSHeapSize ?? 0);
+      if (process.env.LOAD_VERBOSE) {
+        const { TaskDuration } = await metrics();
+        console.log(name, Math.round(performance.now() - begun), "main", (JSHeapUsedSize / 1e6).toFixed(1), "worker", (worker / 1e6).toFixed(1), "busy", (TaskDuration - start.TaskDuration).toFixed(1), "rss", await resident());
+      }
+      heap.push({ size: JSHeapUsedSize, nodes: Nodes, worker });
     }
     const [end, passed] = [await metrics(), (performance.now() - begun) / 1000];
     const busy = (end.TaskDuration - start.TaskDuration) / passed;
