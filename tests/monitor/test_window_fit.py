@@ -1,8 +1,11 @@
 """A window beside the model's response, thinned for display."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from ema_core.causes import CauseEstimate
 from ema_core.faults import fault_vector
 from ema_monitor.identification.search import identify
 from ema_monitor.identification.window_fit import MOST_VALUES, window_fit
@@ -46,3 +49,13 @@ def test_refused_window_shows_what_was_measured_and_no_model(window, calibration
     assert np.isfinite(fit.current).all()
     assert np.isnan(fit.estimated_current).all()
     assert np.isnan(fit.estimated_speed).all()
+
+
+@pytest.mark.parametrize("name", ["load_torque", "command_delay", "position_gain"])
+def test_hidden_causes_are_part_of_the_expected_response(window, description, calibration, name):
+    estimate = identify(window, description, calibration)
+    value = {"load_torque": 0.05, "command_delay": 1e-3, "position_gain": 0.05}[name]
+    cause = CauseEstimate(name, value, 1e-4)
+    without = window_fit(window, estimate, calibration)
+    with_it = window_fit(window, replace(estimate, causes=(cause,)), calibration)
+    assert rms(with_it.estimated_current - without.estimated_current) > 1e-3

@@ -114,11 +114,7 @@ class FollowUps:
     def _publish_fit(
         self, segment: Segment, window: Window, estimate: Estimate, calibration: Calibration
     ) -> None:
-        try:
-            fit = window_fit(window, estimate, calibration)
-        except ValueError:
-            # The estimate is a refusal that gives the reason.
-            return
+        fit = window_fit(window, estimate, calibration)
         message = window_fit_to_message(fit, estimate, segment.number, segment.description)
         self._publish(topics.WINDOW_FIT, message)
 
