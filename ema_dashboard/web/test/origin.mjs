@@ -21,6 +21,8 @@ const POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src
 export class Origin {
   backend = 0; // port of the server behind
   refuses = 0; // status with which everything is refused
+  isDown = false; // whether nothing answers
+  holds = false; // whether connections are left without an answer
   #server;
   #sockets = new Set();
 
@@ -28,6 +30,11 @@ export class Origin {
     this.#server = createServer((request, response) => void this.#answer(request, response));
     this.#server.on("upgrade", (request, socket, head) => {
       socket.on("error", () => undefined);
+      if (this.holds) return;
+      if (this.isDown) {
+        socket.destroy();
+        return;
+      }
       if (this.refuses || !this.backend) {
         socket.end(`HTTP/1.1 ${this.refuses || 502} No\r\nConnection: close\r\n\r\n`);
         return;
@@ -62,6 +69,10 @@ export class Origin {
   }
 
   async #answer(request, response) {
+    if (this.isDown) {
+      request.socket.destroy();
+      return;
+    }
     if (this.refuses === 401) {
       response.writeHead(401).end();
       return;

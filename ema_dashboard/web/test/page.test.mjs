@@ -143,12 +143,14 @@ describe("a fleet of nine", () => {
   test("it connects again by itself when the server starts again", async () => {
     page = await open(stage);
     await row(page, "rudder").waitFor();
+    stage.origin.isDown = true;
     await stage.source.order({ do: "stop" });
-    await page.waitForSelector(".banner.error.wide");
-    assert.match(await page.locator(".connected").innerText(), /disconnected|connecting/);
+    await page.waitForSelector(".banner.error.wide >> text=Disconnected for");
+    assert.equal((await page.locator(".connected").innerText()).trim(), "disconnected");
     assert.equal(await page.locator("tbody tr").count(), 9, "what was known stays");
     await stage.source.order({ do: "set", actuator: "rudder", level: 2, share: 1.4 });
     await stage.start();
+    stage.origin.isDown = false;
     await until("the new level", async () => (await levelShown(page, "rudder")) === "ERROR");
     assert.equal(await page.locator(".banner.wide").count(), 0);
     assert.equal(await page.locator("tbody tr").count(), 9);

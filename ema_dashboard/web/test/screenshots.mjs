@@ -17,6 +17,8 @@ const rows = (page) => page.waitForSelector("table.fleet tbody tr");
 const plots = (page) => page.waitForSelector(".plots.many canvas");
 
 const STATES = [
+  { name: "overview", at: WORN, before: live({}), ready: plots,
+    view: { width: 1440, height: 1130 }, scale: 1 },
   { name: "fleet", before: live({}), ready: rows },
   { name: "fleet_phone", before: live({}), ready: rows, view: PHONE },
   { name: "actuator", at: WORN, before: live({ open: "left_outboard_flap" }), full: true,
@@ -39,7 +41,7 @@ const STATES = [
   } },
   { name: "disconnected", before: live({}), ready: async (page, stage) => {
     await rows(page);
-    stage.origin.backend = 0;
+    stage.origin.isDown = true;
     stage.origin.cut();
     await page.waitForSelector(".banner.error.wide");
   } },
@@ -52,7 +54,7 @@ const STATES = [
     ready: (page) => page.waitForSelector("text=No test yet") },
   { name: "nothing", options: ["--actuators", 0, "--without", "playback_state", "health"],
     ready: (page) => page.waitForSelector("text=No actuator yet") },
-  { name: "connecting", before: async (stage) => { stage.origin.backend = 0; },
+  { name: "connecting", before: async (stage) => { stage.origin.holds = true; },
     ready: (page) => page.waitForSelector(".loading") },
   { name: "not_allowed", before: async (stage) => { stage.origin.refuses = 503; },
     ready: (page) => page.waitForSelector("text=Not allowed") },
@@ -72,7 +74,7 @@ for (const state of STATES.filter(({ name }) => !only.length || only.includes(na
     const stage = await Stage.open(...(state.options ?? []));
     await state.before?.(stage);
     const context = await browser.newContext({
-      viewport: state.view ?? DESKTOP, colorScheme, deviceScaleFactor: state.view ? 2 : 1,
+      viewport: state.view ?? DESKTOP, colorScheme, deviceScaleFactor: state.scale ?? (state.view ? 2 : 1),
     });
     const page = await context.newPage();
     page.on("console", (said) => {

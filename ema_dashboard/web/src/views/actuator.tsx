@@ -57,6 +57,7 @@ export function OneActuator({ state, address }: { state: State; address: Address
 function Head({ actuator }: { actuator: Actuator }) {
   const { health, estimate, description } = actuator;
   const level = levelOf(health);
+  const worst = labelOf(health?.dominant_fault ?? "");
   const isRefused = estimate !== undefined && !estimate.valid;
   return (
     <section class={`card head ${level.name}`} aria-labelledby="name">
@@ -80,8 +81,8 @@ function Head({ actuator }: { actuator: Actuator }) {
       {health ? (
         <>
           <p class="why" role="status">
-            {health.dominant_fault && <strong>{labelOf(health.dominant_fault)} </strong>}
-            {why(health, labelOf(health.dominant_fault))}
+            {health.cause.startsWith(`${worst} `) && <strong>{worst} </strong>}
+            {why(health, worst)}
           </p>
           {health.removal && <p class="removal">{health.removal}</p>}
           <dl class="figures">
