@@ -10,13 +10,18 @@ from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = sorted(path.parent.name for path in ROOT.glob("ema_*/setup.py"))
-DISTRIBUTIONS = {"yaml": "pyyaml"}
+DISTRIBUTIONS = {"yaml": "pyyaml", "foxglove": "foxglove-sdk"}
+WITHOUT_KEY = {"foxglove"}
+"""Modules that rosdep does not know: pip installs them."""
+
 KEYS = {"yaml": "python3-yaml", "mcap": "python3-mcap-pip", "rosbags": "python3-rosbags-pip"}
 """Keys of rosdep that are not ``python3-`` and the name of the module."""
 
 
 def is_ros(module: str) -> bool:
-    return module in ("rclpy", "ament_index_python") or module.endswith(("_msgs", "_interfaces"))
+    return module in ("rclpy", "ament_index_python") or module.endswith(
+        ("_msgs", "_srvs", "_interfaces")
+    )
 
 
 def is_node(path: Path) -> bool:
@@ -63,7 +68,7 @@ def test_package_depends_on_what_is_imported(package):
     declared = {item.text for item in root.iter("exec_depend")}
     expected = {
         name if is_ros(name) or name.startswith("ema_") else KEYS.get(name, f"python3-{name}")
-        for name in imports(package, nodes=True)
+        for name in imports(package, nodes=True) - WITHOUT_KEY
     }
     # Its parameter files are found by name rather than imported.
     assert declared - {"ema_bringup"} == expected

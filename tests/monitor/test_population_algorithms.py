@@ -103,7 +103,7 @@ def test_identification_tells_what_is_known(
     # The cost of the healthy point; three linearisations in eight faults and seven causes that
     # change the motion; two points; six deviations of the unit there and at the healthy one;
     # and its lift.
-    assert hints.budget == 400 - (1 + 3 * 31 + 2 + 2 * (1 + 6) + 1)
+    assert hints.budget == 400 - (1 + 3 * 35 + 2 + 2 * (1 + 6) + 1)
     assert hints.good_cost > 0.0
 
 

@@ -86,7 +86,8 @@ def test_a_stretch_is_not_identified_as_a_test_cycle(moves: list[Telemetry]):
     with monitor(MOTION) as session:
         session.describe()
         session.feed(moves[:20])
-        session.until(lambda: session.node._units["flap"].latest)
+        units = session.node._units
+        session.until(lambda: (unit := units.get("flap")) and unit.latest)
         status, result = Goal(session, algorithm="pso").result()
         assert (status, result.success) == (GoalStatus.STATUS_ABORTED, False)
         assert "set `windows` to 'test_cycle'" in result.message

@@ -48,6 +48,8 @@ def travel_ratio(window: Window, parameters: ActuatorParameters) -> TravelRatio 
     )
     every = max(1, round(_SPACING_S / h))
     travelled = telemetry.position[::every] / parameters.tau
+    if len(travelled) < 2:
+        return None
     runs = _runs(np.diff(travelled))
     if len(runs) < _FEWEST_RUNS:
         return None
