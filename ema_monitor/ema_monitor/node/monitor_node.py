@@ -204,17 +204,14 @@ class MonitorNode(ManagedNode):
         now_ns, actuator_id = self._now_ns(), segment.description.actuator_id
         # Without the lock: telemetry must not wait for a prognosis.
         outlook = self._prognosis.record(segment, estimate)
-        forecaster = None
-        if outlook is not None:
-            forecaster = self._prognosis.forecaster(segment.description, outlook)
         try:
             self._units.record(segment, estimate, outlook, now_ns)
         except Exception as error:
             # The estimate is published: the window must not be refused in addition.
             reason = self._prognosis.report_failure(actuator_id, error, "publishing health")
             self._units.add_defect(actuator_id, reason)
-        if forecaster is not None:
-            self._follow_ups.follow_health(segment.description, forecaster)
+        if outlook is not None:
+            self._follow(segment.description, outlook)
         self._follow_ups.follow_estimate(segment, estimate)
         if not estimate.valid:
             self.get_logger().warning(
@@ -228,11 +225,17 @@ class MonitorNode(ManagedNode):
             if unit is None or not self._is_active:
                 return
             period_s = self._operation.value.expected_period_s
-            unit.resume(description, outlook, period_s, self._now_ns())
+            is_published = unit.resume(description, outlook, period_s, self._now_ns())
+        if is_published:
+            self._follow(description, outlook)
+        self.report()
+
+    def _follow(self, description: ActuatorDescription, outlook: Outlook) -> None:
+        """Have published what follows from a health that has been published."""
+        # Only now: it may wait for a prognosis of another thread, and health must not.
         forecaster = self._prognosis.forecaster(description, outlook)
         if forecaster is not None:
             self._follow_ups.follow_health(description, forecaster)
-        self.report()
 
     def _check_staleness(self) -> None:
         if not self._is_active:

@@ -126,14 +126,14 @@ class Unit:
         outlook: Outlook,
         expected_period_s: float,
         now_ns: int,
-    ) -> None:
+    ) -> bool:
         """Publish the health after the latest test in the history, unless that was done already.
 
         It is published again when the requirements have become known. ``expected_period_s`` is the
-        expected time between valid estimates [s].
+        expected time between valid estimates [s]. Return whether it was published.
         """
         if not self._is_mounted(description):
-            return
+            return False
         before = self._outlook
         if self._assessed is None:
             self._fresh_ns = outlook.stamp_ns
@@ -142,11 +142,12 @@ class Unit:
             or before.health.requirements
             or not outlook.health.requirements
         ):
-            return
+            return False
         self._assessed, self._outlook = description, outlook
         self._stale_published = False
         if self.publish_if_stale(expected_period_s, now_ns) is None:
             self._publish_health()
+        return True
 
     def publish_if_stale(self, expected_period_s: float, now_ns: int) -> HealthMessage | None:
         """Publish the health if it has just become stale; return it if it was published."""
