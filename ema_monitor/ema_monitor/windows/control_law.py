@@ -49,9 +49,11 @@ def law_offset(window: Window, parameters: ActuatorParameters) -> LawOffset | No
     wanted = (torque / parameters.GAP + speed) / parameters.G_prop
     within = np.abs(current) < _FAR_FROM_LIMITS * parameters.I_max
     within &= np.abs(wanted) < _FAR_FROM_LIMITS * parameters.omega_max / parameters.G_prop
+    if np.sum(within) < _FEWEST:
+        return None
     design = np.stack([np.ones_like(wanted), wanted, np.gradient(command), command])[:, within]
     scale = np.sqrt(np.mean(design**2, axis=1))
-    if np.sum(within) < _FEWEST or np.any(scale == 0.0):
+    if np.any(scale == 0.0):
         return None
     design = (design / scale[:, None]).T
     lag = (position - command)[within]
