@@ -48,7 +48,9 @@ describe("a fleet of nine", () => {
 
   test("the fleet shows the values of the messages, the worst first", async () => {
     page = await open(stage);
-    await page.waitForSelector("table.fleet tbody tr:nth-child(9)");
+    await until("nine rows with all of their messages", async () =>
+      (await page.locator("tbody td.c-advice span").count()) === 9 &&
+      (await page.locator("tbody td.c-health strong").count()) === 9);
     const ids = await page.locator("tbody .c-actuator a").allInnerTexts();
     assert.equal(ids.length, 9);
     const ranks = [];
@@ -88,7 +90,8 @@ describe("a fleet of nine", () => {
 
   test("an actuator shows the values of its messages with their sigma", async () => {
     page = await open(stage, addressOf(WORN));
-    await page.waitForSelector("#vector");
+    await page.waitForSelector("table.matrix tbody td");
+    await page.waitForSelector(".advice");
     const messages = await stage.source.order({ do: "messages", actuator: WORN });
     const { health, fault_estimate: estimate, unit_history: _, advice } = messages;
     assert.match(await page.locator(".why").innerText(), /\(fails above/);

@@ -53,11 +53,13 @@ test("a replayed bag drives the page as live messages do", async () => {
     }
     const since = page.locator(".figure", { hasText: "last test" });
     assert.match(await since.innerText(), /\d s ago/, "by the time of the recording");
-    // Again from the start, where nothing is known yet.
+    // Again from the start, where nothing is known yet, and the player waits.
     await until("the end", async () =>
       /ended/.test(await page.locator(".playback .bag").innerText()), 30_000);
-    await page.getByRole("button", { name: "Play" }).click();
+    await page.getByLabel("Position in the recording").focus();
+    await page.keyboard.press("Home");
     await page.waitForSelector("text=No health is known");
+    await page.getByRole("button", { name: "Play" }).click();
     await page.waitForSelector(".head .badge.warn", { timeout: 60_000 });
     for (const url of asked) assert.equal(new URL(url).host, new URL(address).host);
     assert.deepEqual(refused.filter((said) => /Content Security Policy/.test(said)), []);
