@@ -49,10 +49,11 @@ page: setup $(web)/node_modules ## bundle the dashboard's page anew, after a cha
 	cd $(web) && npx tsc && node build.mjs
 
 test-web: setup $(web)/node_modules ## the page in a real browser; needs Node and Chromium on the path
-	@command -v chromium chromium-browser google-chrome "$(CHROMIUM)" >/dev/null || \
-	    { echo "no Chromium on the path: install it, or name it with CHROMIUM=/path/to/it" >&2; exit 1; }
+	@for one in $(CHROMIUM) chromium chromium-browser google-chrome; do \
+	    command -v $$one >/dev/null && exit 0; done; \
+	    echo "no Chromium on the path: install it, or name it with CHROMIUM=/path/to/it" >&2; exit 1
 	cd $(web) && npx tsc && node build.mjs --check
-	$(activate) && cd $(web) && node --test --test-concurrency=1 test/
+	$(activate) && cd $(web) && node --test --test-concurrency=1 test/*.test.mjs
 
 bench-web: setup $(web)/node_modules ## the page with 200 actuators for 10 minutes: main thread and memory
 	$(activate) && cd $(web) && LOAD_S=600 node --test test/load.test.mjs
