@@ -56,7 +56,7 @@ test-web: setup $(web)/node_modules ## the page in a real browser; needs Node an
 	$(activate) && cd $(web) && node --test --test-concurrency=1 test/*.test.mjs
 
 bench-web: setup $(web)/node_modules ## the page with 200 actuators for 10 minutes: main thread and memory
-	$(activate) && cd $(web) && LOAD_S=600 node --test test/load.test.mjs
+	$(activate) && cd $(web) && LOAD_S=600 node --test test/load.bench.mjs
 
 screenshots: setup $(web)/node_modules ## pictures of every state of the page in docs/screens
 	$(activate) && cd $(web) && node test/screenshots.mjs ../../docs/screens

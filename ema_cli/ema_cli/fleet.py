@@ -90,8 +90,7 @@ class Fleet:
         """Add a Health message that was heard on a namespace."""
         one = self._of(place, message)
         before, one.health = one.health, message
-        if before is None:
-            one.heard_s = now_s
+        one.heard_s = now_s
         if before is None or before.header.stamp != message.header.stamp:
             one.tested_s = now_s
 

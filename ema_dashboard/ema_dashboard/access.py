@@ -78,4 +78,7 @@ def host_name(host: str) -> str:
 
 
 def _same(given: str | None, expected: str) -> bool:
-    return given is not None and hmac.compare_digest(given.encode(), expected.encode())
+    if given is None:
+        return False
+    # What is not UTF-8 in a header is kept as surrogates.
+    return hmac.compare_digest(given.encode(errors="surrogateescape"), expected.encode())

@@ -165,5 +165,6 @@ class Channels:
 
     def broadcast_playback(self, state: PlaybackState) -> None:
         """Tell clients how a playback stands."""
-        if self._server is not None and self.playback_range is not None:
-            self._server.broadcast_playback_state(state)
+        server = self._server  # another thread may begin it anew
+        if server is not None and self.playback_range is not None:
+            server.broadcast_playback_state(state)

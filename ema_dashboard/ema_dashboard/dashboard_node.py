@@ -186,6 +186,9 @@ class DashboardNode(ManagedNode):
                     return
         self._playback.set_player("")
         if self._channels.playback_range is not None:
+            for topic in self._topics.values():
+                if topic.relative == PLAYBACK_STATE and topic.name in self._channels:
+                    self._channels.forget(topic.name, -1)
             self._channels.start()
 
     def _receiver(self, topic: KnownTopic) -> Callable[..., None]:

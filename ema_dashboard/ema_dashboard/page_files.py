@@ -2,12 +2,20 @@
 
 import gzip
 import hashlib
-import mimetypes
 from dataclasses import dataclass
 from importlib.resources import files
+from pathlib import PurePath
 from typing import Final
 
 _INDEX: Final = "index.html"
+# Not those of the machine: a browser runs no script of another type.
+_CONTENT_TYPES: Final = {
+    ".css": "text/css",
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".svg": "image/svg+xml",
+    ".txt": "text/plain",
+}
 _NOT_BUILT: Final = b"""<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>EMA dashboard</title>
 <h1>The page is not built</h1>
@@ -45,6 +53,6 @@ def read_page() -> dict[str, PageFile]:
 
 
 def _page_file(name: str, content: bytes) -> PageFile:
-    content_type = mimetypes.guess_type(name)[0] or "application/octet-stream"
+    content_type = _CONTENT_TYPES.get(PurePath(name).suffix, "application/octet-stream")
     tag = hashlib.sha256(content).hexdigest()[:32]
     return PageFile(content, gzip.compress(content, mtime=0), content_type, tag)

@@ -104,7 +104,7 @@ class PlaybackControl(ServerListener):
                 continue
             try:
                 did_seek = self._obey(request, before)
-            except (OSError, ValueError) as error:
+            except Exception as error:  # the player may go in the midst of a call
                 self._node.get_logger().warning(f"the player does not do as asked: {error}")
                 did_seek = False
             state = self._state or before
@@ -113,14 +113,15 @@ class PlaybackControl(ServerListener):
     def _obey(self, request: PlaybackControlRequest, state: PlayerState) -> bool:
         """Do what is asked and not so already; return whether there was a seek."""
         wants_to_play = request.playback_command == PlaybackCommand.Play
-        if not wants_to_play and state.status == PlayerState.PLAYING:
+        # What is known of the state may be old: pausing twice does no harm, nor does going on.
+        if not wants_to_play:
             self._call("pause", Trigger.Request())
         # The protocol has single precision.
         if abs(request.playback_speed - state.rate) > 1e-6 * state.rate:
             self._call("set_rate", SetPlaybackRate.Request(rate=float(request.playback_speed)))
         if request.seek_time is not None:
             self._call("seek", SeekPlayback.Request(time=stamp_to_message(request.seek_time)))
-        if wants_to_play and state.status != PlayerState.PLAYING:
+        if wants_to_play:
             self._call("resume", Trigger.Request())
         return request.seek_time is not None
 

@@ -277,8 +277,12 @@ class PlayerNode(ManagedNode):
         with self._steered:
             self._check_active()
             self._halt()
-            latched = latched_before(self._bag, self._latched, time_ns)
-            self._playback.go_to(time_ns, self._bag.raw_messages(self._outputs, time_ns))
+            try:
+                latched = latched_before(self._bag, self._latched, time_ns)
+                self._playback.go_to(time_ns, self._bag.raw_messages(self._outputs, time_ns))
+            except (OSError, ValueError):
+                self._go_on()  # from where it was
+                raise
             if self._status == PlaybackState.ENDED:
                 self._status = PlaybackState.PAUSED
             self._publish_state(jumped=True)

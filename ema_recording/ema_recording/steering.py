@@ -12,7 +12,7 @@ from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.topics import LATCHED, PLAYBACK_STATE
 
 Act = Callable[[Any], None]
-"""Does what a request asks; ValueError, in words, when that is not possible."""
+"""Does what a request asks; ValueError or OSError when that is not possible."""
 
 _KINDS: Final = {
     "pause": Trigger,
@@ -57,7 +57,7 @@ class Steering:
         def answer(request: Any, response: Any) -> Any:
             try:
                 act(request)
-            except ValueError as error:
+            except (OSError, ValueError) as error:
                 response.message = str(error)
             else:
                 response.success = True

@@ -29,7 +29,7 @@ class File:
     size
         Bytes.
     sha256
-        Digest of its content, in hexadecimal.
+        Digest of its content, in hexadecimal, or why there is none.
     """
 
     path: str
@@ -63,8 +63,12 @@ def _members(bag: Path) -> Iterator[Path]:
 
 
 def _file(path: Path, role: str) -> File:
-    with path.open("rb") as content:
-        digest = hashlib.file_digest(content, "sha256").hexdigest()
+    try:
+        with path.open("rb") as content:
+            digest = hashlib.file_digest(content, "sha256").hexdigest()
+    except OSError as error:
+        # A bag that could not be read is named among the remarks as well.
+        digest = f"not read: {error.strerror}"
     return File(str(path), role, path.stat().st_size, digest)
 
 

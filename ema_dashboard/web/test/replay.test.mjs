@@ -2,6 +2,7 @@
 
 import assert from "node:assert/strict";
 import { execFileSync, spawn } from "node:child_process";
+import { once } from "node:events";
 import { createInterface } from "node:readline";
 import { test } from "node:test";
 import { fileURLToPath } from "node:url";
@@ -10,9 +11,22 @@ import { load } from "./sources.mjs";
 
 const { FAULTS } = await load("faults.ts");
 const BAG = fileURLToPath(new URL("../../../bags/faulty_flap.mcap", import.meta.url));
-const environment = {
-  ...process.env, ROS_DOMAIN_ID: "83", ROS_AUTOMATIC_DISCOVERY_RANGE: "LOCALHOST",
-};
+const DOMAIN = `
+import sys
+from ema_cli.processes.domains import Domain
+domain = Domain()
+print(domain.number, flush=True)
+sys.stdin.read()
+domain.close()
+`;
+const environment = { ...process.env, ROS_AUTOMATIC_DISCOVERY_RANGE: "LOCALHOST" };
+
+/** A domain that no other test uses at the same time, until it is freed. */
+async function freeDomain() {
+  const holder = spawn("python", ["-c", DOMAIN], { stdio: ["pipe", "pipe", "inherit"] });
+  const [number] = await once(createInterface({ input: holder.stdout }), "line");
+  return { number, free: () => holder.stdin.end() };
+}
 
 function run(...words) {
   const child = spawn("ema", words, { env: environment, stdio: ["ignore", "pipe", "pipe"] });
@@ -26,6 +40,8 @@ function run(...words) {
 
 test("a replayed bag drives the page as live messages do", async () => {
   const expected = JSON.parse(execFileSync("ema", ["estimate", BAG, "--json"]))[0];
+  const domain = await freeDomain();
+  environment.ROS_DOMAIN_ID = domain.number;
   const nodes = run("up", "monitor", "dashboard", "-p", "use_sim_time:=true");
   const browser = await browse();
   let player;
@@ -67,5 +83,6 @@ test("a replayed bag drives the page as live messages do", async () => {
     await browser.close();
     await player?.stop();
     await nodes.stop();
+    domain.free();
   }
 });
