@@ -15,6 +15,7 @@ const LEAST_MS = 200; // between two updates of the views
 const MOST_MS = 600;
 const LEAST_IDLE = 8; // times as long as the latest update took
 const CURRENT_S = 3; // a clock that is older does not say what time it is
+const SILENT_MS = 5000; // a monitor reports each second
 
 /** What is known of an actuator; another object after each change. */
 export interface Actuator extends Address {
@@ -27,6 +28,7 @@ export interface Actuator extends Address {
   forecast?: HealthForecast;
   advice?: Advice;
   fit?: WindowFit;
+  isSilent?: boolean; // its monitor has stopped reporting: its health may be another by now
 }
 
 export interface Diagnostic extends DiagnosticStatus {
@@ -53,6 +55,7 @@ export class State {
   #lastUpdate = -Infinity;
   #took = 0; // by the latest update [ms]
   #now = { stamp: 0, at: 0, isClock: false };
+  #reported = new Map<string, number>(); // local time of the latest status of a health [ms]
   #emit: Emit;
 
   constructor(emit: Emit) {
@@ -92,6 +95,7 @@ export class State {
       case "session":
         this.actuators.clear();
         this.diagnostics.clear();
+        this.#reported.clear();
         this.playback = undefined;
         this.history = undefined;
         this.#now = { stamp: 0, at: 0, isClock: false };
@@ -197,6 +201,8 @@ export class State {
     for (const status of array.status) {
       const before = this.diagnostics.get(status.name);
       this.diagnostics.set(status.name, { ...status, stamp, received: Date.now() });
+      const monitored = /: (.+) health$/.exec(status.name)?.[1];
+      if (monitored !== undefined) this.#reported.set(monitored, Date.now());
       const id = /: (.+) telemetry$/.exec(status.name)?.[1];
       const isNew = status.level > 0 && status.level < 3 && before?.message !== status.message;
       if (id === undefined || !before || !isNew) continue;
@@ -206,11 +212,23 @@ export class State {
         this.#emit({ address: actuator, text: status.message, eventKind, stamp });
       }
     }
+    this.#listen();
     // Of the times of a recording only the player knows which is now.
     if (this.playback) return;
     const passed = performance.now() - this.#now.at;
     if (!this.#now.isClock || passed > 1000 * CURRENT_S) {
       this.#now = { stamp, at: performance.now(), isClock: false };
+    }
+  }
+
+  /** Note whose monitor does not report any more; where none ever did, nothing is missing. */
+  #listen(): void {
+    for (const actuator of this.actuators.values()) {
+      const reported = this.#reported.get(actuator.id);
+      const isSilent = reported !== undefined && Date.now() - reported > SILENT_MS;
+      if (isSilent !== (actuator.isSilent ?? false)) {
+        this.actuators.set(actuator.key, { ...actuator, isSilent });
+      }
     }
   }
 

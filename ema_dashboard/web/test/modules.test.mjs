@@ -1,13 +1,14 @@
 // What the page computes, without a browser.
 
 import assert from "node:assert/strict";
-import { test } from "node:test";
+import { mock, test } from "node:test";
 import { load } from "./sources.mjs";
 
 const format = await load("format.ts");
 const { Telemetry } = await load("telemetry.ts");
 const { UnitRecord, kindOf } = await load("unit_history.ts");
 const { actuatorOf } = await load("peek.ts");
+const { State } = await load("state.ts");
 
 test("a value has the digits that its sigma leaves", () => {
   assert.equal(format.withSigma(0.24893, 0.0018), "0.2489 ± 0.0018");
@@ -155,4 +156,31 @@ test("the actuator of a message is read without decoding it", () => {
   assert.equal(actuatorOf(view(bytes)), "flap");
   assert.equal(actuatorOf(view(bytes.slice(0, 26))), undefined);
   assert.equal(actuatorOf(view(bytes.slice(0, 8))), undefined);
+});
+
+test("the health of a monitor that has stopped reporting is stale, until it reports again", () => {
+  mock.timers.enable({ apis: ["Date", "setTimeout"], now: 1e12 });
+  const state = new State(() => {});
+  const take = (topic, message) =>
+    state.take({ kind: "messages", received: [{ namespace: "/ema", topic, message }] });
+  const stamp = { sec: 1, nanosec: 0 };
+  const status = (name) => take("/diagnostics", {
+    header: { stamp }, status: [{ name, level: 0, message: "", hardware_id: "", values: [] }],
+  });
+  const flap = () => [...state.actuators.values()][0];
+  take("health", { header: { stamp }, actuator_id: "flap", serial_number: "1",
+    level: 1, faults: [], requirements: [] });
+  mock.timers.tick(60_000);
+  status("dashboard: dashboard");
+  assert.equal(flap().isSilent ?? false, false, "no monitor has reported so far: a recording");
+  status("monitor: flap health");
+  mock.timers.tick(4000);
+  status("dashboard: dashboard");
+  assert.equal(flap().isSilent ?? false, false);
+  mock.timers.tick(2000);
+  status("dashboard: dashboard");
+  assert.equal(flap().isSilent, true);
+  status("monitor: flap health");
+  assert.equal(flap().isSilent, false);
+  mock.timers.reset();
 });

@@ -12,7 +12,7 @@ import { History } from "./history.tsx";
 import { useApp, useSecond } from "./hooks.ts";
 import { Life, RemoveBefore, why } from "./life.tsx";
 import { Live } from "./live.tsx";
-import { Badge, Bar, Empty, Figure, Since, levelOf } from "./parts.tsx";
+import { Badge, Bar, Empty, Figure, Since, levelOf, silence } from "./parts.tsx";
 import { Remaining } from "./remaining.tsx";
 import { Diagnostics } from "./system.tsx";
 import { FaultVector, Requirements, TrackedFaults } from "./tables.tsx";
@@ -56,7 +56,7 @@ export function OneActuator({ state, address }: { state: State; address: Address
 
 function Head({ actuator }: { actuator: Actuator }) {
   const { health, estimate, description } = actuator;
-  const level = levelOf(health);
+  const level = levelOf(actuator);
   const worst = labelOf(health?.dominant_fault ?? "");
   const isRefused = estimate !== undefined && !estimate.valid;
   return (
@@ -81,6 +81,7 @@ function Head({ actuator }: { actuator: Actuator }) {
       {health ? (
         <>
           <p class="why" role="status">
+            {silence(actuator)}
             {health.cause.startsWith(`${worst} `) && <strong>{worst} </strong>}
             {why(health, worst)}
           </p>

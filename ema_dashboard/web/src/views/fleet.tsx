@@ -9,7 +9,7 @@ import { ACTIONS, seconds } from "../messages.ts";
 import type { Actuator, State } from "../state.ts";
 import { useApp, useStored } from "./hooks.ts";
 import { Life, RemoveBefore, why } from "./life.tsx";
-import { Badge, Bar, Shape, Since, levelOf } from "./parts.tsx";
+import { Badge, Bar, Shape, Since, levelOf, silence } from "./parts.tsx";
 import { addressOf } from "./route.ts";
 
 interface Column {
@@ -28,7 +28,7 @@ const lifeOf = (actuator: Actuator, quantile: "hours_05" | "hours_50") => {
 };
 
 const COLUMNS: Column[] = [
-  { name: "level", title: "Level", of: (one) => levelOf(one.health).rank },
+  { name: "level", title: "Level", of: (one) => levelOf(one).rank },
   { name: "actuator", title: "Actuator", of: (one) => one.id },
   { name: "health", title: "Health index", of: (one) => unknownLast(one.health?.health_index) },
   { name: "cause", title: "Worst fault or requirement", of: (one) => dominant(one) || "~" },
@@ -48,7 +48,7 @@ function dominant(actuator: Actuator): string {
 
 /** The worst first: by level, then by the time that is left, then by health index. */
 export function byWorst(one: Actuator, other: Actuator): number {
-  return levelOf(one.health).rank - levelOf(other.health).rank ||
+  return levelOf(one).rank - levelOf(other).rank ||
     difference(lifeOf(one, "hours_05"), lifeOf(other, "hours_05")) ||
     difference(unknownLast(one.health?.health_index), unknownLast(other.health?.health_index)) ||
     one.key.localeCompare(other.key);
@@ -72,7 +72,7 @@ function sorted(actuators: Actuator[], by: string): Actuator[] {
 
 function matches(actuator: Actuator, words: string): boolean {
   const text = `${actuator.id} ${actuator.serial} ${actuator.namespace} ` +
-    `${actuator.description?.model ?? ""} ${dominant(actuator)} ${levelOf(actuator.health).word}`;
+    `${actuator.description?.model ?? ""} ${dominant(actuator)} ${levelOf(actuator).word}`;
   return words.toLowerCase().split(/\s+/).every((word) => text.toLowerCase().includes(word));
 }
 
@@ -149,7 +149,7 @@ export function Fleet({ state }: { state: State }) {
 }
 
 function nameOf(actuator: Actuator): string {
-  return levelOf(actuator.health).name;
+  return levelOf(actuator).name;
 }
 
 function Head({ column, by, onSort }: {
@@ -174,7 +174,7 @@ function Head({ column, by, onSort }: {
 
 const Row = memo(({ actuator, hasNamespace }: { actuator: Actuator; hasNamespace: boolean }) => {
   const { health, advice } = actuator;
-  const level = levelOf(health);
+  const level = levelOf(actuator);
   const { send } = useApp();
   const open = () => {
     location.hash = addressOf(actuator);
@@ -199,7 +199,9 @@ const Row = memo(({ actuator, hasNamespace }: { actuator: Actuator; hasNamespace
       </td>
       <td role="cell" class="c-cause">
         {dominant(actuator) && <strong>{dominant(actuator)}</strong>}
-        <small>{health ? why(health, dominant(actuator)) : waiting(actuator)}</small>
+        <small>
+          {silence(actuator)}{health ? why(health, dominant(actuator)) : waiting(actuator)}
+        </small>
       </td>
       <td role="cell" class="c-life" data-label="Remaining life">
         {health ? <Life life={health.rul} /> : "–"}

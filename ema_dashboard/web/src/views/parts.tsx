@@ -4,10 +4,20 @@ import type { ComponentChildren } from "preact";
 import { duration } from "../format.ts";
 import { LEVELS, type Level, UNKNOWN } from "../levels.ts";
 import { type Health, seconds } from "../messages.ts";
+import type { Actuator } from "../state.ts";
 import { useApp, useSecond } from "./hooks.ts";
 
-export function levelOf(health?: Health): Level {
-  return health ? LEVELS[health.level] ?? UNKNOWN : UNKNOWN;
+const STALE = 3;
+
+export function levelOf({ health, isSilent }: Actuator): Level {
+  if (!health) return UNKNOWN;
+  return LEVELS[isSilent ? STALE : health.level] ?? UNKNOWN;
+}
+
+/** Say that a level is not known any more; nothing where it is. */
+export function silence({ health, isSilent }: Actuator): string {
+  if (!health || !isSilent) return "";
+  return `its monitor is silent, the level was ${(LEVELS[health.level] ?? UNKNOWN).word}; `;
 }
 
 // A shape for each level, so that it is told without colours: disc, triangle, octagon, ring.
