@@ -160,6 +160,7 @@ test("the actuator of a message is read without decoding it", () => {
 
 test("the health of a monitor that has stopped reporting is stale, until it reports again", () => {
   mock.timers.enable({ apis: ["Date", "setTimeout"], now: 1e12 });
+  globalThis.requestAnimationFrame = () => {};
   const state = new State(() => {});
   const take = (topic, message) =>
     state.take({ kind: "messages", received: [{ namespace: "/ema", topic, message }] });
@@ -182,5 +183,6 @@ test("the health of a monitor that has stopped reporting is stale, until it repo
   assert.equal(flap().isSilent, true);
   status("monitor: flap health");
   assert.equal(flap().isSilent, false);
+  delete globalThis.requestAnimationFrame;
   mock.timers.reset();
 });
