@@ -366,11 +366,11 @@ def test_a_client_that_leaves_the_protocol_waiting_is_given_up():
 
 
 def test_more_is_kept_than_may_wait_and_a_new_client_gets_all_of_it(session, web):
-    node = session.dashboard(buffer_mb=0.5)
+    node = session.dashboard(buffer_mb=1.0)
     topic, count = "/ema/unit_history", 40
     viewer = session.view(node)
     wait_for(lambda: topic in viewer.channels, "the channel")
-    for number in range(count):  # 100 kB each: eight times what may wait, made when asked for
+    for number in range(count):  # 100 kB each: four times what may wait, made when asked for
         message = UnitHistory(actuator_id=str(number), serial_number="x" * 100_000)
         node._channels.keep(topic, str(number), partial(serialize_message, message), 0)
     viewer.look_at(topic)
