@@ -214,13 +214,14 @@ def test_a_negative_variance_is_no_standard_deviation():
 
 
 def test_a_monitor_has_one_question_at_a_time(session, monkeypatch):
-    open_at_once = []
+    open_at_once, futures = [], []
     ask = Client.call_async
 
     def count(client: Client, request: Any) -> Any:
         future = ask(client, request)
         if isinstance(request, GetHistory.Request):
-            open_at_once.append(len(client._pending_requests))
+            futures.append(future)
+            open_at_once.append(sum(not item.done() for item in futures))
         return future
 
     monkeypatch.setattr(Client, "call_async", count)
