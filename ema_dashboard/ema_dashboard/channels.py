@@ -21,7 +21,9 @@ _BACKLOG: Final = 4096
 _MOST_KEPT: Final = 1000
 
 
-class _Kept(NamedTuple):
+class KeptMessage(NamedTuple):
+    """A message for clients to come, or what makes it; its times [ns]."""
+
     data: bytes | Callable[[], bytes]
     log_time_ns: int
     stamp_ns: int
@@ -48,7 +50,7 @@ class Channels:
         self._context = Context()
         self._lock = threading.Lock()
         self._channels: dict[str, Channel] = {}
-        self._kept: dict[int, dict[str, _Kept]] = {}
+        self._kept: dict[int, dict[str, KeptMessage]] = {}
         self._host = ".".join(map(str, (127, *(2 + secrets.randbelow(250) for _ in range(3)))))
         self._server: WebSocketServer | None = None
         self.playback_range: tuple[int, int] | None = None
@@ -139,7 +141,7 @@ class Channels:
         with self._lock:
             kept = self._kept[self._channels[topic].id()]
             kept.pop(key, None)
-            kept[key] = _Kept(data, log_time_ns, stamp_ns)
+            kept[key] = KeptMessage(data, log_time_ns, stamp_ns)
             if len(kept) > _MOST_KEPT:
                 del kept[next(iter(kept))]
 
@@ -150,18 +152,14 @@ class Channels:
             for key in [key for key, item in kept.items() if item.stamp_ns > stamp_ns]:
                 del kept[key]
 
-    def kept(self, channel_id: int) -> list[tuple[int, bytes]] | None:
-        """Return log time [ns] and message of what is kept of a channel; any thread may ask.
+    def kept(self, channel_id: int) -> dict[str, KeptMessage] | None:
+        """Return what is kept of a channel now, by its keys; any thread may ask.
 
         None when there is no such channel.
         """
         with self._lock:
-            if channel_id not in self._kept:
-                return None
-            items = list(self._kept[channel_id].values())
-        return [
-            (item.log_time_ns, item.data() if callable(item.data) else item.data) for item in items
-        ]
+            kept = self._kept.get(channel_id)
+            return None if kept is None else dict(kept)
 
     def broadcast_playback(self, state: PlaybackState) -> None:
         """Tell clients how a playback stands."""

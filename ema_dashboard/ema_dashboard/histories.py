@@ -1,8 +1,10 @@
 """The histories of all units that are shown, and the monitors that are asked for them."""
 
+import math
+import threading
 import time
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from rclpy.client import Client
@@ -22,7 +24,12 @@ class _Shown:
 
     history: ActuatorHistory
     is_wanted: bool = True
-    asked_s: float = -_PATIENCE_S
+    answered: set[str] = field(default_factory=set)  # services that have, since it is wanted
+    asked_s: dict[str, float] = field(default_factory=dict)  # by service
+
+    def want(self) -> None:
+        self.is_wanted = True
+        self.answered.clear()
 
 
 class Histories:
@@ -30,7 +37,8 @@ class Histories:
 
     That of a unit is asked of the monitors when the unit is first seen, and again when a monitor
     has come or begun anew or the unit was replaced; then it is offered to all clients as a whole.
-    In between it is carried on with what is published.
+    In between it is carried on with what is published. A monitor has one question at a time to
+    answer; one that it leaves open is asked again later, those of other units first.
 
     Parameters
     ----------
@@ -52,6 +60,9 @@ class Histories:
         self._monitors: dict[str, Client] = {}
         self._ready: set[str] = set()
         self._shown: dict[str, _Shown] = {}
+        # Futures and times of the open questions, by service; answers come in any thread.
+        self._open: dict[str, tuple[Any, float]] = {}
+        self._lock = threading.RLock()
 
     def note_description(self, message: ActuatorDescription) -> None:
         """Take what is known of an actuator."""
@@ -61,7 +72,7 @@ class Histories:
         """Take an estimate."""
         shown = self._unit(message.actuator_id, message.serial_number)
         if shown.history.note_estimate(message):
-            shown.is_wanted = True
+            shown.want()
         self._offer(message.actuator_id, shown.history, False)
 
     def note_health(self, message: Health) -> None:
@@ -80,19 +91,22 @@ class Histories:
         """Look for monitors and ask them; to be called regularly."""
         self._find_monitors()
         ready = {name for name, client in self._monitors.items() if client.service_is_ready()}
-        has_come, self._ready = bool(ready - self._ready), ready
-        now_s = time.monotonic()
-        for actuator_id, shown in self._shown.items():
-            shown.is_wanted |= has_come
-            if shown.is_wanted and ready and now_s - shown.asked_s >= _PATIENCE_S:
-                shown.asked_s = now_s
-                self._ask(actuator_id, shown, [self._monitors[name] for name in sorted(ready)])
+        if ready - self._ready:
+            for shown in list(self._shown.values()):
+                shown.want()
+        self._ready = ready
+        for name in sorted(self._monitors):
+            self._give_up(name)
+            if name in ready:
+                self._ask_next(name)
 
     def close(self) -> None:
         """Ask no more."""
-        for client in self._monitors.values():
-            self._node.destroy_client(client)
-        self._monitors.clear()
+        with self._lock:
+            for client in self._monitors.values():
+                self._node.destroy_client(client)
+            self._monitors.clear()
+            self._open.clear()
         self._shown.clear()
 
     def _unit(self, actuator_id: str, serial_number: str) -> _Shown:
@@ -111,20 +125,48 @@ class Histories:
             ):
                 self._monitors[name] = self._node.create_client(GetHistory, name)
 
-    def _ask(self, actuator_id: str, shown: _Shown, monitors: Iterable[Client]) -> None:
-        request = GetHistory.Request(actuator_id=actuator_id, most=MOST_TESTS)
-        for client in monitors:
-            client.call_async(request).add_done_callback(
-                lambda future: self._take(actuator_id, shown, future)
-            )
+    def _give_up(self, name: str) -> None:
+        """Wait no more for an answer that is overdue or whose service has gone."""
+        with self._lock:
+            future, asked_s = self._open.get(name, (None, 0.0))
+            overdue = time.monotonic() - asked_s >= _PATIENCE_S
+            if future is not None and (overdue or name not in self._ready):
+                self._monitors[name].remove_pending_request(future)
+                del self._open[name]
 
-    def _take(self, actuator_id: str, shown: _Shown, future: Any) -> None:
+    def _ask_next(self, name: str) -> None:
+        """Ask a monitor for the unit of which it was not asked for longest, if none is open."""
+        with self._lock:
+            now_s = time.monotonic()
+            due = {
+                actuator_id: shown
+                for actuator_id, shown in list(self._shown.items())
+                if shown.is_wanted
+                and name not in shown.answered
+                and now_s - shown.asked_s.get(name, -math.inf) >= _PATIENCE_S
+            }
+            if not due or name in self._open or name not in self._monitors:
+                return
+            actuator_id = min(due, key=lambda item: due[item].asked_s.get(name, -math.inf))
+            shown = due[actuator_id]
+            shown.asked_s[name] = now_s
+            request = GetHistory.Request(actuator_id=actuator_id, most=MOST_TESTS)
+            future = self._monitors[name].call_async(request)
+            self._open[name] = future, now_s
+        future.add_done_callback(lambda done: self._take(name, actuator_id, shown, done))
+
+    def _take(self, name: str, actuator_id: str, shown: _Shown, future: Any) -> None:
         """Take the answer of a monitor; one that does not know the unit has none."""
+        with self._lock:
+            if self._open.get(name, (None,))[0] is future:
+                del self._open[name]
         response: Any = future.result()
-        shown.is_wanted = False
-        if response is None or not response.success or self._shown.get(actuator_id) is not shown:
-            return
-        history: UnitHistory = response.history
-        if history.serial_number == shown.history.serial_number:
+        shown.answered.add(name)
+        history: UnitHistory | None = response.history if response and response.success else None
+        is_meant = history is not None and history.serial_number == shown.history.serial_number
+        if is_meant or shown.answered >= self._ready:
+            shown.is_wanted = False
+        if history is not None and is_meant and self._shown.get(actuator_id) is shown:
             shown.history.set_base(history)
             self._offer(actuator_id, shown.history, True)
+        self._ask_next(name)

@@ -5,13 +5,15 @@ import contextlib
 import json
 import struct
 import time
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 from aiohttp import ClientWebSocketResponse, WSCloseCode, WSMessage, WSMsgType
 from aiohttp.web import WebSocketResponse
 
+from ema_dashboard.channels import KeptMessage
 from ema_dashboard.outbox import Outbox, OverflowingError
 
 SUBPROTOCOL: Final = "foxglove.sdk.v1"
@@ -25,8 +27,8 @@ _MESSAGE: Final = 1  # opcodes of binary frames: of the server
 _PLAYBACK: Final = 3  # of a client
 _MOST_PLAYBACK_BYTES: Final = 512
 
-Kept = Callable[[int], Sequence[tuple[int, bytes]] | None]
-"""Log times [ns] and messages that a new subscriber of a channel gets at once; None if unknown."""
+Kept = Callable[[int], Mapping[str, KeptMessage] | None]
+"""What a new subscriber of a channel gets, by its keys; None if the channel is unknown."""
 
 
 @dataclass
@@ -44,7 +46,9 @@ class Relay:
 
     The server sends to it as fast as it can; what the client does not take in time waits here,
     bounded. A client may subscribe, unsubscribe and control a playback, at a bounded rate, and
-    nothing else. What is kept of a channel is sent to a new subscriber alone.
+    nothing else. What is kept of a channel is sent to a new subscriber alone: one at a time,
+    as the client takes it, in turn with what waits. It is looked up when its turn comes, so that
+    nothing of it waits here and it is never older than what the client got before.
 
     Parameters
     ----------
@@ -66,6 +70,9 @@ class Relay:
         self._totals = totals
         self._outbox = Outbox(most_bytes)
         self._subscriptions: dict[int, int] = {}  # channel by subscription
+        self._unsent: dict[int, deque[str]] = {}  # keys of what is kept, by subscription
+        self._begun = asyncio.Event()
+        self._turn = asyncio.Lock()
         self._allowance = _REQUESTS_AT_ONCE
         self._counted_s = time.monotonic()
 
@@ -82,7 +89,8 @@ class Relay:
     async def run(self) -> None:
         """Pass frames until one of both ends has closed; then both are closed."""
         tasks = [
-            asyncio.ensure_future(step()) for step in (self._receive, self._collect, self._send)
+            asyncio.ensure_future(step())
+            for step in (self._receive, self._collect, self._send, self._send_kept)
         ]
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -146,6 +154,7 @@ class Relay:
         await self._inner.send_str(message.data)
         for number in request["subscriptionIds"]:
             self._subscriptions.pop(number, None)
+            self._unsent.pop(number, None)
 
     async def _begin(self, items: Sequence[dict[str, int]]) -> None:
         """Subscribe, and send what is kept of the channels to this client alone.
@@ -155,22 +164,20 @@ class Relay:
         ValueError
             When one of the channels is unknown or is subscribed to already.
         """
-        known, found = dict(self._subscriptions), []
+        known = dict(self._subscriptions)
         for item in items:
             subscription, channel = item["id"], item["channelId"]
-            kept = self._kept(channel)
-            if kept is None:
+            if self._kept(channel) is None:
                 raise ValueError(f"there is no channel {channel}")
             if subscription in known or channel in known.values():
                 raise ValueError(f"channel {channel} or subscription {subscription} is in use")
             known[subscription] = channel
-            found.append((subscription, kept))
         self._subscriptions = known
         await self._inner.send_str(json.dumps({"op": "subscribe", "subscriptions": items}))
-        for subscription, kept in found:
-            for log_time_ns, data in kept:
-                header = struct.pack("<BIQ", _MESSAGE, subscription, log_time_ns)
-                self._outbox.put(header + data, droppable=True)
+        # Not before: what is published meanwhile would be neither kept nor sent by the server.
+        for item in items:
+            self._unsent[item["id"]] = deque(self._kept(item["channelId"]) or ())
+        self._begun.set()
 
     async def _collect(self) -> tuple[int, bytes]:
         """Collect what the server sends; return why that ended."""
@@ -185,12 +192,40 @@ class Relay:
     async def _send(self) -> tuple[int, bytes]:
         while True:
             frame = await self._outbox.take()
-            if isinstance(frame, str):
-                await self._outer.send_str(frame)
-            else:
-                await self._outer.send_bytes(frame)
-            self._totals.messages += 1
-            self._totals.sent_bytes += len(frame)
+            async with self._turn:
+                await self._pass_out(frame)
+
+    async def _send_kept(self) -> tuple[int, bytes]:
+        """Send what is kept of new subscriptions, each message when the one before is taken."""
+        while True:
+            while not self._unsent:
+                self._begun.clear()
+                await self._begun.wait()
+            subscription, keys = next(iter(self._unsent.items()))
+            if not keys:
+                del self._unsent[subscription]
+                continue
+            key = keys.popleft()
+            async with self._turn:
+                # Looked up in its turn: whatever is published from now on is sent after it.
+                kept = self._kept(self._subscriptions.get(subscription, -1)) or {}
+                if key not in kept:
+                    continue
+                data, log_time_ns, _ = kept[key]
+                if not isinstance(data, bytes):
+                    data = await asyncio.get_running_loop().run_in_executor(None, data)
+                # The client may have ended the subscription, or begun another of that number.
+                if self._unsent.get(subscription) is keys:
+                    header = struct.pack("<BIQ", _MESSAGE, subscription, log_time_ns)
+                    await self._pass_out(header + data)
+
+    async def _pass_out(self, frame: str | bytes) -> None:
+        if isinstance(frame, str):
+            await self._outer.send_str(frame)
+        else:
+            await self._outer.send_bytes(frame)
+        self._totals.messages += 1
+        self._totals.sent_bytes += len(frame)
 
 
 def _request(data: str) -> Any:

@@ -9,16 +9,18 @@ import struct
 import subprocess
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 from aiohttp import ClientError, WSServerHandshakeError
 from rclpy.context import Context
+from rclpy.serialization import serialize_message
 
 from ema_dashboard import web_server
 from ema_dashboard.outbox import Outbox, OverflowingError
-from ema_interfaces.msg import Health, TelemetryBlock
+from ema_interfaces.msg import Health, TelemetryBlock, UnitHistory
 from ema_ros import topics
 from ema_ros.status import ERROR
 
@@ -361,3 +363,17 @@ def test_a_client_that_leaves_the_protocol_waiting_is_given_up():
     box.put("a" * 60, droppable=False)
     with pytest.raises(OverflowingError):
         box.put("b" * 60, droppable=False)
+
+
+def test_more_is_kept_than_may_wait_and_a_new_client_gets_all_of_it(session, web):
+    node = session.dashboard(buffer_mb=1.0)
+    topic, count = "/ema/unit_history", 40
+    viewer = session.view(node)
+    wait_for(lambda: topic in viewer.channels, "the channel")
+    for number in range(count):  # 100 kB each: four times what may wait, made when asked for
+        message = UnitHistory(actuator_id=str(number), serial_number="x" * 100_000)
+        node._channels.keep(topic, str(number), partial(serialize_message, message), 0)
+    viewer.look_at(topic)
+    heard = [message.actuator_id for message in viewer.wait_for(topic, count)]
+    assert heard == [str(number) for number in range(count)]
+    assert values(node)["dropped messages"] == 0

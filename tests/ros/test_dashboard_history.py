@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from rclpy.client import Client
 from rclpy.context import Context
 
 from ema_dashboard.unit_history import MOST_EVENTS, MOST_TESTS, ActuatorHistory
@@ -210,3 +211,28 @@ def test_a_negative_variance_is_no_standard_deviation():
     history.note_health(health(1))
     [test] = history.message().tests
     assert all(math.isnan(value) for value in test.sigmas)
+
+
+def test_a_monitor_has_one_question_at_a_time(session, monkeypatch):
+    open_at_once, futures = [], []
+    ask = Client.call_async
+
+    def count(client: Client, request: Any) -> Any:
+        future = ask(client, request)
+        if isinstance(request, GetHistory.Request):
+            futures.append(future)
+            open_at_once.append(sum(not item.done() for item in futures))
+        return future
+
+    monkeypatch.setattr(Client, "call_async", count)
+    monitor = Monitor(session)
+    description = session.source.create_publisher(
+        ActuatorDescription, "actuator_description", topics.LATCHED
+    )
+    session.dashboard()
+    wait_for(description.get_subscription_count, "a subscription")
+    for number in range(10):
+        description.publish(ActuatorDescription(actuator_id=str(number), serial_number="1"))
+    monitor.publish(2)
+    wait_for(lambda: monitor.asked >= 2, "questions")
+    assert max(open_at_once) == 1
