@@ -7,7 +7,6 @@ import socket
 import ssl
 import struct
 import subprocess
-from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -15,7 +14,6 @@ from typing import Any
 
 import pytest
 from aiohttp import ClientError, WSServerHandshakeError
-from rclpy.context import Context
 from rclpy.serialization import serialize_message
 
 from ema_dashboard import web_server
@@ -24,25 +22,12 @@ from ema_interfaces.msg import Health, TelemetryBlock, UnitHistory
 from ema_ros import topics
 from ema_ros.status import ERROR
 
-from ..waiting import wait_for
-from .dashboard_client import SUBPROTOCOL, Web
-from .dashboard_session import DashboardSession, values, wait_for_value
+from ...waiting import wait_for
+from .client import SUBPROTOCOL, Web
+from .session import DashboardSession, values, wait_for_value
 
 TOKEN = "0123456789abcdef-token"
 BIG = 500_000  # samples in a column: 16 MB a message
-
-
-@pytest.fixture(scope="module")
-def web() -> Iterator[Web]:
-    with Web() as web:
-        yield web
-
-
-@pytest.fixture
-def session(context: Context, web: Web) -> Iterator[DashboardSession]:
-    session = DashboardSession(context, web)
-    yield session
-    session.close()
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,11 @@
 """A replay is driven by its services, and from Foxglove by way of the dashboard."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time as TimeMessage
-from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
@@ -18,27 +17,14 @@ from ema_recording.writer import BagWriter
 from ema_ros import topics
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 
-from ..waiting import DEADLINE_S, wait_for
-from .dashboard_client import Viewer, Web
-from .dashboard_session import DashboardSession
-from .spinning import made
+from ...waiting import DEADLINE_S, wait_for
+from ..spinning import made
+from .client import Viewer
+from .session import DashboardSession
 
 START_NS = 1_700_000_000_000_000_000
 STEP_NS = 10_000_000
 LAST = 2000  # twenty seconds
-
-
-@pytest.fixture(scope="module")
-def web() -> Iterator[Web]:
-    with Web() as web:
-        yield web
-
-
-@pytest.fixture
-def session(context: Context, web: Web) -> Iterator[DashboardSession]:
-    session = DashboardSession(context, web)
-    yield session
-    session.close()
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ from rclpy.parameter import Parameter
 
 from ema_dashboard.dashboard_node import DashboardNode
 
-from ..waiting import wait_for
-from .dashboard_client import Viewer, Web
-from .spinning import Spinning, made
+from ...waiting import wait_for
+from ..spinning import Spinning, made
+from .client import Viewer, Web
 
 
 class DashboardSession(Spinning):

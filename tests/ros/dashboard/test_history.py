@@ -2,12 +2,10 @@
 
 import array
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from rclpy.client import Client
-from rclpy.context import Context
 
 from ema_dashboard.unit_history import MOST_EVENTS, MOST_TESTS, ActuatorHistory
 from ema_interfaces.msg import (
@@ -21,17 +19,10 @@ from ema_interfaces.msg import (
 from ema_interfaces.srv import GetHistory
 from ema_ros import topics
 
-from ..waiting import wait_for
-from .dashboard_client import Web
-from .dashboard_session import DashboardSession
+from ...waiting import wait_for
+from .session import DashboardSession
 
 HISTORY = "/ema/unit_history"
-
-
-@pytest.fixture(scope="module")
-def web() -> Iterator[Web]:
-    with Web() as web:
-        yield web
 
 
 class Monitor:
@@ -54,13 +45,6 @@ class Monitor:
         response.history = UnitHistory(actuator_id="flap", serial_number=self.serial, omitted=7)
         response.history.tests = [unit_test(sec) for sec in range(self.tests)]
         return response
-
-
-@pytest.fixture
-def session(context: Context, web: Web) -> Iterator[DashboardSession]:
-    session = DashboardSession(context, web)
-    yield session
-    session.close()
 
 
 def estimate(sec: int, window: int = 0) -> FaultEstimate:

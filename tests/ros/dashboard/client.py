@@ -13,7 +13,7 @@ from aiohttp import ClientSession, WSMsgType
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
-from ..waiting import DEADLINE_S, wait_for
+from ...waiting import DEADLINE_S, wait_for
 
 SUBPROTOCOL = "foxglove.sdk.v1"
 

@@ -2,12 +2,9 @@
 
 import array
 import math
-from collections.abc import Iterator
 from typing import Any
 
-import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.context import Context
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
@@ -17,9 +14,7 @@ from ema_recording.message_type import type_name
 from ema_recording.schema import schema_text
 from ema_ros import topics
 
-from ..waiting import wait_for
-from .dashboard_client import Web
-from .dashboard_session import DashboardSession
+from ...waiting import wait_for
 
 PUBLISHED = {
     **topics.ACTUATOR_TOPICS,
@@ -28,19 +23,6 @@ PUBLISHED = {
     **topics.PLAYER_TOPICS,
 }
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-
-
-@pytest.fixture(scope="module")
-def web() -> Iterator[Web]:
-    with Web() as web:
-        yield web
-
-
-@pytest.fixture
-def session(context: Context, web: Web) -> Iterator[DashboardSession]:
-    session = DashboardSession(context, web)
-    yield session
-    session.close()
 
 
 def health(actuator_id: str, index: float = 0.75, sec: int = 10) -> Health:
