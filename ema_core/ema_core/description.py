@@ -1,9 +1,16 @@
 """Identity and nominal data of an actuator."""
 
 from dataclasses import dataclass, field
+from typing import Final
 
+from ema_core.acquisition import Acquisition
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import check_period
+from ema_core.wording import unknown_name
+
+DRIVES: Final = ("six_step", "field_oriented", "unknown")
+"""How a motor is driven: six-step commutation with current hysteresis, field-oriented control of a
+sinusoidal motor, or by a controller of which nothing is known."""
 
 SAMPLE_PERIOD = 1e-4
 """Default period of the telemetry [s]."""
@@ -23,12 +30,16 @@ class ActuatorDescription:
         The manufacturer's type designation.
     sample_period
         Period of its telemetry [s].
+    drive
+        One of ``DRIVES``.
+    acquisition
+        How its telemetry is acquired.
 
     Raises
     ------
     ValueError
-        When the id or serial number is empty or the period is outside
-        ``ema_core.telemetry.PERIODS``.
+        When the id or serial number is empty, the period is outside
+        ``ema_core.telemetry.PERIODS`` or the drive is unknown.
     """
 
     actuator_id: str = "flap"
@@ -36,11 +47,15 @@ class ActuatorDescription:
     model: str = "bldc-flap-actuator"
     sample_period: float = SAMPLE_PERIOD
     parameters: ActuatorParameters = field(default_factory=ActuatorParameters)
+    drive: str = "six_step"
+    acquisition: Acquisition = field(default_factory=Acquisition)
 
     def __post_init__(self) -> None:
         for name in ("actuator_id", "serial_number", "model"):
             value = getattr(self, name)
             if not isinstance(value, str) or (not value and name != "model"):
                 raise ValueError(f"{name} = {value!r}: expected a name (text)")
+        if self.drive not in DRIVES:
+            raise ValueError(unknown_name("drive", self.drive, DRIVES))
         check_period(self.sample_period)
         object.__setattr__(self, "sample_period", float(self.sample_period))

@@ -1,14 +1,20 @@
 """Description of an actuator from a YAML file."""
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
+from ema_core.wording import unknown_name
 
-_NAMES = ("actuator_id", "serial_number", "model", "sample_period", "parameters")
+_NAMES = (
+    *("actuator_id", "serial_number", "model", "sample_period", "drive"),
+    *("acquisition", "parameters"),
+)
 
 
 def load_description(path: Path) -> ActuatorDescription:
@@ -17,9 +23,9 @@ def load_description(path: Path) -> ActuatorDescription:
     Parameters
     ----------
     path
-        YAML file with ``actuator_id``, ``serial_number``, ``model``, ``sample_period`` [s] and
-        ``parameters``, a mapping of names to values in SI units. Missing entries have the
-        values of the built-in actuator.
+        YAML file with ``actuator_id``, ``serial_number``, ``model``, ``sample_period`` [s],
+        ``drive``, ``acquisition`` and ``parameters``, the last two mappings of names to values in
+        SI units. Missing entries have the values of the built-in actuator.
 
     Raises
     ------
@@ -37,17 +43,32 @@ def load_description(path: Path) -> ActuatorDescription:
         raise ValueError(f"{path}: expected a mapping with {', '.join(_NAMES)}")
     for name in content:
         if name not in _NAMES:
-            raise ValueError(f"{path}: unknown entry {name!r}; known: {', '.join(_NAMES)}")
-    parameters = content.pop("parameters", None) or {}
-    if not isinstance(parameters, dict):
-        raise ValueError(f"{path}: parameters must be a mapping of names to values")
+            raise ValueError(f"{path}: {unknown_name('entry', str(name), _NAMES)}")
+    parameters, acquisition = (
+        _mapping(path, content, name) for name in ("parameters", "acquisition")
+    )
     if "sample_period" in content:
         content["sample_period"] = _number(content["sample_period"])
-    parameters = {name: _number(value) for name, value in parameters.items()}
+    known = [item.name for item in fields(Acquisition)]
+    for name in acquisition:
+        if name not in known:
+            raise ValueError(f"{path}: {unknown_name('entry of acquisition', str(name), known)}")
     try:
-        return ActuatorDescription(parameters=ActuatorParameters().replace(parameters), **content)
+        return ActuatorDescription(
+            parameters=ActuatorParameters().replace(parameters),
+            acquisition=Acquisition(**acquisition),
+            **content,
+        )
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def _mapping(path: Path, content: dict[str, Any], name: str) -> dict[str, Any]:
+    """Remove an entry that maps names to values, and return it; it may be missing."""
+    entry = content.pop(name, None) or {}
+    if not isinstance(entry, dict):
+        raise ValueError(f"{path}: {name} must be a mapping of names to values")
+    return {key: _number(value) for key, value in entry.items()}
 
 
 def _number(value: Any) -> Any:

@@ -3,7 +3,8 @@
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
-from ema_core.description import ActuatorDescription
+from ema_core.acquisition import CURRENT_SAMPLINGS, Acquisition
+from ema_core.description import DRIVES, ActuatorDescription
 from ema_core.parameters import ActuatorParameters
 from ema_ros.stamps import stamp_to_message
 
@@ -67,6 +68,11 @@ def description_to_message(
     for name in IDENTITY:
         setattr(message, name, getattr(description, name))
     message.sample_period = float(description.sample_period)
+    message.drive = DRIVES.index(description.drive)
+    acquisition = description.acquisition
+    message.current_sampling = CURRENT_SAMPLINGS.index(acquisition.current)
+    message.current_filter_time = acquisition.current_filter
+    message.speed_measured = acquisition.speed
     for name, field in PARAMETER_FIELDS.items():
         setattr(message, field, getattr(description.parameters, name))
     return message
@@ -78,11 +84,24 @@ def description_from_message(message: "DescriptionMessage") -> ActuatorDescripti
     Raises
     ------
     ValueError
-        When a parameter is impossible, the id or serial number is empty or the period is not
-        positive.
+        When a parameter is impossible, the id or serial number is empty, the period is not
+        positive or a constant is unknown.
     """
     parameters = {name: getattr(message, field) for name, field in PARAMETER_FIELDS.items()}
     return ActuatorDescription(
         **{name: getattr(message, name) for name in IDENTITY},
+        drive=_named("drive", message.drive, DRIVES),
+        acquisition=Acquisition(
+            _named("current_sampling", message.current_sampling, CURRENT_SAMPLINGS),
+            message.current_filter_time,
+            bool(message.speed_measured),
+        ),
         parameters=ActuatorParameters(**parameters),
     )
+
+
+def _named(field: str, value: int, names: tuple[str, ...]) -> str:
+    """Return what a constant of the message stands for."""
+    if value >= len(names):
+        raise ValueError(f"{field} = {value}: expected a constant of 0 to {len(names) - 1}")
+    return names[value]

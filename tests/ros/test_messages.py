@@ -9,7 +9,8 @@ import pytest
 from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message, serialize_message
 
-from ema_core.description import ActuatorDescription
+from ema_core.acquisition import CURRENT_SAMPLINGS, Acquisition
+from ema_core.description import DRIVES, ActuatorDescription
 from ema_core.faults import FAULT_NAMES, healthy_faults
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS, Telemetry
@@ -128,10 +129,23 @@ def test_telemetry_without_a_positive_period_is_refused(period: float):
 
 def test_every_parameter_and_every_field_is_mapped():
     assert list(PARAMETER_FIELDS) == [item.name for item in fields(ActuatorParameters)]
-    mapped = {"header", *IDENTITY, *PARAMETER_FIELDS.values()}
+    acquisition = {"current_sampling", "current_filter_time", "speed_measured"}
+    mapped = {"header", "drive", *IDENTITY, *acquisition, *PARAMETER_FIELDS.values()}
     assert mapped == set(DescriptionMessage.get_fields_and_field_types())
     assert len(set(PARAMETER_FIELDS.values())) == len(PARAMETER_FIELDS)
-    assert {*IDENTITY, "parameters"} == {item.name for item in fields(ActuatorDescription)}
+    described = {*IDENTITY, "drive", "acquisition", "parameters"}
+    assert described == {item.name for item in fields(ActuatorDescription)}
+    assert constants_named("CURRENT_") == list(CURRENT_SAMPLINGS)
+    assert constants_named("DRIVE_") == list(DRIVES)
+
+
+def constants_named(prefix: str) -> list[str]:
+    """Return what the constants of a description with a prefix stand for, by their values."""
+    metaclass = type(DescriptionMessage)
+    defined = vars(metaclass)["_Metaclass_ActuatorDescription__constants"]
+    names = [name for name in defined if name.startswith(prefix)]
+    by_value = sorted(names, key=lambda name: getattr(DescriptionMessage, name))
+    return [name.removeprefix(prefix).lower() for name in by_value]
 
 
 def test_description_survives_the_wire():
@@ -142,7 +156,11 @@ def test_description_survives_the_wire():
         for number, item in enumerate(fields(ActuatorParameters))
         if item.name != "P"
     }
-    sent = ActuatorDescription("left_flap", "SN-7", "type 5", 2e-4, replace(parameters, **changed))
+    acquisition = Acquisition("filtered", 1e-3, speed=False)
+    sent = ActuatorDescription(
+        *("left_flap", "SN-7", "type 5", 2e-4, replace(parameters, **changed)),
+        *("field_oriented", acquisition),
+    )
     message = over_the_wire(description_to_message(sent, stamp_ns=5))
     assert description_from_message(message) == sent
     assert stamp_from_message(message.header.stamp) == 5
@@ -154,6 +172,13 @@ def test_impossible_description_is_refused_by_name():
     message = description_to_message(ActuatorDescription())
     message.resistance = -1.0
     with pytest.raises(ValueError, match="R_s = -1 ohm is outside"):
+        description_from_message(message)
+
+
+def test_unknown_constant_of_a_description_is_refused_by_name():
+    message = description_to_message(ActuatorDescription())
+    message.current_sampling = 9
+    with pytest.raises(ValueError, match="current_sampling = 9: expected a constant of 0 to 3"):
         description_from_message(message)
 
 

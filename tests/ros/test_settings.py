@@ -9,6 +9,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
 from ema_core.quantity import check_quantities, quantity, text
 from ema_ros.actuator_file import load_description
@@ -152,6 +153,17 @@ def test_live_setting_cannot_be_taken_away(make_oven: Callable[..., Node]):
     assert left.value == Oven()
 
 
+def test_acquisition_and_drive_are_read_from_a_file(tmp_path: Path):
+    file = tmp_path / "rudder.yaml"
+    file.write_text(
+        "drive: field_oriented\n"
+        "acquisition: {current: filtered, current_filter: 1e-3, speed: false}\n"
+    )
+    description = load_description(file)
+    assert description.drive == "field_oriented"
+    assert description.acquisition == Acquisition("filtered", 1e-3, speed=False)
+
+
 def test_description_is_read_from_a_file(tmp_path: Path):
     file = tmp_path / "rudder.yaml"
     file.write_text("actuator_id: rudder\nsample_period: 2e-4\nparameters: {R_s: 2.5}\n")
@@ -174,6 +186,12 @@ def test_description_is_read_from_a_file(tmp_path: Path):
         ("parameters: {nonsense: 1}", "nonsense"),
         ("sample_period: fast", "sample_period"),
         ("actuator_id: 3", "actuator_id"),
+        ("drive: stepper", "unknown drive 'stepper'"),
+        ("acquisition: mean", "acquisition must be a mapping"),
+        ("acquisition: {curent: mean}", "did you mean 'current'?"),
+        ("acquisition: {current: peak}", "current = 'peak' is unknown"),
+        ("acquisition: {current: filtered}", "needs a time constant above 0"),
+        ("acquisition: {current_filter: 1e-3}", "any other 0"),
     ],
 )
 def test_file_that_describes_no_actuator_is_refused_by_its_name(

@@ -1,0 +1,34 @@
+"""How the columns of telemetry are acquired: what a sample of the current stands for."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from ema_core.quantity import check_quantities, flag, quantity, text
+
+CURRENT_SAMPLINGS: Final = ("mean", "filtered", "instantaneous", "none")
+"""What a sample of the current stands for: its mean over the sample period, its value at the end
+of it behind a first-order low-pass filter, that value itself, or nothing: it is not measured."""
+
+
+@dataclass(frozen=True)
+class Acquisition:
+    """How telemetry is acquired.
+
+    Raises
+    ------
+    ValueError
+        When the sampling is unknown, or the time constant is missing, impossible or given for a
+        current that is not filtered.
+    """
+
+    current: str = text("mean", "what a sample of the current stands for", CURRENT_SAMPLINGS)
+    current_filter: float = quantity(0.0, "s", 0.0, 1.0, "time constant of the current's filter")
+    speed: bool = flag(True, "the speed is measured")
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        if (self.current == "filtered") != (self.current_filter > 0.0):
+            raise ValueError(
+                f"current_filter = {self.current_filter:g} s with current = {self.current}: "
+                "a filtered current needs a time constant above 0, any other 0"
+            )
