@@ -10,7 +10,7 @@ from exactness import HEALTHY_WINDOWS, HEALTHY_WINDOWS_OFF, Sizes, noisy_window,
 from trials import ACTUATOR, Job, Variant, Workers, errors_percent
 
 from ema_core.faults import healthy_faults
-from ema_monitor.calibration.alignment import moved
+from ema_monitor.calibration.alignment import moved, shift_between
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate
 from ema_monitor.identification.settings import SearchSettings
@@ -43,7 +43,7 @@ def _with_structure(**structure: float) -> Callable[[Calibration, list[Window]],
         model, missed = changed.model(), []
         for window in windows:
             response = model.respond(window, healthy_faults(), window.play or 0.0)
-            shift = changed.alignment(window)
+            shift = shift_between(window.command, changed.command)
             measured = (window.current, window.telemetry.speed[1:])
             missed.append(
                 [moved(row - one[0], -shift) for row, one in zip(measured, response, strict=True)]

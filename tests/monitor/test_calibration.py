@@ -9,6 +9,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
+from ema_monitor.calibration.alignment import shift_if_same
 from ema_monitor.model.deviations import Deviations
 from ema_monitor.model.monitor_model import MonitorModel, Response
 from ema_monitor.windows.band import rms
@@ -24,7 +25,7 @@ def test_calibration_fits_its_own_windows(calibration, healthy_windows, descript
     for window in healthy_windows:
         assert calibration.unit_mismatch(description) == ""
         assert calibration.shape_mismatch(window) == ""
-        assert calibration.knows_command(window)
+        assert calibration.reference(window).knows_command
 
 
 def test_other_serial_number_is_a_mismatch(calibration):
@@ -69,8 +70,9 @@ def test_other_sample_period_is_a_mismatch(calibration, healthy_windows):
 def test_other_length_is_another_command(calibration, healthy_windows):
     shorter = replace(healthy_windows[0], telemetry=healthy_windows[0].telemetry.part(0, 5000))
     assert calibration.shape_mismatch(shorter) == ""
-    assert not calibration.knows_command(shorter)
-    for row in calibration.corrections(shorter):
+    reference = calibration.reference(shorter)
+    assert not reference.knows_command
+    for row in reference.corrections:
         assert np.array_equal(row, np.zeros(4999))
 
 
@@ -81,16 +83,17 @@ def test_other_command_has_no_correction_and_the_wider_scatter(
     """Half a percent of the command's rms is the limit."""
     window = healthy_windows[0]
     other = changed(window, command=window.command + share * rms(window.command))
-    assert calibration.knows_command(other) == known
+    reference = calibration.reference(other)
+    assert reference.knows_command == known
     for row, correction in zip(
-        calibration.corrections(other),
+        reference.corrections,
         (calibration.correction, calibration.speed_correction),
         strict=True,
     ):
         assert np.array_equal(row, correction if known else np.zeros(len(other)))
     healthy = (calibration.healthy_rms, calibration.healthy_speed_rms)
     alone = (calibration.model_rms, calibration.model_speed_rms)
-    assert calibration.scatter(other) == (healthy if known else alone)
+    assert reference.scatter == (healthy if known else alone)
     assert all(a > b for a, b in zip(alone, healthy, strict=True))
 
 
@@ -102,8 +105,7 @@ def test_window_seen_to_begin_later_or_earlier_is_aligned(calibration, shift):
     own = replace(calibration, command=command[100 : 101 + n])
     rows = (np.zeros(n + 1) for _ in range(3))
     window = Window(Telemetry(0, H, 0, command[100 + shift : 101 + n + shift], *rows), 1.0)
-    assert own.alignment(window) == shift
-    assert own.knows_command(window)
+    assert shift_if_same(window.command, own.command) == shift
     # Where both windows have the sample, its correction is that of the same moment.
     expected = own.expect(Response(np.zeros((2, n)), np.zeros((2, n))), window)
     inside = np.arange(max(0, -shift), n - max(0, shift))

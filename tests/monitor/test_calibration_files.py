@@ -100,7 +100,7 @@ def test_builtin_calibration_is_that_of_the_built_in_actuator(healthy_windows, d
     window = healthy_windows[3]
     assert builtin.unit_mismatch(description) == ""
     assert builtin.shape_mismatch(window) == ""
-    assert builtin.knows_command(window)
+    assert builtin.reference(window).knows_command
     expected = builtin.expect(
         builtin.model().respond(window, healthy_faults(), window.play), window
     )

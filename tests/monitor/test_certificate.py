@@ -32,7 +32,9 @@ def modelled(faults, rng, noise=1.0) -> Window:
     zeros = np.zeros_like(command)
     window = Window(Telemetry(0, H, 1, command, zeros, zeros, zeros), play=1.0)
     calibration = Calibration.builtin()
-    response = calibration.model().respond(window, faults, 1.0, calibration.corrections(window))
+    response = calibration.model().respond(
+        window, faults, 1.0, calibration.reference(window).corrections
+    )
     current, speed = (np.concatenate([[0.0], row[0]]) for row in response)
     current[1:] += noise * CURRENT_NOISE * rng.standard_normal(len(window))
     speed[1:] += noise * SPEED_NOISE * rng.standard_normal(len(window))

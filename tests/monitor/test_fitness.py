@@ -8,11 +8,11 @@ import pytest
 
 from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.identification import fitness
-from ema_monitor.identification.fitness import FITNESS, BandLimited, TotalLeastSquares, pseudo_huber
+from ema_monitor.identification.fitness import FITNESS, pseudo_huber
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.windows.band import band_limited
 
-from .windows import answered, window_from
+from .windows import answered, fitness_for, window_from
 
 H = 1e-4
 N = 500
@@ -41,7 +41,7 @@ def currents():
 @pytest.fixture
 def cost(calibration):
     def cost(name, current, modelled, h=H):
-        made = FITNESS[name](measured(current, 20.0, h), calibration)
+        made = fitness_for(name, measured(current, 20.0, h), calibration)
         return float(np.sum(made.residuals(response(modelled, np.full(len(current), 20.0))) ** 2))
 
     return cost
@@ -74,7 +74,7 @@ def test_total_least_squares_by_hand(calibration):
     current, h = np.array([0.0, 1.0, 3.0, 6.0, 6.0]), 0.1
     slopes = (10, 15, 25, 15, 0)
     expected = [math.sqrt(h) / (s * s / 235 + 1) ** 0.25 for s in slopes]
-    made = TotalLeastSquares(measured(current, h=h), calibration)
+    made = fitness_for("total_least_squares", measured(current, h=h), calibration)
     assert made.residuals(response(current - 1.0)) == pytest.approx(np.array([expected]), rel=1e-12)
 
 
@@ -107,7 +107,7 @@ def test_cost_does_not_depend_on_the_sample_period(name, cost):
 @pytest.mark.parametrize("name", FITNESS)
 def test_individuals_have_a_row_each(name, calibration):
     rng = np.random.default_rng(4)
-    made = FITNESS[name](measured(rng.normal(size=N), rng.normal(size=N)), calibration)
+    made = fitness_for(name, measured(rng.normal(size=N), rng.normal(size=N)), calibration)
     modelled = Response(rng.normal(size=(3, N)), rng.normal(size=(3, N)))
     rows = made.residuals(modelled)
     for i in range(3):
@@ -119,7 +119,9 @@ def test_steep_stretches_count_less(currents, calibration):
     """The normal distance to a steep curve is shorter than the vertical one."""
     current, _ = currents
     slope = np.abs(np.gradient(current, H))
-    weights = TotalLeastSquares(measured(current), calibration).residuals(response(current - 1))[0]
+    weights = fitness_for("total_least_squares", measured(current), calibration).residuals(
+        response(current - 1)
+    )[0]
     assert np.all(np.diff(weights[np.argsort(slope)]) <= 1e-15)
     assert np.all(weights <= np.sqrt(H) * (1 + 1e-12))
 
@@ -171,7 +173,7 @@ def residuals_of(calibration, speed, *, current_error=0.0, speed_error=0.0):
     speed = np.broadcast_to(np.asarray(speed, dtype=float), (N,))
     window = measured(np.linspace(-3.0, 3.0, N), speed)
     expected = response(window.current - current_error, speed - speed_error)
-    return np.split(BandLimited(window, calibration).residuals(expected)[0], 2)
+    return np.split(fitness_for("band_limited", window, calibration).residuals(expected)[0], 2)
 
 
 def test_error_at_constant_speed_counts_by_the_speeds_share_of_its_rms(own):
@@ -258,12 +260,12 @@ def test_window_that_the_calibrated_model_made_has_no_residual(calibration, heal
     window = healthy_windows[0]
     response = calibration.expect(calibration.model().respond(window, truth, 1.0), window)
     made = answered(window, response.current[0], response.speed[0])
-    assert np.all(BandLimited(made, calibration).residuals(response) == 0.0)
+    assert np.all(fitness_for("band_limited", made, calibration).residuals(response) == 0.0)
 
 
 def test_healthy_window_costs_less_than_what_is_believed_and_a_fault_more(calibration, windows_of):
     window = windows_of({}, 7)[-1]
-    made, model = BandLimited(window, calibration), calibration.model()
+    made, model = fitness_for("band_limited", window, calibration), calibration.model()
     faults = np.stack([healthy_faults(), fault_vector({"friction": 0.05})])
     rows = made.residuals(calibration.expect(model.respond(window, faults, 1.0), window))
     healthy, faulty = np.sum(rows**2, axis=1)
@@ -273,7 +275,7 @@ def test_healthy_window_costs_less_than_what_is_believed_and_a_fault_more(calibr
 
 @pytest.mark.parametrize("name", FITNESS)
 def test_spacing_is_the_time_between_two_residuals_of_a_quantity(name, calibration):
-    made = FITNESS[name](measured(np.zeros(N), 20.0), calibration)
+    made = fitness_for(name, measured(np.zeros(N), 20.0), calibration)
     quantities = 2 if name == "band_limited" else 1
     count = made.residuals(response(np.zeros(N))).shape[1] / quantities
     # A row in its band is short of one value.

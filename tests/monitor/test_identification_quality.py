@@ -25,7 +25,7 @@ from ema_monitor.identification.uncertainty import (
 from ema_monitor.windows.band import band_limited, rms
 
 from .reference_cases import CASES
-from .windows import changed
+from .windows import changed, fitness_for
 
 
 def expected_response(calibration, window, faults, play):
@@ -42,7 +42,7 @@ def test_fitness_is_the_sum_of_squares_at_the_estimate(
     [window] = windows_of(truth)
     estimate = identify(window, description, calibration, SearchSettings(fitness=fitness))
     response = expected_response(calibration, window, estimate.faults, estimate.play)
-    row = FITNESS[fitness](window, calibration).residuals(response)
+    row = fitness_for(fitness, window, calibration).residuals(response)
     # Fault vectors to the point and back: rounding, times a steep current.
     assert estimate.fitness == pytest.approx(np.sum(row**2), rel=1e-6)
     # Measured 0.3 % in the band, and up to 0.7 % sample by sample.

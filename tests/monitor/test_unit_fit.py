@@ -97,7 +97,7 @@ def test_several_commands_make_one_unit(of_several):
         assert abs(error) < 3.0 * sigma_of(calibration, name), name
     # The correction is that of the first command; the scatter under any other has none.
     assert np.array_equal(calibration.command, windows[0].command)
-    known = [calibration.knows_command(window) for window in windows]
+    known = [calibration.reference(window).knows_command for window in windows]
     assert known == [True, True, False, False, False]
     for window in windows:
         response = calibration.expect(

@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ema_core.telemetry import Telemetry
+from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate, refusal
+from ema_monitor.identification.fitness import FITNESS, Fitness
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -48,3 +50,8 @@ def answered(window: Window, current: ArrayLike, speed: ArrayLike) -> Window:
 def refused(reason: str) -> Estimate:
     """Estimate of a window in which no faults can be identified."""
     return refusal(Refusal(0, 1, reason), "", SearchSettings(), reason)
+
+
+def fitness_for(name: str, window: Window, calibration: Calibration) -> Fitness:
+    """Return a distance from a window with the scatter of a calibration."""
+    return FITNESS[name](window, calibration.parameters, calibration.reference(window).scatter)

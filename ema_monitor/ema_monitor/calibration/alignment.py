@@ -58,8 +58,10 @@ def difference_at(
     return rms(command[: len(command) - shift] - reference[shift:])
 
 
-def same_command(command: NDArray[np.float64], reference: NDArray[np.float64]) -> bool:
-    """Return whether two commands count as the same, one laid over the other.
+def shift_if_same(command: NDArray[np.float64], reference: NDArray[np.float64]) -> int | None:
+    """Return how many samples later than a reference a window of the same command begins.
+
+    None where the two commands, one laid over the other, do not count as the same.
 
     Parameters
     ----------
@@ -67,9 +69,10 @@ def same_command(command: NDArray[np.float64], reference: NDArray[np.float64]) -
         Commands of two windows, of any lengths [rad].
     """
     if len(command) != len(reference):
-        return False
+        return None
     shift = shift_between(command, reference)
-    return difference_at(command, reference, shift) <= COMMAND_TOLERANCE * rms(reference)
+    is_same = difference_at(command, reference, shift) <= COMMAND_TOLERANCE * rms(reference)
+    return shift if is_same else None
 
 
 def moved(row: NDArray[np.float64], shift: int) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import yaml
@@ -17,7 +17,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.files import complete_file
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
-from ema_monitor.calibration.alignment import moved, same_command, shift_between
+from ema_monitor.calibration.alignment import moved, shift_if_same
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import MonitorModel, Response
 from ema_monitor.windows.window import Window
@@ -39,6 +39,26 @@ _RANGES = {
     "model_speed_rms": ("rad/s", LEAST_SCATTER, 1e6),
     "windows": ("", 1, 1e9),
 }
+
+
+class HealthyReference(NamedTuple):
+    """What a calibration knows of a healthy window beyond the model.
+
+    Attributes
+    ----------
+    knows_command
+        Whether the window has the calibrated command.
+    corrections
+        Added to current and speed of the model, ``(n,)`` each [A, rad/s]; zeros under another
+        command.
+    scatter
+        Rms of the residual of current and speed [A, rad/s]; under another command nothing is
+        corrected.
+    """
+
+    knows_command: bool
+    corrections: Response
+    scatter: tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,53 +241,22 @@ class Calibration:
         window
             The window.
         """
-        current, speed = self.corrections(window)
+        current, speed = self.reference(window).corrections
         return Response(response.current + current, response.speed + speed)
 
-    def corrections(self, window: Window) -> Response:
-        """Return what is added to current and speed of the model, both ``(n,)`` [A, rad/s].
+    def reference(self, window: Window) -> HealthyReference:
+        """Return what is known of a healthy window beyond the model.
 
-        Parameters
-        ----------
-        window
-            The window; under another command than the calibrated one there is no correction.
+        Laying the commands over each other takes a few milliseconds where they are noisy.
         """
-        if not self.knows_command(window):
-            return Response(*np.zeros((2, len(window))))
-        shift = self.alignment(window)
-        return Response(moved(self.correction, shift), moved(self.speed_correction, shift))
-
-    def scatter(self, window: Window) -> tuple[float, float]:
-        """Return the rms of the residual of current and speed when healthy [A, rad/s].
-
-        Parameters
-        ----------
-        window
-            The window; under another command than the calibrated one nothing is corrected.
-        """
-        if self.knows_command(window):
-            return self.healthy_rms, self.healthy_speed_rms
-        return self.model_rms, self.model_speed_rms
-
-    def alignment(self, window: Window) -> int:
-        """Return how many samples later than the calibrated window a window begins.
-
-        Parameters
-        ----------
-        window
-            A window with as many samples as the calibration.
-        """
-        return shift_between(window.command, self.command)
-
-    def knows_command(self, window: Window) -> bool:
-        """Return whether a window has the calibrated command.
-
-        Parameters
-        ----------
-        window
-            The window.
-        """
-        return same_command(window.command, self.command)
+        shift = shift_if_same(window.command, self.command)
+        if shift is None:
+            nothing = Response(*np.zeros((2, len(window))))
+            return HealthyReference(False, nothing, (self.model_rms, self.model_speed_rms))
+        corrections = moved(self.correction, shift), moved(self.speed_correction, shift)
+        return HealthyReference(
+            True, Response(*corrections), (self.healthy_rms, self.healthy_speed_rms)
+        )
 
     def unit_mismatch(self, description: ActuatorDescription) -> str:
         """Return why this calibration does not fit a described actuator; empty when it does.

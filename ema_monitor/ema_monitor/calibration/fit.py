@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
 from ema_core.parameters import ActuatorParameters
-from ema_monitor.calibration.alignment import moved, same_command, shift_between
+from ema_monitor.calibration.alignment import moved, shift_between, shift_if_same
 from ema_monitor.calibration.calibration import LEAST_SCATTER, Calibration
 from ema_monitor.calibration.columns import column_defect
 from ema_monitor.model.deviations import (
@@ -86,7 +86,7 @@ def calibrate(
         if reason := window.excitation_defect() or _unlike(window, first):
             raise ValueError(f"window {number}: {reason}")
         for group in groups:
-            if same_command(window.command, windows[group[0]].command):
+            if shift_if_same(window.command, windows[group[0]].command) is not None:
                 group.append(number)
                 break
         else:

@@ -104,7 +104,7 @@ def certificate_of(
         window.excitation,
         window.sample_period * len(window),
         window.sample_period,
-        *calibration.scatter(window),
+        *calibration.reference(window).scatter,
         rehearsed.faults,
         tuple(causes),
         repeated,

@@ -9,7 +9,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_monitor.calibration.calibration import Calibration
+from ema_core.parameters import ActuatorParameters
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.windows.band import BAND_CORRELATION, band_limited, band_samples, rms, speed_weight
 from ema_monitor.windows.window import Window
@@ -46,7 +46,9 @@ class Fitness(Protocol):
     effective: float
     weights: NDArray[np.float64]
 
-    def __init__(self, window: Window, calibration: Calibration) -> None: ...
+    def __init__(
+        self, window: Window, parameters: ActuatorParameters, scatter: tuple[float, float]
+    ) -> None: ...
 
     def residuals(self, expected: Response) -> NDArray[np.float64]:
         """Return the residuals of each individual, ``(m, r)`` [A.s^(1/2)].
@@ -73,29 +75,32 @@ class BandLimited:
     ----------
     window
         The window to be explained.
-    calibration
-        Its scatters on healthy windows set the scale.
+    parameters
+        Of the actuator.
+    scatter
+        Rms of the residual of current and speed when healthy [A, rad/s]: they set the scale.
     """
 
-    def __init__(self, window: Window, calibration: Calibration) -> None:
+    def __init__(
+        self, window: Window, parameters: ActuatorParameters, scatter: tuple[float, float]
+    ) -> None:
         self._h = h = window.sample_period
         speed = window.telemetry.speed[1:]
         self._measured = band_limited(np.stack([window.current, speed]), h)
-        parameters = calibration.parameters
-        scatter, speed_scatter = calibration.scatter(window)
-        if not np.isfinite(scatter):
-            scatter = _UNKNOWN_SCATTER * parameters.h_b
-        self._scale = _ROBUST_SCALE * scatter
+        of_current, of_speed = scatter
+        if not np.isfinite(of_current):
+            of_current = _UNKNOWN_SCATTER * parameters.h_b
+        self._scale = _ROBUST_SCALE * of_current
         stiffness = speed_weight(parameters)
-        excess = stiffness * speed_scatter / scatter
+        excess = stiffness * of_speed / of_current
         self._stiffness = stiffness / max(1.0, excess) if np.isfinite(excess) else stiffness
         magnitude = np.abs(self._measured[1])
         slow = _SLOW_SHARE * rms(speed)
         self.weights = magnitude / np.hypot(magnitude, slow)
         self.spacing = h * band_samples(len(window), h)
-        self.good_cost = _GOOD_COST * scatter**2 * h * len(window)
-        self.noise = BAND_CORRELATION * self.spacing * scatter**2
-        excess = self._stiffness * speed_scatter / scatter
+        self.good_cost = _GOOD_COST * of_current**2 * h * len(window)
+        self.noise = BAND_CORRELATION * self.spacing * of_current**2
+        excess = self._stiffness * of_speed / of_current
         both = 1.0 + excess**2 if np.isfinite(excess) else 2.0
         self.effective = both * float(np.sum(self.weights**2)) / BAND_CORRELATION
 
@@ -141,7 +146,9 @@ class TotalLeastSquares:
     Equation M15; eq. 6.6 of the thesis with the slope over its root mean square.
     """
 
-    def __init__(self, window: Window, calibration: Calibration) -> None:
+    def __init__(
+        self, window: Window, parameters: ActuatorParameters, scatter: tuple[float, float]
+    ) -> None:
         h = window.sample_period
         self._measured = window.current
         slope = np.gradient(self._measured, h)
@@ -158,7 +165,9 @@ class TotalLeastSquares:
 class LeastSquares:
     """Difference of the current, sample by sample (eq. 6.3 of the thesis times the period)."""
 
-    def __init__(self, window: Window, calibration: Calibration) -> None:
+    def __init__(
+        self, window: Window, parameters: ActuatorParameters, scatter: tuple[float, float]
+    ) -> None:
         self._measured = window.current
         self.spacing, self.good_cost = window.sample_period, 0.0
         self.weights = np.ones(len(window))

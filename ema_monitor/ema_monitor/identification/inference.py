@@ -269,7 +269,7 @@ class Inference:
         expected
             Response at the two, ``(2, n)`` each.
         """
-        window, calibration = self._window, self._calibration
+        window = self._window
         missed = np.array(
             [window.current - expected.current, window.telemetry.speed[1:] - expected.speed]
         )
@@ -277,4 +277,4 @@ class Inference:
         # Ordinary motion dwells, where neither model nor fit says what current flows.
         weights = self._objective.weights**2 if self._before.nuisances else None
         in_band = np.average(squares, axis=-1, weights=weights)
-        return Misfit(in_band / np.square(calibration.scatter(window))[:, None])
+        return Misfit(in_band / np.square(self._objective.scatter)[:, None])

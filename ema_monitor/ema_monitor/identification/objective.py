@@ -137,6 +137,8 @@ class Objective:
         The healthy point, ``(d,)``.
     good_cost
         Highest cost at which an optimum is accepted as the lowest [A^2.s].
+    scatter
+        Rms of the residual of current and speed in a healthy window of this command [A, rad/s].
     hidden_causes
         Hidden causes that are components.
     known
@@ -157,11 +159,10 @@ class Objective:
     ) -> None:
         self._window = window
         self._calibration = calibration
-        # Laying one command over another takes time: once a window.
-        self._knows = calibration.knows_command(window)
+        # Laying one command over another takes time: once an objective.
+        self._knows, self._corrections, self.scatter = calibration.reference(window)
         self._model = calibration.model()
-        self._corrections = calibration.corrections(window)
-        self._fitness = FITNESS[fitness](window, calibration)
+        self._fitness = FITNESS[fitness](window, calibration.parameters, self.scatter)
         self._coordinates = Coordinates(window.play, cartesian, causes)
         self.hidden_causes = causes
         self._columns = [COLUMNS.index(one.name) for one in causes]
