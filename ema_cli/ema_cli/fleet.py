@@ -6,15 +6,15 @@ from typing import Any, Final
 
 import numpy as np
 
+from ema_core.causes import CauseEstimate
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
-from ema_monitor.prognosis.sentences import SHOWN_IN, label_of
+from ema_monitor.prognosis.sentences import SOON_HOURS, label_of, shown_in
 from ema_ros.stamps import stamp_from_message
 
 SILENT_S: Final = 5.0
 """A monitor reports on `/diagnostics` each second; after so long without, it is silent [s]."""
 
 _URGENCY: Final = {OK: 0, WARN: 1, STALE: 2, ERROR: 3}
-_SOON_HOURS: Final = 0.5
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,10 @@ class Fleet:
         one = self._of(place, message)
         if message.valid:
             one.refused = None
-            one.causes = ", ".join(_cause_in_words(cause) for cause in message.hidden_causes)
+            one.causes = ", ".join(
+                str(CauseEstimate(cause.name, cause.value, cause.sigma))
+                for cause in message.hidden_causes
+            )
         else:
             one.refused, one.tested_s = message, now_s
 
@@ -171,8 +174,8 @@ def _dominant_in_words(health: Any) -> str:
     """Return the dominant fault or requirement with value, sigma and limit."""
     for item in (*health.faults, *health.requirements):
         if item.name == health.dominant_fault:
-            unit, scale = SHOWN_IN.get(item.unit, (item.unit, 1.0))
-            unit = "" if unit == "1" else f" {unit}"
+            unit, scale = shown_in(item.unit)
+            unit = f" {unit}" if unit else ""
             side = "≥" if item.limit_is_lower else "≤"
             sigma = f" ± {scale * item.sigma:.2g}" if math.isfinite(item.sigma) else ""
             value = f"{scale * item.value:.3g}{sigma}{unit}"
@@ -183,14 +186,8 @@ def _dominant_in_words(health: Any) -> str:
 def _removal(health: Any) -> str:
     """Return before which service hour to remove the actuator."""
     failed = any(item.level == ERROR for item in (*health.faults, *health.requirements))
-    if failed or (health.rul.known and health.rul.hours_05 < _SOON_HOURS):
+    if failed or (health.rul.known and health.rul.hours_05 < SOON_HOURS):
         return "now"
     if not health.rul.known:
         return ""
     return f"{health.flight_hours + health.rul.hours_05:,.0f} h"
-
-
-def _cause_in_words(cause: Any) -> str:
-    scale, unit = (100.0, "%") if cause.unit == "-" else (1.0, cause.unit)
-    value, sigma = scale * cause.value, scale * cause.sigma
-    return f"{cause.name.replace('_', ' ')} {value:+.3g} ± {sigma:.2g} {unit}"

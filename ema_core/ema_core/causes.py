@@ -138,4 +138,4 @@ class CauseEstimate(NamedTuple):
     def __str__(self) -> str:
         cause = CAUSE_BY_NAME[self.name]
         scale, unit = (100.0, "%") if cause.unit == "-" else (1.0, cause.unit)
-        return f"{cause.label} {scale * self.value:+.3g} +- {scale * self.sigma:.2g} {unit}"
+        return f"{cause.label} {scale * self.value:+.3g} ± {scale * self.sigma:.2g} {unit}"

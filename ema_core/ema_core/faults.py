@@ -174,6 +174,8 @@ apart. Eccentricity with c = 2000 h and gain with a = 1.5e-4 /h would last longe
 tests in 14 % and 27 % of the lives.
 """
 
+FAULT_BY_NAME: Final = {fault.name: fault for fault in FAULTS}
+
 
 class FaultVector(NamedTuple):
     """Figures of the components by name, in the order of ``FAULTS`` [-].

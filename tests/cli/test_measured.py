@@ -36,8 +36,8 @@ def test_measured_load_is_in_the_objects(ema, bag):
 
 def test_wrong_measurement_is_named(ema, bag):
     result = ema("estimate", bag, "--measured", "load_torque=0:0.01")
-    assert "load torque +0.3 +- " in " ".join(result.stdout.split())
-    assert "contradicts it: measured load torque +0 +- 0.01 N.m" in result.stdout
+    assert "load torque +0.3 ± " in " ".join(result.stdout.split())
+    assert "contradicts it: measured load torque +0 ± 0.01 N.m" in result.stdout
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_calibration_under_a_measured_load_is_one_without(ema, tmp_path):
     result = ema("calibrate", loaded, *RIGHT, "-o", made)
     assert result.exit_code == 0, result.output
     words = " ".join(result.stdout.split())
-    assert "taken for known: load torque +0.3 +- 0.01 N.m in 1 window" in words
+    assert "taken for known: load torque +0.3 ± 0.01 N.m in 1 window" in words
     assert "not learned from these windows: viscous friction" in words
     result = ema("estimate", healthy, "--calibration", made, "--json")
     [one] = json.loads(result.stdout)

@@ -65,8 +65,8 @@ def test_a_cause_of_any_stretch_is_named_with_its_range():
         part(estimate(2)),
     )
     assert found.causes == (load[0], offset)
-    assert "load torque +0.3 +- 0.01 N.m (+0.1 to +0.3 N.m, in 2 of 3 stretches)" in found.reason
-    assert "current sensor offset +0.2 +- 0.02 A (in 1 of 3 stretches)" in found.reason
+    assert "load torque +0.3 ± 0.01 N.m (+0.1 to +0.3 N.m, in 2 of 3 stretches)" in found.reason
+    assert "current sensor offset +0.2 ± 0.02 A (in 1 of 3 stretches)" in found.reason
 
 
 def test_goodness_is_that_of_all_stretches_together():
@@ -132,7 +132,7 @@ def test_remarks_of_stretches_are_said_once_with_their_number():
     ]
     reason = combined(*parts).reason
     assert reason.split("; ") == [
-        "not used, as the motion contradicts it: measured load torque +0.12 +- 0.01 N.m "
+        "not used, as the motion contradicts it: measured load torque +0.12 ± 0.01 N.m "
         "(in 2 of 2 stretches)",
         "forced",
         f"{slow} (in 1 of 2 stretches)",

@@ -102,8 +102,8 @@ def test_component_that_is_unobservable_is_not_called_healthy():
 @pytest.mark.parametrize(
     ("cause", "said"),
     [
-        (CauseEstimate("inertia", -0.05, 0.01), "inertia -5 +- 1 %"),
-        (CauseEstimate("current_offset", 0.1, 0.012), "current sensor offset +0.1 +- 0.012 A"),
+        (CauseEstimate("inertia", -0.05, 0.01), "inertia -5 ± 1 %"),
+        (CauseEstimate("current_offset", 0.1, 0.012), "current sensor offset +0.1 ± 0.012 A"),
     ],
 )
 def test_cause_is_told_in_its_unit_and_relative_ones_in_percent(cause, said):

@@ -84,7 +84,7 @@ def test_wrong_measurement_is_contradicted_by_the_window(
 ):
     window = simulated({"load_torque": load} if load else {}, faults)
     estimate = identify(window, description, calibration, measured={"load_torque": (said, 0.01)})
-    assert f"contradicts it: measured load torque {said:+.3g} +- 0.01 N.m" in estimate.reason
+    assert f"contradicts it: measured load torque {said:+.3g} ± 0.01 N.m" in estimate.reason
     # As if nothing had been measured.
     alone = identify(window, description, calibration)
     assert (estimate.measured, estimate.causes) == ((), alone.causes)
@@ -182,7 +182,7 @@ def test_wrong_measurement_in_ordinary_motion_is_not_used(calibration, descripti
         for stretch in stretches
         for found in combination.add(replace(stretch, measured=measured))
     ]
-    assert "contradicts it: measured load torque +0.1 +- 0.01 N.m" in estimate.reason
+    assert "contradicts it: measured load torque +0.1 ± 0.01 N.m" in estimate.reason
     assert [one.name for one in estimate.measured] == ["torque_constant"]
     assert abs(estimate.faults.friction - 0.2) < 3.0 * estimate.sigma.friction
     assert estimate.faults.short_circuit_a < 3.0 * estimate.sigma.short_circuit_a

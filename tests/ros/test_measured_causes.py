@@ -170,7 +170,7 @@ def test_measurement_at_the_start_of_a_window_is_used_and_no_other(live: list[Fa
         [cause] = list(live[number].hidden_causes)
         assert cause.name == "load_torque"
         assert abs(cause.value - LOAD) < 3.0 * cause.sigma
-    assert "contradicts it: measured load torque +0.1 +- 0.01 N.m" in live[3].reason
+    assert "contradicts it: measured load torque +0.1 ± 0.01 N.m" in live[3].reason
 
 
 def test_bag_gives_the_estimates_of_the_monitor(live, offline):

@@ -196,10 +196,10 @@ def _line(number: int, one: Estimate, found: BagWindows) -> str:
     faults = [
         f"{FAULTS[i].label} {one.faults[i]:.4f} ± {one.sigma[i]:.4f}" for i in _significant(one)
     ]
-    causes = [str(cause).replace("+-", "±") for cause in one.causes]
+    causes = list(map(str, one.causes))
     words = ", ".join(faults + causes) or _NOTHING
     if one.measured:
-        measured = (str(cause).replace("+-", "±") for cause in one.measured)
+        measured = map(str, one.measured)
         words += f"; measured: {', '.join(measured)}"
     unknown = [FAULTS[i].label for i in _assessed() if one.unobservable[i]]
     if one.stretches and unknown:
@@ -254,8 +254,7 @@ def _print(number: int, one: Estimate, found: BagWindows) -> None:
     Console().print(table)
     click.echo(f"found: {found_in_words(one)}")
     if one.measured:
-        words = "; ".join(str(cause).replace("+-", "±") for cause in one.measured)
-        click.echo(f"measured: {words}")
+        click.echo(f"measured: {'; '.join(map(str, one.measured))}")
     click.echo(
         f"fitness {one.fitness:.5f} A^2.s, goodness of fit {_figure(one.goodness_of_fit)} "
         f"(limit {one.goodness_limit:.2f}), {one.verdict}; command travels "

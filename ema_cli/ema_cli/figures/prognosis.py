@@ -27,7 +27,7 @@ from ema_monitor.plot.style import (
 from ema_monitor.prognosis.forecaster import hours_ahead
 from ema_monitor.prognosis.growth.prediction import Fan, RemainingLife
 from ema_monitor.prognosis.requirements.requirements import BELOW, RequirementLimits
-from ema_monitor.prognosis.sentences import SHOWN_IN, label_of, removal_in_words
+from ema_monitor.prognosis.sentences import label_of, removal_in_words, shown_in
 
 ALPHA: Final = 0.2
 """Half width of the cone about the true remaining life, relative to it [-]."""
@@ -194,8 +194,7 @@ def _draw_fault(
 
 
 def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], name: str) -> None:
-    unit = RequirementLimits.unit(name)
-    unit, scale = SHOWN_IN.get(unit, (unit, 1.0))
+    unit, scale = shown_in(RequirementLimits.unit(name))
     items = [_of(outlook.health.requirements, name) for outlook in course.outlooks]
     value = scale * np.array([item.value for item in items])
     sigma = scale * np.array([item.sigma for item in items])
@@ -212,7 +211,7 @@ def _draw_requirement(axes: Axes, course: Course, place: NDArray[np.float64], na
     )
     _mark_life(axes, last.hours, last.lives[name], limit)
     axes.margins(y=0.15)
-    axes.set_ylabel(label_of(name) + ("" if unit == "1" else f"\n[{unit}]"))
+    axes.set_ylabel(label_of(name) + (f"\n[{unit}]" if unit else ""))
 
 
 def _mark_life(axes: Axes, now: float, life: RemainingLife, level: float) -> None:

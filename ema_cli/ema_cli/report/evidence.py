@@ -2,19 +2,17 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from ema_cli.report.words import Shown, life_in_words, moment, shown
 from ema_cli.unit_diagnosis import UnitDiagnosis
 from ema_core.causes import CauseEstimate
-from ema_core.faults import FAULTS
+from ema_core.faults import FAULT_BY_NAME
 from ema_core.levels import LEVEL_NAMES
 from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.outlook import Outlook
-
-_PER_HOURS: Final = 1000.0
-_FAULT_BY_NAME: Final = {fault.name: fault for fault in FAULTS}
+from ema_monitor.prognosis.sentences import TREND_HOURS
 
 
 class Component(NamedTuple):
@@ -107,8 +105,8 @@ def _test(number: int, one: Estimate, outlook: Outlook | None, told: UnitDiagnos
     path = told.record.bags.get(one.end_ns)
     known = ~(one.insignificant | one.unobservable)
     # The reason names the hidden causes.
-    remarks = [one.reason.replace("+-", "±")] if one.reason else []
-    remarks += [f"measured: {str(cause).replace('+-', '±')}" for cause in one.measured]
+    remarks = [one.reason] if one.reason else []
+    remarks += [f"measured: {cause}" for cause in one.measured]
     if outlook is not None:
         remarks += [f"event: {event}" for event in outlook.events]
     return OneTest(
@@ -144,7 +142,7 @@ def limited(outlook: Outlook) -> tuple[list[Limited], list[Limited], str]:
 
 def _limited(item: FaultHealth, outlook: Outlook, common: str) -> Limited:
     life = outlook.lives.get(item.name, outlook.rul)
-    fault = _FAULT_BY_NAME.get(item.name)
+    fault = FAULT_BY_NAME.get(item.name)
     unknown = "unknown" if life.reason in ("", common) else life.reason
     return Limited(
         shown(item),
@@ -152,7 +150,7 @@ def _limited(item: FaultHealth, outlook: Outlook, common: str) -> Limited:
         item.value,
         item.sigma,
         item.share,
-        _PER_HOURS * outlook.trends.get(item.name, math.nan),
+        TREND_HOURS * outlook.trends.get(item.name, math.nan),
         fault.physical(item.value) if fault is not None else "",
         f"{life_in_words(life)} h" if life.known else unknown,
     )
@@ -165,10 +163,7 @@ def hidden_causes(told: UnitDiagnosis) -> list[Cause]:
         for cause in one.causes if one.valid else ():
             tests, *_ = found.get(cause.name, (0,))
             found[cause.name] = (tests + 1, cause, one)
-    return [
-        Cause(str(cause).replace("+-", "±"), tests, moment(one.end_ns))
-        for tests, cause, one in found.values()
-    ]
+    return [Cause(str(cause), tests, moment(one.end_ns)) for tests, cause, one in found.values()]
 
 
 def confusions(told: UnitDiagnosis) -> list[tuple[str, str, int]]:

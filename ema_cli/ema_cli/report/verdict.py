@@ -7,16 +7,14 @@ from typing import Final
 from ema_cli.report.words import life_in_words, moment, shown
 from ema_cli.unit_diagnosis import UnitDiagnosis
 from ema_core.causes import CAUSE_BY_NAME, Place
-from ema_core.faults import FAULTS
+from ema_core.faults import FAULT_BY_NAME, FAULTS
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.wording import counted
 from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.sentences import cause_of_level, removal_in_words
+from ema_monitor.prognosis.sentences import TREND_HOURS, cause_of_level, removal_in_words
 
-_PER_HOURS: Final = 1000.0
-_FAULT_BY_NAME: Final = {fault.name: fault for fault in FAULTS}
 _STATES: Final = {OK: "Well", WARN: "Wearing", ERROR: "Failed", STALE: "Unknown"}
 
 
@@ -103,13 +101,13 @@ def _wearing(told: UnitDiagnosis, last: Outlook, valid: Estimate) -> str:
 def _item_in_words(item: FaultHealth, last: Outlook) -> str:
     what = shown(item)
     words = f"{what.label} {what.value_and_sigma} against its limit {what.limit}"
-    fault = _FAULT_BY_NAME.get(item.name)
+    fault = FAULT_BY_NAME.get(item.name)
     notes = [fault.physical(item.value)] if fault is not None else []
     if math.isfinite(item.share):
         notes.append(f"{100.0 * item.share:.0f} % of the way")
-    trend = what.scale * _PER_HOURS * last.trends.get(item.name, math.nan)
+    trend = what.scale * TREND_HOURS * last.trends.get(item.name, math.nan)
     if math.isfinite(trend):
-        notes.append(f"{trend:+.3g}{what.unit} in {_PER_HOURS:g} h")
+        notes.append(f"{trend:+.3g}{what.unit} in {TREND_HOURS:g} h")
     return f"{words} ({', '.join(notes)})" if notes else words
 
 
@@ -137,8 +135,7 @@ def _after_the_last_test(told: UnitDiagnosis) -> list[str]:
     for cause in last.causes:
         about = CAUSE_BY_NAME[cause.name]
         part = "sensor" if about.place is Place.SENSOR else "installation"
-        words = str(cause).replace("+-", "±")
-        actions.append(f"Check the {part}: {words} explains part of the last test and is no fault.")
+        actions.append(f"Check the {part}: {cause} explains part of the last test and is no fault.")
     for one, other in last.alternatives:
         actions.append(f"The last test cannot tell {one} from {other}: check both.")
     if last.verdict == "degraded" and not last.alternatives:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from ema_monitor.health import FaultHealth
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.requirements.requirements import REQUIREMENTS, RequirementLimits
-from ema_monitor.prognosis.sentences import SHOWN_IN, label_of
+from ema_monitor.prognosis.sentences import label_of, shown_in
 
 _FIRST_DATE_NS = 10 * 365 * 86_400_000_000_000
 
@@ -32,9 +32,8 @@ class Shown(NamedTuple):
 
 def shown(item: FaultHealth) -> Shown:
     """Return a fault or requirement as it is shown."""
-    unit = RequirementLimits.unit(item.name) if item.name in REQUIREMENTS else "1"
-    unit, scale = SHOWN_IN.get(unit, (unit, 1.0))
-    unit = "" if unit == "1" else f" {unit}"
+    unit, scale = shown_in(RequirementLimits.unit(item.name) if item.name in REQUIREMENTS else "1")
+    unit = f" {unit}" if unit else ""
     value, sigma, limit = (scale * one for one in (item.value, item.sigma, item.limit))
     uncertainty = f" ± {sigma:.2g}" if math.isfinite(sigma) else ""
     side = "≥" if item.limit_is_lower else "≤"

@@ -10,9 +10,8 @@ from rich.table import Table
 from ema_cli.bags.unit_course import Course
 from ema_core.levels import LEVEL_NAMES
 from ema_monitor.node.messages import health_to_message
-from ema_monitor.prognosis.sentences import SHOWN_IN, label_of
+from ema_monitor.prognosis.sentences import TREND_HOURS, label_of, shown_in
 
-_PER_HOURS: Final = 1000.0
 _MISSED: Final = "missed tests"
 
 
@@ -50,7 +49,7 @@ def course_as_values(course: Course) -> list[dict[str, Any]]:
 def table_of_growth(message: Any) -> Table:
     """Return faults and requirements, their limits, growth and remaining life."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    for heading in ("", "value", "sigma", "limit", f"per\n{_PER_HOURS:g} h"):
+    for heading in ("", "value", "sigma", "limit", f"per\n{TREND_HOURS:g} h"):
         table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
     table.add_column("RUL [h]\n5 / 50 / 95 %", justify="right", min_width=18)
     items = (*message.faults, *message.requirements)
@@ -58,14 +57,14 @@ def table_of_growth(message: Any) -> Table:
     for number, item in enumerate(items):
         if number == len(message.faults):
             table.add_section()
-        unit, scale = SHOWN_IN.get(item.unit, (item.unit, 1.0))
+        unit, scale = shown_in(item.unit)
         side = "≥" if item.limit_is_lower else "≤"
         table.add_row(
-            label_of(item.name) + ("" if unit == "1" else f" [{unit}]").replace("[", r"\["),
+            label_of(item.name) + (rf" \[{unit}]" if unit else ""),
             _figure(scale * item.value),
             _figure(scale * item.sigma),
             f"{side} {scale * item.limit:.4g}",
-            _figure(scale * _PER_HOURS * item.trend, sign="+"),
+            _figure(scale * TREND_HOURS * item.trend, sign="+"),
             # What holds for all is below the table.
             "unknown" if len(reasons) == 1 and not item.rul.known else _life(item.rul),
         )

@@ -364,7 +364,7 @@ def _fit_unit(
         if not -one.reach < value < one.reach:
             raise ValueError(
                 f"the fit drives {one.name} of the unit to its bound {value:g}: expected about "
-                f"{one.expected:g} +- {one.sigma:g}; are the parameters those of this actuator, "
+                f"{one.expected:g} ± {one.sigma:g}; are the parameters those of this actuator, "
                 "and the units and signs of the columns right?"
             )
     # What was left out may still be there, as far as the windows and the priors let it.

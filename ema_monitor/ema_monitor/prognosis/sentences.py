@@ -3,26 +3,39 @@
 import math
 from typing import Final
 
-from ema_core.faults import FAULTS
+from ema_core.faults import FAULT_BY_NAME
 from ema_core.levels import ERROR, OK, WARN
 from ema_monitor.health import FaultHealth
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 
-SHOWN_IN: Final = {"rad": ("mrad", 1e3)}
-"""Unit of a requirement in sentences and tables, and its scale, where it is not its own."""
+TREND_HOURS: Final = 1000.0
+"""Over how long growth is shown [h]."""
+
+SOON_HOURS: Final = 0.5
+"""What is to be removed in less than this is to be removed now [h]."""
 
 RISK: Final = 0.05
 """Probability of failure before the lower quantile of a life [-]."""
 
 _NAMED_CAUSES: Final = 3
-_SOON_HOURS: Final = 0.5
-_LABELS: Final = {fault.name: fault.label for fault in FAULTS}
 
 
 def label_of(name: str) -> str:
     """Return the name of a fault or required performance in words."""
-    return _LABELS.get(name, name.replace("_", " "))
+    fault = FAULT_BY_NAME.get(name)
+    return name.replace("_", " ") if fault is None else fault.label
+
+
+def shown_in(unit: str) -> tuple[str, float]:
+    """Return the unit in which a value is shown, empty for a share, and its scale to that.
+
+    Parameters
+    ----------
+    unit
+        Its own; "1" for a share.
+    """
+    return {"rad": ("mrad", 1e3), "1": ("", 1.0)}.get(unit, (unit, 1.0))
 
 
 def cause_of_level(outlook: Outlook) -> str:
@@ -40,10 +53,9 @@ def cause_of_level(outlook: Outlook) -> str:
 def in_words(item: FaultHealth) -> str:
     """Return value and limit of a fault or requirement that gives a warning or has failed."""
     unit, scale = "", 1.0
-    if item.name not in _LABELS:
-        own = RequirementLimits.unit(item.name)
-        unit, scale = SHOWN_IN.get(own, (own, 1.0))
-        unit = "" if unit == "1" else f" {unit}"
+    if item.name not in FAULT_BY_NAME:
+        unit, scale = shown_in(RequirementLimits.unit(item.name))
+        unit = f" {unit}" if unit else ""
     state = "failed:" if item.level == ERROR else "fails"
     side = "below" if item.limit_is_lower else "above"
     value, limit = scale * item.value, scale * item.limit
@@ -72,7 +84,7 @@ def removal_in_words(outlook: Outlook) -> str:
     if math.isfinite(life.hours_50):
         end = f"{hours + life.hours_50:,.0f} h"
     when = f"before {hours + life.hours_05:,.0f} service hours"
-    if life.hours_05 < _SOON_HOURS:
+    if life.hours_05 < SOON_HOURS:
         when = "now"
     return (
         f"Remove {when} (in {life.hours_05:,.0f} h, {100 * RISK:.0f} % risk of failure until "

@@ -167,7 +167,7 @@ def _event(
             OUTLIER,
             name,
             measurement.hours,
-            f"{name} {now:.3f} at {measurement.hours:.1f} h where {was:.3f} +- "
+            f"{name} {now:.3f} at {measurement.hours:.1f} h where {was:.3f} ± "
             f"{np.sqrt(variance[number]):.3f} was expected; held back until the next test",
         )
     smaller = abs(measurement.value[number]) < abs(mean[number])
