@@ -8,12 +8,12 @@ from typing import Final, NamedTuple
 import click
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from ema_cli.fleet import Row
 from ema_cli.show.levels import COLOURS, level_in_words
+from ema_cli.show.terminal_display import TerminalDisplay
 from ema_core.wording import counted
 
 _LINES_BESIDE: Final = 6
@@ -40,7 +40,7 @@ _FORMS: Final = (
 )
 
 
-class FleetTable:
+class FleetTable(TerminalDisplay):
     """Shows the actuators of a fleet; to be used under ``with``.
 
     Parameters
@@ -50,20 +50,10 @@ class FleetTable:
     """
 
     def __init__(self, title: str, console: Console | None = None) -> None:
+        super().__init__(console)
         self._title = title
-        self._console = console or Console()
-        self._live = Live(console=self._console, auto_refresh=False)
         self._told: dict[tuple[str, str], tuple[object, ...]] = {}
         self._said = ""
-
-    def __enter__(self) -> "FleetTable":
-        if self._console.is_terminal:
-            self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._console.is_terminal:
-            self._live.stop()
 
     def show(self, rows: Sequence[Row], state: str) -> None:
         """Show the actuators, and what there is to say of the whole."""

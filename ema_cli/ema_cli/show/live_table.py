@@ -8,12 +8,12 @@ import click
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from ema_cli.bags.diagnoses import Diagnosis
 from ema_cli.show.levels import COLOURS
+from ema_cli.show.terminal_display import TerminalDisplay
 from ema_core.faults import FAULT_NAMES, FAULTS
 from ema_core.levels import LEVEL_NAMES
 
@@ -41,23 +41,13 @@ _FORMS: Final = (
 )
 
 
-class LiveTable:
+class LiveTable(TerminalDisplay):
     """Shows diagnoses; to be used under ``with``."""
 
     def __init__(self, fault_names: Sequence[str], console: Console | None = None) -> None:
+        super().__init__(console)
         self._faults = [FAULT_NAMES.index(name) for name in fault_names]
-        self._console = console or Console()
-        self._live = Live(console=self._console, auto_refresh=False)
         self._written = 0
-
-    def __enter__(self) -> "LiveTable":
-        if self._console.is_terminal:
-            self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._console.is_terminal:
-            self._live.stop()
 
     def report(self, line: str) -> None:
         """Write a line, above the table if there is one."""

@@ -22,13 +22,12 @@ from ema_monitor.design.states import (
     single_faults,
 )
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS
+from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS, STRONG_CORRELATION
 from ema_monitor.windows.window import Window
 
 _HEALTHY: Final = 12
 _SINGLE: Final = 2
 _COMBINED: Final = 6
-_STRONG_CORRELATION: Final = 0.95
 
 HALF_WIDTH: Final = 1.645
 """Half-width of a 90 % interval [standard deviations]."""
@@ -208,7 +207,7 @@ def _correlated(one: Prospect, i: int) -> list[int]:
             continue
         for estimate in one.estimates:
             sigma = np.sqrt(np.diag(estimate.covariance))
-            if abs(estimate.covariance[i, j]) > _STRONG_CORRELATION * sigma[i] * sigma[j]:
+            if abs(estimate.covariance[i, j]) > STRONG_CORRELATION * sigma[i] * sigma[j]:
                 found.append(j)
                 break
     return found

@@ -59,6 +59,9 @@ MISMATCH_SIGMA: Final = np.array([fault.mismatch for fault in FAULTS])
 """Standard deviation that the mismatch of the model adds to each component at least, ``(8,)``, with
 the eccentricity in Cartesian form [-]."""
 
+STRONG_CORRELATION: Final = 0.95
+"""Correlation from which on two components cannot be told apart [-]."""
+
 SPANS: Final = np.array([2.0 if i in _PLANE else 1.0 for i in range(N_FAULTS)])
 """What one unit of a point in Cartesian coordinates of the unit box is in faults, ``(8,)`` [-]."""
 

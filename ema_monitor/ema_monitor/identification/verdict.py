@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ema_core.faults import ECCENTRICITY_PHASE, FAULTS, N_FAULTS, SHORT_CIRCUITS
 from ema_monitor.identification.settings import MOST_UNEXPLAINED, SearchSettings
+from ema_monitor.identification.uncertainty import STRONG_CORRELATION
 from ema_monitor.model.deviations import NAMES
 
-_STRONG_CORRELATION: Final = 0.95
 _NOTABLE_SIGMA: Final = 0.01
 
 
@@ -227,5 +227,5 @@ def correlated(covariance: NDArray[np.float64], kept: NDArray[np.bool_]) -> list
     return [
         f"{FAULTS[i].label} and {FAULTS[j].label} are strongly correlated ({correlation[i, j]:.2f})"
         for i, j in combinations(range(N_FAULTS), 2)
-        if kept[i] and kept[j] and abs(correlation[i, j]) > _STRONG_CORRELATION
+        if kept[i] and kept[j] and abs(correlation[i, j]) > STRONG_CORRELATION
     ]
