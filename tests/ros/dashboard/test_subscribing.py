@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,11 +12,12 @@ from aiohttp import ClientSession, WSMsgType
 from aiohttp.test_utils import TestServer
 from aiohttp.web import Application, Request, WebSocketResponse
 
+from ema_dashboard import channels as channels_module
 from ema_dashboard.channels import Channels
 from ema_interfaces.msg import Health
 from ema_ros import topics
 
-from ...waiting import wait_for
+from ...waiting import DEADLINE_S, wait_for
 from .client import SUBPROTOCOL, Web
 
 SEVERAL = 1000  # as many subscriptions as a client may ask for at once
@@ -118,6 +120,34 @@ def test_what_is_unsubscribed_meanwhile_is_not_sent(delays, session):
     viewer.wait_for("/ema/health")
     assert [*viewer._topics] == [1, 2]
     assert len(viewer.heard["/ema/health"]) == 1
+
+
+def test_a_channel_that_a_client_subscribes_to_at_once_is_known(session, monkeypatch):
+    asked, answered = threading.Event(), threading.Event()
+    kept = Channels.kept
+
+    def noted(channels: Channels, channel_id: int) -> Any:
+        asked.set()
+        try:
+            return kept(channels, channel_id)
+        finally:
+            answered.set()
+
+    def advertised(topic: str, **options: Any) -> foxglove.Channel:
+        channel = foxglove.Channel(topic, **options)
+        if topic == "/ema/health":
+            assert asked.wait(DEADLINE_S)
+            answered.wait(0.5)  # too early an answer; there should be none before this returns
+        return channel
+
+    monkeypatch.setattr(Channels, "kept", noted)
+    monkeypatch.setattr(channels_module, "Channel", advertised)
+    node = session.dashboard()
+    viewer = session.view(node)
+    output = session.source.create_publisher(Health, "health", topics.LATCHED)
+    output.publish(Health(actuator_id="flap"))
+    viewer.look_at("/ema/health")
+    viewer.wait_for("/ema/health")
 
 
 def test_the_server_answers_a_ping_when_it_has_registered_what_was_subscribed_before(web):
