@@ -107,8 +107,11 @@ class Channels:
         """Offer a topic to clients."""
         name = type_name(topic.message_class)
         schema = Schema(name=name, encoding="ros2msg", data=schema_text(name).encode())
-        channel = Channel(topic.name, message_encoding="cdr", schema=schema, context=self._context)
+        # Clients are told of the channel at once: what they ask about it has to wait for the rest.
         with self._lock:
+            channel = Channel(
+                topic.name, message_encoding="cdr", schema=schema, context=self._context
+            )
             self._channels[topic.name] = channel
             self._kept[channel.id()] = {}
 

@@ -5,22 +5,24 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Final
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as RosClock
 from rclpy.clock_type import ClockType
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.subscription import Subscription
 
 from ema_core.wording import counted
 from ema_dashboard.access import Access
 from ema_dashboard.channels import Channels
 from ema_dashboard.histories import Histories
-from ema_dashboard.known_topics import CLOCK, UNIT_HISTORY, KnownTopic, known_topics
+from ema_dashboard.known_topics import CLOCK, DIAGNOSTICS, UNIT_HISTORY, KnownTopic, known_topics
 from ema_dashboard.playback_control import PlaybackControl
 from ema_dashboard.settings import DEFAULT_ORIGINS, DashboardSettings, read_token
 from ema_dashboard.unit_history import ActuatorHistory
 from ema_dashboard.web_server import WebServer, bound_socket, tls_context
+from ema_interfaces.msg import UnitHistory
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 from ema_ros.settings import declare, read
@@ -36,6 +38,7 @@ from ema_ros.topics import (
 _DISCOVERY_S: Final = 0.2
 _JUMP_NS: Final = 1_000_000_000
 _NICENESS: Final = 5
+_LOST: Final = "samples lost"  # of the status of telemetry
 
 _LISTS: Final = {
     "namespaces": ((), "namespaces that are shown; empty: that of the node"),
@@ -92,7 +95,10 @@ class DashboardNode(ManagedNode):
         )
         self._channels = Channels("EMA health monitor", self._playback)
         self._histories = {
-            name: Histories(self, name, partial(self._offer_history, name)) for name in namespaces
+            name: Histories(
+                self, name, partial(self._offer_history, name), partial(self._add_history, name)
+            )
+            for name in namespaces
         }
         self._channels.start()
         self._web = WebServer(
@@ -198,6 +204,8 @@ class DashboardNode(ManagedNode):
                 self._note_time(
                     stamp_from_message(deserialize_message(data, topic.message_class).clock)
                 )
+            elif topic.name == DIAGNOSTICS:
+                self._note_diagnostics(deserialize_message(data, topic.message_class))
             elif topic.kept:
                 message = deserialize_message(data, topic.message_class)
                 key = getattr(message, "actuator_id", "")
@@ -207,6 +215,15 @@ class DashboardNode(ManagedNode):
             self._channels.send(topic.name, data, log_time_ns)
 
         return receive
+
+    def _note_diagnostics(self, message: DiagnosticArray) -> None:
+        """Take of the status of monitors how many samples they miss."""
+        for status in message.status:
+            lost = next((item.value for item in status.values if item.key == _LOST), None)
+            actuator_id = status.name.partition(": ")[2].removesuffix(" telemetry")
+            if lost is not None and lost.isdecimal():
+                for histories in self._histories.values():
+                    histories.note_lost_samples(actuator_id, message.header.stamp, int(lost))
 
     def _follow(self, topic: KnownTopic, message: Any) -> None:
         """Take what the history and the control of a playback rest on."""
@@ -245,6 +262,13 @@ class DashboardNode(ManagedNode):
         self._channels.keep(name, actuator_id, history.serialised, log_time_ns)
         if to_all and self._channels.has_clients(name):
             self._channels.send(name, history.serialised(), log_time_ns)
+
+    def _add_history(self, namespace: str, addition: UnitHistory) -> None:
+        """Send what is new of a history to clients that have it."""
+        name = f"{namespace.rstrip('/')}/{UNIT_HISTORY}"
+        if self._channels.has_clients(name):
+            log_time_ns = self._clock_ns or RosClock().now().nanoseconds
+            self._channels.send(name, serialize_message(addition), log_time_ns)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -7,11 +7,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from builtin_interfaces.msg import Time
 from rclpy.client import Client
 from rclpy.node import Node
 
 from ema_dashboard.unit_history import MOST_TESTS, ActuatorHistory
-from ema_interfaces.msg import ActuatorDescription, FaultEstimate, Health, UnitHistory
+from ema_interfaces.msg import (
+    ActuatorDescription,
+    FaultEstimate,
+    Health,
+    UnitEvent,
+    UnitHistory,
+)
 from ema_interfaces.srv import GetHistory
 
 _PATIENCE_S: Final = 5.0
@@ -49,17 +56,25 @@ class Histories:
     offer
         Called with actuator id and history when a client that comes should get it; the last
         argument says whether those present should get it as well.
+    add
+        Called with what those present should add to a history that they have.
     """
 
     def __init__(
-        self, node: Node, namespace: str, offer: Callable[[str, ActuatorHistory, bool], None]
+        self,
+        node: Node,
+        namespace: str,
+        offer: Callable[[str, ActuatorHistory, bool], None],
+        add: Callable[[UnitHistory], None],
     ) -> None:
         self._node = node
         self._prefix = namespace.rstrip("/") + "/"
         self._offer = offer
+        self._add = add
         self._monitors: dict[str, Client] = {}
         self._ready: set[str] = set()
         self._shown: dict[str, _Shown] = {}
+        self._lost: dict[str, int] = {}  # samples, by actuator
         # Futures and times of the open questions, by service; answers come in any thread.
         self._open: dict[str, tuple[Any, float]] = {}
         self._lock = threading.RLock()
@@ -71,15 +86,28 @@ class Histories:
     def note_estimate(self, message: FaultEstimate) -> None:
         """Take an estimate."""
         shown = self._unit(message.actuator_id, message.serial_number)
-        if shown.history.note_estimate(message):
+        began_anew, events = shown.history.note_estimate(message)
+        if began_anew:
             shown.want()
         self._offer(message.actuator_id, shown.history, False)
+        self._tell(shown.history, events)
 
     def note_health(self, message: Health) -> None:
         """Take the health after an estimate."""
         shown = self._unit(message.actuator_id, message.serial_number)
         shown.history.note_health(message)
         self._offer(message.actuator_id, shown.history, False)
+
+    def note_lost_samples(self, actuator_id: str, stamp: Time, samples: int) -> None:
+        """Take the number of samples of an actuator that are missing since its monitor started."""
+        before = self._lost.get(actuator_id)
+        self._lost[actuator_id] = samples
+        shown = self._shown.get(actuator_id)
+        # When the first ones were lost is not known.
+        if before is not None and samples > before and shown is not None:
+            events = shown.history.note_gap(stamp, samples - before)
+            self._offer(actuator_id, shown.history, False)
+            self._tell(shown.history, events)
 
     def rewind(self, time_ns: int) -> None:
         """Forget what is later than a time to which the graph has jumped back [ns]."""
@@ -115,6 +143,10 @@ class Histories:
             shown = self._shown[actuator_id] = _Shown(ActuatorHistory(actuator_id, serial_number))
             self._offer(actuator_id, shown.history, False)
         return shown
+
+    def _tell(self, history: ActuatorHistory, events: list[UnitEvent]) -> None:
+        if events:
+            self._add(history.addition(events))
 
     def _find_monitors(self) -> None:
         for name, types in self._node.get_service_names_and_types():

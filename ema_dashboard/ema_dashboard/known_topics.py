@@ -55,7 +55,7 @@ def known_topics(namespaces: Iterable[str]) -> list[KnownTopic]:
     """Return the topics that are shown of some namespaces, and those outside of any."""
     best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     found = [
-        KnownTopic(DIAGNOSTICS, "", "", DiagnosticArray, topics.STATE, False, False),
+        KnownTopic(DIAGNOSTICS, "", "", DiagnosticArray, topics.STATE, True, False),
         KnownTopic(CLOCK, "", "", Clock, best_effort, True, False),
     ]
     for namespace in namespaces:

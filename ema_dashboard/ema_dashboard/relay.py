@@ -48,7 +48,8 @@ class Relay:
     bounded. A client may subscribe, unsubscribe and control a playback, at a bounded rate, and
     nothing else. What is kept of a channel is sent to a new subscriber alone: one at a time,
     as the client takes it, in turn with what waits. It is looked up when its turn comes, so that
-    nothing of it waits here and it is never older than what the client got before.
+    nothing of it waits here and it is never older than what the client got before; and not before
+    the server has registered the subscription, so that nothing is missed in between.
 
     Parameters
     ----------
@@ -71,6 +72,9 @@ class Relay:
         self._outbox = Outbox(most_bytes)
         self._subscriptions: dict[int, int] = {}  # channel by subscription
         self._unsent: dict[int, deque[str]] = {}  # keys of what is kept, by subscription
+        # Subscriptions that the server may not have registered yet, each after a ping of its own.
+        self._unregistered: dict[bytes, Sequence[dict[str, int]]] = {}
+        self._pings = 0
         self._begun = asyncio.Event()
         self._turn = asyncio.Lock()
         self._allowance = _REQUESTS_AT_ONCE
@@ -157,7 +161,7 @@ class Relay:
             self._unsent.pop(number, None)
 
     async def _begin(self, items: Sequence[dict[str, int]]) -> None:
-        """Subscribe, and send what is kept of the channels to this client alone.
+        """Subscribe; what is kept of the channels follows when the server has registered that.
 
         Raises
         ------
@@ -173,10 +177,18 @@ class Relay:
                 raise ValueError(f"channel {channel} or subscription {subscription} is in use")
             known[subscription] = channel
         self._subscriptions = known
+        self._pings += 1
+        number = str(self._pings).encode()
+        self._unregistered[number] = items
         await self._inner.send_str(json.dumps({"op": "subscribe", "subscriptions": items}))
-        # Not before: what is published meanwhile would be neither kept nor sent by the server.
-        for item in items:
-            self._unsent[item["id"]] = deque(self._kept(item["channelId"]) or ())
+        # The server does one thing after the other: once it answers, it sends what is published.
+        await self._inner.ping(number)
+
+    def _registered(self, number: bytes) -> None:
+        """Send what is kept of the channels whose subscriptions the server has registered."""
+        for item in self._unregistered.pop(number, ()):
+            if self._subscriptions.get(item["id"]) == item["channelId"]:
+                self._unsent[item["id"]] = deque(self._kept(item["channelId"]) or ())
         self._begun.set()
 
     async def _collect(self) -> tuple[int, bytes]:
@@ -187,6 +199,10 @@ class Relay:
             elif message.type is WSMsgType.BINARY:
                 is_message = message.data[:1] == bytes([_MESSAGE])
                 self._outbox.put(message.data, droppable=is_message)
+            elif message.type is WSMsgType.PONG:
+                self._registered(bytes(message.data))
+            elif message.type is WSMsgType.PING:
+                await self._inner.pong(message.data)
         return WSCloseCode.SERVICE_RESTART, b"the dashboard has changed what it serves"
 
     async def _send(self) -> tuple[int, bytes]:

@@ -10,6 +10,7 @@ from rclpy.serialization import serialize_message
 
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import STALE
+from ema_core.wording import counted
 from ema_interfaces.msg import FaultEstimate, Health, UnitEvent, UnitHistory, UnitTest
 from ema_ros.stamps import stamp_from_message
 
@@ -18,9 +19,7 @@ MOST_TESTS: Final = 2000
 
 MOST_EVENTS: Final = 500
 
-_KINDS: Final = frozenset(
-    ("fault", "repair", "step", "outlier", "calibration", "gap", "restart", "service hours")
-)
+_MOST_TEXT: Final = 1000
 
 
 class ActuatorHistory:
@@ -37,9 +36,9 @@ class ActuatorHistory:
         self._actuator_id = actuator_id
         self._lock = threading.Lock()
         self._tests: dict[int, UnitTest] = {}  # by stamp
-        self._events: dict[tuple[int, str], UnitEvent] = {}
+        self._events: dict[tuple[int, str, str], UnitEvent] = {}
         self._omitted = 0
-        self._last_window = -1
+        self._latest: FaultEstimate | None = None  # whatever its verdict
         self._estimate: FaultEstimate | None = None
         self._health: Health | None = None
         self._serialised: bytes | None = None
@@ -51,21 +50,51 @@ class ActuatorHistory:
             latest = max(base, default=-1)
             later = {stamp: test for stamp, test in self._tests.items() if stamp > latest}
             self._tests = {**base, **later}
-            known = {(stamp_from_message(item.stamp), item.text): item for item in history.events}
-            later_events = {key: item for key, item in self._events.items() if key[0] > latest}
-            self._events = {**known, **later_events}
+            known = {_identity(item): item for item in history.events}
+            every = {**self._events, **known}
+            self._events = dict(sorted(every.items(), key=lambda item: item[0][0]))
             self._omitted = history.omitted
             self._trim()
 
-    def note_estimate(self, estimate: FaultEstimate) -> bool:
-        """Take an estimate; return whether the monitor has begun anew since the one before."""
-        began_anew = estimate.window < self._last_window
-        self._last_window = estimate.window
-        if estimate.valid:
-            with self._lock:
+    def note_estimate(self, estimate: FaultEstimate) -> tuple[bool, list[UnitEvent]]:
+        """Take an estimate.
+
+        Returns
+        -------
+        bool
+            Whether the monitor has begun anew since the one before.
+        list of UnitEvent
+            What it shows beside a test: such a restart, and a calibration that cannot be used.
+        """
+        before, self._latest = self._latest, estimate
+        began_anew = False
+        found = []
+        with self._lock:
+            if before is not None and estimate.window < before.window:
+                began_anew = True
+                if not self._tells_of_restart(stamp_from_message(before.header.stamp)):
+                    found.append(("restart", "the monitor was started again"))
+            is_told = before is not None and before.reason == estimate.reason
+            is_refused = estimate.verdict == FaultEstimate.REFUSED
+            if is_refused and "calibration" in estimate.reason and not is_told:
+                found.append(("calibration", estimate.reason))
+            if estimate.valid:
                 self._estimate = estimate
                 self._join()
-        return began_anew
+        return began_anew, self._add(estimate.header.stamp, found)
+
+    def note_gap(self, stamp: Time, samples: int) -> list[UnitEvent]:
+        """Take that so many samples of telemetry are missing; return the event."""
+        return self._add(stamp, [("gap", f"{counted(samples, 'sample')} of telemetry missing")])
+
+    def addition(self, events: list[UnitEvent]) -> UnitHistory:
+        """Return new events as a message, for who has the history before them."""
+        return UnitHistory(
+            actuator_id=self._actuator_id,
+            serial_number=self.serial_number,
+            is_addition=True,
+            events=events,
+        )
 
     def note_health(self, health: Health) -> None:
         """Take the health after an estimate: both together are a test."""
@@ -77,9 +106,8 @@ class ActuatorHistory:
             # Overdue or computed anew: the health after the test is the one that says more.
             if known is not None and health.level != STALE:
                 _add_health(known, health)
-            for text in health.events:
-                event = _event_of(health.header.stamp, health.flight_hours, text)
-                self._events.setdefault((stamp, event.text), event)
+            for event in health.events:
+                self._events[_identity(event)] = event
             self._trim()
 
     def rewind(self, time_ns: int) -> None:
@@ -87,7 +115,7 @@ class ActuatorHistory:
         with self._lock:
             self._tests = {key: test for key, test in self._tests.items() if key <= time_ns}
             self._events = {key: item for key, item in self._events.items() if key[0] <= time_ns}
-            self._estimate = self._health = None
+            self._estimate = self._health = self._latest = None
             self._serialised = None
 
     def serialised(self) -> bytes:
@@ -101,6 +129,22 @@ class ActuatorHistory:
         """Return the history as a message."""
         with self._lock:
             return self._message()
+
+    def _tells_of_restart(self, since_ns: int) -> bool:
+        return any(stamp >= since_ns and kind == "restart" for stamp, kind, _ in self._events)
+
+    def _add(self, stamp: Time, found: Iterable[tuple[str, str]]) -> list[UnitEvent]:
+        """Keep events that nobody else tells of, by kind and text; return those that are new."""
+        with self._lock:
+            hours = self._health.flight_hours if self._health else math.nan
+            events = [
+                UnitEvent(stamp=stamp, flight_hours=hours, kind=kind, text=text[:_MOST_TEXT])
+                for kind, text in found
+            ]
+            new = [event for event in events if _identity(event) not in self._events]
+            self._events |= {_identity(event): event for event in new}
+            self._trim()
+        return new
 
     def _join(self) -> None:
         """Make a test of the latest estimate and its health, whichever came first."""
@@ -176,9 +220,5 @@ def _add_health(test: UnitTest, health: Health) -> None:
     test.rul_95 = health.rul.hours_95
 
 
-def _event_of(stamp: Time, flight_hours: float, text: str) -> UnitEvent:
-    """Return an event of a health message; the words before its colon are its kind."""
-    kind, colon, rest = text.partition(": ")
-    if not colon or kind not in _KINDS:
-        kind, rest = "other", text
-    return UnitEvent(stamp=stamp, flight_hours=flight_hours, kind=kind, text=rest)
+def _identity(event: UnitEvent) -> tuple[int, str, str]:
+    return stamp_from_message(event.stamp), event.kind, event.text

@@ -223,7 +223,7 @@ class WebServer:
         )
         try:
             inner = await self._session.ws_connect(
-                self._inner_address(), protocols=(SUBPROTOCOL,), max_msg_size=0
+                self._inner_address(), protocols=(SUBPROTOCOL,), max_msg_size=0, autoping=False
             )
         except (ClientError, OSError, TimeoutError) as error:
             return self._refuse(503, f"the dashboard is not ready: {error}")

@@ -11,16 +11,15 @@ import pytest
 from ema_core.levels import ERROR, OK, WARN
 from ema_monitor.prognosis.assessment import (
     Assessment,
-    UnitEvent,
     assessment_from,
     assessment_text,
-    kind_of_event,
 )
 from ema_monitor.prognosis.history import SCHEMA_VERSION, History
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.prognosis.unit_event import UnitEvent, kind_and_text
 
 from .kept_histories import UNIT, entry
 from .made_tests import made_test
@@ -150,17 +149,28 @@ def test_fault_restart_and_calibration_are_events_once(path: Path):
 
 
 @pytest.mark.parametrize(
-    ("text", "kind"),
+    ("words", "kind", "text"),
     [
-        ("repair: friction from 0.3 to 0.1", "repair"),
-        ("outlier: friction is 0.3", "outlier"),
-        ("missed tests: 2 without a valid estimate before this one", "gap"),
-        ("service hours set from 3 h to 1 h", "service hours"),
-        ("usage is ignored, 3 h: hours_per_cycle = 10 h is set", "service hours"),
-        ("the history x is set aside as y", "history"),
-        ("3 test cycles are imported from x.jsonl, which stays as it is", "history"),
-        ("a test that is in the history already came again and changes nothing", "other"),
+        ("repair: friction from 0.3 to 0.1", "repair", "friction from 0.3 to 0.1"),
+        ("outlier: friction is 0.3", "outlier", "friction is 0.3"),
+        ("missed tests: 2 without a valid estimate before this one", "gap", None),
+        ("service hours set from 3 h to 1 h", "service hours", None),
+        ("usage is ignored, 3 h: hours_per_cycle = 10 h is set", "service hours", None),
+        ("the history x is set aside as y", "history", None),
+        ("3 test cycles are imported from x.jsonl, which stays as it is", "history", None),
+        ("a test that is in the history already came again and changes nothing", "other", None),
     ],
 )
-def test_events_have_kinds(text: str, kind: str):
-    assert kind_of_event(text) == kind
+def test_events_have_kinds(words: str, kind: str, text: str | None):
+    assert kind_and_text(words) == (kind, text or words)
+
+
+def test_an_outlook_has_what_its_history_keeps_of_it(path: Path):
+    unit, outlook = lived(path, [0.02, 0.02, 0.3])
+    found = unit.history.assessments[outlook.stamp_ns]
+    assert outlook.happened == found.events
+    assert [event.kind for event in found.events] == ["outlier", "fault"]
+    again = unit.resume(None, SETTINGS)  # as when the requirements have been fitted
+    assert again is not None
+    assert again.happened == ()
+    assert unit.history.assessments[outlook.stamp_ns].events == found.events

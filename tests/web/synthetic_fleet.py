@@ -401,6 +401,18 @@ def history(unit: Unit, now_ns: int, period_s: float) -> UnitHistory:
     return message
 
 
+def addition(unit: Unit, now_ns: int, kind: str, text: str) -> UnitHistory:
+    """Return a new event of a unit, as the dashboard tells those present of it."""
+    event = UnitEvent(stamp=stamp_to_message(now_ns), flight_hours=math.nan, kind=kind, text=text)
+    unit.events.append(event)
+    return UnitHistory(
+        actuator_id=unit.actuator_id,
+        serial_number=unit.serial_number,
+        is_addition=True,
+        events=[event],
+    )
+
+
 def _chirp(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     phase = 2.0 * np.pi * (4.0 * t + 12.0 * t**2)
     command = 0.03 * np.sin(phase) * (1.0 - 0.5 * t)

@@ -209,6 +209,9 @@ class Server(ServerListener):
             unit.tests += 1
             self.tested_ns[unit.actuator_id] = now_ns
         self.judge(unit, now_ns, refused)
+        if refused:
+            addition = made.addition(unit, now_ns, "calibration", refused)
+            self.send("unit_history", addition)
 
     def obey(self, order: dict[str, Any]) -> dict[str, Any]:
         """Do what a line says; return the answer."""

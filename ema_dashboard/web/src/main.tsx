@@ -13,7 +13,7 @@ if (address.searchParams.has("token")) {
 
 const worker = new Worker(new URL("worker.js", import.meta.url), { type: "module" });
 const send = (message: ToWorker) => worker.postMessage(message);
-const state = new State((event) => send({ kind: "event", ...event }));
+const state = new State();
 worker.onmessage = ({ data }: MessageEvent<FromWorker>) => state.take(data);
 addEventListener("online", () => send({ kind: "retry" }));
 document.addEventListener("visibilitychange", () => {

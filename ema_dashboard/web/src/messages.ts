@@ -63,11 +63,10 @@ export interface Health extends OfUnit {
   assumption: string;
   cause: string;
   removal: string;
-  events: string[];
+  events: UnitEvent[];
   reason: string;
 }
 
-export const REFUSED = 2;
 export const VERDICTS = ["valid", "degraded", "refused"] as const;
 
 export interface HiddenCause {
@@ -167,6 +166,7 @@ export interface UnitTest {
 }
 
 export interface UnitHistory extends OfUnit {
+  is_addition: boolean;
   tests: UnitTest[];
   events: UnitEvent[];
   omitted: bigint;
@@ -219,11 +219,6 @@ export interface DiagnosticArray {
 /** Seconds since the epoch. */
 export function seconds(time: Time): number {
   return time.sec + time.nanosec * 1e-9;
-}
-
-export function timeOf(value: number): Time {
-  const sec = Math.floor(value);
-  return { sec, nanosec: Math.round((value - sec) * 1e9) };
 }
 
 /** Nanoseconds since the epoch, exactly. */

@@ -36,5 +36,4 @@ export type FromWorker =
 export type ToWorker =
   | { kind: "watch"; address: Address | null }
   | { kind: "play"; play: boolean; rate: number; seek?: bigint }
-  | { kind: "event"; address: Address; text: string; eventKind: string; stamp: number }
   | { kind: "retry" };

@@ -3,10 +3,8 @@
 import {
   type ActuatorDescription, type Advice, type DiagnosticArray, type DiagnosticStatus,
   type FaultEstimate, type Health, type HealthForecast, type PlaybackState, type WindowFit,
-  PLAYING, REFUSED, seconds, type Time,
+  PLAYING, seconds, type Time,
 } from "./messages.ts";
-import { labelOf } from "./faults.ts";
-import { LEVELS } from "./levels.ts";
 import { type Address, type Connection, type FromWorker, type Received, keyOf } from "./protocol.ts";
 import type { LiveSignals } from "./telemetry.ts";
 import type { HistoryColumns } from "./unit_history.ts";
@@ -36,9 +34,6 @@ export interface Diagnostic extends DiagnosticStatus {
   received: number;
 }
 
-export type Emit = (event: { address: Address; text: string; eventKind: string; stamp: number })
-=> void;
-
 export class State {
   connection: Connection = { state: "connecting" };
   topics: string[] | undefined;
@@ -56,11 +51,6 @@ export class State {
   #took = 0; // by the latest update [ms]
   #now = { stamp: 0, at: 0, isClock: false };
   #reported = new Map<string, number>(); // local time of the latest status of a health [ms]
-  #emit: Emit;
-
-  constructor(emit: Emit) {
-    this.#emit = emit;
-  }
 
   /** Be told of changes; returns how to end it. */
   subscribe(view: () => void): () => void {
@@ -147,12 +137,10 @@ export class State {
         break;
       case "health":
         after.health = message as Health;
-        this.#compare(before, after.health);
         break;
       case "fault_estimate":
         after.estimate = message as FaultEstimate;
         if (after.estimate.valid) after.usable = after.estimate;
-        this.#examine(before, after.estimate);
         break;
       case "health_forecast":
         after.forecast = message as HealthForecast;
@@ -169,48 +157,12 @@ export class State {
     this.actuators.set(key, after);
   }
 
-  /** Say which fault or requirement has another level than in the health before. */
-  #compare(before: Actuator, health: Health): void {
-    if (before.health?.serial_number !== health.serial_number) return;
-    const known = [...before.health.faults, ...before.health.requirements];
-    const levels = new Map(known.map((item) => [item.name, item.level]));
-    for (const item of [...health.faults, ...health.requirements]) {
-      const was = levels.get(item.name);
-      if (was === undefined || was === item.level || item.level === 0 || item.level > 2) continue;
-      const text = `${labelOf(item.name)}: ${LEVELS[was]!.word} → ${LEVELS[item.level]!.word}`;
-      this.#emit({
-        address: before, text, eventKind: "fault", stamp: seconds(health.header.stamp),
-      });
-    }
-  }
-
-  #examine(before: Actuator, estimate: FaultEstimate): void {
-    const stamp = seconds(estimate.header.stamp);
-    if (before.estimate && estimate.window < before.estimate.window) {
-      this.#emit({ address: before, text: "the monitor was started again", eventKind: "restart",
-        stamp });
-    }
-    const isNew = before.estimate?.reason !== estimate.reason;
-    if (estimate.verdict === REFUSED && isNew && /calibrat/.test(estimate.reason)) {
-      this.#emit({ address: before, text: estimate.reason, eventKind: "calibration", stamp });
-    }
-  }
-
   #diagnosed(array: DiagnosticArray): void {
     const stamp = seconds(array.header.stamp);
     for (const status of array.status) {
-      const before = this.diagnostics.get(status.name);
       this.diagnostics.set(status.name, { ...status, stamp, received: Date.now() });
       const monitored = /: (.+) health$/.exec(status.name)?.[1];
       if (monitored !== undefined) this.#reported.set(monitored, Date.now());
-      const id = /: (.+) telemetry$/.exec(status.name)?.[1];
-      const isNew = status.level > 0 && status.level < 3 && before?.message !== status.message;
-      if (id === undefined || !before || !isNew) continue;
-      for (const actuator of this.actuators.values()) {
-        if (actuator.id !== id) continue;
-        const eventKind = /gap|missing/.test(status.message) ? "gap" : "other";
-        this.#emit({ address: actuator, text: status.message, eventKind, stamp });
-      }
     }
     this.#listen();
     // Of the times of a recording only the player knows which is now.

@@ -1,10 +1,9 @@
 // The history of each unit: what the node sent, and what has come live since then.
 
 import {
-  type FaultEstimate, type Health, type UnitEvent, type UnitHistory, type UnitTest, OK, STALE, seconds,
+  type FaultEstimate, type Health, type UnitEvent, type UnitHistory, type UnitTest, STALE, seconds,
 } from "./messages.ts";
-import { FAULTS, labelOf } from "./faults.ts";
-import { LEVELS } from "./levels.ts";
+import { FAULTS } from "./faults.ts";
 
 const MOST_TESTS = 2000;
 const MOST_EVENTS = 500;
@@ -46,17 +45,12 @@ export class UnitRecord {
 
   /** Add the test that this health follows from; return whether anything was added. */
   judged(health: Health): boolean {
-    const before = this.#events.length;
-    for (const text of health.events) {
-      this.happened({
-        stamp: health.header.stamp, flight_hours: health.flight_hours, ...kindOf(text),
-      });
-    }
+    this.happened(health.events);
     const estimate = this.#estimate;
     const isOfEstimate = estimate !== undefined && health.level !== STALE &&
       estimate.serial_number === health.serial_number &&
       seconds(estimate.header.stamp) === seconds(health.header.stamp);
-    if (!isOfEstimate) return this.#events.length !== before;
+    if (!isOfEstimate) return health.events.length > 0;
     if (this.#serial && this.#serial !== health.serial_number) this.#tests = [];
     this.#serial = health.serial_number;
     const test = testOf(estimate, health);
@@ -68,9 +62,12 @@ export class UnitRecord {
     return true;
   }
 
-  happened(event: UnitEvent): void {
-    this.#events.push(event);
-    if (this.#events.length > MOST_EVENTS) this.#events.shift();
+  /** Add events, each once; what is latched comes again. */
+  happened(events: UnitEvent[]): void {
+    if (events.length === 0) return;
+    const known = new Set(this.#events.map(identityOf));
+    this.#events = [...this.#events, ...events.filter((event) => !known.has(identityOf(event)))]
+      .slice(-MOST_EVENTS);
   }
 
   /** Forget what is later than a time, after a seek in a recording. */
@@ -100,27 +97,9 @@ export class UnitRecord {
       rul_05: life((test) => test.rul_05),
       rul_50: life((test) => test.rul_50),
       rul_95: life((test) => test.rul_95),
-      events: [...this.#events, ...this.#detected()]
+      events: [...this.#events]
         .sort((one, other) => seconds(one.stamp) - seconds(other.stamp)),
     };
-  }
-
-  /** Changes of the level from test to test, where nothing else tells of a fault. */
-  #detected(): UnitEvent[] {
-    const told = new Set(this.#events.filter(({ kind }) => kind === "fault")
-      .map(({ stamp }) => seconds(stamp)));
-    const found: UnitEvent[] = [];
-    let before = OK;
-    for (const { stamp, flight_hours, level, dominant_fault } of this.#tests) {
-      if (level >= STALE) continue;
-      if (level !== before && !told.has(seconds(stamp))) {
-        const name = dominant_fault ? `${labelOf(dominant_fault)}: ` : "";
-        const text = `${name}${LEVELS[before]!.word} → ${LEVELS[level]!.word}`;
-        found.push({ stamp, flight_hours, kind: "fault", text });
-      }
-      before = level;
-    }
-    return found;
   }
 
   #merge(): void {
@@ -143,17 +122,7 @@ export class UnitRecord {
 }
 
 function identityOf(event: UnitEvent): string {
-  return `${event.stamp.sec}.${event.stamp.nanosec} ${event.text}`;
-}
-
-const KINDS = ["fault", "repair", "step", "outlier", "calibration", "gap", "restart",
-  "service hours", "history"];
-
-/** Kind and text of an event as Health has it, "kind: text". */
-export function kindOf(said: string): { kind: string; text: string } {
-  const kind = KINDS.find((one) => said.startsWith(one));
-  if (kind) return { kind, text: said.replace(new RegExp(`^${kind}: `), "") };
-  return { kind: said.startsWith("missed") ? "gap" : "other", text: said };
+  return `${event.stamp.sec}.${event.stamp.nanosec} ${event.kind} ${event.text}`;
 }
 
 function testOf(estimate: FaultEstimate, health: Health): UnitTest {

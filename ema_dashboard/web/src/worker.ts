@@ -3,7 +3,7 @@
 import { Link } from "./link.ts";
 import {
   type DiagnosticArray, type FaultEstimate, type Health, type PlaybackState, type TelemetryBlock,
-  type UnitHistory, seconds, timeOf,
+  type UnitHistory, seconds,
 } from "./messages.ts";
 import { actuatorOf } from "./peek.ts";
 import { type Address, type FromWorker, type Received, type ToWorker, keyOf } from "./protocol.ts";
@@ -11,6 +11,7 @@ import { Telemetry } from "./telemetry.ts";
 import { UnitRecord } from "./unit_history.ts";
 
 const BATCH_MS = 50; // 20 Hz
+const MOST_ADDED = 16 * 1024; // size of an addition to a history [B]
 
 const OF_ALL = new Set([
   "health", "fault_estimate", "health_forecast", "advice", "unit_history", "actuator_description",
@@ -42,6 +43,14 @@ function recordOf(key: string): UnitRecord {
     records.set(key, record);
   }
   return record;
+}
+
+/** Take a history: an addition at once, a long one when it is shown, as it may never be. */
+function extend(record: UnitRecord, size: number, decode: () => UnitHistory): void {
+  if (size > MOST_ADDED) return record.replace(decode);
+  const history = decode();
+  if (history.is_addition) record.happened(history.events);
+  else record.replace(() => history);
 }
 
 function isWatched(key: string): boolean {
@@ -78,7 +87,7 @@ const link = new Link(new URL("/", self.location.href.replace(/^http/, "ws")).hr
       telemetry.add(decode() as TelemetryBlock);
       hasNewTelemetry = true;
     } else if (name === "unit_history") {
-      recordOf(key).replace(() => decode() as UnitHistory);
+      extend(recordOf(key), data.byteLength, () => decode() as UnitHistory);
       hasNewHistory ||= isWatched(key);
     } else {
       const message = decode();
@@ -139,12 +148,6 @@ self.onmessage = ({ data }: MessageEvent<ToWorker>) => {
       break;
     case "play":
       link.control(data.play, data.rate, data.seek);
-      break;
-    case "event":
-      recordOf(keyOf(data.address)).happened({
-        stamp: timeOf(data.stamp), flight_hours: NaN, kind: data.eventKind, text: data.text,
-      });
-      hasNewHistory ||= isWatched(keyOf(data.address));
       break;
     case "retry":
       link.open();

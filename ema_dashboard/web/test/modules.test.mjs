@@ -6,7 +6,7 @@ import { load } from "./sources.mjs";
 
 const format = await load("format.ts");
 const { Telemetry } = await load("telemetry.ts");
-const { UnitRecord, kindOf } = await load("unit_history.ts");
+const { UnitRecord } = await load("unit_history.ts");
 const { actuatorOf } = await load("peek.ts");
 const { State } = await load("state.ts");
 
@@ -132,21 +132,19 @@ test("after a seek nothing is kept that is later than the position", () => {
   assert.deepEqual([...record.columns().hours], [10, 20]);
 });
 
-test("a change of level between tests is an event, unless it is told already", () => {
+test("an event is shown once, with the kind and text of the node", () => {
+  const told = (sec, kind, text) => ({ stamp: { sec, nanosec: 5 }, flight_hours: 1, kind, text });
+  const step = told(200, "step", "friction rose");
   const record = new UnitRecord();
-  const known = base(100, 200, 300, 400);
-  [0, 1, 1, 2].forEach((level, i) => { known.tests[i].level = level; });
-  known.tests[1].dominant_fault = "short_circuit_a";
-  known.events.push({ stamp: known.tests[3].stamp, flight_hours: 40, kind: "fault", text: "told" });
+  record.judged(health(200, { events: [step] }));
+  const known = base(100, 200);
+  known.events.push(told(200, "step", "friction rose"));
   record.replace(() => known);
-  assert.deepEqual(record.columns().events.map(({ text }) => text),
-    ["short circuit A: OK → WARN", "told"]);
-});
-
-test("events are told by their kind", () => {
-  assert.deepEqual(kindOf("repair: friction fell"), { kind: "repair", text: "friction fell" });
-  assert.equal(kindOf("missed tests: 2").kind, "gap");
-  assert.equal(kindOf("something").kind, "other");
+  record.columns();
+  assert.equal(record.judged(health(200, { events: [step] })), true); // latched: it comes again
+  record.happened([told(300, "gap", "5 samples of telemetry missing"), step]);
+  assert.deepEqual(record.columns().events.map(({ kind, text }) => [kind, text]),
+    [["step", "friction rose"], ["gap", "5 samples of telemetry missing"]]);
 });
 
 test("the actuator of a message is read without decoding it", () => {

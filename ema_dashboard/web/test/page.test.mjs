@@ -141,6 +141,9 @@ describe("a fleet of nine", () => {
     assert.equal((await page.locator(".head .badge").innerText()).trim(), "WARN");
     await until("an event", async () =>
       (await page.locator("ol.events").innerText()).includes(reason));
+    await page.reload();
+    await until("the event again", async () => (await page.locator("ol.events").count()) &&
+      (await page.locator("ol.events").innerText()).includes(reason));
   });
 
   test("it connects again by itself when the server starts again", async () => {

@@ -34,6 +34,7 @@ from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import KnownTest
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.sentences import cause_of_level, reason_of, removal_in_words
+from ema_monitor.prognosis.unit_event import UnitEvent
 from ema_monitor.windows.window import MIN_TRAVEL
 from ema_ros.faults import faults_to_message
 from ema_ros.stamps import stamp_to_message
@@ -142,7 +143,7 @@ def health_to_message(outlook: Outlook, description: ActuatorDescription) -> Hea
         assumption=outlook.assumption,
         cause=cause_of_level(outlook),
         removal=removal_in_words(outlook),
-        events=list(outlook.events),
+        events=[_event(event) for event in outlook.happened],
         reason=reason_of(outlook),
     )
     message.header.stamp = stamp_to_message(outlook.stamp_ns)
@@ -272,12 +273,7 @@ def history_to_message(
         serial_number=description.serial_number,
         tests=[_unit_test(test) for test in tests],
         events=[
-            UnitEventMessage(
-                stamp=stamp_to_message(event.stamp_ns),
-                flight_hours=float(event.hours),
-                kind=event.kind,
-                text=event.text,
-            )
+            _event(event)
             for test in tests
             for event in (test.assessment.events if test.assessment else ())
         ],
@@ -286,6 +282,15 @@ def history_to_message(
     if tests:
         message.header.stamp = stamp_to_message(tests[-1].entry.stamp_ns)
     return message
+
+
+def _event(event: UnitEvent) -> UnitEventMessage:
+    return UnitEventMessage(
+        stamp=stamp_to_message(event.stamp_ns),
+        flight_hours=float(event.hours),
+        kind=event.kind,
+        text=event.text,
+    )
 
 
 def _unit_test(test: KnownTest) -> UnitTest:

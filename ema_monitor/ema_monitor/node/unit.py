@@ -232,6 +232,6 @@ class Unit:
             return None
         health = health_to_message(self._outlook, description)
         # Each event is published once.
-        self._outlook = replace(self._outlook, events=())
+        self._outlook = replace(self._outlook, events=(), happened=())
         self._publish(health)
         return health

@@ -3,52 +3,14 @@
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 from ema_core.levels import ERROR, WARN
 from ema_core.quantity import is_finite_number
 from ema_monitor.identification.estimate import plain_number, read_number
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.sentences import in_words
-
-FAULT: Final = "fault"
-CALIBRATION: Final = "calibration"
-RESTART: Final = "restart"
-OTHER: Final = "other"
-
-_KINDS: Final = {
-    "repair": "repair",
-    "step": "step",
-    "outlier": "outlier",
-    "missed tests": "gap",
-    "service hours": "service hours",
-    "usage": "service hours",
-    "the history": "history",
-}
-"""Kinds of events by how they begin in words."""
-_IMPORTED: Final = "test cycles are imported from"
-
-
-@dataclass(frozen=True)
-class UnitEvent:
-    """Something that happened to a unit or to its monitoring.
-
-    Attributes
-    ----------
-    stamp_ns
-        Stamp of the test that showed it [ns].
-    hours
-        Service hours then [h]; NaN when unknown.
-    kind
-        What kind of event, as in ``ema_interfaces/msg/UnitEvent``.
-    text
-        In words.
-    """
-
-    stamp_ns: int
-    hours: float
-    kind: str
-    text: str
+from ema_monitor.prognosis.unit_event import FAULT, UnitEvent, kind_and_text
 
 
 @dataclass(frozen=True)
@@ -96,7 +58,7 @@ def assessment_of(
     health, rul = outlook.health, outlook.rul
     items = [one for one in (*health.faults, *health.requirements) if one.level in (WARN, ERROR)]
     known = before.alarms if before else {}
-    found = [(kind_of_event(text), text) for text in outlook.events]
+    found = [kind_and_text(words) for words in outlook.events]
     found += [(FAULT, in_words(one)) for one in items if one.level > known.get(one.name, 0)]
     stamp_ns, hours = outlook.stamp_ns, outlook.hours
     # One that is assessed again keeps what was shown first.
@@ -111,13 +73,6 @@ def assessment_of(
         {one.name: one.level for one in items},
         (*kept, *events, *(UnitEvent(stamp_ns, hours, *one) for one in found)),
     )
-
-
-def kind_of_event(text: str) -> str:
-    """Return the kind of an event of an outlook."""
-    if _IMPORTED in text:
-        return "history"
-    return next((kind for start, kind in _KINDS.items() if text.startswith(start)), OTHER)
 
 
 def assessment_text(one: Assessment) -> str:

@@ -17,6 +17,7 @@ from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.requirements.required_life import RequiredLife, required_life
 from ema_monitor.prognosis.requirements.requirements import Requirements
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.prognosis.unit_event import UnitEvent
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,8 @@ class Outlook:
         What is assumed of future use, in words.
     events
         What the latest test revealed, in words.
+    happened
+        What the history keeps of that, and of restarts, calibrations and faults that are new.
     lifetimes
         Equally probable remaining lives until the earlier of both [h], ``(n,)``; empty when ``rul``
         is not known.
@@ -80,6 +83,7 @@ class Outlook:
     assumption: str
     events: tuple[str, ...]
     failed_since: float = math.nan
+    happened: tuple[UnitEvent, ...] = field(default=(), repr=False, compare=False)
     lifetimes: NDArray[np.float64] = field(
         default_factory=lambda: np.empty(0), repr=False, compare=False
     )

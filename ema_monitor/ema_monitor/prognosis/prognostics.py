@@ -10,13 +10,7 @@ from ema_core.levels import ERROR
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.prognosis.assessment import (
-    CALIBRATION,
-    RESTART,
-    Assessment,
-    UnitEvent,
-    assessment_of,
-)
+from ema_monitor.prognosis.assessment import Assessment, assessment_of
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
@@ -24,6 +18,7 @@ from ema_monitor.prognosis.history_entry import Count, Entry, UnusedCycle
 from ema_monitor.prognosis.outlook import Outlook, outlook_of
 from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits, Requirements
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.prognosis.unit_event import CALIBRATION, RESTART, UnitEvent
 
 
 class KnownTest(NamedTuple):
@@ -208,8 +203,11 @@ class Prognostics:
         # Each event is published once.
         self._events = ()
         before = self._assessment_before(outlook)
-        self.history.assess(assessment_of(outlook, before, self._own_events(outlook)))
-        return outlook
+        assessment = assessment_of(outlook, before, self._own_events(outlook))
+        self.history.assess(assessment)
+        known = before.events if before else ()
+        new = tuple(event for event in assessment.events if event not in known)
+        return replace(outlook, happened=new)
 
     def _outlook(self, parameters: ActuatorParameters | None) -> Outlook:
         requirements = "requirements cannot be monitored without a calibration"

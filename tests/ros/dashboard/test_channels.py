@@ -138,7 +138,8 @@ def test_several_namespaces_are_shown(session):
     viewer = session.view(
         session.dashboard(namespaces=["/ema", "/second"]), "/ema/health", "/second/health"
     )
-    [first], [second] = viewer.wait_for("/ema/health"), viewer.wait_for("/second/health")
+    # What comes as a client subscribes may come twice.
+    first, second = viewer.wait_for("/ema/health")[0], viewer.wait_for("/second/health")[0]
     assert (first.health_index, second.health_index) == (0.25, 0.5)
 
 
@@ -183,13 +184,17 @@ def test_where_time_jumps_back_nothing_of_later_is_kept(session):
     tick(20)
     late = session.view(node, "/ema/health")
     outputs[1].publish(health("right", 0.5, sec=15))
-    wait_for(lambda: any(m.health_index == 0.5 for _, m in late.heard["/ema/health"]), "new")
-    assert [m.header.stamp.sec for _, m in late.heard["/ema/health"]] == [10, 15]
+
+    def heard() -> set[int]:
+        return {message.header.stamp.sec for _, message in late.heard["/ema/health"]}
+
+    wait_for(lambda: heard() >= {10, 15}, "what is left and what is new")
+    assert heard() == {10, 15}
 
 
 def test_nan_stays_nan(session):
     output = session.source.create_publisher(Health, "health", topics.LATCHED)
     viewer = session.view(session.dashboard(), "/ema/health")
     output.publish(health("flap", math.nan))
-    [message] = viewer.wait_for("/ema/health")
+    message = viewer.wait_for("/ema/health")[0]
     assert math.isnan(message.health_index)

@@ -171,6 +171,7 @@ def test_times_outside_of_the_bag_are_refused(session, bag):
 def test_a_player_that_stays_at_the_end_can_be_moved_back(session, bag):
     replay = Replay(session, bag, rate=100.0, stay=True)
     replay.wait_for_state(lambda state: state.status == PlaybackState.ENDED)
+    wait_for(lambda: len(replay.indices) == LAST + 1, "all messages")  # late on a busy machine
     assert not replay.player.finished.is_set()
     refused = replay.call(Trigger, "resume", Trigger.Request())
     assert "seek first" in refused.message
