@@ -70,7 +70,7 @@ class Graph:
 
     def _note_status(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name == "dashboard: dashboard":
+            if status.name == "/ema/dashboard: dashboard":
                 self.status = {pair.key: pair.value for pair in status.values}
 
 

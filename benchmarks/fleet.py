@@ -276,7 +276,7 @@ def measure(actuators: int, together: bool, duration_s: float) -> Row:
         together=together,
         windows=len(expected),
         missing=len(expected) - len(latencies_s),
-        dropped=int(observer.statuses["monitor: input"]["windows dropped"]),
+        dropped=int(observer.statuses["/ema/monitor: input"]["windows dropped"]),
         invalid=len(observer.invalid & expected),
         blocks_lost=actuators * bursts * round(TEST_S / BLOCK_S) - sum(heard),
         latency_median_s=float(np.median(latencies_s)),

@@ -67,7 +67,7 @@ def read(path: Path) -> Demo:
         {pair.key: pair.value for pair in status.values}
         for item in bag.messages([_STATUS])
         for status in item.message.status
-        if status.name.startswith("monitor: ") and status.name.endswith(" telemetry")
+        if status.name.startswith("/ema/monitor: ") and status.name.endswith(" telemetry")
     ]
     last = statuses[-1]
     return Demo(

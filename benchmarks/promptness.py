@@ -75,7 +75,7 @@ def ended_s(process: subprocess.Popen[bytes]) -> float:
 def ends(status: Status, name: str, **parameters: Any) -> float:
     """Return how long a node that is up takes to end [s]."""
     process = start(name, **parameters)
-    status.wait(f"{name}: lifecycle", lambda values: values["message"] == "active")
+    status.wait(f"/ema/{name}: lifecycle", lambda values: values["message"] == "active")
     return ended_s(process)
 
 
@@ -84,7 +84,7 @@ def ends_while_it_identifies(status: Status) -> float:
     actuator = start("actuator")
     # At ten million evaluations it takes minutes.
     monitor = start("monitor", algorithm="pso", budget=10_000_000, history_folder="''")
-    status.wait("monitor: flap telemetry", lambda values: values.get("windows", "0") != "0")
+    status.wait("/ema/monitor: flap telemetry", lambda values: values.get("windows", "0") != "0")
     took_s = ended_s(monitor)
     ended_s(actuator)
     return took_s
@@ -93,7 +93,7 @@ def ends_while_it_identifies(status: Status) -> float:
 def lost_s(status: Status, folder: Path) -> float:
     """Return how much of a recording is lost when its recorder is killed [s]."""
     actuator, recorder = start("actuator"), start("recorder", output=folder)
-    status.wait("recorder: recording", lambda values: int(values.get("messages", 0)) > 300)
+    status.wait("/ema/recorder: recording", lambda values: int(values.get("messages", 0)) > 300)
     recorder.kill()
     killed_ns = time.time_ns()
     recorder.wait()

@@ -106,12 +106,13 @@ class Fleet:
         else:
             one.refused, one.tested_s = message, now_s
 
-    def add_status(self, name: str, hardware_id: str, now_s: float) -> None:
+    def add_status(self, name: str, now_s: float) -> None:
         """Add a status of `/diagnostics`; that of the health of an actuator shows its monitor."""
-        for (_, actuator_id), one in self._actuators.items():
-            known = one.health.serial_number if one.health is not None else hardware_id
-            if name.endswith(f": {actuator_id} health") and hardware_id in (known, actuator_id):
-                one.reported_s = now_s
+        node, _, task = name.partition(": ")
+        place = node.rpartition("/")[0] or "/"
+        one = self._actuators.get((place, task.removesuffix(" health")))
+        if one is not None and task.endswith(" health"):
+            one.reported_s = now_s
 
     def rows(self, now_s: float, clock_ns: int) -> list[Row]:
         """Return the actuators whose health is known, the worst first.

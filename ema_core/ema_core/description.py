@@ -12,6 +12,9 @@ DRIVES: Final = ("six_step", "field_oriented", "unknown")
 """How a motor is driven: six-step commutation with current hysteresis, field-oriented control of a
 sinusoidal motor, or by a controller of which nothing is known."""
 
+LONGEST_NAME: Final = 100
+"""Most characters of an id or a serial number."""
+
 SAMPLE_PERIOD = 1e-4
 """Default period of the telemetry [s]."""
 
@@ -38,7 +41,7 @@ class ActuatorDescription:
     Raises
     ------
     ValueError
-        When the id or serial number is empty, the period is outside
+        When the id or serial number is no name, the period is outside
         ``ema_core.telemetry.PERIODS`` or the drive is unknown.
     """
 
@@ -53,9 +56,36 @@ class ActuatorDescription:
     def __post_init__(self) -> None:
         for name in ("actuator_id", "serial_number", "model"):
             value = getattr(self, name)
-            if not isinstance(value, str) or (not value and name != "model"):
-                raise ValueError(f"{name} = {value!r}: expected a name (text)")
+            if value or name != "model":
+                check_name(name, value)
         if self.drive not in DRIVES:
             raise ValueError(unknown_name("drive", self.drive, DRIVES))
         check_period(self.sample_period)
         object.__setattr__(self, "sample_period", float(self.sample_period))
+
+
+def check_name(what: str, name: object) -> None:
+    """Raise unless something can name an actuator or unit in files, topics' messages and logs.
+
+    Parameters
+    ----------
+    what
+        What it names, for the message.
+    name
+        What is to be a text of 1 to 100 printable characters, without blanks at its ends.
+
+    Raises
+    ------
+    ValueError
+        When it is not.
+    """
+    if not isinstance(name, str) or not name:
+        raise ValueError(f"{what} = {name!r}: expected a name (text)")
+    if len(name) > LONGEST_NAME:
+        raise ValueError(
+            f"{what} = {name[:20]!r}...: {len(name)} characters, expected at most {LONGEST_NAME}"
+        )
+    if not name.isprintable() or name != name.strip():
+        raise ValueError(
+            f"{what} = {name!r}: expected printable characters, without blanks at the ends"
+        )

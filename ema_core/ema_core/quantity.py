@@ -27,6 +27,7 @@ def quantity(
     highest: float,
     description: str,
     usual: tuple[float, float] | None = None,
+    shown: tuple[str, str, float] | None = None,
 ) -> Any:
     """Return a dataclass field of a number with its unit and range.
 
@@ -43,12 +44,16 @@ def quantity(
     usual
         Its usual range, by which the message for a value outside the range suggests the unit that
         was probably meant.
+    shown
+        Name, unit, and how many of these are one ``unit``, as a parameter of a node: a figure that
+        is written with an exponent in ``unit`` is read as a text by some tools.
     """
     metadata = {
         "unit": unit,
         "range": (lowest, highest),
         "description": description,
         "usual": usual,
+        "shown": shown,
     }
     return field(default=default, metadata=metadata)
 

@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from typing import Any, Final, cast
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -16,6 +17,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.lifecycle.publisher import LifecyclePublisher
 from rclpy.qos import QoSProfile
 
+from ema_ros.entities import destroy_entities, entities_of
 from ema_ros.peers import Peers, nodes_alive, nodes_in_touch
 from ema_ros.rclpy_private import (
     given_parameters,
@@ -27,13 +29,20 @@ from ema_ros.status import ERROR, OK, WARN, Task, status_message
 from ema_ros.topics import NAMESPACE
 
 _REPORT_S: Final = 1.0
+_AUTOSTART: Final = "autostart"
+_AUTOSTART_DESCRIPTOR: Final = ParameterDescriptor(
+    description="configure and activate at the start; false: a lifecycle manager does that",
+    read_only=True,
+)
 
 
 class ManagedNode(LifecycleNode):
     """A lifecycle node, in namespace ``/ema`` unless it is remapped.
 
     What a subclass does lies in ``configure``, ``activate``, ``deactivate`` and ``clean_up``; each
-    may refuse with a ValueError or OSError, which is logged and published on ``/diagnostics``.
+    may refuse with a ValueError or OSError, which is logged and published on ``/diagnostics``: the
+    state is then the one before. After any other exception, and one in ``deactivate`` or
+    ``clean_up``, the node lets go of all that it has and is unconfigured.
 
     Attributes
     ----------
@@ -52,7 +61,9 @@ class ManagedNode(LifecycleNode):
         self.exit_code = 0
         self._refused = ""
         self._configured = False
+        self._kept: list[Any] = []
         self._peers = Peers()
+        self.declare_parameter(_AUTOSTART, True, _AUTOSTART_DESCRIPTOR)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         wrap_change_state(self, self._refuse_impossible)
         self._report_timer = self.create_timer(
@@ -81,8 +92,13 @@ class ManagedNode(LifecycleNode):
 
     @property
     def hardware_id(self) -> str:
-        """The unit that the node is about, for its status."""
-        return self.get_name()
+        """What the node is about, for its status: by default the node itself."""
+        return self.get_fully_qualified_name()
+
+    @property
+    def is_configured(self) -> bool:
+        """Whether what ``configure`` made is there."""
+        return self._configured
 
     @property
     def state(self) -> str:
@@ -90,8 +106,11 @@ class ManagedNode(LifecycleNode):
         return lifecycle_state(self)
 
     def bring_up(self) -> bool:
-        """Configure and activate; return whether that worked."""
+        """Configure and activate, unless somebody else is to; return whether that worked."""
         self._log_unknown_parameters()
+        if not self.get_parameter(_AUTOSTART).value:
+            self.get_logger().info("unconfigured: waiting for a lifecycle manager")
+            return True
         success = TransitionCallbackReturn.SUCCESS
         return self.trigger_configure() == success and self.trigger_activate() == success
 
@@ -127,63 +146,94 @@ class ManagedNode(LifecycleNode):
         tasks = [self._lifecycle_task(), self._peers.task(self.hardware_id, time.monotonic())]
         if self._configured:
             tasks += self.tasks()
-        name = self.get_name()
+        name = self.get_fully_qualified_name()
         message = DiagnosticArray(status=[status_message(name, task) for task in tasks])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure, and be unconfigured still when that is refused."""
-        if not self._attempt("configure", self.configure):
-            return TransitionCallbackReturn.FAILURE
-        self._configured = True
-        return super().on_configure(state)
+        self._kept = entities_of(self)
+        result = self._attempt("configure", self.configure)
+        if result == TransitionCallbackReturn.SUCCESS:
+            self._configured = True
+            return self._done("configured", super().on_configure(state))
+        if result == TransitionCallbackReturn.FAILURE:
+            destroy_entities(self, self._kept)
+        return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate, and be inactive still when that is refused."""
-        result = super().on_activate(state)
-        if not self._attempt("activate", self.activate):
+        kept = entities_of(self)
+        super().on_activate(state)
+        result = self._attempt("activate", self.activate)
+        if result == TransitionCallbackReturn.SUCCESS:
+            return self._done("active", result)
+        if result == TransitionCallbackReturn.FAILURE:
             super().on_deactivate(state)
-            return TransitionCallbackReturn.FAILURE
+            destroy_entities(self, kept)
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate while the publishers still publish."""
-        done = self._attempt("deactivate", self.deactivate)
-        result = super().on_deactivate(state)
-        return result if done else TransitionCallbackReturn.ERROR
+        result = self._attempt("deactivate", self.deactivate)
+        super().on_deactivate(state)
+        if result != TransitionCallbackReturn.SUCCESS:
+            return TransitionCallbackReturn.ERROR
+        return self._done("inactive", result)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let go of what was configured."""
         self._configured = False
-        done = self._attempt("clean up", self.clean_up)
-        return super().on_cleanup(state) if done else TransitionCallbackReturn.ERROR
+        result = self._attempt("clean up", self.clean_up)
+        if result != TransitionCallbackReturn.SUCCESS:
+            return TransitionCallbackReturn.ERROR
+        return self._done("unconfigured", super().on_cleanup(state))
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop whatever is going on, and end the process."""
-        done = True
+        success, steps = TransitionCallbackReturn.SUCCESS, []
         if state.label == "active":
-            done = self._attempt("deactivate", self.deactivate)
+            steps.append(self._attempt("deactivate", self.deactivate))
         if state.label in ("active", "inactive"):
             self._configured = False
-            done = self._attempt("clean up", self.clean_up) and done
+            steps.append(self._attempt("clean up", self.clean_up))
         self.finished.set()
-        return super().on_shutdown(state) if done else TransitionCallbackReturn.ERROR
+        if any(step != success for step in steps):
+            return TransitionCallbackReturn.ERROR
+        return self._done("finalized", super().on_shutdown(state))
 
-    def _attempt(self, name: str, step: Callable[[], None]) -> bool:
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of whatever is left after a failed transition, and be unconfigured."""
+        self._configured = False
+        # The first reason is the one to report; what was not begun cannot be ended.
+        for step in (self.deactivate, self.clean_up):
+            try:
+                step()
+            except Exception as error:
+                self.get_logger().debug(f"after an error: {error!r}")
+        super().on_deactivate(state)
+        destroy_entities(self, self._kept)
+        return self._done("unconfigured after an error", TransitionCallbackReturn.SUCCESS)
+
+    def _attempt(self, name: str, step: Callable[[], None]) -> TransitionCallbackReturn:
         """Take a step of the lifecycle; rclpy would keep quiet about what goes wrong in it."""
         try:
             step()
         except (ValueError, OSError) as error:
             self._refused = f"cannot {name}: {error}"
             self.get_logger().error(self._refused)
-            return False
+            return TransitionCallbackReturn.FAILURE
         except Exception as error:
             self._refused = f"cannot {name}: {error!r}"
             self.get_logger().error(f"{self._refused}\n{traceback.format_exc()}")
-            return False
+            return TransitionCallbackReturn.ERROR
         self._refused = ""
-        return True
+        return TransitionCallbackReturn.SUCCESS
+
+    def _done(self, state: str, result: TransitionCallbackReturn) -> TransitionCallbackReturn:
+        self.get_logger().info(state)
+        return result
 
     def _lifecycle_task(self) -> Task:
         if self._refused:

@@ -13,10 +13,12 @@ _UNSEEN = {"/rosout", "/parameter_events", "/clock", "/diagnostics"}
 
 
 class Peers:
-    """The nodes of the same namespace that share, or shared, a topic with a node.
+    """The nodes that a node has, or had, to do with.
 
-    A killed node cannot say that it goes, so that the others have to. Tools that come and go in
-    other namespaces are of no concern, nor is a node that is there and only inactive.
+    These are all that data flow from, whatever their namespace, and those of its own namespace that
+    listen to it. A killed node cannot say that it goes, so that the others have to. Tools that
+    listen from elsewhere and come and go are of no concern, nor is a node that is there and only
+    inactive.
     """
 
     def __init__(self) -> None:
@@ -45,18 +47,28 @@ class Peers:
 
 
 def nodes_in_touch(node: Node) -> set[str]:
-    """Return the full names of the nodes of its namespace that share a topic with a node."""
+    """Return the full names of the nodes that data flow from, and of near ones that share a topic.
+
+    Near are those of the same namespace. Hidden nodes, as those of the command line, do not count.
+    """
     namespace, own = node.get_namespace(), node.get_fully_qualified_name()
-    topics = {item.topic_name for item in (*node.publishers, *node.subscriptions)} - _UNSEEN
-    found = {
-        f"{namespace.rstrip('/')}/{endpoint.node_name}"
+    received = {item.topic_name for item in node.subscriptions} - _UNSEEN
+    shared = received | {item.topic_name for item in node.publishers} - _UNSEEN
+    sources = [item for topic in received for item in node.get_publishers_info_by_topic(topic)]
+    near = [
+        item
+        for topic in shared
         for list_endpoints in (
             node.get_publishers_info_by_topic,
             node.get_subscriptions_info_by_topic,
         )
-        for topic in topics
-        for endpoint in list_endpoints(topic)
-        if endpoint.node_namespace == namespace
+        for item in list_endpoints(topic)
+        if item.node_namespace == namespace
+    ]
+    found = {
+        f"{item.node_namespace.rstrip('/')}/{item.node_name}"
+        for item in (*sources, *near)
+        if not item.node_name.startswith("_")
     }
     return found - {own}
 

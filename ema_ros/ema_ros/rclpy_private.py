@@ -6,12 +6,13 @@ the service ``change_state`` raises, or to list the parameters that were given t
 tests/library/test_rclpy_private.py fails where another version differs. Checked with 7.1 (Jazzy).
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rclpy.executors import Executor
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 
 
@@ -51,9 +52,9 @@ def wrap_change_state(node: LifecycleNode, wrap: Callable[[Any], Any]) -> None:
     service.callback = wrap(service.callback)
 
 
-def given_parameters(node: Node) -> Collection[str]:
-    """Return the names of the parameters that a node was given, declared or not."""
-    return node._parameter_overrides.keys()
+def given_parameters(node: Node) -> Mapping[str, Parameter]:
+    """Return the parameters that a node was given by name, declared or not."""
+    return node._parameter_overrides
 
 
 def _any(node: Any) -> Any:

@@ -1,8 +1,8 @@
 """ROS parameters declared from, and read into, the dataclasses that validate them."""
 
 from collections.abc import Callable
-from dataclasses import Field, fields, replace
-from typing import Any, Generic, TypeVar
+from dataclasses import Field, dataclass, fields, replace
+from typing import Any, Final, Generic, TypeVar
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -14,10 +14,25 @@ from rclpy.exceptions import InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from ema_ros.rclpy_private import given_parameters
+
 Definition = TypeVar("Definition")
 
+LIVE: Final = "live"
+"""Constraint of a parameter that can be changed at any time."""
 
-def declare(node: Node, definition: Any, prefix: str = "", *, read_only: bool = True) -> None:
+WHILE_UNCONFIGURED: Final = "changed while the node is unconfigured"
+"""Constraint of a parameter that is read when the node is configured."""
+
+
+def declare(
+    node: Node,
+    definition: Any,
+    prefix: str = "",
+    *,
+    read_only: bool = True,
+    constraint: str = "",
+) -> None:
     """Declare the fields of a dataclass as parameters of a node.
 
     Parameters
@@ -27,6 +42,8 @@ def declare(node: Node, definition: Any, prefix: str = "", *, read_only: bool = 
         instance of one whose values are the defaults. Other fields are ignored.
     read_only
         Whether they cannot be changed while the node runs.
+    constraint
+        When they can be changed, for their descriptors.
 
     Raises
     ------
@@ -34,15 +51,24 @@ def declare(node: Node, definition: Any, prefix: str = "", *, read_only: bool = 
         When a given value is impossible.
     """
     is_type = isinstance(definition, type)
+    given = given_parameters(node)
     for item in _declared(definition):
+        parameter = _Parameter(item, prefix)
         default = item.default if is_type else getattr(definition, item.name)
-        descriptor = _descriptor(item, read_only)
+        descriptor = parameter.descriptor(read_only, constraint)
+        value, is_text = parameter.to_node(default), False
+        if parameter.name in given:
+            value = parameter.number_of(given[parameter.name].value)
+            is_text = value is not given[parameter.name].value
+            if not is_text:
+                value = parameter.to_node(default)
         try:
-            node.declare_parameter(prefix + item.name, default, descriptor)
+            # What was given as a text, as YAML 1.1 reads 1e-06, is declared as the number it is.
+            node.declare_parameter(parameter.name, value, descriptor, ignore_override=is_text)
         except InvalidParameterValueException as error:
             reason = str(error).partition("Reason: ")[2].rpartition(":")[0]
             raise ValueError(
-                f"{reason} {item.metadata.get('unit', '')} ({item.metadata['description']})"
+                f"{reason} {parameter.unit} ({item.metadata['description']})"
             ) from error
 
 
@@ -59,8 +85,9 @@ def read(node: Node, definition: type[Definition], prefix: str = "") -> Definiti
     ValueError
         When a value is impossible; the message names the parameter.
     """
+    parameters = [_Parameter(item, prefix) for item in _declared(definition)]
     values = {
-        item.name: node.get_parameter(prefix + item.name).value for item in _declared(definition)
+        item.field.name: item.from_node(node.get_parameter(item.name).value) for item in parameters
     }
     try:
         return definition(**values)
@@ -69,7 +96,7 @@ def read(node: Node, definition: type[Definition], prefix: str = "") -> Definiti
 
 
 class LiveSettings(Generic[Definition]):
-    """Settings that can be changed while the node runs; impossible values are refused.
+    """Settings that can be changed; impossible values are refused with the reason.
 
     Parameters
     ----------
@@ -77,6 +104,13 @@ class LiveSettings(Generic[Definition]):
         As in ``declare``.
     on_change
         Called with the new settings after a change.
+    why_fixed
+        Gives why they cannot be changed at present; empty when they can. Without it they are live.
+
+    Attributes
+    ----------
+    value
+        The settings as they are now.
 
     Raises
     ------
@@ -90,24 +124,44 @@ class LiveSettings(Generic[Definition]):
         definition: type[Definition],
         prefix: str = "",
         on_change: Callable[[Definition], None] | None = None,
+        why_fixed: Callable[[], str] | None = None,
     ) -> None:
         self._prefix = prefix
-        self._names = {prefix + item.name: item.name for item in _declared(definition)}
+        parameters = [_Parameter(item, prefix) for item in _declared(definition)]
+        self._parameters = {item.name: item for item in parameters}
         self._on_change = on_change
-        declare(node, definition, prefix, read_only=False)
+        self._why_fixed = why_fixed
+        constraint = WHILE_UNCONFIGURED if why_fixed else LIVE
+        declare(node, definition, prefix, read_only=False, constraint=constraint)
         self.value: Definition = read(node, definition, prefix)
+        node.add_pre_set_parameters_callback(self._read_numbers)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
     def _changed(self, parameters: list[Parameter]) -> Definition | None:
-        changes = {
-            self._names[item.name]: item.value for item in parameters if item.name in self._names
-        }
+        own = [(self._parameters[item.name], item) for item in parameters if self._owns(item)]
+        changes = {known.field.name: known.from_node(item.value) for known, item in own}
         return replace(self.value, **changes) if changes else None  # pyright: ignore
+
+    def _owns(self, parameter: Parameter) -> bool:
+        return parameter.name in self._parameters
+
+    def _read_numbers(self, parameters: list[Parameter]) -> list[Parameter]:
+        """Return the parameters, those that are numbers and came as texts as numbers."""
+        return [
+            Parameter(item.name, value=self._parameters[item.name].number_of(item.value))
+            if self._owns(item) and item.value is not None
+            else item
+            for item in parameters
+        ]
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
-            self._changed(parameters)
+            changed = self._changed(parameters)
+            reason = self._why_fixed() if changed is not None and self._why_fixed else ""
+            if reason and changed != self.value:
+                names = ", ".join(item.name for item in parameters if self._owns(item))
+                return SetParametersResult(successful=False, reason=f"{names}: {reason}")
         except ValueError as error:
             return SetParametersResult(successful=False, reason=f"{self._prefix}{error}")
         return SetParametersResult(successful=True)
@@ -120,27 +174,72 @@ class LiveSettings(Generic[Definition]):
                 self._on_change(changed)
 
 
+@dataclass(frozen=True)
+class _Parameter:
+    """A field of a dataclass as a parameter."""
+
+    field: Field[Any]
+    prefix: str
+
+    @property
+    def name(self) -> str:
+        shown = self.field.metadata.get("shown")
+        return self.prefix + (shown[0] if shown else self.field.name)
+
+    @property
+    def unit(self) -> str:
+        shown = self.field.metadata.get("shown")
+        return shown[1] if shown else self.field.metadata.get("unit", "")
+
+    @property
+    def scale(self) -> float | None:
+        """Units of the parameter in one of the field; None where they are the same."""
+        shown = self.field.metadata.get("shown")
+        return shown[2] if shown else None
+
+    def to_node(self, value: Any) -> Any:
+        return value if self.scale is None else float(f"{value * self.scale:.12g}")
+
+    def from_node(self, value: Any) -> Any:
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        return value / self.scale if self.scale is not None and is_number else value
+
+    def number_of(self, value: Any) -> Any:
+        """Return the number that a text stands for; whatever else it is, as it is."""
+        if not isinstance(value, str) or "range" not in self.field.metadata:
+            return value
+        try:
+            return float(value)
+        except ValueError:
+            return value
+
+    def descriptor(self, read_only: bool, constraint: str) -> ParameterDescriptor:
+        metadata = self.field.metadata
+        # The dataclass checks the type, so that an integer is accepted for a float.
+        descriptor = ParameterDescriptor(
+            description=metadata["description"], read_only=read_only, dynamic_typing=True
+        )
+        constraints = [constraint] if constraint else []
+        if "range" in metadata:
+            lowest, highest = metadata["range"]
+            descriptor.description += f" [{self.unit}]"
+            if isinstance(self.field.default, int):
+                descriptor.integer_range = [
+                    IntegerRange(from_value=int(lowest), to_value=int(highest), step=1)
+                ]
+            else:
+                descriptor.floating_point_range = [
+                    FloatingPointRange(
+                        from_value=float(self.to_node(lowest)),
+                        to_value=float(self.to_node(highest)),
+                        step=0.0,
+                    )
+                ]
+        elif metadata.get("choices"):
+            constraints.append(f"one of {', '.join(metadata['choices'])}")
+        descriptor.additional_constraints = "; ".join(constraints)
+        return descriptor
+
+
 def _declared(definition: Any) -> list[Field[Any]]:
     return [item for item in fields(definition) if "description" in item.metadata]
-
-
-def _descriptor(item: Field[Any], read_only: bool) -> ParameterDescriptor:
-    metadata = item.metadata
-    # The dataclass checks the type, so that an integer is accepted for a float.
-    descriptor = ParameterDescriptor(
-        description=metadata["description"], read_only=read_only, dynamic_typing=True
-    )
-    if "range" in metadata:
-        lowest, highest = metadata["range"]
-        descriptor.description += f" [{metadata['unit']}]"
-        if isinstance(item.default, int):
-            descriptor.integer_range = [
-                IntegerRange(from_value=int(lowest), to_value=int(highest), step=1)
-            ]
-        else:
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=float(lowest), to_value=float(highest), step=0.0)
-            ]
-    elif metadata.get("choices"):
-        descriptor.additional_constraints = f"one of {', '.join(metadata['choices'])}"
-    return descriptor

@@ -1,14 +1,34 @@
-"""Status of a node on ``/diagnostics``."""
+"""Status of a node on ``/diagnostics``, as ``diagnostic_updater`` publishes it."""
 
+import hashlib
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from ema_core.levels import ERROR, OK, STALE, WARN
 
-__all__ = ["ERROR", "OK", "STALE", "WARN", "Task", "status_message"]
+__all__ = ["ERROR", "OK", "STALE", "WARN", "Task", "fault_code", "hardware_name", "status_message"]
+
+LONGEST_CODE: Final = 64
+"""Most characters of a fault code."""
+
+NORMAL: Final = "NORMAL"
+FAILURE: Final = "FAILURE"
+CHECK_FUNCTION: Final = "CHECK_FUNCTION"
+OFF_SPEC: Final = "OFF_SPEC"
+MAINTENANCE_REQUIRED: Final = "MAINTENANCE_REQUIRED"
+DIAGNOSTICS_ACTIVE: Final = "DIAGNOSTICS_ACTIVE"
+"""Categories of NAMUR NE 107 and, without any of these, normal."""
+
+_BY_LEVEL: Final = {
+    OK: NORMAL,
+    WARN: CHECK_FUNCTION,
+    ERROR: FAILURE,
+    STALE: CHECK_FUNCTION,
+}
 
 
 @dataclass(frozen=True)
@@ -20,11 +40,14 @@ class Task:
     name
         Name of the task, always the same.
     level
-        ``OK``, ``WARN``, ``ERROR`` or ``STALE`` of ``ema_core.levels``.
+        ``OK``, ``WARN``, ``ERROR`` or ``STALE`` of ``ema_core.levels``; ``STALE`` for data that
+        were received and no longer are, and for nothing else.
     hardware_id
-        Serial number of the unit concerned.
+        Unit concerned, of ``hardware_name``.
     values
         Figures by name; the unit is part of the name, as in ``lag [s]``.
+    category
+        Category of NAMUR NE 107; that of the level when empty.
     """
 
     name: str
@@ -32,18 +55,71 @@ class Task:
     message: str
     hardware_id: str
     values: Mapping[str, Any] = field(default_factory=dict)
+    category: str = ""
 
 
 def status_message(node_name: str, task: Task) -> DiagnosticStatus:
-    """Return a task as a message."""
-    values = [KeyValue(key=key, value=_plain(value)) for key, value in task.values.items()]
+    """Return a task as a message.
+
+    Parameters
+    ----------
+    node_name
+        Full name of the node, with its namespace.
+    task
+        What to report.
+    """
+    name = f"{node_name}: {task.name}"
+    values = {
+        **task.values,
+        "fault_code": fault_code(name),
+        "ne107": task.category or _BY_LEVEL[task.level],
+    }
     return DiagnosticStatus(
         level=bytes([task.level]),
-        name=f"{node_name}: {task.name}",
+        name=name,
         message=task.message,
         hardware_id=task.hardware_id,
-        values=values,
+        values=[KeyValue(key=key, value=_plain(value)) for key, value in values.items()],
     )
+
+
+def fault_code(name: str) -> str:
+    """Return the code of a status: always the same, and unique as its name is.
+
+    It does not depend on the level, so that who collects faults by their code sees them end.
+
+    Parameters
+    ----------
+    name
+        Name of the status, as in ``/ema/monitor: flap friction``.
+
+    Returns
+    -------
+    str
+        Capitals, digits and single underscores, at most 64 characters, as in
+        ``EMA_MONITOR_FLAP_FRICTION``. What is longer is cut, and ends in a digest of the name.
+    """
+    code = re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_")
+    if len(code) <= LONGEST_CODE:
+        return code
+    digest = hashlib.blake2s(name.encode(), digest_size=4).hexdigest().upper()
+    return f"{code[: LONGEST_CODE - len(digest) - 1].rstrip('_')}_{digest}"
+
+
+def hardware_name(namespace: str, actuator_id: str, serial_number: str = "") -> str:
+    """Return the name of a unit in the status: namespace, actuator and serial number.
+
+    Parameters
+    ----------
+    namespace
+        Namespace of the node that reports, as ``/ema``.
+    actuator_id
+        Which actuator.
+    serial_number
+        Serial number of the installed unit; empty as long as it is not known.
+    """
+    parts = (namespace.rstrip("/"), actuator_id, serial_number)
+    return "/".join(parts if serial_number else parts[:2])
 
 
 def _plain(value: Any) -> str:

@@ -18,6 +18,7 @@ from ema_interfaces.msg import (
     FaultVectorStamped,
     Health,
     HealthForecast,
+    HealthSummary,
     MeasuredCauses,
     PlaybackState,
     TelemetryBlock,
@@ -33,6 +34,7 @@ USAGE: Final = "usage"
 MEASURED_CAUSES: Final = "measured_causes"
 FAULT_ESTIMATE: Final = "fault_estimate"
 HEALTH: Final = "health"
+HEALTH_SUMMARY: Final = "health_summary"
 HEALTH_FORECAST: Final = "health_forecast"
 ADVICE: Final = "advice"
 WINDOW_FIT: Final = "window_fit"
@@ -68,6 +70,7 @@ SYSTEM_TOPICS: Final = {
 MONITOR_TOPICS: Final = {
     FAULT_ESTIMATE: (FaultEstimate, STATE),
     HEALTH: (Health, LATCHED),
+    HEALTH_SUMMARY: (HealthSummary, LATCHED),
     HEALTH_FORECAST: (HealthForecast, LATCHED),
     ADVICE: (Advice, LATCHED),
     WINDOW_FIT: (WindowFit, LATCHED),

@@ -30,7 +30,7 @@ from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 from ema_ros.settings import declare, read
 from ema_ros.stamps import stamp_to_message
-from ema_ros.status import OK, WARN, Task
+from ema_ros.status import OK, WARN, Task, hardware_name
 from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
 from ema_sim.growth import Growth
 from ema_sim.runner import BenchRunner, Pace
@@ -79,8 +79,9 @@ class ActuatorNode(ManagedNode):
 
     @property
     def hardware_id(self) -> str:
-        """Serial number of the simulated unit."""
-        return self._description.serial_number
+        """Namespace, name and serial number of the simulated unit."""
+        unit = self._description
+        return hardware_name(self.get_namespace(), unit.actuator_id, unit.serial_number)
 
     def configure(self) -> None:
         """Set up the bench, the publishers and the services."""

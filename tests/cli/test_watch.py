@@ -61,7 +61,7 @@ def fleet_of(*healths: Health) -> Fleet:
     fleet = Fleet()
     for one in healths:
         fleet.add_health("/ema", one, 0.0)
-        fleet.add_status(f"monitor: {one.actuator_id} health", one.serial_number, 0.0)
+        fleet.add_status(f"/ema/monitor: {one.actuator_id} health", 0.0)
     return fleet
 
 
@@ -89,15 +89,15 @@ def test_row_says_value_life_and_removal():
 
 def test_actuator_is_stale_when_its_monitor_is_silent_and_no_longer_when_it_reports():
     fleet = fleet_of(health_of("a", ERROR, None), health_of("b", WARN, None))
-    fleet.add_status("monitor: b health", "b-1", 2.0)
+    fleet.add_status("/ema/monitor: b health", 2.0)
     silent, heard = fleet.rows(SILENT_S + 1.0, TEST_NS)
     assert (silent.level, silent.last_level, heard.level) == (STALE, ERROR, WARN)
     assert silent.why.startswith("its monitor is silent, the level was ERROR")
-    # That of another unit, or task, is none of it.
-    fleet.add_status("monitor: a health", "another", SILENT_S + 2.0)
-    fleet.add_status("monitor: a telemetry", "a-1", SILENT_S + 2.0)
+    # That of another namespace, or task, is none of it.
+    fleet.add_status("/right/monitor: a health", SILENT_S + 2.0)
+    fleet.add_status("/ema/monitor: a telemetry", SILENT_S + 2.0)
     assert fleet.rows(SILENT_S + 2.0, TEST_NS)[0].level == STALE
-    fleet.add_status("monitor: a health", "a-1", SILENT_S + 2.0)
+    fleet.add_status("/ema/monitor: a health", SILENT_S + 2.0)
     assert fleet.rows(SILENT_S + 2.0, TEST_NS)[0].level == ERROR
 
 
@@ -172,7 +172,7 @@ def publish() -> Iterator[Callable[[Health | FaultEstimate], None]]:
         def send(message: Health | FaultEstimate) -> None:
             name = message.actuator_id
             statuses[name] = DiagnosticStatus(
-                level=bytes([OK]), name=f"monitor: {name} health", hardware_id=f"{name}-1"
+                level=bytes([OK]), name=f"{NAMESPACE}/monitor: {name} health", hardware_id=f"{name}-1"
             )
             (healths[name] if isinstance(message, Health) else estimates).publish(message)
 

@@ -16,6 +16,7 @@ from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.search import Generation, Identification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node import worker as identification_worker
+from ema_monitor.node.settings import WindowSettings
 from ema_monitor.node.worker import IdentificationWorker
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
@@ -46,8 +47,7 @@ class Published:
         return IdentificationWorker(
             lambda _: "no calibration",
             lambda _: None,
-            lambda: self.search,
-            CombinationSettings,
+            lambda: WindowSettings(self.search, CombinationSettings()),
             self._publish,
             self._report,
             self._log,

@@ -170,7 +170,7 @@ class MonitorSession:
             status
             for array in self.received("/diagnostics")
             for status in array.status
-            if status.name == f"monitor: {task}"
+            if status.name == f"/ema/monitor: {task}"
         ]
 
     def until_status(

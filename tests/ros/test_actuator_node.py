@@ -98,7 +98,7 @@ class Listener:
 
     def statuses(self, name: str) -> list[DiagnosticStatus]:
         arrays = self.messages("/diagnostics")
-        return [s for array in arrays for s in array.status if s.name == f"actuator: {name}"]
+        return [s for array in arrays for s in array.status if s.name == f"/ema/actuator: {name}"]
 
     def call(self, service: Any, name: str, request: Any) -> Any:
         client = self._probe.create_client(service, name)
@@ -243,7 +243,7 @@ def test_late_joiner_learns_who_the_actuator_is_and_its_faults(real_time):
 def test_status_tells_how_it_fares(real_time):
     status = [s for s in real_time.statuses("simulation") if s.message != "idle"][-1]
     assert (status.level, status.message) == (DiagnosticStatus.OK, "running")
-    assert status.hardware_id == "SIM-0001"
+    assert status.hardware_id == "/ema/flap/SIM-0001"
     values = {item.key: float(item.value) for item in status.values}
     assert set(values) == {"cycle", "rate", "achieved rate", "lag [s]", "busy share"}
     assert values["rate"] == 1.0

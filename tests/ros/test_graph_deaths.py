@@ -32,7 +32,7 @@ class Flights(Graph):
 
     def wait_until_in_touch(self, names: tuple[str, ...], text: str) -> None:
         self.wait_for(
-            lambda: all(text in self.status.get(f"{n}: peers", (1, "", {}))[1] for n in names),
+            lambda: all(text in self.status.get(f"/ema/{n}: peers", (1, "", {}))[1] for n in names),
             f"{', '.join(names)} to say {text!r}",
         )
 
@@ -64,9 +64,9 @@ def test_killed_node_is_missed_and_may_come_back(running: Flights, victim: str):
     running.wait_until_in_touch(others, f"/ema/{victim}")
     assert all(running.processes[name].poll() is None for name in others)
     if victim != "actuator":
-        cycle = int(running.status["actuator: simulation"][2]["cycle"])
+        cycle = int(running.status["/ema/actuator: simulation"][2]["cycle"])
         running.wait_for(
-            lambda: int(running.status["actuator: simulation"][2]["cycle"]) > cycle + 1,
+            lambda: int(running.status["/ema/actuator: simulation"][2]["cycle"]) > cycle + 1,
             "the actuator to go on",
         )
     if victim == "recorder":
@@ -81,7 +81,7 @@ def test_killed_node_is_missed_and_may_come_back(running: Flights, victim: str):
     assert running.estimates[-1].valid, running.estimates[-1].reason
     for name in others:
         running.wait_for(
-            lambda name=name: running.status[f"{name}: peers"][0] == 0,
+            lambda name=name: running.status[f"/ema/{name}: peers"][0] == 0,
             f"{name} to be in touch again",
         )
 

@@ -1,8 +1,13 @@
 """Nodes bring themselves up, survive what clients ask of them, and end when they are told to."""
 
+import contextlib
+import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,11 +19,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 
+from ema_ros.entities import entities_of
 from ema_ros.managed_node import ManagedNode
 from ema_ros.status import ERROR, OK, WARN, Task
 
-from ..waiting import wait_for
+from ..waiting import DEADLINE_S, wait_for
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 
@@ -37,6 +44,7 @@ class Recorded(ManagedNode):
         super().__init__("recorded", context=context, parameter_overrides=overrides)
         self.steps: list[str] = []
         self.refuse = refuse or {}
+        self.made: Callable[[], Any] = lambda: None
 
     def _step(self, name: str) -> None:
         if name in self.refuse:
@@ -44,6 +52,7 @@ class Recorded(ManagedNode):
         self.steps.append(name)
 
     def configure(self) -> None:
+        self.made()
         self._step("configure")
 
     def activate(self) -> None:
@@ -101,25 +110,29 @@ def test_node_brings_itself_up_in_its_namespace(make_recorded, context: Context)
 
 
 @pytest.mark.parametrize(
-    ("step", "state"), [("configure", "unconfigured"), ("activate", "inactive")]
-)
-@pytest.mark.parametrize(
-    ("error", "text"), [(ValueError("no such file"), "no such file"), (KeyError("x"), "KeyError")]
+    ("step", "error", "state"),
+    [
+        ("configure", ValueError("no such file"), "unconfigured"),
+        ("configure", KeyError("no such file"), "unconfigured"),
+        ("activate", OSError("no such file"), "inactive"),
+        # What nobody thought of is an error: the node lets go of all that it has.
+        ("activate", KeyError("no such file"), "unconfigured"),
+    ],
 )
 def test_refusal_leaves_the_state_and_is_told_until_it_works(
-    make_recorded, context: Context, step: str, state: str, error: Exception, text: str
+    make_recorded, context: Context, step: str, error: Exception, state: str
 ):
     node = make_recorded({step: error})
     assert not node.bring_up()
     assert node.state == state
     with observed(context, node) as (_, until):
-        status = until(lambda told: told.get("recorded: lifecycle"))
+        status = until(lambda told: told.get("/ema/recorded: lifecycle"))
         assert status.level[0] == ERROR
-        assert all(part in status.message for part in (state, f"cannot {step}", text))
+        assert all(part in status.message for part in (state, f"cannot {step}", "no such file"))
         node.refuse.clear()
-        assert node.trigger_configure() == SUCCESS if step == "configure" else True
+        assert node.trigger_configure() == SUCCESS if state == "unconfigured" else True
         assert node.trigger_activate() == SUCCESS
-        until(lambda told: told["recorded: lifecycle"].message == "active")
+        until(lambda told: told["/ema/recorded: lifecycle"].message == "active")
 
 
 def test_status_is_told_in_every_state(make_recorded, context: Context):
@@ -135,16 +148,19 @@ def test_status_is_told_in_every_state(make_recorded, context: Context):
             assert trigger() == SUCCESS
             until(
                 lambda told, state=state: (
-                    "recorded: lifecycle" in told and told["recorded: lifecycle"].message == state
+                    "/ema/recorded: lifecycle" in told and told["/ema/recorded: lifecycle"].message == state
                 )
             )
-            status = until(lambda told: told.get("recorded: lifecycle"))
-            assert (status.level[0], status.hardware_id) == (level, "recorded")
+            status = until(lambda told: told.get("/ema/recorded: lifecycle"))
+            assert (status.level[0], status.hardware_id) == (level, "/ema/recorded")
             if state == "active":
-                work = until(lambda told: told.get("recorded: work"))
+                work = until(lambda told: told.get("/ema/recorded: work"))
                 assert (work.level[0], work.message, work.hardware_id) == (OK, "at it", "unit 7")
                 values = {item.key: item.value for item in work.values}
-                assert values == {"lag [s]": "0.25", "count": "3"}
+                assert values == {
+                    **{"lag [s]": "0.25", "count": "3"},
+                    **{"fault_code": "EMA_RECORDED_WORK", "ne107": "NORMAL"},
+                }
 
 
 def test_transition_that_is_impossible_is_refused_and_the_node_lives(
@@ -179,6 +195,78 @@ def test_transition_that_is_impossible_is_refused_and_the_node_lives(
     assert node.steps == [
         *("configure", "activate", "deactivate", "clean_up", "configure", "clean_up")
     ]
+
+
+@pytest.mark.parametrize("step", ["deactivate", "clean_up"])
+def test_error_at_the_end_lets_go_of_all_and_the_node_can_begin_anew(make_recorded, step: str):
+    node = make_recorded()
+    before = len(entities_of(node))
+    assert node.bring_up()
+    node.add_publisher(DiagnosticArray, "left_over", QoSProfile(depth=1))
+    node.refuse[step] = OSError("stuck")
+    failing = {"deactivate": node.trigger_deactivate, "clean_up": node.trigger_cleanup}
+    if step == "clean_up":
+        assert node.trigger_deactivate() == SUCCESS
+    assert failing[step]() == TransitionCallbackReturn.ERROR
+    assert (node.state, len(entities_of(node))) == ("unconfigured", before)
+    node.refuse.clear()
+    assert node.bring_up()
+    assert node.state == "active"
+
+
+def test_refused_configuration_leaves_nothing_behind(make_recorded):
+    node = make_recorded()
+    before = len(entities_of(node))
+    node.made = lambda: (
+        node.create_timer(1.0, lambda: None),
+        node.create_subscription(DiagnosticArray, "in", lambda _: None, 1),
+        node.create_service(ChangeState, "~/own", lambda _, answer: answer),
+        node.create_guard_condition(lambda: None),
+        node.add_publisher(DiagnosticArray, "out", QoSProfile(depth=1)),
+    )
+    node.refuse["configure"] = ValueError("not now")
+    assert not node.bring_up()
+    assert len(entities_of(node)) == before
+
+
+def test_node_without_autostart_waits_for_its_manager(make_recorded):
+    node = make_recorded(parameters={"autostart": False})
+    assert node.bring_up()
+    assert (node.state, node.steps) == ("unconfigured", [])
+    assert node.trigger_configure() == SUCCESS
+    assert node.state == "inactive"
+
+
+def test_each_transition_has_a_line_in_the_log(make_recorded, capfd):
+    node = make_recorded()
+    assert node.bring_up()
+    for trigger in (node.trigger_deactivate, node.trigger_cleanup, node.trigger_shutdown):
+        assert trigger() == SUCCESS
+    lines = capfd.readouterr().err.splitlines()
+    told = [line.rpartition(": ")[2] for line in lines if "[ema.recorded]" in line]
+    assert told == ["configured", "active", "inactive", "unconfigured", "finalized"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_ends_a_node_in_each_state(number: signal.Signals):
+    script = Path(__file__).with_name("lifecycle_process.py")
+    command = [sys.executable, "-m", "tests.ros.lifecycle_process"]
+    states = {"unconfigured": [], "inactive": ["clean_up"], "active": ["deactivate", "clean_up"]}
+    processes = {
+        state: subprocess.Popen(
+            [*command, state], stdout=subprocess.PIPE, text=True, cwd=script.parents[2]
+        )
+        for state in states
+    }
+    for state, ends_with in states.items():
+        process = processes[state]
+        with process, contextlib.ExitStack() as killed:
+            killed.callback(process.kill)
+            assert process.stdout is not None
+            assert process.stdout.readline().strip() == state
+            process.send_signal(number)
+            assert process.stdout.read().split() == ends_with
+            assert process.wait(DEADLINE_S) == 0
 
 
 def test_shutdown_stops_what_goes_on(make_recorded, context: Context):

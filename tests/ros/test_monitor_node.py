@@ -132,7 +132,7 @@ def test_late_joiner_learns_the_health(session: MonitorSession):
 
 def test_status_carries_the_figures(session: MonitorSession):
     telemetry = session.until_status("flap telemetry", "1 valid estimates", b"\x00")
-    assert telemetry.hardware_id == FLAP.serial_number
+    assert telemetry.hardware_id == f"/ema/flap/{FLAP.serial_number}"
     values = {item.key: item.value for item in telemetry.values}
     expected = {"blocks": "34", "samples lost": "0", "windows": "1", "estimates valid": "1"}
     assert expected.items() <= values.items()
@@ -234,7 +234,7 @@ def test_actuators_are_told_apart():
         assert (refused.window, refused.serial_number) == (0, "SIM-0002")
         assert not refused.valid
         assert "SIM-0002" in refused.reason
-        assert session.until_status("rudder telemetry", "SIM-0002").hardware_id == "SIM-0002"
+        assert session.until_status("rudder telemetry", "SIM-0002").hardware_id == "/ema/rudder/SIM-0002"
         assert session.until_status("input", "2 actuators monitored")
 
 

@@ -80,7 +80,7 @@ def test_process_ends_clean_while_it_identifies_and_others_wait_for_it(bystander
 
     def note(message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name == "monitor: flap telemetry":
+            if status.name == "/ema/monitor: flap telemetry":
                 reported.update({item.key: item.value for item in status.values})
 
     bystander.create_subscription(DiagnosticArray, "/diagnostics", note, 100)

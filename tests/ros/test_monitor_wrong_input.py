@@ -106,7 +106,7 @@ def test_wrong_telemetry_costs_its_window_and_is_named(
     for text in texts:
         assert text in refused.reason
         status = session.until_status("flap telemetry", text, WARN, since=before)
-        assert status.hardware_id == FLAP.serial_number
+        assert status.hardware_id == f"/ema/flap/{FLAP.serial_number}"
 
     session.feed(source.cycle())
     session.until(lambda: [e for e in session.estimates()[estimates:] if e.valid])
@@ -213,7 +213,7 @@ def test_telemetry_waits_for_the_description(source: Source):
     with monitor() as session:
         session.feed(source.cycle())
         status = session.until_status("flap telemetry", "no description", ERROR)
-        assert status.hardware_id == FLAP.actuator_id
+        assert status.hardware_id == f"/ema/{FLAP.actuator_id}"
         assert session.estimates() == []
         session.describe()
         assert session.next_estimate().valid

@@ -97,7 +97,7 @@ def test_replay_gives_the_estimates_of_the_offline_command(bag: Path, expected, 
         graph.wait_for(lambda: player.poll() is not None, "the end of the bag")
         assert player.returncode == 0, graph.log("player").read_text()
         graph.wait_for(lambda: len(graph.estimates) == 3, "three estimates")
-        assert graph.status["monitor: flap telemetry"][2]["samples lost"] == "100"
+        assert graph.status["/ema/monitor: flap telemetry"][2]["samples lost"] == "100"
         # The end of the telemetry shows only when the monitor ends.
         assert graph.stop("monitor") == 0
         graph.wait_for(lambda: len(graph.estimates) == 4, "the refusal of the last window")

@@ -98,7 +98,7 @@ class _Hearing:
                 return
             if topic == _DIAGNOSTICS:
                 for status in message.status:
-                    self._fleet.add_status(status.name, status.hardware_id, now_s)
+                    self._fleet.add_status(status.name, now_s)
                 return
             place = self._places[topic]
             if isinstance(message, Health):

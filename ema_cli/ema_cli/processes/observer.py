@@ -103,6 +103,6 @@ class Observer:
 
     def _take_status(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name == "dashboard: dashboard":
+            if status.name == f"{NAMESPACE}/dashboard: dashboard":
                 values = {item.key: item.value for item in status.values}
                 self.dashboard_address = values["address"]

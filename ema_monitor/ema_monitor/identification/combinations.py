@@ -83,6 +83,10 @@ class Combinations:
             one for held in self._of.values() for one in held.numbered(held.combination.finish())
         ]
 
+    def forget(self, actuator_id: str) -> None:
+        """Forget the stretches of an actuator."""
+        self._of.pop(actuator_id, None)
+
     def clear(self) -> None:
         """Forget all."""
         self._of.clear()

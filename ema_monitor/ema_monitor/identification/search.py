@@ -275,6 +275,10 @@ class LastFaults:
         """Forget all."""
         self._last.clear()
 
+    def forget(self, actuator_id: str) -> None:
+        """Forget the faults of an actuator."""
+        self._last.pop(actuator_id, None)
+
     def of(
         self, description: ActuatorDescription, calibration: Calibration | str
     ) -> NDArray[np.float64] | None:

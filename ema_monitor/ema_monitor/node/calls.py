@@ -14,7 +14,7 @@ from rclpy.node import Node
 from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
 from ema_interfaces.action import IdentifyFaults
-from ema_interfaces.srv import Calibrate
+from ema_interfaces.srv import Calibrate, ForgetActuator
 from ema_monitor.calibration.fit import calibrate
 from ema_monitor.calibration.store import CalibrationStore
 from ema_monitor.identification.search import Identification
@@ -22,6 +22,7 @@ from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.measured import taken_for_known
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.node.settings import Operation
+from ema_monitor.node.summary import unknown_estimate
 from ema_monitor.node.unit import Unit
 from ema_monitor.node.units import Units
 from ema_monitor.windows.finder import Segment
@@ -49,6 +50,8 @@ class MonitorCalls:
         Gives whether the monitor looks for windows.
     calibrated
         Called with an actuator when its calibration has changed.
+    forget
+        Called with the name of an actuator that is to be forgotten; ValueError when there is none.
     """
 
     def __init__(
@@ -60,6 +63,7 @@ class MonitorCalls:
         operation: LiveSettings[Operation],
         is_active: Callable[[], bool],
         calibrated: Callable[[ActuatorDescription], None],
+        forget: Callable[[str], None],
     ) -> None:
         self._node = node
         self._store = store
@@ -68,12 +72,17 @@ class MonitorCalls:
         self._operation = operation
         self._is_active = is_active
         self._calibrated = calibrated
+        self._forget = forget
         self._log = node.get_logger()
         self._queues: list[SimpleQueue[Segment]] = []
         self._queues_lock = threading.Lock()
         self._free_goals = threading.Semaphore(_MOST_GOALS)
         self._service = node.create_service(
             Calibrate, "~/calibrate", self._calibrate, callback_group=WaitingCallbackGroup()
+        )
+        # In the thread that receives telemetry: nothing is received in the middle of it.
+        self._forget_service = node.create_service(
+            ForgetActuator, "~/forget_actuator", self._forget_one
         )
         self._action = ActionServer(
             node,
@@ -91,6 +100,7 @@ class MonitorCalls:
     def destroy(self) -> None:
         """End service and action."""
         self._node.destroy_service(self._service)
+        self._node.destroy_service(self._forget_service)
         self._action.destroy()
 
     def add(self, segment: Segment) -> None:
@@ -140,11 +150,27 @@ class MonitorCalls:
         self._log.info(f"calibration: {response.message}")
         return response
 
+    def _forget_one(
+        self, request: ForgetActuator.Request, response: ForgetActuator.Response
+    ) -> ForgetActuator.Response:
+        try:
+            self._forget(request.actuator_id)
+        except ValueError as error:
+            response.message = str(error)
+        else:
+            response.success = True
+            response.message = (
+                f"{request.actuator_id!r} is forgotten; it is monitored again with its next message"
+            )
+            self._log.info(f"{request.actuator_id}: forgotten")
+        return response
+
     def _healthy_windows(self, actuator_id: str, number: int) -> Iterator[Window]:
         """Yield the next windows of an actuator without those that cannot be used."""
         if number < 1:
             raise ValueError(f"windows = {number}: expected at least 1 healthy window")
-        with self._windows() as windows:
+        unit = self._units.find(actuator_id)[0]
+        with self._windows() as windows, unit.calibrating():
             for made in range(number):
                 deadline = time.monotonic() + self._timeout_s
                 refused = ""
@@ -174,12 +200,26 @@ class MonitorCalls:
                 return segment
         return None
 
-    def _accept_or_reject(self, _: Any) -> GoalResponse:
-        """Reject goals that would take the processor from the windows of the telemetry."""
+    def _accept_or_reject(self, request: IdentifyFaults.Goal) -> GoalResponse:
+        """Reject impossible goals, and those that would take the processor from the telemetry."""
+        try:
+            self._check_goal(request)
+        except ValueError as error:
+            self._log.warning(f"a goal of identify_faults is rejected: {error}")
+            return GoalResponse.REJECT
         if self._free_goals.acquire(blocking=False):
             return GoalResponse.ACCEPT
         self._log.warning(f"a goal of identify_faults is rejected: {_MOST_GOALS} run already")
         return GoalResponse.REJECT
+
+    def _check_goal(self, request: IdentifyFaults.Goal) -> None:
+        """Raise ValueError unless there is something to identify, and a way to."""
+        if not self._is_active():
+            raise ValueError("the monitor is not active")
+        unit, _ = self._units.find(request.actuator_id)
+        self._search_for(request)
+        if not request.next_window and unit.latest is None:
+            raise ValueError(f"actuator {unit.actuator_id!r} has had no complete window so far")
 
     def _identify(self, goal: Any) -> IdentifyFaults.Result:
         result = IdentifyFaults.Result()
@@ -189,6 +229,8 @@ class MonitorCalls:
             result.message = str(error)
         finally:
             self._free_goals.release()
+        if not result.estimate.algorithm:
+            result.estimate = unknown_estimate(goal.request.actuator_id, result.message)
         if result.success:
             goal.succeed()
         elif goal.is_cancel_requested:

@@ -70,6 +70,10 @@ class FollowUps:
         for topic in _TOPICS:
             self._publishers[topic, actuator_id] = self._add_publisher(topic)
 
+    def remove_actuator(self, actuator_id: str) -> list[LifecyclePublisher]:
+        """Publish no more of an actuator; return the publishers that it had."""
+        return [self._publishers.pop((topic, actuator_id)) for topic in _TOPICS]
+
     def clear(self) -> None:
         """Forget the publishers."""
         self._publishers.clear()
@@ -119,7 +123,9 @@ class FollowUps:
         self._publish(topics.WINDOW_FIT, message)
 
     def _publish(self, topic: str, message: Any) -> None:
-        self._publishers[topic, message.actuator_id].publish(message)
+        publisher = self._publishers.get((topic, message.actuator_id))
+        if publisher is not None:  # else the actuator is forgotten
+            publisher.publish(message)
 
     def _add(self, job: Job) -> None:
         if self._thread is not None:

@@ -1,5 +1,6 @@
 """The monitor node: telemetry in, estimates and health out."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +19,8 @@ from ema_monitor.node.calls import MonitorCalls
 from ema_monitor.node.follow_ups import FollowUps
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.node.prognosis import MonitorPrognosis
-from ema_monitor.node.settings import Files, Operation, folder_of
+from ema_monitor.node.settings import Files, Operation, WindowSettings, folder_of
+from ema_monitor.node.summary import summary_of
 from ema_monitor.node.units import Units
 from ema_monitor.node.worker import IdentificationWorker
 from ema_monitor.prognosis.advisory import Costs
@@ -27,12 +29,14 @@ from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros import topics
 from ema_ros.actuator_file import load_description
+from ema_ros.latched_subscription import subscribe_latched
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 from ema_ros.settings import LiveSettings, declare, read
 from ema_ros.status import Task
+from ema_ros.throttle import Throttle
 
-_LOG_PERIOD_S: Final = 5.0
+_LOG_PERIOD_S: Final = 30.0
 _STALE_CHECK_S: Final = 1.0
 
 
@@ -52,7 +56,8 @@ class MonitorNode(ManagedNode):
         self._trigger = LiveSettings(
             self, TriggerSettings, on_change=lambda new: self._units.restart(new)
         )
-        self._health_publishers: list[LifecyclePublisher] = []
+        self._health_publishers: dict[str, list[LifecyclePublisher]] = {}
+        self._throttle = Throttle(_LOG_PERIOD_S)
         self._units = Units(
             self._trigger.value,
             self._now_ns,
@@ -61,14 +66,17 @@ class MonitorNode(ManagedNode):
             self._queue_window,
             lambda: self._operation.value.measured_max_age_s,
             self._warn,
+            lambda text: self.get_logger().info(text),
+            self._window_settings,
+            self._telemetry_sources,
+            self.get_namespace(),
         )
         self._prognosis = MonitorPrognosis(self, self._calibration_of, self._units, self._resume)
         declare(self, Files)
         self._worker = IdentificationWorker(
             self._calibration_of,
             self._prognosis.latest,
-            lambda: self._search.value,
-            lambda: self._combining.value,
+            self._window_settings,
             self._publish_estimate,
             self._units.report_tally,
             lambda text: self.get_logger().error(text),
@@ -97,6 +105,7 @@ class MonitorNode(ManagedNode):
             self._operation,
             lambda: self._is_active and not self.stopping.is_set(),
             self._prognosis.refresh,
+            self._forget,
         )
         self._stale_timer = self.create_timer(_STALE_CHECK_S, self._check_staleness)
         self._prognosis.begin(files.history_folder)
@@ -115,12 +124,20 @@ class MonitorNode(ManagedNode):
         receiving = MutuallyExclusiveCallbackGroup()
         known = topics.ACTUATOR_TOPICS | topics.SYSTEM_TOPICS
         self._subscriptions_in_use = [
-            self.create_subscription(known[name][0], name, callback, qos, callback_group=receiving)
-            for name, callback, qos in (
-                (topics.MEASURED_CAUSES, self._units.receive_measured, topics.STREAM),
-                (topics.USAGE, self._prognosis.receive_usage, topics.LATCHED_BY_MANY),
-                (topics.DESCRIPTION, self._units.receive_description, topics.LATCHED_BY_MANY),
-                (topics.TELEMETRY, self._units.receive_telemetry, topics.STREAM),
+            subscription
+            for name, callback in (
+                (topics.USAGE, self._prognosis.receive_usage),
+                (topics.DESCRIPTION, self._units.receive_description),
+            )
+            for subscription in subscribe_latched(self, known[name][0], name, callback, receiving)
+        ]
+        self._subscriptions_in_use += [
+            self.create_subscription(
+                known[name][0], name, callback, topics.STREAM, callback_group=receiving
+            )
+            for name, callback in (
+                (topics.MEASURED_CAUSES, self._units.receive_measured),
+                (topics.TELEMETRY, self._units.receive_telemetry),
             )
         ]
 
@@ -140,7 +157,8 @@ class MonitorNode(ManagedNode):
         self._calls.destroy()
         self._prognosis.end()
         self.destroy_timer(self._stale_timer)
-        for publisher in (self._estimates, *self._health_publishers, *self._follow_ups.publishers):
+        of_health = [item for pair in self._health_publishers.values() for item in pair]
+        for publisher in (self._estimates, *of_health, *self._follow_ups.publishers):
             self.destroy_lifecycle_publisher(publisher)
         self._health_publishers.clear()
         self._follow_ups.clear()
@@ -168,17 +186,46 @@ class MonitorNode(ManagedNode):
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
 
-    def _warn(self, text: str, is_first: bool) -> None:
-        self.get_logger().warning(text, throttle_duration_sec=_LOG_PERIOD_S)
+    def _warn(self, text: str, is_first: bool = False) -> None:
+        passed = self._throttle.passed(text, time.monotonic())
+        if passed is not None:
+            self.get_logger().warning(passed)
         if is_first:
             self.report()
 
+    def _window_settings(self) -> WindowSettings:
+        return WindowSettings(self._search.value, self._combining.value)
+
+    def _telemetry_sources(self) -> list[str]:
+        """Return the full name of the node of each publisher of telemetry."""
+        return [
+            f"{item.node_namespace.rstrip('/')}/{item.node_name}"
+            for item in self.get_publishers_info_by_topic(topics.TELEMETRY)
+        ]
+
+    def _forget(self, actuator_id: str) -> None:
+        with self._units.lock:
+            self._units.forget(actuator_id)
+            publishers = self._follow_ups.remove_actuator(actuator_id)
+            for publisher in (*publishers, *self._health_publishers.pop(actuator_id)):
+                self.destroy_lifecycle_publisher(publisher)
+        self._worker.forget_actuator(actuator_id)
+        self._prognosis.forget(actuator_id)
+        self.report()
+
     def _add_publishers(self, actuator_id: str) -> Callable[[Health], None]:
         """Return what publishes the health of one actuator, so that each health is latched."""
-        publisher = self._add_latched_publisher(topics.HEALTH)
+        health, summary = (
+            self._add_latched_publisher(topic) for topic in (topics.HEALTH, topics.HEALTH_SUMMARY)
+        )
         self._follow_ups.add_actuator(actuator_id)
-        self._health_publishers.append(publisher)
-        return publisher.publish
+        self._health_publishers[actuator_id] = [health, summary]
+
+        def publish(message: Health) -> None:
+            health.publish(message)
+            summary.publish(summary_of(message))
+
+        return publish
 
     def _add_latched_publisher(self, topic: str) -> LifecyclePublisher:
         message_class, qos = topics.MONITOR_TOPICS[topic]
@@ -190,7 +237,7 @@ class MonitorNode(ManagedNode):
         in_sim_time = self.get_parameter("use_sim_time").value
         most_waiting = None if in_sim_time else self._operation.value.waiting_windows
         for dropped in self._worker.add(segment, most_waiting):
-            self.get_logger().warning(
+            self._warn(
                 f"{dropped.description.actuator_id}: "
                 f"{'stretch' if dropped.is_stretch else 'window'} {dropped.number} is dropped, "
                 f"{self._worker.waiting} wait"
@@ -205,7 +252,8 @@ class MonitorNode(ManagedNode):
         # Without the lock: telemetry must not wait for a prognosis.
         outlook = self._prognosis.record(segment, estimate)
         try:
-            self._units.record(segment, estimate, outlook, now_ns)
+            confirmations = self._operation.value.level_confirmations
+            self._units.record(segment, estimate, outlook, now_ns, confirmations)
         except Exception as error:
             # The estimate is published: the window must not be refused in addition.
             reason = self._prognosis.report_failure(actuator_id, error, "publishing health")
@@ -214,7 +262,7 @@ class MonitorNode(ManagedNode):
             self._follow(segment.description, outlook)
         self._follow_ups.follow_estimate(segment, estimate)
         if not estimate.valid:
-            self.get_logger().warning(
+            self._warn(
                 f"{actuator_id}: window {segment.number} has no valid estimate: {estimate.reason}"
             )
         self.report()

@@ -20,6 +20,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.messages import health_to_message, history_to_message
+from ema_monitor.node.summary import unknown_health
 from ema_monitor.node.settings import folder_of
 from ema_monitor.node.units import Units
 from ema_monitor.prognosis.forecaster import Forecaster
@@ -41,7 +42,7 @@ from ema_monitor.windows.finder import Segment
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.settings import LiveSettings
 from ema_ros.stamps import stamp_from_message
-from ema_ros.status import Task
+from ema_ros.status import Task, hardware_name
 
 _MOST_TESTS: Final = 5000
 _USUAL_TESTS: Final = 1000
@@ -92,6 +93,13 @@ class MonitorHistories:
         self._opening.clear()
         self._units.clear()
         self.counts = CountLog()
+
+    def forget(self, actuator_id: str) -> None:
+        """Close the histories of an actuator; they are opened again when they are needed."""
+        for unit, prognostics in self.items():
+            if unit[0] == actuator_id:
+                self._units.pop(unit, None)
+                prognostics.history.close()
 
     def items(self) -> list[tuple[UnitKey, Prognostics]]:
         """Return the units with open histories."""
@@ -210,6 +218,11 @@ class MonitorPrognosis:
         self._logged.clear()
         self._to_refresh = SimpleQueue()
 
+    def forget(self, actuator_id: str) -> None:
+        """Forget an actuator in this run; what is on disk stays."""
+        with self._resuming:
+            self._histories.forget(actuator_id)
+
     def describe(self, description: ActuatorDescription) -> None:
         """Prepare for a unit that has just been described, as ``refresh`` does."""
         self._histories.counts.assign(_key(description))
@@ -285,7 +298,7 @@ class MonitorPrognosis:
                 f"{actuator_id} history",
                 WARN if prognostics.history.problem else OK,
                 prognostics.history.problem or counted(len(prognostics.history.entries), "test"),
-                serial_number,
+                hardware_name(self._node.get_namespace(), actuator_id, serial_number),
                 {"file": prognostics.history.path or "none, in memory only"},
             )
             for (actuator_id, serial_number), prognostics in self._histories.items()
@@ -346,11 +359,13 @@ class MonitorPrognosis:
             outlook = prognostics.outlook(self._parameters(description), settings)
             response.health = health_to_message(outlook, description)
             response.success = True
+            return response
         except ValueError as error:
             response.message = str(error)
         except Exception as error:
             # A service that raises would end the node.
             response.message = self.report_failure(request.actuator_id, error)
+        response.health = unknown_health(request.actuator_id, response.message)
         return response
 
     def _tell_history(

@@ -3,8 +3,11 @@
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from ema_core.quantity import check_quantities, quantity, text
+from ema_monitor.identification.combination import CombinationSettings
+from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.windows.measurements import MAX_AGE_S
 
 
@@ -56,6 +59,13 @@ class Operation:
     calibration_timeout_s: float = quantity(
         60.0, "s", 1.0, 1e5, "timeout of a calibration for its next window"
     )
+    level_confirmations: int = quantity(
+        2,
+        "-",
+        1,
+        100,
+        "estimates in a row that change a level in the status; the topic health follows each",
+    )
     measured_max_age_s: float = quantity(
         MAX_AGE_S,
         "s",
@@ -66,6 +76,13 @@ class Operation:
 
     def __post_init__(self) -> None:
         check_quantities(self)
+
+
+class WindowSettings(NamedTuple):
+    """Settings with which a window is identified, or a stretch of ordinary motion combined."""
+
+    search: SearchSettings
+    combining: CombinationSettings
 
 
 def folder_of(text: str) -> Path:

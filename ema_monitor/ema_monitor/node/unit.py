@@ -1,22 +1,38 @@
 """One monitored actuator: its windows, its defects and its health."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from typing import Any
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
+from ema_core.quantity import is_finite_number
 from ema_interfaces.msg import Health as HealthMessage
+from ema_monitor.health import FaultHealth
 from ema_monitor.identification.combination import Tally
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.node.level_filter import LevelFilter
 from ema_monitor.node.messages import health_to_message
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
-from ema_ros.status import Task
+from ema_ros.status import (
+    CHECK_FUNCTION,
+    DIAGNOSTICS_ACTIVE,
+    FAILURE,
+    MAINTENANCE_REQUIRED,
+    NORMAL,
+    OFF_SPEC,
+    Task,
+    hardware_name,
+)
 
 _STALE_PERIODS = 3.0
 _MOST_NAMED = 5
+_BACK_WITHIN = 20
+_BACK_TIMES = 3
 _NOTHING_KNOWN = unknown_outlook("no valid estimate so far")
 
 
@@ -33,6 +49,8 @@ class Unit:
         Publishes its health.
     now_ns
         Time of the node's clock [ns].
+    namespace
+        Namespace of the node, for the status.
 
     Attributes
     ----------
@@ -42,6 +60,14 @@ class Unit:
         Its latest complete window; None when there was none.
     tally
         What became of the stretches of its motion.
+    settings
+        Those in effect for the window that is open, or the next one.
+    next_trigger
+        Settings of its windows from the next one on; None when they do not change.
+    is_calibrating
+        Whether its calibration is being measured.
+    publishers
+        Nodes that publish its telemetry at the same time; empty when there is one.
     """
 
     def __init__(
@@ -50,12 +76,21 @@ class Unit:
         settings: TriggerSettings,
         publish: Callable[[HealthMessage], None],
         now_ns: int,
+        namespace: str = "",
     ) -> None:
         self.actuator_id = actuator_id
         self.finder = WindowFinder(settings)
         self.latest: Segment | None = None
         self.tally = Tally()
+        self.settings: Any = None
+        self.next_trigger: TriggerSettings | None = None
+        self.is_calibrating = False
+        self.publishers = ""
+        self._namespace = namespace
         self._publish = publish
+        self._went_back: deque[int] = deque(maxlen=_BACK_TIMES)
+        self._heard_ns = now_ns
+        self._is_silent = False
         # What was wrong, and the number of the first window after it.
         self._open_defects: deque[tuple[int, str]] = deque(maxlen=_MOST_NAMED)
         self._defect_count = 0
@@ -71,13 +106,38 @@ class Unit:
 
     @property
     def hardware_id(self) -> str:
-        """Serial number, or the actuator's name as long as that is not known."""
-        return self.description.serial_number if self.description else self.actuator_id
+        """Namespace, actuator, and serial number once that is known."""
+        serial_number = self.description.serial_number if self.description else ""
+        return hardware_name(self._namespace, self.actuator_id, serial_number)
+
+    @property
+    def level(self) -> int | None:
+        """Level of its health as confirmed; None as long as nothing is known."""
+        return self._level.level
 
     @property
     def _defects(self) -> str:
         """What was wrong since the window of the latest valid estimate; empty when nothing was."""
         return "; ".join(reason for _, reason in self._open_defects)
+
+    def hear(self, now_ns: int) -> None:
+        """Record that telemetry is received."""
+        self._heard_ns, self._is_silent = now_ns, False
+
+    @contextmanager
+    def calibrating(self) -> Iterator[None]:
+        """Say in the status that the calibration is being measured."""
+        self.is_calibrating = True
+        try:
+            yield
+        finally:
+            self.is_calibrating = False
+
+    def goes_back_and_forth(self) -> bool:
+        """Record that the running index went back; return whether it does so again and again."""
+        self._went_back.append(self.finder.blocks)
+        span = self._went_back[-1] - self._went_back[0]
+        return len(self._went_back) == _BACK_TIMES and span <= _BACK_WITHIN
 
     def add_defect(self, reason: str, before_window: int | None = None) -> bool:
         """Record a defect; return whether it is the only one at present.
@@ -92,14 +152,34 @@ class Unit:
         return is_first
 
     def record(
-        self, segment: Segment, estimate: Estimate, outlook: Outlook | None, now_ns: int
-    ) -> None:
-        """Record an estimate, and publish the outlook after it; None when it is not valid."""
+        self,
+        segment: Segment,
+        estimate: Estimate,
+        outlook: Outlook | None,
+        now_ns: int,
+        confirmations: int = 1,
+    ) -> str:
+        """Record an estimate, and publish the outlook after it; None when it is not valid.
+
+        Parameters
+        ----------
+        segment, estimate, outlook
+            Window, estimate and what follows from it.
+        now_ns
+            Time of the node's clock [ns].
+        confirmations
+            How many estimates in a row change a level in the status.
+
+        Returns
+        -------
+        str
+            The change of the level in words; empty when there is none.
+        """
         last = segment.number if segment.last_stretch is None else segment.last_stretch
         if outlook is None:
             self._invalid += 1
             self.add_defect(f"window {segment.number}: {estimate.reason}", last + 1)
-            return
+            return ""
         self._valid += 1
         while self._open_defects and self._open_defects[0][0] <= last:
             self._open_defects.popleft()
@@ -107,14 +187,29 @@ class Unit:
         if not self._is_mounted(segment.description):
             # The unit was replaced while its last window waited.
             self._publish(health_to_message(outlook, segment.description))
-            return
+            return ""
         self._fresh_ns = now_ns
         self._stale_published = False
         self._assessed, self._outlook = segment.description, outlook
+        self.publishers = ""
+        change = self._filter_levels(confirmations)
         self._publish_health()
+        return change
+
+    def _filter_levels(self, confirmations: int) -> str:
+        health, before = self._outlook.health, self._level.level
+        for item in (*health.faults, *health.requirements):
+            if item.level != STALE:
+                self._levels.setdefault(item.name, LevelFilter()).add(item.level, confirmations)
+        if health.level == STALE or not self._level.add(health.level, confirmations):
+            return ""
+        what = f": {self._outlook.dominant}" if self._outlook.dominant else ""
+        return f"health {LEVEL_NAMES[before or OK]} -> {LEVEL_NAMES[health.level]}{what}"
 
     def reset_health(self, now_ns: int) -> None:
         """Reset the health, as another unit is mounted."""
+        self._level = LevelFilter()
+        self._levels: dict[str, LevelFilter] = {}
         self._fresh_ns = now_ns
         self._stale_published = False
         self._assessed: ActuatorDescription | None = None
@@ -144,6 +239,7 @@ class Unit:
         ):
             return False
         self._assessed, self._outlook = description, outlook
+        self._filter_levels(1)
         self._stale_published = False
         if self.publish_if_stale(expected_period_s, now_ns) is None:
             self._publish_health()
@@ -154,6 +250,7 @@ class Unit:
         if not self._fresh_ns or now_ns < self._fresh_ns:
             self._fresh_ns = now_ns  # simulated time has begun, or gone back
         limit_s = _STALE_PERIODS * expected_period_s
+        self._is_silent = (now_ns - self._heard_ns) * 1e-9 > limit_s
         if self._stale_published or (now_ns - self._fresh_ns) * 1e-9 <= limit_s:
             return None
         reason = f"no valid estimate for more than {limit_s:g} s"
@@ -165,13 +262,53 @@ class Unit:
         return self._publish_health()
 
     def tasks(self, waiting: int, dropped: int = 0) -> list[Task]:
-        """Return the status of telemetry and health.
+        """Return the status of telemetry and health, and of each fault.
 
         ``waiting`` windows of all actuators wait, and ``dropped`` ones of this one had to give way.
         """
-        finder, health, life = self.finder, self._outlook.health, self._outlook.rul
-        if self.description is None:
+        health, life = self._outlook.health, self._outlook.rul
+        figures = {
+            "health index": health.health_index,
+            "confidence": health.confidence,
+            "flight hours [h]": self._outlook.hours,
+            "remaining life 5 % [h]": life.hours_05,
+            "remaining life 50 % [h]": life.hours_50,
+            "remaining life 95 % [h]": life.hours_95,
+        }
+        figures |= {item.name: item.value for item in (*health.faults, *health.requirements)}
+        level = OK if self._level.level is None else self._level.level
+        summary = LEVEL_NAMES[level] if self._level.level is not None else "unknown"
+        if self._outlook.dominant:
+            summary += f": {self._outlook.dominant}"
+        if health.reason:
+            summary += f" ({health.reason})"
+        items = [(item, OFF_SPEC) for item in health.requirements]
+        items += [(item, FAILURE) for item in health.faults]
+        worst = [end for item, end in items if self._level_of(item) == ERROR]
+        return [
+            self._telemetry_task(waiting, dropped),
+            Task(
+                f"{self.actuator_id} health",
+                level,
+                summary,
+                self.hardware_id,
+                figures,
+                _category(level, worst[-1] if worst else FAILURE, self._level.level is None),
+            ),
+            *(self._item_task(item, end) for item, end in items),
+        ]
+
+    def _telemetry_task(self, waiting: int, dropped: int) -> Task:
+        finder, category = self.finder, ""
+        if self._is_silent and finder.blocks:
+            level, message = STALE, "no telemetry any more"
+        elif self.description is None:
             level, message = ERROR, "no description of the actuator: the telemetry has to wait"
+            message += f"; {self._defects}" if self._open_defects else ""
+            category = CHECK_FUNCTION
+        elif self.publishers:
+            level = WARN
+            message = f"telemetry of this actuator has several publishers: {self.publishers}"
             message += f"; {self._defects}" if self._open_defects else ""
         elif self._open_defects:
             level, message = WARN, self._defects
@@ -179,8 +316,12 @@ class Unit:
             level, message = WARN, "no telemetry so far"
         elif self.tally.reason:
             level, message = WARN, str(self.tally)
+        elif finder.obstacle:
+            level, message = WARN, f"no window can be complete: {finder.obstacle}"
         else:
             level, message = OK, f"{self._valid} valid estimates"
+        if self.is_calibrating:
+            category = DIAGNOSTICS_ACTIVE
         counts = {
             "blocks": finder.blocks,
             "samples lost": finder.lost_samples,
@@ -201,24 +342,21 @@ class Unit:
                 "stretches with too little travel": finder.passed_over,
                 "combinations without estimate": self.tally.fruitless,
             }
-        summary = LEVEL_NAMES[health.level]
-        if self._outlook.dominant:
-            summary += f": {self._outlook.dominant}"
-        if health.reason:
-            summary += f" ({health.reason})"
-        figures = {
-            "health index": health.health_index,
-            "confidence": health.confidence,
-            "flight hours [h]": self._outlook.hours,
-            "remaining life 5 % [h]": life.hours_05,
-            "remaining life 50 % [h]": life.hours_50,
-            "remaining life 95 % [h]": life.hours_95,
-        }
-        figures |= {item.name: item.value for item in (*health.faults, *health.requirements)}
-        return [
-            Task(f"{self.actuator_id} telemetry", level, message, self.hardware_id, counts),
-            Task(f"{self.actuator_id} health", health.level, summary, self.hardware_id, figures),
-        ]
+        name = f"{self.actuator_id} telemetry"
+        return Task(name, level, message, self.hardware_id, counts, category)
+
+    def _level_of(self, item: FaultHealth) -> int:
+        """Return the confirmed level of a fault or requirement; OK as long as it is not known."""
+        level = self._levels[item.name].level if item.name in self._levels else None
+        return OK if level is None else level
+
+    def _item_task(self, item: FaultHealth, end: str) -> Task:
+        level, is_known = self._level_of(item), is_finite_number(item.value)
+        message = f"{item.value:.4g}, limit {item.limit:.4g}" if is_known else "not known"
+        name = f"{self.actuator_id} {item.name.replace('_', ' ')}"
+        figures = {"value": item.value, "sigma": item.sigma, "limit": item.limit}
+        category = _category(level, end, not is_known)
+        return Task(name, level, message, self.hardware_id, figures, category)
 
     def _is_mounted(self, description: ActuatorDescription) -> bool:
         """Return whether a unit is the one that was described last."""
@@ -235,3 +373,10 @@ class Unit:
         self._outlook = replace(self._outlook, events=(), happened=())
         self._publish(health)
         return health
+
+
+def _category(level: int, end: str, is_unknown: bool) -> str:
+    """Return the category of NAMUR NE 107 of a level, ``end`` that of ERROR."""
+    if is_unknown:
+        return CHECK_FUNCTION
+    return {OK: NORMAL, WARN: MAINTENANCE_REQUIRED}.get(level, end)

@@ -1,11 +1,12 @@
 """The actuators that a monitor receives messages of, and the messages that belong to none."""
 
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from ema_core.description import ActuatorDescription
+from ema_core.description import ActuatorDescription, check_name
 from ema_core.levels import OK, WARN
 from ema_core.wording import counted
 from ema_interfaces.msg import Health as HealthMessage
@@ -15,7 +16,7 @@ from ema_monitor.node.unit import Unit
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.measurements import MeasurementLog
-from ema_monitor.windows.trigger import Defect, TriggerSettings
+from ema_monitor.windows.trigger import INDEX_WENT_BACK, Defect, TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_ros.description import description_from_message
 from ema_ros.measured import measured_from_message
@@ -47,6 +48,14 @@ class Units(dict[str, Unit]):
         Gives the age up to which what was measured holds for a window [s].
     warn
         Called with what is wrong, and whether the status has to be published at once.
+    inform
+        Called with what is worth a line in the log.
+    settings_now
+        Gives the settings that a window which begins now is identified with.
+    sources
+        Gives the nodes that publish telemetry, one name for each publisher.
+    namespace
+        Namespace of the node, for the status.
 
     Attributes
     ----------
@@ -64,6 +73,10 @@ class Units(dict[str, Unit]):
         queue_window: Callable[[Segment], None],
         max_age_s: Callable[[], float],
         warn: Callable[[str, bool], None],
+        inform: Callable[[str], None],
+        settings_now: Callable[[], Any],
+        sources: Callable[[], list[str]],
+        namespace: str,
     ) -> None:
         super().__init__()
         self.lock = threading.RLock()
@@ -77,6 +90,10 @@ class Units(dict[str, Unit]):
         self._max_age_s = max_age_s
         self._measurements = MeasurementLog(_MOST_MEASUREMENTS)
         self._warn = warn
+        self._inform = inform
+        self._settings_now = settings_now
+        self._sources = sources
+        self._namespace = namespace
 
     def clear(self) -> None:
         """Remove all."""
@@ -90,7 +107,8 @@ class Units(dict[str, Unit]):
             self.describe(description_from_message(message))
         except ValueError as error:
             reason = f"the description is impossible: {error}"
-            self.add_defect(message.actuator_id, reason)
+            is_name = _is_name(message.actuator_id)
+            self.add_defect(message.actuator_id, reason, is_known=is_name)
 
     def describe(self, description: ActuatorDescription) -> None:
         """Apply the description of an actuator."""
@@ -105,18 +123,35 @@ class Units(dict[str, Unit]):
 
     def receive_telemetry(self, message: Any) -> None:
         """Look for windows in ``ema_interfaces/msg/TelemetryBlock``, which may be impossible."""
-        if not message.actuator_id:
+        actuator_id = message.actuator_id
+        if not actuator_id:
             self.add_defect("", "telemetry without actuator_id")
             return
+        if actuator_id not in self and not _is_name(actuator_id):
+            self.add_defect(actuator_id, "telemetry with an impossible actuator_id", is_known=False)
+            return
         with self.lock:
-            unit = self._get_or_add(message.actuator_id)
+            unit = self._get_or_add(actuator_id)
+            unit.hear(self._now_ns())
+            if not unit.finder.is_open:
+                unit.settings = self._settings_now()
             try:
                 block = telemetry_from_message(message)
             except ValueError as error:
                 stamp_ns = stamp_from_message(message.header.stamp)
-                self._handle(unit, unit.finder.reject(stamp_ns, str(error)))
+                events = unit.finder.reject(stamp_ns, str(error))
             else:
-                self._handle(unit, unit.finder.feed(block))
+                events = unit.finder.feed(block)
+            if unit.finder.blocks == 1:
+                self._inform(f"{actuator_id}: first telemetry")
+            self._handle(unit, events)
+            if any(_went_back(event) for event in events):
+                self._look_for_publishers(unit)
+            is_over = any(isinstance(event, Segment) for event in events)
+            if is_over:
+                unit.settings = self._settings_now()
+            if unit.next_trigger is not None and (is_over or not unit.finder.is_open):
+                self._restart(unit, unit.next_trigger)
 
     def receive_measured(self, message: Any) -> None:
         """Keep ``ema_interfaces/msg/MeasuredCauses``, which may be impossible."""
@@ -133,12 +168,38 @@ class Units(dict[str, Unit]):
             self.add_defect(actuator_id, str(error), is_known=actuator_id in self)
 
     def restart(self, settings: TriggerSettings) -> None:
-        """Look for windows with other settings from now on."""
+        """Look for windows with other settings; a window that is open is completed first."""
         with self.lock:
             self._settings = settings
             for unit in self.values():
-                reason = "the settings of the window changed"
-                self._handle(unit, unit.finder.restart(settings, reason))
+                if unit.finder.is_open:
+                    unit.next_trigger = settings
+                else:
+                    self._restart(unit, settings)
+
+    def forget(self, actuator_id: str) -> None:
+        """Forget an actuator.
+
+        Parameters
+        ----------
+        actuator_id
+            Which; its name as it was received, possible or not.
+
+        Raises
+        ------
+        ValueError
+            When it is not known.
+        """
+        with self.lock:
+            unit = self.get(actuator_id)
+            if unit is None:
+                raise ValueError(
+                    f"actuator_id = {actuator_id!r} is not monitored; monitored: "
+                    f"{', '.join(self) or 'none'}"
+                )
+            unit.finder.finish()
+            del self[actuator_id]
+            self._measurements.forget(actuator_id)
 
     def finish(self) -> list[Segment]:
         """End the telemetry of all; return the refusals of the windows that are cut off."""
@@ -197,11 +258,22 @@ class Units(dict[str, Unit]):
         return unit, unit.description
 
     def record(
-        self, segment: Segment, estimate: Estimate, outlook: Outlook | None, now_ns: int
+        self,
+        segment: Segment,
+        estimate: Estimate,
+        outlook: Outlook | None,
+        now_ns: int,
+        confirmations: int,
     ) -> None:
-        """Record an estimate, and publish the outlook after it; None when it is not valid."""
+        """Record an estimate as ``Unit.record`` does; nothing when the actuator is forgotten."""
+        actuator_id = segment.description.actuator_id
         with self.lock:
-            self[segment.description.actuator_id].record(segment, estimate, outlook, now_ns)
+            unit = self.get(actuator_id)
+            if unit is None:
+                return
+            change = unit.record(segment, estimate, outlook, now_ns, confirmations)
+        if change:
+            self._inform(f"{actuator_id}: {change}")
 
     def report_tally(self, actuator_id: str, tally: Tally) -> None:
         """Record what became of the stretches of an actuator's motion so far."""
@@ -248,8 +320,28 @@ class Units(dict[str, Unit]):
     def _get_or_add(self, actuator_id: str) -> Unit:
         if actuator_id not in self:
             publish, now_ns = self._add_publisher(actuator_id), self._now_ns()
-            self[actuator_id] = Unit(actuator_id, self._settings, publish, now_ns)
+            unit = Unit(actuator_id, self._settings, publish, now_ns, self._namespace)
+            unit.settings = self._settings_now()
+            self[actuator_id] = unit
         return self[actuator_id]
+
+    def _restart(self, unit: Unit, settings: TriggerSettings) -> None:
+        """Look for the windows of a unit with other settings from now on."""
+        unit.next_trigger = None
+        events = unit.finder.restart(settings, "the settings of the window changed")
+        # Nothing is wrong where no window is cut off.
+        self._handle(unit, [event for event in events if isinstance(event, Segment)])
+        unit.settings = self._settings_now()
+
+    def _look_for_publishers(self, unit: Unit) -> None:
+        """Name the publishers where an index goes back and forth, as that of two streams does."""
+        if not unit.goes_back_and_forth():
+            return
+        counts = Counter(self._sources())
+        if counts.total() > 1:
+            names = [name if number == 1 else f"{name} ({number})" for name, number in counts.items()]
+            unit.publishers = ", ".join(sorted(names))
+            self._warn(f"{unit.actuator_id}: several publishers: {unit.publishers}", False)
 
     def _handle(self, unit: Unit, events: Iterable[Segment | Defect]) -> None:
         """Queue windows for identification, and report defects."""
@@ -263,4 +355,17 @@ class Units(dict[str, Unit]):
                 )
                 event = replace(event, window=replace(event.window, measured=measured))
                 unit.latest = event
-            self._queue_window(event)
+            self._queue_window(replace(event, settings=unit.settings))
+
+
+def _is_name(actuator_id: str) -> bool:
+    try:
+        check_name("actuator_id", actuator_id)
+    except ValueError:
+        return False
+    return True
+
+
+def _went_back(event: Segment | Defect) -> bool:
+    reason = event.reason if isinstance(event, Defect) else getattr(event.window, "reason", "")
+    return INDEX_WENT_BACK in reason

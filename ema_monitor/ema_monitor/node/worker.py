@@ -11,12 +11,12 @@ from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
 from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.combination import CombinationSettings, Tally
+from ema_monitor.identification.combination import Tally
 from ema_monitor.identification.combinations import Combinations
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.search import Identification, LastFaults
-from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.monitor_model import compile_kernels
+from ema_monitor.node.settings import WindowSettings
 from ema_monitor.node.window_queue import QueueClosedError, WindowQueue
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
@@ -39,9 +39,7 @@ class IdentificationWorker:
         Gives the latest valid estimate in the history of an actuator, if any: its first search
         begins there.
     settings
-        Gives the settings of the next search.
-    combining
-        Gives until when stretches of ordinary motion are combined.
+        Gives the settings of searches and combinations for windows that carry none.
     publish
         Called with each window and its estimate; of stretches of ordinary motion, with the one
         that completes an estimate, and that.
@@ -60,8 +58,7 @@ class IdentificationWorker:
         self,
         calibration_of: Callable[[ActuatorDescription], Calibration | str],
         latest_estimate: Callable[[ActuatorDescription], Estimate | None],
-        settings: Callable[[], SearchSettings],
-        combining: Callable[[], CombinationSettings],
+        settings: Callable[[], WindowSettings],
         publish: Callable[[Segment, Estimate], None],
         report_tally: Callable[[str, Tally], None],
         log_error: Callable[[str], object],
@@ -69,7 +66,6 @@ class IdentificationWorker:
         self._calibration_of = calibration_of
         self._latest_estimate = latest_estimate
         self._settings = settings
-        self._combining = combining
         self._publish = publish
         self._report_tally = report_tally
         self._log_error = log_error
@@ -123,6 +119,13 @@ class IdentificationWorker:
         self._combinations.clear()
         self._searched.clear()
         self._looked_at.clear()
+
+    def forget_actuator(self, actuator_id: str) -> None:
+        """Begin the later searches of one actuator anew."""
+        self._last_faults.forget(actuator_id)
+        self._combinations.forget(actuator_id)
+        self._searched.discard(actuator_id)
+        self._looked_at.pop(actuator_id, None)
 
     def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
         """Queue a window as ``WindowQueue.add`` does; refuse it if the thread does not run."""
@@ -206,8 +209,7 @@ class IdentificationWorker:
             found = combinations.add(
                 description,
                 self._calibration_of(description),
-                self._settings(),
-                self._combining(),
+                *self._settings_of(segment),
                 segment.window,
                 previous=self._previous(description),
                 is_stopped=lambda: queue.is_closed,
@@ -233,6 +235,10 @@ class IdentificationWorker:
                     self._log_failure(segment, error)
             self._report_tally(description.actuator_id, combinations.tally(description.actuator_id))
 
+    def _settings_of(self, segment: Segment) -> WindowSettings:
+        """Return the settings with which a window is identified: those when it began."""
+        return segment.settings or self._settings()
+
     def _previous(self, description: ActuatorDescription) -> NDArray[np.float64] | None:
         """Return the faults at which the next search begins, None for a healthy actuator."""
         if description.actuator_id not in self._searched:
@@ -247,7 +253,7 @@ class IdentificationWorker:
             segment.window,
             description,
             self._calibration_of(description),
-            self._settings(),
+            self._settings_of(segment).search,
             previous=self._previous(description),
         )
         try:
@@ -270,7 +276,7 @@ class IdentificationWorker:
         if reason or isinstance(window, Window):
             window = Refusal(window.start_ns, window.end_ns, reason)
         calibration = self._calibration_of(segment.description)
-        return refusal(window, calibration, self._settings(), window.reason)
+        return refusal(window, calibration, self._settings_of(segment).search, window.reason)
 
 
 def _completed(

@@ -6,6 +6,7 @@ It serves live telemetry, replays and bags alike: nothing depends on when a bloc
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any, Final
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
@@ -18,7 +19,10 @@ from ema_monitor.windows.trigger import (
     TriggerSettings,
     WindowTrigger,
 )
-from ema_monitor.windows.window import Window
+from ema_monitor.windows.window import MIN_TRAVEL, Window
+
+
+_MANY_MOTIONS: Final = 3
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,9 @@ class Segment:
     last_stretch
         Number of the latest stretch when those were combined whose estimate this is of; the
         combinations have numbers of their own. None otherwise.
+    settings
+        Those that were in effect when it began, as its finder's user keeps them; None where
+        nobody does.
     """
 
     number: int
@@ -45,6 +52,7 @@ class Segment:
     window: Window | Refusal
     is_stretch: bool = False
     last_stretch: int | None = None
+    settings: Any = None
 
 
 class WindowFinder:
@@ -78,6 +86,8 @@ class WindowFinder:
         self.blocks = 0
         self.lost_samples = 0
         self.windows = 0
+        self._windows_before = 0
+        self._samples = 0
         self._settings = settings
         self._undescribed: deque[Telemetry | Defect] = deque()
         self._trigger: WindowTrigger | None = None
@@ -100,6 +110,35 @@ class WindowFinder:
     def has_rested(self) -> bool:
         """Whether the command was ever at rest."""
         return self._trigger is not None and self._trigger.has_rested
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a window has begun and is not complete."""
+        return self._trigger is not None and self._trigger.is_open
+
+    @property
+    def obstacle(self) -> str:
+        """Which setting the motion since it was set does not satisfy; empty when none is known."""
+        trigger, settings = self._trigger, self._settings
+        if trigger is None or self._last is None or self.windows > self._windows_before:
+            return ""
+        if self.passed_over >= _MANY_MOTIONS:
+            return (
+                f"window_s = {settings.window_s:g} s: the command never travels {MIN_TRAVEL:g} rad "
+                "within it"
+            )
+        if trigger.short_motions >= _MANY_MOTIONS and self.longest_motion_s < settings.window_s:
+            return (
+                f"window_s = {settings.window_s:g} s: the longest motion after a rest of "
+                f"{settings.rest_s:g} s lasts {self.longest_motion_s:.3g} s"
+            )
+        seen_s = self._samples * self._last.sample_period
+        if settings.windows != ANY_MOTION and not self.has_rested and seen_s > LOOKBACK_S:
+            return (
+                f"rest_s = {settings.rest_s:g} s, threshold = {settings.threshold:g} rad: the "
+                f"command was never at rest in {seen_s:.0f} s"
+            )
+        return ""
 
     def describe(self, description: ActuatorDescription) -> list[Segment | Defect]:
         """Apply a description; another one than before ends a window that is open.
@@ -134,6 +173,7 @@ class WindowFinder:
             Why.
         """
         self._settings = settings
+        self._windows_before, self._samples = self.windows, 0
         events: list[Segment | Defect] = []
         if self._trigger is not None and self._last is not None:
             events = self._number([self._trigger.interrupt(self._last.stamp_ns, reason)])
@@ -150,6 +190,7 @@ class WindowFinder:
             Telemetry of the actuator.
         """
         self.blocks += 1
+        self._samples += len(block)
         if self._last is not None:
             missing = block.first_index - self._last.first_index - len(self._last)
             self.lost_samples += max(0, missing)

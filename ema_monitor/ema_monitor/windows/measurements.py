@@ -33,6 +33,10 @@ class MeasurementLog:
         """Forget all."""
         self._by_actuator.clear()
 
+    def forget(self, actuator_id: str) -> None:
+        """Forget what was measured of an actuator."""
+        self._by_actuator.pop(actuator_id, None)
+
     def add(self, actuator_id: str, stamp_ns: int, measured: Iterable[CauseEstimate]) -> None:
         """Keep what was measured at a time; of more than a thousand actuators, the latest.
 

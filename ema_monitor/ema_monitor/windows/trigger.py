@@ -26,6 +26,9 @@ TEST_CYCLE: Final = "test_cycle"
 ANY_MOTION: Final = "any_motion"
 """Stretches of ordinary motion, which are combined."""
 
+INDEX_WENT_BACK: Final = "the sample index went back"
+"""How the reason begins where blocks are out of their order, as those of two publishers are."""
+
 _RATE_TOLERANCE: Final = 0.01
 
 
@@ -79,7 +82,14 @@ class TriggerSettings:
     )
     window_s: float = quantity(0.5, "s", 0.01, 100.0, "length of a window")
     rest_s: float = quantity(0.02, "s", 1e-4, 10.0, "time at rest of the command before a window")
-    threshold: float = quantity(1e-6, "rad", 1e-12, 1.0, "smallest change that counts as motion")
+    threshold: float = quantity(
+        1e-6,
+        "rad",
+        1e-12,
+        1.0,
+        "smallest change of the command that counts as motion",
+        shown=("threshold_urad", "urad", 1e6),
+    )
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -106,6 +116,8 @@ class WindowTrigger:
         Longest motion so far that made no window [s].
     has_rested
         Whether the command was ever at rest.
+    short_motions
+        Number of motions that ended before a window was full.
     """
 
     def __init__(
@@ -114,8 +126,14 @@ class WindowTrigger:
         self.settings = settings or TriggerSettings()
         self.longest_motion_s = 0.0
         self.has_rested = False
+        self.short_motions = 0
         self._approach_travel = approach_travel(parameters)
         self._reset()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a window has begun and is not complete."""
+        return self._start is not None
 
     def _reset(self) -> None:
         self._blocks: list[Telemetry] = []
@@ -207,6 +225,7 @@ class WindowTrigger:
     def _abandon(self, stop: int, h: float) -> None:
         if self._start is not None:
             self.longest_motion_s = max(self.longest_motion_s, (stop - self._start) * h)
+            self.short_motions += 1
         self._start = None
 
     def _complete(self, start: int, samples: int) -> list[Window | Refusal]:
@@ -307,7 +326,7 @@ def _break_between(last: Telemetry, block: Telemetry) -> str:
             f"{block.first_index} follows {expected - 1}"
         )
     if block.first_index < expected:
-        return f"the sample index went back from {expected - 1} to {block.first_index}"
+        return f"{INDEX_WENT_BACK} from {expected - 1} to {block.first_index}"
     if block.stamp_ns <= last.stamp_ns:
         return (
             f"time ran backwards by {(last.stamp_ns - block.stamp_ns) * 1e-9:g} s at index "

@@ -1,0 +1,55 @@
+"""Subscription to a topic that is best latched, whether its publishers latch it or not."""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from ema_ros.topics import LATCHED_BY_MANY, STREAM
+
+_REMEMBERED: Final = 1000
+
+
+def subscribe_latched(
+    node: Node,
+    message_class: Any,
+    topic: str,
+    callback: Callable[[Any], None],
+    callback_group: CallbackGroup,
+) -> list[Subscription]:
+    """Return two subscriptions that together deliver each message once.
+
+    A transient local one alone would never hear a publisher of the default quality of service, and
+    a volatile one alone would miss what was latched before.
+
+    Parameters
+    ----------
+    node, message_class, topic, callback, callback_group
+        As of ``rclpy.node.Node.create_subscription``; messages have an ``actuator_id``.
+    """
+    heard: deque[tuple[Any, ...]] = deque(maxlen=_REMEMBERED)
+
+    def receive(message: Any, information: Mapping[str, Any]) -> None:
+        # The time at which it was sent is the same in both deliveries.
+        stamp = message.header.stamp
+        key = (information["source_timestamp"], stamp.sec, stamp.nanosec, message.actuator_id)
+        if key not in heard:
+            heard.append(key)
+            callback(message)
+
+    quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
+    return [
+        node.create_subscription(
+            message_class,
+            topic,
+            receive,
+            qos,
+            callback_group=callback_group,
+            event_callbacks=quiet,
+        )
+        for qos in (LATCHED_BY_MANY, STREAM)
+    ]
