@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from ema_core.acquisition import Acquisition
+from ema_core.consistency import remarks, standstill
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import check_period
 from ema_core.wording import unknown_name
@@ -39,7 +40,8 @@ class ActuatorDescription:
     ------
     ValueError
         When the id or serial number is empty, the period is outside
-        ``ema_core.telemetry.PERIODS`` or the drive is unknown.
+        ``ema_core.telemetry.PERIODS``, the drive is unknown, or the motor is too weak for its
+        friction.
     """
 
     actuator_id: str = "flap"
@@ -59,3 +61,10 @@ class ActuatorDescription:
             raise ValueError(unknown_name("drive", self.drive, DRIVES))
         check_period(self.sample_period)
         object.__setattr__(self, "sample_period", float(self.sample_period))
+        if reason := standstill(self.parameters, self.drive):
+            raise ValueError(reason)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Which coupled parameters contradict each other, a sentence each."""
+        return remarks(self)
