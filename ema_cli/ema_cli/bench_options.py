@@ -64,15 +64,17 @@ calibration_option: Final = click.option(
 )
 
 
-def described(actuator_file: Path | None, sample_rate: float | None) -> ActuatorDescription:
+def described(actuator_file: Path | None, sample_rate: float | None = None) -> ActuatorDescription:
     """Return the description of the actuator, with the sample rate that is asked for.
+
+    What its parameters contradict each other in is printed.
 
     Parameters
     ----------
     actuator_file
         The built-in actuator when None.
     sample_rate
-        In place of that of the description [Hz].
+        In place of that of the description [Hz]; that of the description when None.
 
     Raises
     ------
@@ -80,6 +82,8 @@ def described(actuator_file: Path | None, sample_rate: float | None) -> Actuator
         When the file is no description, or the period no whole number of microseconds.
     """
     description = load_description(actuator_file) if actuator_file else ActuatorDescription()
+    for remark in description.remarks:
+        click.echo(f"remark: {remark}", err=True)
     if sample_rate is None:
         return description
     sample_period = round(1e6 / sample_rate) * 1e-6

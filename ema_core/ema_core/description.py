@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from ema_core.acquisition import Acquisition
+from ema_core.consistency import remarks, standstill
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import check_period
 from ema_core.wording import unknown_name
@@ -41,6 +42,9 @@ class ActuatorDescription:
     Raises
     ------
     ValueError
+        When the id or serial number is empty, the period is outside
+        ``ema_core.telemetry.PERIODS``, the drive is unknown, or the motor is too weak for its
+        friction.
         When the id or serial number is no name, the period is outside
         ``ema_core.telemetry.PERIODS`` or the drive is unknown.
     """
@@ -62,6 +66,7 @@ class ActuatorDescription:
             raise ValueError(unknown_name("drive", self.drive, DRIVES))
         check_period(self.sample_period)
         object.__setattr__(self, "sample_period", float(self.sample_period))
+<<<<<<< HEAD
 
 
 def check_name(what: str, name: object) -> None:
@@ -89,3 +94,12 @@ def check_name(what: str, name: object) -> None:
         raise ValueError(
             f"{what} = {name!r}: expected printable characters, without blanks at the ends"
         )
+=======
+        if reason := standstill(self.parameters, self.drive):
+            raise ValueError(reason)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Which coupled parameters contradict each other, a sentence each."""
+        return remarks(self)
+>>>>>>> w/drives

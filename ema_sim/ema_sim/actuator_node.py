@@ -94,6 +94,8 @@ class ActuatorNode(ManagedNode):
             causes=_causes_of(self.get_parameter(_CAUSES)),
         )
         self._check_causes, self._set_causes = self._bench.check_causes, self._bench.set_causes
+        for remark in self._description.remarks:
+            self.get_logger().warning(f"{self._description.actuator_id}: {remark}")
         command = read(self, Command, "command.")
         if warning := command.travel_warning(self._description.parameters):
             self.get_logger().warning(warning)

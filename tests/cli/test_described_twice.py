@@ -59,3 +59,21 @@ def test_file_that_agrees_with_the_bag_needs_no_warning(ema, bag: Path, tmp_path
     same.write_text("actuator_id: flap\n")
     result = ema("estimate", bag, "--actuator", same)
     assert (result.exit_code, result.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("simulate", "--actuator", "FILE", "-o", "OUT"),
+        ("certify", "--actuator", "FILE", "--command", "circle"),
+        ("info", "BAG", "--actuator", "FILE", "--force"),
+        ("calibrate", "BAG", "--actuator", "FILE", "--force", "-o", "OUT"),
+    ],
+)
+def test_parameters_that_contradict_each_other_are_named(ema, bag: Path, tmp_path: Path, arguments):
+    file = tmp_path / "torque.yaml"
+    file.write_text("parameters: {G_M: 0.2}\n")
+    output = tmp_path / ("out.yaml" if "calibrate" in arguments else "out.mcap")
+    places = {"FILE": file, "BAG": bag, "OUT": output}
+    result = ema(*(places.get(one, one) for one in arguments))
+    assert "G_M / k_t = 2.66, usually 0.7 to 1.3" in result.output

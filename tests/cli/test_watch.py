@@ -172,7 +172,9 @@ def publish() -> Iterator[Callable[[Health | FaultEstimate], None]]:
         def send(message: Health | FaultEstimate) -> None:
             name = message.actuator_id
             statuses[name] = DiagnosticStatus(
-                level=bytes([OK]), name=f"{NAMESPACE}/monitor: {name} health", hardware_id=f"{name}-1"
+                level=bytes([OK]),
+                name=f"{NAMESPACE}/monitor: {name} health",
+                hardware_id=f"{name}-1",
             )
             (healths[name] if isinstance(message, Health) else estimates).publish(message)
 

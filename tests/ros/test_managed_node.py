@@ -148,7 +148,8 @@ def test_status_is_told_in_every_state(make_recorded, context: Context):
             assert trigger() == SUCCESS
             until(
                 lambda told, state=state: (
-                    "/ema/recorded: lifecycle" in told and told["/ema/recorded: lifecycle"].message == state
+                    "/ema/recorded: lifecycle" in told
+                    and told["/ema/recorded: lifecycle"].message == state
                 )
             )
             status = until(lambda told: told.get("/ema/recorded: lifecycle"))

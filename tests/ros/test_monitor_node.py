@@ -234,7 +234,10 @@ def test_actuators_are_told_apart():
         assert (refused.window, refused.serial_number) == (0, "SIM-0002")
         assert not refused.valid
         assert "SIM-0002" in refused.reason
-        assert session.until_status("rudder telemetry", "SIM-0002").hardware_id == "/ema/rudder/SIM-0002"
+        assert (
+            session.until_status("rudder telemetry", "SIM-0002").hardware_id
+            == "/ema/rudder/SIM-0002"
+        )
         assert session.until_status("input", "2 actuators monitored")
 
 

@@ -52,8 +52,7 @@ def read_windows(
         )
     if measured:
         found = found.with_measured(measured)
-    if warning:
-        found.remarks.insert(0, warning)
+    found.remarks[:0] = [*([warning] if warning else []), *found.description.remarks]
     return found
 
 

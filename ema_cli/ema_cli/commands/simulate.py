@@ -14,6 +14,7 @@ from ema_cli.bench_options import (
     actuator_option,
     command_option,
     current_noise_option,
+    described,
     figures_option,
     resolutions_option,
     true_values_option,
@@ -24,11 +25,9 @@ from ema_cli.new_bag import new_bag
 from ema_cli.processes.stop_request import deferred_signals
 from ema_cli.show.progress import progress_bar
 from ema_core.cause_profiles import GRAMMAR, describe_causes
-from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FAULTS, random_faults
 from ema_core.wording import as_identifier, counted
 from ema_recording.actuator_bag import SimulatedActuatorBag
-from ema_ros.actuator_file import load_description
 from ema_sim.bench import ActuatorBench, BenchSettings
 
 _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of the same seed
@@ -111,7 +110,7 @@ def simulate(
     if draws_faults and faults:
         raise click.UsageError("--random-faults and --fault exclude each other")
     with one_clear_line():
-        description = load_description(actuator_file) if actuator_file else ActuatorDescription()
+        description = described(actuator_file)
         if serial_number is not None:
             description = replace(description, serial_number=serial_number)
         bench = ActuatorBench(

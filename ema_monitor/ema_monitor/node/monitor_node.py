@@ -62,7 +62,7 @@ class MonitorNode(ManagedNode):
             self._trigger.value,
             self._now_ns,
             self._add_publishers,
-            lambda description: self._prognosis.describe(description),
+            self._note_description,
             self._queue_window,
             lambda: self._operation.value.measured_max_age_s,
             self._warn,
@@ -185,6 +185,11 @@ class MonitorNode(ManagedNode):
 
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
+
+    def _note_description(self, description: ActuatorDescription) -> None:
+        for remark in description.remarks:
+            self.get_logger().warning(f"{description.actuator_id}: {remark}")
+        self._prognosis.describe(description)
 
     def _warn(self, text: str, is_first: bool = False) -> None:
         passed = self._throttle.passed(text, time.monotonic())

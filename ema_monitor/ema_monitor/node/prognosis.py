@@ -20,8 +20,8 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.messages import health_to_message, history_to_message
-from ema_monitor.node.summary import unknown_health
 from ema_monitor.node.settings import folder_of
+from ema_monitor.node.summary import unknown_health
 from ema_monitor.node.units import Units
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.known_laws import KnownLawTexts

@@ -339,7 +339,9 @@ class Units(dict[str, Unit]):
             return
         counts = Counter(self._sources())
         if counts.total() > 1:
-            names = [name if number == 1 else f"{name} ({number})" for name, number in counts.items()]
+            names = [
+                name if number == 1 else f"{name} ({number})" for name, number in counts.items()
+            ]
             unit.publishers = ", ".join(sorted(names))
             self._warn(f"{unit.actuator_id}: several publishers: {unit.publishers}", False)
 

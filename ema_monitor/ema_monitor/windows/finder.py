@@ -21,7 +21,6 @@ from ema_monitor.windows.trigger import (
 )
 from ema_monitor.windows.window import MIN_TRAVEL, Window
 
-
 _MANY_MOTIONS: Final = 3
 
 

@@ -1,0 +1,197 @@
+"""Coupled parameters of a description that contradict each other.
+
+Who changes one parameter of the built-in example and leaves those that depend on it describes an
+actuator that does not exist. Each coupling is a ratio with its usual range; outside of it there is
+a remark, which says what to look at, and no refusal: an actuator may be unusual.
+"""
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from ema_core.parameters import ActuatorParameters
+
+if TYPE_CHECKING:
+    from ema_core.description import ActuatorDescription
+
+TORQUE_PER_EMF: Final = {"six_step": 1.0, "field_oriented": math.sqrt(3.0) / 2.0}
+"""Torque constant over back-EMF constant by drive [-]. Both are between two terminals. Six-step
+commutation drives two phases in series; the current of field-oriented control is the amplitude
+i_q of the phase currents, with 3/2 P lambda of torque and sqrt(3) P lambda of voltage between two
+terminals (M33)."""
+
+
+class _Coupling(NamedTuple):
+    """A ratio of parameters, what it is called, its usual range, and what to look at."""
+
+    name: str
+    ratio: Callable[[ActuatorParameters], float]
+    lowest: float
+    highest: float
+    look_at: str
+    unit: str = ""
+
+
+def _inertia(p: ActuatorParameters) -> float:
+    return p.J_m + p.J_u
+
+
+def _over(numerator: float, denominator: float) -> float:
+    """Return a quotient; NaN where it does not exist, as nothing is coupled then."""
+    return numerator / denominator if denominator > 0.0 else math.nan
+
+
+_OF_BOTH: Final = (
+    _Coupling(
+        "T_max / (k_t I_max)",
+        lambda p: p.T_max / (p.k_t * p.I_max),
+        0.7,
+        1.5,
+        "the limit of the torque is about what the largest current makes",
+    ),
+    _Coupling(
+        "V_max / (k_e omega_max)",
+        lambda p: p.V_max / (p.k_e * p.omega_max),
+        0.6,
+        3.0,
+        "beyond V_max / k_e the supply drives no current",
+    ),
+    _Coupling(
+        "R_s I_max / V_max",
+        lambda p: p.R_s * p.I_max / p.V_max,
+        0.005,
+        1.1,
+        "at rest the supply drives at most V_max / R_s",
+    ),
+    _Coupling(
+        "(f_sm + f_su) / T_max",
+        lambda p: (p.f_sm + p.f_su) / p.T_max,
+        0.003,
+        0.4,
+        "the static friction, referred to the motor shaft, is part of the torque",
+    ),
+    _Coupling(
+        "(C_m + C_u) omega_max / T_max",
+        lambda p: (p.C_m + p.C_u) * p.omega_max / p.T_max,
+        0.0,
+        0.4,
+        "so is the viscous friction",
+    ),
+    _Coupling(
+        "(J_m + J_u) omega_max / T_max",
+        lambda p: _inertia(p) * p.omega_max / p.T_max,
+        1e-3,
+        0.5,
+        "the time to full speed; what the user shaft carries counts tau^2 times at the motor's",
+        "s",
+    ),
+    _Coupling(
+        "GAP / (J_m + J_u)",
+        lambda p: _over(p.GAP, _inertia(p)),
+        50.0,
+        1e4,
+        "the bandwidth of the speed loop: its gain follows the inertia",
+        "rad/s",
+    ),
+    _Coupling(
+        "G_prop tau (J_m + J_u) / GAP",
+        lambda p: _over(p.G_prop * p.tau * _inertia(p), p.GAP),
+        5e-3,
+        0.6,
+        "the bandwidth of the position loop over that of the speed loop",
+    ),
+)
+
+_OF_SIX_STEP: Final = (
+    _Coupling(
+        "G_M / k_t",
+        lambda p: p.G_M / p.k_t,
+        0.7,
+        1.3,
+        "the torque gain of the source form is about the torque constant",
+    ),
+    _Coupling(
+        "h_b / I_max",
+        lambda p: p.h_b / p.I_max,
+        2e-3,
+        0.15,
+        "the current ripples by its hysteresis, a few per cent of its limit",
+    ),
+    _Coupling(
+        "k_e h_b / (f_sm + f_su)",
+        lambda p: _over(p.k_e * p.h_b, p.f_sm + p.f_su),
+        0.0,
+        0.7,
+        "the torque ripple of the hysteresis breaks the motor away below its static friction",
+    ),
+    _Coupling(
+        "V_max / (8 L_s h_b)",
+        lambda p: p.V_max / (8.0 * p.L_s * p.h_b),
+        1e3,
+        2e5,
+        "the frequency at which the inverter switches",
+        "Hz",
+    ),
+)
+
+
+def _in_words(value: float, unit: str = "") -> str:
+    return f"{float(f'{value:.3g}'):.12g} {unit}".strip()
+
+
+def torque_per_current(parameters: ActuatorParameters, drive: str) -> float:
+    """Return the torque that a healthy motor makes of 1 A [N.m/A], from its back-EMF."""
+    return TORQUE_PER_EMF[drive] * parameters.k_e
+
+
+def standstill(parameters: ActuatorParameters, drive: str) -> str:
+    """Return why an actuator so described never moves; empty where it may."""
+    p = parameters
+    if drive not in TORQUE_PER_EMF:
+        return ""
+    K, f_s = torque_per_current(p, drive), p.f_sm + p.f_su
+    torque = min(p.T_max, K * p.I_max, K * p.V_max / p.R_s)
+    if torque > f_s:
+        return ""
+    return (
+        f"f_sm + f_su = {f_s:.3g} N.m: the motor, with k_e, I_max, T_max and V_max / R_s, makes "
+        f"{torque:.3g} N.m at most and never moves"
+    )
+
+
+def remarks(description: "ActuatorDescription") -> tuple[str, ...]:
+    """Return which coupled parameters of a description contradict each other.
+
+    Parameters
+    ----------
+    description
+        The actuator; nothing is said of a drive whose controller is unknown, as most of its
+        parameters are not used.
+
+    Returns
+    -------
+    tuple of str
+        A sentence for each ratio that is not usual.
+    """
+    p, drive = description.parameters, description.drive
+    if drive not in TORQUE_PER_EMF:
+        return ()
+    usual = TORQUE_PER_EMF[drive]
+    of_drive = _Coupling(
+        "k_t / k_e",
+        lambda p: p.k_t / p.k_e,
+        0.9 * usual,
+        1.1 * usual,
+        f"of a {drive.replace('_', '-')} drive it is {usual:.3g}, k_t in N.m/A and k_e in V.s/rad "
+        "between two terminals",
+    )
+    couplings = (of_drive, *_OF_BOTH, *(_OF_SIX_STEP if drive == "six_step" else ()))
+    found = []
+    for one in couplings:
+        ratio = one.ratio(p)
+        if ratio < one.lowest or ratio > one.highest:
+            found.append(
+                f"{one.name} = {_in_words(ratio, one.unit)}, usually "
+                f"{_in_words(one.lowest)} to {_in_words(one.highest, one.unit)}: {one.look_at}"
+            )
+    return tuple(found)
