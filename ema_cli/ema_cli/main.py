@@ -11,7 +11,8 @@ from ema_core import __version__
 _COMMANDS: Final = {
     "simulate": "Run the high-fidelity actuator through test cycles and record them to a bag.",
     "lives": "Simulate actuators from new until a fault reaches its limit, test by test.",
-    "import": "Write telemetry of other makes, in each FILE, to a bag that all other commands read.",
+    "import": "Write telemetry of other makes, in each FILE, to a bag that all other commands "
+    "read.",
     "calibrate": "Average the windows in BAGS of one healthy actuator into a calibration.",
     "estimate": "Name the faults in each window of BAG, with their uncertainty.",
     "certify": "Tell which faults a test will show, how well, and what it cannot tell apart.",

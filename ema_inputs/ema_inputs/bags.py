@@ -100,7 +100,7 @@ class AnyBag:
                 yield connection.topic, message, 0, received_ns
 
     def _opened(self) -> AnyReader:
-        """Return a reader; bags of before Iron hold no definitions, Jazzy's are taken for theirs."""
+        """Return a reader; a bag without definitions of its types is read with those of Jazzy."""
         try:
             return _Reader([self.path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         except AnyReaderError as error:

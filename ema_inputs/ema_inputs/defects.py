@@ -251,7 +251,7 @@ def _wrong_current(
         return
     if correlation < 0.4:
         return
-    for factor, unit in ((1e3, "m"), (1e-3, "")):
+    for factor in (1e3, 1e-3):
         if 1.0 / _CURRENT_SIZE < slope / factor < _CURRENT_SIZE:
             meant = source.unit.removeprefix("m") if factor < 1.0 else f"m{source.unit}"
             yield Defect(

@@ -1,8 +1,8 @@
 """Units, signs and shafts that explain how position, command and speed relate.
 
-Right factors are those with which the position follows the command, its derivative is the speed over
-the gear ratio, and nothing moves beyond what the actuator can. Of all combinations the one with the
-fewest changes of the mapping is taken.
+Right factors are those with which the position follows the command, its derivative is the speed
+times the gear ratio, and nothing moves beyond what the actuator can. Of all combinations the one
+with the fewest changes of the mapping is taken.
 """
 
 import itertools
@@ -78,8 +78,8 @@ def explain(
         float(np.max(np.abs(motion.angle) / motion.seconds)) / p.tau if len(motion.angle) else 0.0
     )
     follows = "command" if mapping.command is not None else ""
-    sources = {"position": mapping.position}
-    if follows:
+    sources: dict[str, Source] = {"position": mapping.position}
+    if mapping.command is not None:
         sources["command"] = mapping.command
     if mapping.speed is not None:
         sources["speed"] = mapping.speed
@@ -162,7 +162,7 @@ def _reason(
     if gain is not None:
         facts.append(f"the position moves {gain:.4g} times as far as the command")
     if ratio is not None:
-        facts.append(f"its derivative is {ratio:.4g} times the speed over the gear ratio")
+        facts.append(f"its derivative is {ratio:.4g} times the speed times the gear ratio")
     if reach is not None and math.isfinite(reach):
         facts.append(f"it reaches {reach:.4g} rad")
     now = getattr(source, entry)

@@ -172,7 +172,7 @@ def refine(guess: Guess, samples: Samples, description: ActuatorDescription) -> 
 def _refined_current(
     mapping: Mapping, moving: Any, description: ActuatorDescription, remarks: list[str]
 ) -> Mapping:
-    """Return a mapping with the sign, and the torque's shaft, that inertia and friction agree with."""
+    """Return a mapping with the sign, and the torque's shaft, that inertia and friction need."""
     if mapping.current is None:
         return mapping
     found = moving(mapping).current_against_torque(description.parameters)

@@ -26,8 +26,8 @@ CURRENT_KINDS: Final = (
 """What the equivalent current is made of."""
 
 AMPLITUDES: Final = ("peak", "rms", "power")
-"""What i_q is: the peak of a phase current, its root mean square, or the peak times sqrt(3/2) of the
-power-invariant transformation."""
+"""What i_q is: the peak of a phase current, its root mean square, or the peak times sqrt(3/2) as of
+the power-invariant transformation."""
 
 CLOCKS: Final = ("header", "sent", "arrival")
 """Clocks of topics: the stamp in the message, when it was sent, when it was received."""

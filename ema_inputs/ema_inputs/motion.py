@@ -12,6 +12,7 @@ _STEP_S: Final = 0.01
 _LEAST_POINTS: Final = 12
 _FAST: Final = 0.4
 _GAP: Final = 1.5
+_FOLLOWS: Final = 0.85
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +87,8 @@ class Motion:
             angle = means(halves) * seconds * tau
         joins = np.concatenate([[False], starts[1:] == ends[:-1]])
         return cls(
-            *(
-                np.column_stack([given[name][starts], given[name][ends]])
-                for name in ("command", "position")
-            ),
+            np.column_stack([given["command"][starts], given["command"][ends]]),
+            np.column_stack([given["position"][starts], given["position"][ends]]),
             angle,
             means(given["current"]) if "current" in given else None,
             seconds,
@@ -115,7 +114,7 @@ class Motion:
     def gain(self) -> float | None:
         """How far the position moves over how far the command moves; None without motion.
 
-        Negative where they move in opposite directions.
+        Negative where they move in opposite directions; None where one does not follow the other.
         """
         command, position = self.command[:, 1], self.position[:, 1]
         if np.ptp(command) <= 0.0 or np.ptp(position) <= 0.0:
@@ -123,6 +122,8 @@ class Motion:
         # Steps of the position lag; ranges do not.
         size = float(np.ptp(position) / np.ptp(command))
         correlation = np.corrcoef(command, position)[0, 1]
+        if abs(correlation) < _FOLLOWS:
+            return None
         return size if correlation >= 0.0 else -size
 
     @property
@@ -145,8 +146,7 @@ class Motion:
         return float(np.median(steps[chosen] / self.angle[chosen]))
 
     def current_against_torque(self, p: ActuatorParameters) -> tuple[float, float] | None:
-        """Return how large the current is against what inertia and friction need, and whether they
-        agree.
+        """Compare the current with what inertia and friction of some parameters need.
 
         Returns
         -------

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -149,10 +150,7 @@ class Resampler:
         indices = self._index + np.cumsum(counts)
         self._index, self._last_ns = int(indices[-1]), int(stamps_ns[-1])
         starts = [0, *np.flatnonzero(counts[1:] > 1) + 1, len(stamps_ns)]
-        return [
-            Run(int(indices[a]), stamps_ns[a:b], values[a:b])
-            for a, b in zip(starts, starts[1:], strict=False)
-        ]
+        return [Run(int(indices[a]), stamps_ns[a:b], values[a:b]) for a, b in pairwise(starts)]
 
     def _between(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> list[Run]:
         """Return runs of values between the samples, at regular times."""
@@ -185,7 +183,7 @@ class Resampler:
         starts = [0, *np.flatnonzero(np.diff(numbers) > 1) + 1, len(numbers)]
         return [
             Run(self._origin_index + int(numbers[a]), times[a:b], resampled[a:b])
-            for a, b in zip(starts, starts[1:], strict=False)
+            for a, b in pairwise(starts)
         ]
 
     def _note_gaps(self, steps: NDArray[np.float64]) -> None:

@@ -230,8 +230,8 @@ def _style(path: Path, lines: Sequence[str], table: Table) -> tuple[str, str]:
                 best, chosen = share, (separator, decimal)
     if chosen is None or best < 0.3:
         raise ValueError(
-            f"{path} is not a table of numbers: no separator of {', '.join(map(repr, _SEPARATORS))} "
-            "divides its lines into columns of numbers"
+            f"{path} is not a table of numbers: no separator of "
+            f"{', '.join(map(repr, _SEPARATORS))} divides its lines into columns of numbers"
         )
     return chosen
 

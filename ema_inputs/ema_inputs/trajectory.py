@@ -1,4 +1,4 @@
-"""Commands that are given as trajectories of points, as trajectory_msgs/JointTrajectory has them."""
+"""Commands given as trajectories of points, as trajectory_msgs/JointTrajectory has them."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -96,7 +96,7 @@ def evaluate(
             at = (end_ns - item.start_ns) * 1e-9
             pair = _values(begun, np.array([max(at - step, 0.0), at]))
             state = (float(pair[1]), float(pair[1] - pair[0]) / step)
-        command[own] = _values(begun, (stamps_ns[own] - item.start_ns) * 1e-9)
+        command[own] = _values(begun, (stamps_ns[own] - item.start_ns).astype(float) * 1e-9)
     return command
 
 

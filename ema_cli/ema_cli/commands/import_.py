@@ -70,7 +70,7 @@ def import_(
         raise click.UsageError("give either --preview or -o OUTPUT")
     if output is not None and mapping_file is None:
         raise click.UsageError(
-            f"--mapping is missing: `ema import {files[0]} --preview` shows a guess to check and save"
+            f"--mapping is missing: `ema import {files[0]} --preview` guesses one to check and save"
         )
     with one_clear_line():
         description = load_description(actuator_file) if actuator_file else ActuatorDescription()
@@ -87,8 +87,8 @@ def import_(
             if one.description != found[0].description:
                 raise ValueError(
                     f"{file} has {1.0 / one.rate.period:g} samples a second, {files[0]} has "
-                    f"{1.0 / found[0].rate.period:g}: expected one rate; clock.rate_hz in the mapping "
-                    "fixes it"
+                    f"{1.0 / found[0].rate.period:g}: expected one rate; clock.rate_hz in the "
+                    "mapping fixes it"
                 )
         _write(output, found, overwrite=force)
     samples = sum(len(run.stamps_ns) for one in found for run in one.runs)
