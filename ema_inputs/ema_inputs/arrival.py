@@ -19,7 +19,7 @@ class ArrivalClock:
     Delays of arrival are noise and are regressed out, by a robust line over the last 5 s. Samples
     that are late once and for all are taken for a loss: a queue that was stopped and then emptied
     comes back to the line within a few samples. Hence a sample is only settled when those of the
-    next 50 ms, or the next eight, have arrived.
+    next 75 ms, or the next twelve, have arrived.
 
     Parameters
     ----------
@@ -52,7 +52,9 @@ class ArrivalClock:
             When they arrived, ``(n,)`` [ns].
         """
         self._waiting = np.concatenate([self._waiting, arrivals_ns])
-        return self._settled(len(self._waiting) - self._settle)
+        count = len(self._waiting) - self._settle
+        # The line is worth its computing once there are some.
+        return self._settled(count if count >= self._settle // 2 else 0)
 
     def flush(self) -> NDArray[np.int64]:
         """Return the stamps of the samples that still wait [ns]."""

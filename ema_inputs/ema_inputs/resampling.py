@@ -145,8 +145,7 @@ class Resampler:
         counts = np.maximum(np.rint(steps), 1.0).astype(np.int64)
         if self._last_ns is None:
             counts[0] = 2 if self._index else 1
-        else:
-            self._note_gaps(steps)
+        self._note_gaps(steps)
         indices = self._index + np.cumsum(counts)
         self._index, self._last_ns = int(indices[-1]), int(stamps_ns[-1])
         starts = [0, *np.flatnonzero(counts[1:] > 1) + 1, len(stamps_ns)]
@@ -160,7 +159,7 @@ class Resampler:
         else:
             stamps_ns = np.concatenate([[self._last_ns], stamps_ns])
             values = np.concatenate([self._last_values[None], values])
-            self._note_gaps(np.diff(stamps_ns) / self._period_ns)
+        self._note_gaps(np.diff(stamps_ns) / self._period_ns)
         self._last_ns, self._last_values = int(stamps_ns[-1]), values[-1]
         last = int((self._last_ns - self._origin_ns) / self._period_ns + 1e-6)
         numbers = np.arange(self._next, last + 1)
