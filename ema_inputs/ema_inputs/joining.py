@@ -1,7 +1,7 @@
 """Sources of several topics, joined at the samples of the position."""
 
 from collections.abc import Mapping as ByTopic
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from ema_inputs.mapping import Mapping
 from ema_inputs.series import NO_STAMP, Series
-from ema_inputs.trajectory import evaluate
+from ema_inputs.trajectory import Trajectory, evaluate
 
-_OTHER_CLOCK_NS: Final = 100_000_000
 _WIDEST: Final = 10.0
 
 
@@ -26,10 +25,13 @@ class Samples:
     raw
         What the sources hold, by the keys of ``Mapping.wanted``, ``(n,)`` each; not a number
         where a source has nothing.
+    begun
+        Trajectories by key; those that have begun hold where they began.
     """
 
     stamps_ns: NDArray[np.int64]
     raw: dict[str, NDArray[np.float64]]
+    begun: dict[str, list[Trajectory]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -76,26 +78,28 @@ def join_topics(
     own = by_topic[mapping.position.topic]
     count = len(stamps_ns)
     raw = {key: values[:count] for key, values in own.values.items()}
-    # Stamps of another clock, as simulated time: what has none is put on it by the usual delay.
-    delay_ns = 0
-    if count:
-        median = int(np.median(own.arrivals_ns[:count] - stamps_ns))
-        delay_ns = median if abs(median) > _OTHER_CLOCK_NS else 0
+    begun: dict[str, list[Trajectory]] = {}
+    arrivals = own.arrivals_ns[:count]
     for key, _, item in mapping.wanted():
         if item.topic == mapping.position.topic:
             continue
         other = by_topic[item.topic]
-        arrivals = other.arrivals_ns - delay_ns
-        times = np.where(other.stamps_ns == NO_STAMP, arrivals, other.stamps_ns)
+        # What has no stamp is compared by when it was sent: the clocks of stamps and of the
+        # transport may differ, and a loop that is late sends command and position late alike.
+        is_stamped = bool(np.any(other.stamps_ns != NO_STAMP))
+        times = stamped(other)[0] if is_stamped else other.arrivals_ns
         if key in other.trajectories:
-            begun = zip(other.trajectories[key], times, strict=True)
-            found = [replace(trajectory, start_ns=int(time)) for trajectory, time in begun]
-            raw[key] = evaluate(found, stamps_ns, raw["position"])
-        elif item.between == "hold":
-            raw[key] = _held(times, other.values[key], stamps_ns)
-        else:
-            raw[key] = _between(times, other.values[key], stamps_ns)
-    return Samples(stamps_ns, raw)
+            if not is_stamped and count:
+                times = times + np.int64(np.median(stamps_ns - arrivals))
+            given = [
+                replace(trajectory, start_ns=int(time))
+                for trajectory, time in zip(other.trajectories[key], times, strict=True)
+            ]
+            raw[key], begun[key] = evaluate(given, stamps_ns, raw["position"])
+            continue
+        value_at = _held if item.between == "hold" else _between
+        raw[key] = value_at(times, other.values[key], stamps_ns if is_stamped else arrivals)
+    return Samples(stamps_ns, raw, begun)
 
 
 def _held(

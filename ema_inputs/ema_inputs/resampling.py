@@ -74,9 +74,11 @@ class Resampler:
     ----------
     rate
         Rate of the samples.
+    index
+        Running index of the sample before them; 0 at the start.
     """
 
-    def __init__(self, rate: Rate) -> None:
+    def __init__(self, rate: Rate, index: int = 0) -> None:
         self.losses = Losses()
         self._rate = rate
         self._period_ns = rate.period * 1e9
@@ -84,12 +86,17 @@ class Resampler:
         self._widest_ns = 1e9 * min(
             1.9 * rate.period, max(1.5 * rate.period, rate.period + 5.6 * rate.jitter)
         )
-        self._index = 0
+        self._index = index
         self._last_ns: int | None = None
         self._last_values: NDArray[np.float64] | None = None
         self._origin_ns = 0
         self._origin_index = 0
         self._next = 0
+
+    @property
+    def index(self) -> int:
+        """Running index of the last sample."""
+        return self._index
 
     def push(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> list[Run]:
         """Take samples and return the runs that they make.

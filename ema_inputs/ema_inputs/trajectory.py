@@ -1,10 +1,12 @@
 """Commands given as trajectories of points, as trajectory_msgs/JointTrajectory has them."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+_STEP_S: Final = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +68,8 @@ def trajectory_of(message: Any, joint: str, start_ns: int = 0) -> Trajectory:
 
 def evaluate(
     trajectories: list[Trajectory], stamps_ns: NDArray[np.int64], positions: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the command at some times, ``(n,)``; not a number before the first trajectory.
+) -> tuple[NDArray[np.float64], list[Trajectory]]:
+    """Return the command at some times, and the trajectories with where they begin.
 
     A trajectory replaces the one before from its start on. Between points it is a line, a cubic
     with velocities and a quintic with accelerations; it begins at the command of the moment, or at
@@ -75,29 +77,43 @@ def evaluate(
 
     Parameters
     ----------
+    trajectories
+        Trajectories in the order they came.
     stamps_ns
         Times, growing, ``(n,)`` [ns].
     positions
         Measured positions then, in the units of the message, ``(n,)``.
+
+    Returns
+    -------
+    command
+        ``(n,)``; not a number before the first trajectory.
+    trajectories
+        In the same order; one that has begun has a point at its start.
     """
     command = np.full(len(stamps_ns), np.nan)
+    resolved = list(trajectories)
+    if not len(stamps_ns):
+        return command, resolved
     state: tuple[float, float] | None = None
-    ordered = sorted(trajectories, key=lambda item: item.start_ns)
-    for number, item in enumerate(ordered):
+    order = sorted(range(len(resolved)), key=lambda i: resolved[i].start_ns)
+    for number, i in enumerate(order):
+        start_ns = resolved[i].start_ns
+        if start_ns > stamps_ns[-1]:
+            break
         if state is None:
-            nearest = min(int(np.searchsorted(stamps_ns, item.start_ns)), len(positions) - 1)
+            nearest = min(int(np.searchsorted(stamps_ns, start_ns)), len(positions) - 1)
             state = (float(positions[nearest]), 0.0)
-        begun = _from(item, *state)
-        end_ns = ordered[number + 1].start_ns if number + 1 < len(ordered) else None
-        own = stamps_ns >= item.start_ns
-        if end_ns is not None:
+        begun = resolved[i] = _from(resolved[i], *state)
+        own = stamps_ns >= start_ns
+        if number + 1 < len(order):
+            end_ns = resolved[order[number + 1]].start_ns
             own &= stamps_ns < end_ns
-            step = 1e-4
-            at = (end_ns - item.start_ns) * 1e-9
-            pair = _values(begun, np.array([max(at - step, 0.0), at]))
-            state = (float(pair[1]), float(pair[1] - pair[0]) / step)
-        command[own] = _values(begun, (stamps_ns[own] - item.start_ns).astype(float) * 1e-9)
-    return command
+            at = (end_ns - start_ns) * 1e-9
+            pair = _values(begun, np.array([max(at - _STEP_S, 0.0), at]))
+            state = (float(pair[1]), float(pair[1] - pair[0]) / _STEP_S)
+        command[own] = _values(begun, (stamps_ns[own] - start_ns).astype(float) * 1e-9)
+    return command, resolved
 
 
 def _from(item: Trajectory, position: float, velocity: float) -> Trajectory:
