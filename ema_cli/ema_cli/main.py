@@ -1,6 +1,7 @@
 """The ``ema`` command."""
 
 from importlib import import_module
+from keyword import iskeyword
 from typing import Final
 
 import click
@@ -10,6 +11,8 @@ from ema_core import __version__
 _COMMANDS: Final = {
     "simulate": "Run the high-fidelity actuator through test cycles and record them to a bag.",
     "lives": "Simulate actuators from new until a fault reaches its limit, test by test.",
+    "import": "Write telemetry of other makes, in each FILE, to a bag that all other commands "
+    "read.",
     "calibrate": "Average the windows in BAGS of one healthy actuator into a calibration.",
     "estimate": "Name the faults in each window of BAG, with their uncertainty.",
     "certify": "Tell which faults a test will show, how well, and what it cannot tell apart.",
@@ -52,7 +55,8 @@ class _CommandsOnDemand(click.Group):
             from ema_core.wording import unknown_name
 
             ctx.fail(unknown_name("command", cmd_name, _COMMANDS))
-        return getattr(import_module(f"ema_cli.commands.{cmd_name}"), cmd_name)
+        name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name
+        return getattr(import_module(f"ema_cli.commands.{name}"), name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

@@ -1,0 +1,216 @@
+"""``ema import``: telemetry from files and bags of other makes."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from ema_cli.bags.output_path import require_free
+from ema_cli.errors import one_clear_line
+from ema_core.description import ActuatorDescription
+from ema_core.wording import counted
+from ema_inputs.defects import refused
+from ema_inputs.files import InputFile
+from ema_inputs.importing import Imported, import_series
+from ema_inputs.mapping import Mapping
+from ema_inputs.mapping_file import load_mapping, mapping_text
+from ema_ros.actuator_file import load_description
+
+_PAUSE_NS: Final = 1_000_000_000
+
+
+@click.command("import")
+@click.argument(
+    "files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path)
+)
+@click.option(
+    "--mapping",
+    "mapping_file",
+    type=click.Path(path_type=Path),
+    help="YAML file that says what the columns of telemetry are made of (docs/inputs.md).",
+)
+@click.option(
+    "--preview",
+    is_flag=True,
+    help="Print the mapping, guessed unless one is given, and what is wrong; write nothing.",
+)
+@click.option(
+    "--actuator",
+    "actuator_file",
+    type=click.Path(path_type=Path),
+    help="YAML file with the description of the actuator; default: the built-in one.",
+)
+@click.option(
+    "--force",
+    is_flag=True,
+    help="Replace an existing bag; write it whatever is wrong with the data.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="Bag to write: one file if it ends in .mcap, else a folder.",
+)
+def import_(
+    files: tuple[Path, ...],
+    mapping_file: Path | None,
+    preview: bool,
+    actuator_file: Path | None,
+    force: bool,
+    output: Path | None,
+) -> None:
+    """Write telemetry of other makes, in each FILE, to a bag that all other commands read.
+
+    A FILE is CSV, Parquet (.parquet) or a bag of rosbag2, MCAP or sqlite3. With --preview the
+    mapping is guessed and shown as YAML, to be checked, saved and given by --mapping. What is wrong
+    with units, signs, ratio or stamps is named before anything is written.
+    """
+    if preview == (output is not None):
+        raise click.UsageError("give either --preview or -o OUTPUT")
+    if output is not None and mapping_file is None:
+        raise click.UsageError(
+            f"--mapping is missing: `ema import {files[0]} --preview` guesses one to check and save"
+        )
+    with one_clear_line():
+        description = load_description(actuator_file) if actuator_file else ActuatorDescription()
+        mapping = load_mapping(mapping_file) if mapping_file else None
+        if output is None:
+            for file in files:
+                _preview(file, mapping, description)
+            return
+        assert mapping is not None
+        inputs = [*files, mapping_file, *([actuator_file] if actuator_file else [])]
+        require_free(output, [item for item in inputs if item], force=force)
+        found = [_read(file, mapping, description, force=force) for file in files]
+        for file, one in zip(files, found, strict=True):
+            if one.description != found[0].description:
+                raise ValueError(
+                    f"{file} has {1.0 / one.rate.period:g} samples a second, {files[0]} has "
+                    f"{1.0 / found[0].rate.period:g}: expected one rate; clock.rate_hz in the "
+                    "mapping fixes it"
+                )
+        _write(output, found, overwrite=force)
+    samples = sum(len(run.stamps_ns) for one in found for run in one.runs)
+    h = found[0].description.sample_period
+    click.echo(
+        f"{output}: {counted(samples, 'sample')} of {description.actuator_id} "
+        f"({description.serial_number}) at {1.0 / h:g} Hz, {samples * h:.3f} s of telemetry"
+    )
+
+
+def _read(
+    file: Path, mapping: Mapping, description: ActuatorDescription, *, force: bool
+) -> Imported:
+    """Return the telemetry of a file; what is wrong is printed, or refused."""
+    source = InputFile(file, mapping)
+    imported = _imported(source, mapping, description)
+    for remark in source.remarks:
+        click.echo(f"{file}: {remark}", err=True)
+    for defect in imported.defects:
+        click.echo(f"{file}: {defect}", err=True)
+    wrong = refused(imported.defects, mapping)
+    if wrong and not force:
+        names = ", ".join(item.name for item in wrong)
+        raise ValueError(
+            f"{file} is not imported: {names} (see above); correct the mapping, or accept with "
+            f"accept: [{names}] in it"
+        )
+    return imported
+
+
+def _imported(source: InputFile, mapping: Mapping, description: ActuatorDescription) -> Imported:
+    try:
+        return import_series(source.series(mapping), mapping, description)
+    except ValueError as error:
+        words = str(error)
+        if str(source.path) in words:
+            raise
+        raise ValueError(f"{source.path}: {words}") from error
+
+
+def _preview(file: Path, mapping: Mapping | None, description: ActuatorDescription) -> None:
+    """Print a mapping as YAML, and all else as its comments."""
+    source = InputFile(file, mapping)
+    lines = [str(file), *source.contents()]
+    try:
+        if mapping is None:
+            guess = source.guess(description)
+            mapping = guess.mapping
+            lines += [f"guess: {remark}" for remark in guess.remarks]
+        imported = _imported(source, mapping, description)
+    except ValueError:
+        _comment(lines)
+        raise
+    lines += [*source.remarks, *_facts(imported)]
+    for defect in imported.defects:
+        lines.append(f"{'ERROR' if defect.is_error else 'note'}: {defect}")
+    _comment(lines)
+    click.echo(mapping_text(mapping), nl=False)
+
+
+def _comment(lines: list[str]) -> None:
+    for line in lines:
+        click.echo(f"# {' '.join(line.split())}")
+
+
+def _facts(imported: Imported) -> list[str]:
+    """Return rate, losses and ranges in lines."""
+    rate, losses = imported.rate, imported.losses
+    kept = "as they are" if rate.is_regular else "interpolated on their stamps"
+    lines = [
+        f"{counted(losses.samples, 'sample')}, {1.0 / rate.measured_period:.6g} Hz by the stamps, "
+        f"taken as {1.0 / rate.period:.6g} Hz; jitter {1e6 * rate.jitter:.3g} us: {kept}",
+        f"lost {losses.lost} in {counted(losses.gaps, 'gap')}, {counted(losses.pauses, 'pause')}, "
+        f"{counted(losses.jumps, 'jump')} of the clock, {losses.repeated} repeated, "
+        f"{losses.missing} not finite, {counted(imported.rebuilt, 'stamp')} rebuilt",
+    ]
+    units: dict[str, Any] = {"command": "rad", "position": "rad", "speed": "rad/s", "current": "A"}
+    for name, unit in units.items():
+        values = imported.columns[name]
+        values = values[values == values]
+        reach = (
+            f"{values.min():.6g} to {values.max():.6g} {unit}" if len(values) else "not measured"
+        )
+        lines.append(f"{name}: {reach}")
+    return lines
+
+
+def _write(path: Path, found: list[Imported], *, overwrite: bool) -> None:
+    """Write description and telemetry, one file after the other."""
+    from ema_cli.new_bag import new_bag
+    from ema_ros import topics
+    from ema_ros.description import description_to_message
+    from ema_ros.stamps import stamp_from_message
+    from ema_ros.telemetry import telemetry_to_message
+
+    description = found[0].description
+    names = {name: f"{topics.NAMESPACE}/{name}" for name in (topics.DESCRIPTION, topics.TELEMETRY)}
+    with new_bag(path, overwrite=overwrite) as bag:
+        for name, full in names.items():
+            message_class, qos = topics.ACTUATOR_TOPICS[name]
+            bag.add_topic(full, message_class, qos)
+        end_ns, index = None, 0
+        for one in found:
+            blocks = one.blocks()
+            shift_ns, shift = 0, 0
+            for block in blocks:
+                if end_ns is None:
+                    stamp_ns = block.stamp_ns
+                    message = description_to_message(description, stamp_ns)
+                    bag.write(names[topics.DESCRIPTION], message, stamp_ns, stamp_ns)
+                    end_ns = stamp_ns
+                elif not shift and block.first_index <= index and one is not found[0]:
+                    # The next file: one sample at least is missing before it, and its time goes on.
+                    shift = index + 1
+                    if block.stamp_ns <= end_ns:
+                        shift_ns = end_ns + _PAUSE_NS - block.stamp_ns
+                moved = replace(
+                    block, stamp_ns=block.stamp_ns + shift_ns, first_index=block.first_index + shift
+                )
+                message = telemetry_to_message(moved, description.actuator_id)
+                stamp_ns = stamp_from_message(message.header.stamp)
+                # What is received never goes back, whatever the stamps do.
+                end_ns = max(end_ns, moved.stamp_at(len(moved) - 1))
+                index = max(index, moved.first_index + len(moved) - 1)
+                bag.write(names[topics.TELEMETRY], message, end_ns, stamp_ns)

@@ -1,0 +1,1 @@
+"""Telemetry from files, bags and topics of other makes."""

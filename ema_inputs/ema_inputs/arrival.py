@@ -1,0 +1,151 @@
+"""Stamps of samples that carry none, from when they arrived."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_SPAN_S: Final = 5.0
+_SETTLE_S: Final = 0.05
+_SETTLE_LEAST: Final = 8
+_LOST: Final = 0.6
+_PAUSE_NS: Final = 1_000_000_000
+_REWEIGHTS: Final = 8
+
+
+class ArrivalClock:
+    """Rebuilds the stamps of regular samples by regression of their arrival on their number.
+
+    Delays of arrival are noise and are regressed out, by a robust line over the last 5 s. Samples
+    that are late once and for all are taken for a loss: a queue that was stopped and then emptied
+    comes back to the line within a few samples. Hence a sample is only settled when those of the
+    next 75 ms, or the next twelve, have arrived.
+
+    Parameters
+    ----------
+    period
+        Sample period [s].
+
+    Attributes
+    ----------
+    rebuilt
+        How many stamps have been rebuilt.
+    """
+
+    def __init__(self, period: float) -> None:
+        self.rebuilt = 0
+        self._period = period * 1e9
+        self._settle = max(_SETTLE_LEAST, round(_SETTLE_S / period))
+        self._span = max(4 * self._settle, round(_SPAN_S / period))
+        self._restart()
+        self._waiting = np.empty(0, dtype=np.int64)
+
+    def push(self, arrivals_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Take samples as they arrived and return the stamps of those that are settled [ns].
+
+        Samples are settled in the order of their arrival. Where some were lost in between, the
+        stamps leave room for them.
+
+        Parameters
+        ----------
+        arrivals_ns
+            When they arrived, ``(n,)`` [ns].
+        """
+        self._waiting = np.concatenate([self._waiting, arrivals_ns])
+        count = len(self._waiting) - self._settle
+        # The line is worth its computing once there are some.
+        return self._settled(count if count >= self._settle // 2 else 0)
+
+    def flush(self) -> NDArray[np.int64]:
+        """Return the stamps of the samples that still wait [ns]."""
+        return self._settled(len(self._waiting))
+
+    def _restart(self) -> None:
+        self._numbers = np.empty(0)
+        self._arrivals = np.empty(0)
+        self._origin_ns = 0
+        self._next = 0.0
+
+    def _settled(self, count: int) -> NDArray[np.int64]:
+        """Settle in parts, as the line follows the clock only between these."""
+        found = [np.empty(0, dtype=np.int64)]
+        while count > 0:
+            part = min(count, self._settle * 4)
+            found.append(self._settle_part(part))
+            count -= part
+        stamps = np.concatenate(found)
+        self.rebuilt += len(stamps)
+        return stamps
+
+    def _settle_part(self, count: int) -> NDArray[np.int64]:
+        ahead = self._waiting[: count + self._settle]
+        breaks = np.flatnonzero(
+            np.abs(np.diff(ahead[:count], prepend=self._last(ahead))) > _PAUSE_NS
+        )
+        if len(breaks) and breaks[0] == 0:
+            self._restart()
+            breaks = breaks[1:]
+        if len(breaks):
+            # What comes after a pause is regressed on its own.
+            count = int(breaks[0])
+            ahead = ahead[:count]
+        if not len(self._numbers):
+            self._origin_ns = int(ahead[0])
+        numbers = self._next + np.arange(len(ahead), dtype=float)
+        arrivals = (ahead - self._origin_ns).astype(float)
+        numbers = self._with_losses(numbers, arrivals)
+        self._numbers = np.concatenate([self._numbers, numbers[:count]])[-self._span :]
+        self._arrivals = np.concatenate([self._arrivals, arrivals[:count]])[-self._span :]
+        offset, slope = self._line(self._numbers, self._arrivals)
+        stamps = self._origin_ns + np.rint(offset + slope * numbers[:count]).astype(np.int64)
+        self._next = numbers[count - 1] + 1.0
+        self._waiting = self._waiting[count:]
+        return stamps if count == len(numbers[:count]) else stamps[:count]
+
+    def _last(self, ahead: NDArray[np.int64]) -> np.int64:
+        if not len(self._arrivals):
+            return ahead[0]
+        return np.int64(self._origin_ns + self._arrivals[-1])
+
+    def _with_losses(
+        self, numbers: NDArray[np.float64], arrivals: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the numbers of samples with room for those that were lost before them."""
+        if len(self._numbers) >= self._settle:
+            offset, slope = self._line(self._numbers, self._arrivals)
+            before = self._arrivals - (offset + slope * self._numbers)
+        else:
+            offset, slope = self._line(numbers, arrivals)
+            before = arrivals - (offset + slope * numbers)
+        usual = float(np.quantile(before, 0.1))
+        while True:
+            late = (arrivals - (offset + slope * numbers) - usual) / slope
+            # The least lateness from here on: what stays late has lost something.
+            least = np.minimum.accumulate(late[::-1])[::-1]
+            lasting = np.flatnonzero(least[: max(1, len(least) - _SETTLE_LEAST + 1)] > _LOST)
+            if not len(lasting):
+                return numbers
+            first = int(lasting[0])
+            numbers = numbers.copy()
+            numbers[first:] += max(1.0, float(np.rint(least[first])))
+
+    def _line(
+        self, numbers: NDArray[np.float64], arrivals: NDArray[np.float64]
+    ) -> tuple[float, float]:
+        """Return offset and slope of a line that outliers do not move (Huber's weights) [ns]."""
+        slope, offset = self._period, float(np.median(arrivals - self._period * numbers))
+        if len(numbers) < 2 * self._settle:
+            return offset, slope
+        middle = numbers.mean()
+        x = numbers - middle
+        offset += slope * middle
+        for _ in range(_REWEIGHTS):
+            left = arrivals - offset - slope * x
+            scale = max(1.4826 * float(np.median(np.abs(left))), 1.0)
+            weights = np.minimum(1.0, 1.345 * scale / np.maximum(np.abs(left), 1e-9))
+            mean_x = np.average(x, weights=weights)
+            mean_y = np.average(arrivals, weights=weights)
+            spread = np.sum(weights * (x - mean_x) ** 2)
+            slope = float(np.sum(weights * (x - mean_x) * (arrivals - mean_y)) / spread)
+            offset = float(mean_y - slope * mean_x)
+        return offset - slope * middle, slope

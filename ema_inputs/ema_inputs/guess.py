@@ -1,0 +1,282 @@
+"""A mapping guessed from names, magnitudes and relations, to be confirmed by who knows."""
+
+from collections.abc import Mapping as ByName
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.description import ActuatorDescription
+from ema_inputs.conversion import convert
+from ema_inputs.factors import explain
+from ema_inputs.joining import Samples
+from ema_inputs.mapping import (
+    AngleSource,
+    Clock,
+    CurrentSource,
+    Mapping,
+    Source,
+    SpeedSource,
+    Table,
+)
+from ema_inputs.motion import Motion
+from ema_inputs.naming import kinds_of, unit_in_name, unit_of
+from ema_inputs.tables import Columns
+from ema_inputs.units import ANGLES, CURRENTS, SPEEDS, TIMES_NS, TORQUES
+
+_EPOCHS: Final = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s"))
+_STEPS: Final = ((5e4, "ns"), (50.0, "us"), (0.2, "ms"))
+_JOINT_STATE: Final = "sensor_msgs/msg/JointState"
+_NUMBER_TYPES: Final = {
+    "std_msgs/msg/Float64": "data",
+    "std_msgs/msg/Float32": "data",
+    "std_msgs/msg/Float64MultiArray": "data[0]",
+    "std_msgs/msg/Float32MultiArray": "data[0]",
+}
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A guessed mapping and what it rests on, one remark a line."""
+
+    mapping: Mapping
+    remarks: list[str]
+
+
+def guess_columns(columns: Columns) -> Guess:
+    """Return a mapping of the columns of a table by their names and units.
+
+    Raises
+    ------
+    ValueError
+        When no column seems to be the position, or the command or position error.
+    """
+    remarks = [f"column {name!r} holds no numbers" for name in columns.texts]
+    clock, unused = _clock(columns, remarks)
+    kinds = {name: kinds_of(name) for name in unused}
+    taken: dict[str, str] = {}
+    for quantity, without in (
+        ("error", {"speed", "current"}),
+        ("command", {"speed", "current", "error"}),
+        ("position", {"command", "error", "speed"}),
+        ("speed", {"command", "error"}),
+        ("current", {"command", "error"}),
+    ):
+        for name, found in kinds.items():
+            if quantity in found and not found & without and name not in taken.values():
+                taken.setdefault(quantity, name)
+    phases = {
+        kind: name for name, found in kinds.items() for kind in found if kind.startswith("phase_")
+    }
+    if "command" in taken:
+        taken.pop("error", None)
+    missing = [name for name in ("position",) if name not in taken]
+    if "command" not in taken and "error" not in taken:
+        missing.append("command (or position error)")
+    if missing:
+        raise ValueError(
+            f"{columns.path}: no column seems to be the {' or the '.join(missing)}; columns: "
+            f"{', '.join(columns.values)}: write a mapping by hand, its command may be any of them"
+        )
+    sources: dict[str, Any] = {}
+    for quantity, name in taken.items():
+        unit = unit_of(columns.units.get(name, "")) or unit_in_name(name)
+        sources[quantity] = _source(quantity, name, unit, remarks)
+    if "current" not in sources and len(phases) >= 2:
+        remarks += _phases_remark(phases)
+    for quantity in ("speed", "current"):
+        if quantity not in sources:
+            remarks.append(f"no column seems to be the {quantity}: it is taken as not measured")
+    written = columns.format
+    return Guess(
+        Mapping(**sources, clock=clock, table=Table(written.separator, written.decimal)), remarks
+    )
+
+
+def guess_topics(topics: ByName[str, str], joints: ByName[str, list[str]]) -> Guess:
+    """Return a mapping of the topics of a bag by their types and names.
+
+    Parameters
+    ----------
+    topics
+        Types by topic.
+    joints
+        Names of the joints by topic of type ``sensor_msgs/msg/JointState``.
+
+    Raises
+    ------
+    ValueError
+        When there is no joint state, or nothing that seems to be its command.
+    """
+    remarks: list[str] = []
+    states = [name for name, names in joints.items() if names]
+    listed = ", ".join(f"{name} ({kind})" for name, kind in topics.items()) or "none"
+    if not states:
+        raise ValueError(
+            f"no topic of {_JOINT_STATE} with a joint; topics: {listed}: write a "
+            "mapping by hand, the examples show how"
+        )
+    topic = states[0]
+    joint = joints[topic][0]
+    others = [name for name in joints[topic] if name != joint] + states[1:]
+    if others:
+        remarks.append(f"joint {joint!r} on {topic} is a guess; others: {', '.join(others)}")
+
+    def of(kind: Any, source: str, **more: Any) -> Any:
+        return kind(source=source, topic=topic, joint=joint, **more)
+
+    command = _command_topic(topics, joint)
+    if command is None:
+        raise ValueError(
+            f"no topic seems to be the command; topics: {listed}: write a mapping by "
+            "hand, the examples show how"
+        )
+    remarks.append("effort may be a current, a torque of motor or joint, or nothing: confirm kind")
+    mapping = Mapping(
+        position=of(AngleSource, "position"),
+        command=command,
+        speed=of(SpeedSource, "velocity", shaft="user"),
+        current=of(CurrentSource, "effort"),
+        joint=joint,
+        clock=Clock("header"),
+    )
+    return Guess(mapping, remarks)
+
+
+def refine(guess: Guess, samples: Samples, description: ActuatorDescription) -> Guess:
+    """Return a guess with units, signs and shafts by which its columns agree with each other."""
+    mapping, remarks = guess.mapping, list(guess.remarks)
+    if "current" in samples.raw and _is_still(samples.raw["current"]):
+        mapping = replace(mapping, current=None)
+        remarks.append("current never changes: it is taken as not measured")
+    if "speed" in samples.raw and _is_still(samples.raw["speed"]):
+        mapping = replace(mapping, speed=None)
+        remarks.append("speed never changes: it is taken as not measured")
+
+    def moving(of: Mapping) -> Motion | None:
+        columns = convert(samples.raw, of, description)
+        return Motion.of(columns, samples.stamps_ns, description.parameters.tau)
+
+    motion = moving(mapping)
+    if motion is None:
+        remarks.append("too few samples to compare the columns")
+        return Guess(mapping, remarks)
+    for change in explain(motion, mapping, description) or ():
+        section = replace(getattr(mapping, change.quantity), **{change.entry: change.value})
+        mapping = replace(mapping, **{change.quantity: section})
+        remarks.append(f"{change.quantity}.{change.entry} {change.value}: {change.reason}")
+    return Guess(_refined_current(mapping, moving, description, remarks), remarks)
+
+
+def _refined_current(
+    mapping: Mapping, moving: Any, description: ActuatorDescription, remarks: list[str]
+) -> Mapping:
+    """Return a mapping with the sign, and the torque's shaft, that inertia and friction need."""
+    if mapping.current is None:
+        return mapping
+    found = moving(mapping).current_against_torque(description.parameters)
+    if found is None or abs(found[1]) < 0.4:
+        remarks.append("nothing tells whether sign and unit of the current are right")
+        return mapping
+    size, correlation = found
+    current = mapping.current
+    if correlation < 0.0:
+        current = replace(current, sign=-current.sign)
+        remarks.append(f"current.sign {current.sign}: it opposes the acceleration otherwise")
+    p = description.parameters
+    if current.kind == "motor_torque" and abs(np.log(size * p.tau)) < abs(np.log(size)):
+        current = replace(current, kind="joint_torque")
+        remarks.append("current.kind joint_torque: too large for the motor")
+    elif current.kind == "equivalent" and not 0.03 < size < 30.0:
+        remarks.append(
+            f"the current is {size:.3g} times as large as inertia and friction of the description "
+            "need: is it a torque?"
+        )
+    remarks.append("current.sampling cannot be told from data: mean, filtered or instantaneous?")
+    return replace(mapping, current=current)
+
+
+def _clock(columns: Columns, remarks: list[str]) -> tuple[Clock, list[str]]:
+    """Return the clock and the names of the other columns."""
+    names = list(columns.values)
+    named = [name for name in names if name in columns.dates or "time" in kinds_of(name)]
+    growing = [name for name in (named or names) if _grows(columns.values[name])]
+    if not growing:
+        remarks.append("no column seems to be the time: give clock.rate_hz, here 1000 as a guess")
+        return Clock(rate_hz=1000.0), names
+    name = growing[0]
+    unit = unit_of(columns.units.get(name, "")) or unit_in_name(name)
+    if unit not in TIMES_NS:
+        unit = _unit_of_times(columns.values[name])
+        if name not in columns.dates:
+            remarks.append(f"clock.unit {unit} by the size of the steps")
+    if name in columns.dates:
+        unit = "ns"
+    return Clock(name, unit), [item for item in names if item != name]
+
+
+def _grows(values: NDArray[Any]) -> bool:
+    finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+    if len(finite) < 2:
+        return False
+    return float(np.mean(np.diff(finite) > 0)) > 0.9
+
+
+def _unit_of_times(values: NDArray[Any]) -> str:
+    finite = values[np.isfinite(values)].astype(float)
+    for least, unit in _EPOCHS:
+        if abs(finite[-1]) > least:
+            return unit
+    step = float(np.median(np.diff(finite)))
+    return next((unit for least, unit in _STEPS if step > least), "s")
+
+
+def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:
+    kinds: dict[str, tuple[type[Source], dict[str, float]]] = {
+        "position": (AngleSource, ANGLES),
+        "command": (AngleSource, ANGLES),
+        "error": (AngleSource, ANGLES),
+        "speed": (SpeedSource, SPEEDS),
+        "current": (CurrentSource, CURRENTS | TORQUES),
+    }
+    kind, units = kinds[quantity]
+    more: dict[str, Any] = {"unit": unit} if unit in units else {}
+    if not more:
+        remarks.append(f"{quantity}.unit is a guess: {name!r} does not give it")
+    if quantity == "current":
+        words = name.lower().replace(" ", "").replace("_", "")
+        if unit in TORQUES or any(w in words for w in ("torque", "trq", "moment")):
+            more["kind"] = "motor_torque"
+            more.setdefault("unit", "N.m")
+        elif "iq" in words:
+            more["kind"] = "i_q"
+    return kind(source=name, **more)
+
+
+def _phases_remark(phases: dict[str, str]) -> list[str]:
+    names = ", ".join(phases[key] for key in sorted(phases))
+    return [
+        f"phase currents {names}: map them by current: {{kind: phase_currents, phases: [{names}], "
+        "torque_sign: COLUMN}, a column whose sign is that of the torque"
+    ]
+
+
+def _command_topic(topics: ByName[str, str], joint: str) -> AngleSource | None:
+    ranked = sorted(topics, key=lambda name: "command" not in kinds_of(name))
+    for name in ranked:
+        kind = topics[name]
+        if kind == "control_msgs/msg/JointTrajectoryControllerState":
+            return AngleSource(source="reference.positions", topic=name, joint=joint)
+        if kind == "control_msgs/msg/SingleDOFStateStamped":
+            return AngleSource(source="dof_state.reference", topic=name)
+        if kind == "trajectory_msgs/msg/JointTrajectory":
+            return AngleSource(source="points", topic=name, joint=joint)
+        if kind in _NUMBER_TYPES:
+            return AngleSource(source=_NUMBER_TYPES[kind], topic=name, between="hold")
+    return None
+
+
+def _is_still(values: NDArray[np.float64]) -> bool:
+    finite = values[np.isfinite(values)]
+    return len(finite) == 0 or float(np.ptp(finite)) == 0.0

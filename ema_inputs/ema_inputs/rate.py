@@ -1,0 +1,130 @@
+"""The rate of samples by their stamps."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_COMMON: Final = sorted(
+    {
+        float(mantissa) * 10.0**power
+        for mantissa in (1, 1.2, 1.25, 1.6, 2, 2.4, 2.5, 3, 4, 5, 6, 6.25, 7.5, 8)
+        for power in range(-1, 6)
+    }
+    | {128.0, 256.0, 512.0, 1024.0, 2048.0, 4096.0, 8192.0}
+)
+_COMMON_WITHIN: Final = 2e-3
+_LONGEST_REACH: Final = 256
+_BURST: Final = 32
+_EXACT: Final = 2e-4
+_STILL: Final = 1e-3
+
+
+@dataclass(frozen=True)
+class Rate:
+    """The rate of samples.
+
+    Attributes
+    ----------
+    period
+        Nominal sample period: that of a common rate, if the stamps give one [s].
+    measured_period
+        Sample period as the stamps give it [s].
+    jitter
+        Robust standard deviation of the stamps around regular ones [s].
+    resolution
+        Step in which the stamps are counted [s].
+    """
+
+    period: float
+    measured_period: float
+    jitter: float
+    resolution: float
+
+    @property
+    def is_regular(self) -> bool:
+        """Whether samples are as regular as can be told, so that none has to be interpolated."""
+        rounded = self.jitter <= 0.5 * self.resolution
+        return (rounded or self.jitter <= _STILL * self.period) and abs(
+            self.measured_period / self.period - 1.0
+        ) <= _EXACT
+
+
+def find_rate(stamps_ns: NDArray[np.int64], rate_hz: float = 0.0) -> Rate:
+    """Return the rate of samples whose stamps may jitter, jump and miss some.
+
+    Parameters
+    ----------
+    stamps_ns
+        Stamps in the order of the samples, ``(n,)`` [ns].
+    rate_hz
+        Nominal rate; 0 finds it [Hz].
+
+    Raises
+    ------
+    ValueError
+        When there are not two stamps apart.
+    """
+    steps = np.diff(stamps_ns)
+    steps = steps[steps > 0].astype(np.float64)
+    if not len(steps):
+        raise ValueError(
+            f"{len(stamps_ns)} samples have no two stamps that differ: expected stamps that grow"
+        )
+    period = _first_period(stamps_ns, steps)
+    # Longer and longer reaches, each taken where no sample is missing: the error of the period
+    # falls with the reach, and so the next one is told from a loss.
+    reach = 2
+    while reach <= min(_LONGEST_REACH, len(stamps_ns) - 1):
+        spans = (stamps_ns[reach:] - stamps_ns[:-reach]).astype(np.float64)
+        whole = spans[np.abs(spans - reach * period) < 0.45 * period]
+        if len(whole) < max(1, len(spans) // 50):
+            break
+        period = float(np.median(whole)) / reach if reach > 8 else float(np.mean(whole)) / reach
+        reach *= 2
+    measured = period * 1e-9
+    nominal = 1.0 / rate_hz if rate_hz else _common_period(measured)
+    return Rate(nominal, measured, _jitter(stamps_ns, period) * 1e-9, _resolution(stamps_ns) * 1e-9)
+
+
+def _first_period(stamps_ns: NDArray[np.int64], steps: NDArray[np.float64]) -> float:
+    typical = float(np.median(steps))
+    reach = min(_BURST, len(stamps_ns) - 1)
+    average = float(np.median(stamps_ns[reach:] - stamps_ns[:-reach])) / reach
+    if average > 0.0 and not 0.7 < typical / average < 1.3:
+        return average  # samples come in bursts: their steps say little
+    return float(np.mean(steps[(steps > 0.5 * typical) & (steps < 1.5 * typical)]))
+
+
+def _common_period(period: float) -> float:
+    """Return the period of the nearest common rate; else of whole hertz; else the period itself."""
+    rate = 1.0 / period
+    nearest = min(_COMMON, key=lambda item: abs(item / rate - 1.0))
+    if abs(nearest / rate - 1.0) <= _COMMON_WITHIN:
+        return 1.0 / nearest
+    if round(rate) and abs(round(rate) / rate - 1.0) <= _COMMON_WITHIN:
+        return 1.0 / round(rate)
+    return period
+
+
+def _jitter(stamps_ns: NDArray[np.int64], period_ns: float) -> float:
+    """Return the robust standard deviation of stamps around a line, in stretches of samples."""
+    length = min(_LONGEST_REACH, len(stamps_ns))
+    if length < 3:
+        return 0.0
+    whole = len(stamps_ns) // length * length
+    rows = (stamps_ns[:whole].reshape(-1, length) - stamps_ns[:whole:length, None]).astype(float)
+    left = rows - period_ns * np.arange(length)
+    left -= np.median(left, axis=1, keepdims=True)
+    # Per stretch, then over stretches: those with a loss count as outliers.
+    return float(np.median(1.4826 * np.median(np.abs(left), axis=1)))
+
+
+def _resolution(stamps_ns: NDArray[np.int64]) -> float:
+    """Return the step in which stamps are counted [ns]: a power of ten of nanoseconds."""
+    offsets = stamps_ns - stamps_ns[0]
+    resolution = 1
+    while resolution < 1_000_000_000 and not np.any(offsets % (10 * resolution)):
+        resolution *= 10
+    return float(resolution)

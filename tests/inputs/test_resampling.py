@@ -1,0 +1,163 @@
+"""Samples at a fixed period from stamps that jitter, jump, are late or missing."""
+
+import numpy as np
+import pytest
+
+from ema_inputs.arrival import ArrivalClock
+from ema_inputs.rate import find_rate
+from ema_inputs.resampling import Resampler
+
+H_NS = 1_000_000
+START_NS = 1_700_000_000_000_000_000
+
+
+def regular(n: int, period_ns: float = H_NS) -> np.ndarray:
+    return START_NS + np.rint(np.arange(n) * period_ns).astype(np.int64)
+
+
+def resampled(stamps, values=None, **more):
+    rate = find_rate(stamps, **more)
+    resampler = Resampler(rate)
+    numbers = np.arange(len(stamps), dtype=float) if values is None else values
+    return resampler.push(stamps, numbers[:, None]), resampler.losses, rate
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "true_hz"),
+    [(1000.0, 1000.0), (1000.0, 1000.07), (500.0, 499.9), (400.0, 400.0), (8000.0, 8000.0)],
+)
+def test_rate_is_the_nearest_common_one(rate_hz, true_hz):
+    assert 1.0 / find_rate(regular(3000, 1e9 / true_hz)).period == rate_hz
+
+
+def test_rate_that_is_not_common_is_kept():
+    # 3 per mil from 1000 Hz and from any whole hertz more than the stamps could be wrong.
+    assert find_rate(regular(3000, 1e9 / 7.37)).period == pytest.approx(1 / 7.37, rel=1e-6)
+
+
+def test_rate_is_found_through_losses_jitter_and_coarse_stamps():
+    rng = np.random.default_rng(0)
+    stamps = regular(5000, 2.5e6)
+    kept = stamps[np.sort(rng.choice(5000, 4700, replace=False))]
+    coarse = kept // 1_000_000 * 1_000_000
+    noisy = kept + np.rint(rng.normal(0.0, 2e5, len(kept))).astype(np.int64)
+    for given in (kept, coarse, noisy):
+        assert 1.0 / find_rate(given).period == 400.0
+
+
+def test_regular_samples_stay_as_they_are_to_the_last_bit():
+    values = np.random.default_rng(1).normal(size=2000)
+    stamps = regular(2000)
+    [run], losses, _ = resampled(stamps, values)
+    assert np.array_equal(run.values[:, 0], values)
+    assert np.array_equal(run.stamps_ns, stamps)
+    assert (run.first_index, losses.lost) == (1, 0)
+
+
+def test_drift_of_the_clock_makes_no_gap():
+    # 70 parts per million: a sample in 14 s if indices were counted by the nominal period.
+    [run], losses, _ = resampled(regular(60_000, 1e6 * (1 + 7e-5)))
+    assert (len(run.values), losses.lost) == (60_000, 0)
+
+
+def test_jitter_is_interpolated_on_stamps():
+    rng = np.random.default_rng(2)
+    stamps = regular(4000) + np.rint(rng.uniform(-2e5, 2e5, 4000)).astype(np.int64)
+    seconds = (stamps - START_NS) * 1e-9
+    runs, losses, rate = resampled(stamps, np.sin(2 * np.pi * 5.0 * seconds))
+    [run] = runs
+    assert not rate.is_regular
+    assert losses.lost == 0
+    expected = np.sin(2 * np.pi * 5.0 * (run.stamps_ns - START_NS) * 1e-9)
+    # A line between points 1.4 ms apart departs from the sine by (w h)^2 / 8.
+    assert np.max(np.abs(run.values[:, 0] - expected)) < (2 * np.pi * 5.0 * 1.4e-3) ** 2 / 8
+    assert np.all(np.abs(np.diff(run.stamps_ns) - H_NS) <= 1)
+
+
+@pytest.mark.parametrize("jitter_ns", [0.0, 1e5])
+def test_losses_leave_a_gap_of_their_size(jitter_ns):
+    rng = np.random.default_rng(3)
+    keep = np.ones(3000, bool)
+    keep[1000] = keep[2000:2007] = False
+    moved = regular(3000) + np.rint(rng.uniform(-jitter_ns, jitter_ns, 3000)).astype(np.int64)
+    runs, losses, _ = resampled(moved[keep])
+    assert (losses.lost, losses.gaps) == (8, 2)
+    assert len(runs) == 3
+    for before, after in zip(runs, runs[1:], strict=False):
+        end = before.first_index + len(before.values)
+        elapsed = (after.stamps_ns[0] - before.stamps_ns[-1]) / H_NS
+        assert after.first_index - end == round(elapsed) - 1 >= 1
+
+
+@pytest.mark.parametrize("jitter_ns", [0.0, 1e5])
+def test_clock_that_goes_back_ends_a_run(jitter_ns):
+    rng = np.random.default_rng(4)
+    stamps = regular(3000) + np.rint(rng.uniform(-jitter_ns, jitter_ns, 3000)).astype(np.int64)
+    stamps[1500:] -= 700 * H_NS
+    runs, losses, _ = resampled(stamps)
+    assert (losses.jumps, losses.lost, len(runs)) == (1, 0, 2)
+    assert runs[1].first_index > runs[0].first_index + len(runs[0].values)
+
+
+def test_pause_is_no_loss():
+    stamps = regular(2000)
+    stamps[1000:] += 5_000_000_000
+    runs, losses, _ = resampled(stamps)
+    assert (losses.lost, losses.pauses, len(runs)) == (0, 1, 2)
+
+
+def test_repeated_and_not_finite_samples_are_left_out_and_counted():
+    stamps = np.sort(np.concatenate([regular(1000), regular(1000)[10:20]]))
+    values = np.arange(1010.0)
+    values[500:503] = np.nan
+    runs, losses, _ = resampled(stamps, values)
+    assert (losses.repeated, losses.missing, losses.lost) == (10, 3, 3)
+    assert sum(len(run.values) for run in runs) == 997
+
+
+def delays(n: int, seed: int) -> np.ndarray:
+    """Delays of arrival: 0.2 ms and an exponential tail of 0.1 ms, and queues that stood still."""
+    rng = np.random.default_rng(seed)
+    late = 2e5 + rng.exponential(1e5, n)
+    for start in range(400, n - 100, 997):
+        # Nothing arrives for 20 ms, and then all at once.
+        late[start : start + 20] += np.arange(20, 0, -1) * 1e6
+    return np.rint(late).astype(np.int64)
+
+
+def test_stamps_are_rebuilt_from_arrival():
+    stamps = regular(10_000)
+    clock = ArrivalClock(1e-3)
+    rebuilt = np.concatenate([clock.push(stamps + delays(10_000, 5)), clock.flush()])
+    assert len(rebuilt) == clock.rebuilt == 10_000
+    error = rebuilt - stamps
+    # A usual delay, the same for all, and no jitter: after the first second that the line needs,
+    # far within the 0.1 ms of the delays.
+    assert np.std(error[1000:]) < 1e4
+    assert np.all(np.abs(np.diff(rebuilt) / H_NS - 1.0) < 0.1)
+
+
+def test_losses_are_seen_in_arrival_and_queues_are_none():
+    keep = np.ones(10_000, bool)
+    keep[3000] = keep[6000:6030] = False
+    arrivals = (regular(10_000) + delays(10_000, 6))[keep]
+    clock = ArrivalClock(1e-3)
+    parts = [clock.push(part) for part in np.array_split(arrivals, 700)]
+    stamps = np.concatenate([*parts, clock.flush()])
+    _, losses, _ = resampled(stamps)
+    assert (losses.lost, losses.gaps) == (31, 2)
+
+
+def test_stamps_do_not_depend_on_how_messages_come_in_parts():
+    arrivals = regular(5000) + delays(5000, 7)
+    whole, parts = ArrivalClock(1e-3), ArrivalClock(1e-3)
+    at_once = np.concatenate([whole.push(arrivals), whole.flush()])
+    one_by_one = [parts.push(part) for part in np.array_split(arrivals, 5000)]
+    gradually = np.concatenate([*one_by_one, parts.flush()])
+    # They see other samples ahead, but the same line.
+    assert np.std((at_once - gradually)[1000:]) < 1e4
+
+
+def test_stamps_that_never_grow_are_refused():
+    with pytest.raises(ValueError, match="expected stamps that grow"):
+        find_rate(np.full(10, START_NS))
