@@ -66,7 +66,13 @@ class ActuatorDescription:
             raise ValueError(unknown_name("drive", self.drive, DRIVES))
         check_period(self.sample_period)
         object.__setattr__(self, "sample_period", float(self.sample_period))
-<<<<<<< HEAD
+        if reason := standstill(self.parameters, self.drive):
+            raise ValueError(reason)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Which coupled parameters contradict each other, a sentence each."""
+        return remarks(self)
 
 
 def check_name(what: str, name: object) -> None:
@@ -94,12 +100,3 @@ def check_name(what: str, name: object) -> None:
         raise ValueError(
             f"{what} = {name!r}: expected printable characters, without blanks at the ends"
         )
-=======
-        if reason := standstill(self.parameters, self.drive):
-            raise ValueError(reason)
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Which coupled parameters contradict each other, a sentence each."""
-        return remarks(self)
->>>>>>> w/drives

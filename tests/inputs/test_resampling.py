@@ -1,5 +1,7 @@
 """Samples at a fixed period from stamps that jitter, jump, are late or missing."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -83,7 +85,7 @@ def test_losses_leave_a_gap_of_their_size(jitter_ns):
     runs, losses, _ = resampled(moved[keep])
     assert (losses.lost, losses.gaps) == (8, 2)
     assert len(runs) == 3
-    for before, after in zip(runs, runs[1:], strict=False):
+    for before, after in pairwise(runs):
         end = before.first_index + len(before.values)
         elapsed = (after.stamps_ns[0] - before.stamps_ns[-1]) / H_NS
         assert after.first_index - end == round(elapsed) - 1 >= 1
