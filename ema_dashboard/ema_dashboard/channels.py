@@ -58,7 +58,8 @@ class Channels:
     @property
     def address(self) -> str:
         """Address of the server, for the relay."""
-        return f"http://{self._host}:{self._server.port if self._server else 0}/"
+        server = self._server  # another thread may begin it anew
+        return f"http://{self._host}:{server.port if server else 0}/"
 
     def start(self, playback_range: tuple[int, int] | None = None) -> None:
         """Start the server, anew if it runs: its clients are disconnected.

@@ -26,7 +26,7 @@ from ema_interfaces.msg import (
     Usage,
 )
 from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
-from ema_recording.latched import latched_before
+from ema_recording.latched import LatchedIndex
 from ema_recording.message_type import message_class, type_name
 from ema_recording.playback import Playback
 from ema_recording.qos import recorded_qos, replay_qos
@@ -117,7 +117,6 @@ class PlayerNode(ManagedNode):
         topics = self._playable(actuator_only=self._settings.actuator_only)
         self._total = sum(topic.count for topic in topics.values())
         self._outputs: dict[str, Publisher] = {}
-        self._latched: list[str] = []
         try:
             self._playback = Playback(
                 self._bag.raw_messages(topics),
@@ -129,11 +128,13 @@ class PlayerNode(ManagedNode):
         except ValueError as error:
             raise ValueError(f"{self._bag.path}: {error}; {self._bag.damage}") from error
         self._warn_of_damage("")
+        latched = []
         for name, topic in topics.items():
             offer = self._offer(name, topic)
             self._outputs[name] = self.create_publisher(message_class(topic.type_name), name, offer)
             if offer.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-                self._latched.append(name)
+                latched.append(name)
+        self._latched = LatchedIndex(self._bag, latched)
         clock_qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._clock_output = self.create_publisher(Clock, _CLOCK, clock_qos)
         telemetry = [name for name, topic in topics.items() if topic.type_name == _TELEMETRY]
@@ -278,7 +279,7 @@ class PlayerNode(ManagedNode):
             self._check_active()
             self._halt()
             try:
-                latched = latched_before(self._bag, self._latched, time_ns)
+                latched = self._latched.before(time_ns)
                 self._playback.go_to(time_ns, self._bag.raw_messages(self._outputs, time_ns))
             except (OSError, ValueError):
                 self._go_on()  # from where it was

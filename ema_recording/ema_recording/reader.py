@@ -178,6 +178,34 @@ class Bag:
         first = Place(start_ns, -1, -1, -1) if start_ns else None
         return (item for _, item in self._in_log_order(self._chosen(topics), first))
 
+    def placed_raw_messages(
+        self, topics: Iterable[str], start_ns: int, end_ns: int
+    ) -> Iterator[tuple[Place, Recorded]]:
+        """Read messages as they are stored, with their places, in the order of their log times.
+
+        Parameters
+        ----------
+        start_ns, end_ns
+            Log times of the earliest and latest wanted [ns].
+
+        Raises
+        ------
+        ValueError
+            When a topic is not in the recording.
+        """
+        first, last = Place(start_ns, -1, -1, -1), Place(end_ns + 1, -1, -1, -1)
+        return self._in_log_order(self._chosen(topics), first, last)
+
+    def raw_at(self, topics: Iterable[str], place: Place) -> list[Recorded]:
+        """Read the message at a place again; empty when it has been lost since.
+
+        Parameters
+        ----------
+        topics, place
+            The topics of an earlier call, and a place that it gave.
+        """
+        return [item for _, item in self._in_log_order(self._chosen(topics), place, place)]
+
     def _open_folder(self) -> None:
         from ema_recording.metadata import METADATA_FILE, folder_contents  # YAML only for these
 

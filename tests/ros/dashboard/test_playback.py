@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from aiohttp import WSServerHandshakeError
 from builtin_interfaces.msg import Time as TimeMessage
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -188,11 +189,25 @@ def test_a_recorded_state_of_a_playback_is_not_played(session, bag):
     assert all(state.bag == str(bag) for state in replay.states)
 
 
+def connected(session: DashboardSession, node: Any) -> Viewer:
+    """Return a client of a server that may be starting anew: then it says so with 503."""
+
+    def connect() -> Viewer | None:
+        try:
+            return session.view(node)
+        except WSServerHandshakeError as error:
+            if error.status != 503:
+                raise
+            return None
+
+    return wait_for(connect, "a connection")
+
+
 def reconnected(session: DashboardSession, node: Any) -> Viewer:
     """Return a client of the server that offers the control of a playback."""
 
     def connect() -> Viewer | None:
-        viewer = session.view(node)
+        viewer = connected(session, node)
         wait_for(lambda: viewer.told or viewer.socket.closed, "the information of the server")
         offers = viewer.told and "playbackControl" in viewer.told[0]["capabilities"]
         return viewer if offers else None
@@ -264,6 +279,13 @@ def test_where_there_is_no_player_its_control_is_not_offered(session, bag):
     viewer = reconnected(session, node)
     replay.player.trigger_shutdown()
     wait_for(lambda: viewer.socket.closed, "the server to start anew")
-    again = session.view(node)
+    again = connected(session, node)
     wait_for(lambda: again.told, "the information of the server")
     assert again.told[0]["capabilities"] == []
+
+
+def test_while_the_server_starts_anew_clients_are_told_so(session):
+    node = session.dashboard()
+    node._channels.stop()
+    with pytest.raises(WSServerHandshakeError, match="503"):
+        session.view(node)
