@@ -21,6 +21,7 @@ from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 
 _ANSWER_S: Final = 10.0  # a seek reads the bag for what is latched
+_TOLD_S: Final = 2.0
 _MOST_WAITING: Final = 8
 
 _STATUS: Final = {
@@ -49,6 +50,8 @@ class PlaybackControl(ServerListener):
         self._player = ""
         self._clients: dict[str, Client] = {}
         self._state: PlayerState | None = None
+        self._jumps = 0
+        self._told = threading.Condition()
         self._requests: queue.Queue[PlaybackControlRequest | None] = queue.Queue(_MOST_WAITING)
         self._thread = threading.Thread(target=self._work, name="playback", daemon=True)
         self._thread.start()
@@ -79,7 +82,10 @@ class PlaybackControl(ServerListener):
 
     def note_state(self, state: PlayerState) -> None:
         """Take how the player stands, and tell the clients."""
-        self._state = state
+        with self._told:
+            self._state = state
+            self._jumps += state.jumped
+            self._told.notify_all()
         self._broadcast(_playback_state(state, did_seek=state.jumped))
 
     def on_playback_control_request(self, playback_control_request: PlaybackControlRequest) -> None:
@@ -99,29 +105,44 @@ class PlaybackControl(ServerListener):
 
     def _work(self) -> None:
         while (request := self._requests.get()) is not None:
-            before = self._state
+            with self._told:
+                before, jumps = self._state, self._jumps
             if before is None:
                 continue
             try:
                 did_seek = self._obey(request, before)
+                # The player answers and tells how it stands in two ways: the one may be quicker.
+                with self._told:
+                    self._told.wait_for(
+                        lambda request=request, jumps=jumps + did_seek: self._is_done(
+                            request, jumps
+                        ),
+                        _TOLD_S,
+                    )
             except Exception as error:  # the player may go in the midst of a call
                 self._node.get_logger().warning(f"the player does not do as asked: {error}")
                 did_seek = False
             state = self._state or before
             self._broadcast(_playback_state(state, did_seek=did_seek, request=request.request_id))
 
+    def _is_done(self, request: PlaybackControlRequest, jumps: int) -> bool:
+        """Return whether the player stands as it was asked to, after so many jumps."""
+        state = self._state
+        if state is None:  # it has gone
+            return True
+        refused = PlayerState.PAUSED if _wants_to_play(request) else PlayerState.PLAYING
+        return state.status != refused and _has_rate(request, state) and self._jumps >= jumps
+
     def _obey(self, request: PlaybackControlRequest, state: PlayerState) -> bool:
         """Do what is asked and not so already; return whether there was a seek."""
-        wants_to_play = request.playback_command == PlaybackCommand.Play
         # What is known of the state may be old: pausing twice does no harm, nor does going on.
-        if not wants_to_play:
+        if not _wants_to_play(request):
             self._call("pause", Trigger.Request())
-        # The protocol has single precision.
-        if abs(request.playback_speed - state.rate) > 1e-6 * state.rate:
+        if not _has_rate(request, state):
             self._call("set_rate", SetPlaybackRate.Request(rate=float(request.playback_speed)))
         if request.seek_time is not None:
             self._call("seek", SeekPlayback.Request(time=stamp_to_message(request.seek_time)))
-        if wants_to_play:
+        if _wants_to_play(request):
             self._call("resume", Trigger.Request())
         return request.seek_time is not None
 
@@ -147,6 +168,15 @@ class PlaybackControl(ServerListener):
         response: Any = future.result()
         if not response.success:
             raise ValueError(f"{name}: {response.message}")
+
+
+def _wants_to_play(request: PlaybackControlRequest) -> bool:
+    return request.playback_command == PlaybackCommand.Play
+
+
+def _has_rate(request: PlaybackControlRequest, state: PlayerState) -> bool:
+    # The protocol has single precision.
+    return abs(request.playback_speed - state.rate) <= 1e-6 * state.rate
 
 
 def _playback_state(state: PlayerState, *, did_seek: bool, request: str = "") -> PlaybackState:

@@ -1,16 +1,21 @@
 """A replay is driven by its services, and from Foxglove by way of the dashboard."""
 
+import queue
+import threading
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from aiohttp import WSServerHandshakeError
 from builtin_interfaces.msg import Time as TimeMessage
+from foxglove.websocket import PlaybackCommand, PlaybackStatus
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
+from ema_dashboard.playback_control import PlaybackControl
 from ema_interfaces.msg import Health, PlaybackState, TelemetryBlock
 from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
 from ema_recording.player_node import PlayerNode
@@ -289,3 +294,34 @@ def test_while_the_server_starts_anew_clients_are_told_so(session):
     node._channels.stop()
     with pytest.raises(WSServerHandshakeError, match="503"):
         session.view(node)
+
+
+def test_an_answer_tells_how_the_player_stands_after_what_was_asked(session, monkeypatch):
+    asked, answers = threading.Event(), queue.SimpleQueue()
+    monkeypatch.setattr(PlaybackControl, "_call", lambda *_: asked.set())
+
+    def told(state: Any) -> None:
+        if state.request_id:
+            answers.put(state)
+
+    control = PlaybackControl(session.node("control"), told)
+    before = PlaybackState(status=PlaybackState.PLAYING, rate=1.0, position=at(3.0))
+    control.note_state(before)
+    request: Any = SimpleNamespace(
+        playback_command=PlaybackCommand.Pause,
+        playback_speed=2.0,
+        seek_time=START_NS + 5 * 10**9,
+        request_id="late",
+    )
+    control.on_playback_control_request(request)
+    # The services have answered; what they do is told one after the other, and late.
+    assert asked.wait(DEADLINE_S)
+    control.note_state(PlaybackState(status=PlaybackState.PAUSED, rate=1.0, position=at(3.0)))
+    control.note_state(PlaybackState(status=PlaybackState.PAUSED, rate=2.0, position=at(3.0)))
+    control.note_state(
+        PlaybackState(status=PlaybackState.PAUSED, rate=2.0, position=at(5.0), jumped=True)
+    )
+    answer = answers.get(timeout=DEADLINE_S)
+    control.stop()
+    assert (answer.status, answer.playback_speed) == (PlaybackStatus.Paused, 2.0)
+    assert (answer.current_time, answer.did_seek) == (START_NS + 5 * 10**9, True)
