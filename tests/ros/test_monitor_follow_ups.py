@@ -1,8 +1,11 @@
 """What a monitor publishes beside estimate and health: forecast and fit, latched, in order."""
 
+import threading
 from collections.abc import Iterator
+from functools import partial
 from math import isnan
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -10,8 +13,10 @@ import pytest
 from ema_interfaces.msg import Advice, HealthForecast
 from ema_interfaces.srv import GetHistory
 from ema_monitor.identification.window_fit import MOST_VALUES
+from ema_monitor.node.follow_ups import MOST_WAITING, FollowUps
 from ema_ros import topics
 
+from ..waiting import DEADLINE_S
 from .monitor_session import FLAP, MonitorSession, monitor
 from .worn_actuator import HOURS, live, worn_cycles
 
@@ -109,3 +114,22 @@ def test_history_is_limited_to_the_latest_tests(session: MonitorSession):
     assert refused.message == "most = 5001: expected at most 5000 tests"
     unknown = get_history(session, actuator_id="rudder")
     assert "rudder" in unknown.message
+
+
+def test_the_oldest_that_wait_are_dropped_and_counted():
+    begun, may_go_on, done = threading.Event(), threading.Event(), []
+    follow_ups = FollowUps(Mock(), Mock(), Mock(), Mock(), Mock())
+
+    def wait() -> None:
+        begun.set()
+        assert may_go_on.wait(DEADLINE_S)
+
+    follow_ups.start()
+    follow_ups._add(wait)
+    assert begun.wait(DEADLINE_S)
+    for number in range(MOST_WAITING + 10):
+        follow_ups._add(partial(done.append, number))
+    assert (follow_ups.waiting, follow_ups.dropped) == (MOST_WAITING, 10)
+    may_go_on.set()
+    follow_ups.stop()  # what waits comes first
+    assert done == list(range(10, MOST_WAITING + 10))

@@ -2,8 +2,8 @@
 
 import threading
 import traceback
+from collections import deque
 from collections.abc import Callable
-from queue import SimpleQueue
 from typing import Any, Final
 
 from rclpy.lifecycle.publisher import LifecyclePublisher
@@ -21,6 +21,9 @@ from ema_monitor.windows.window import Window
 from ema_ros import topics
 
 _JOIN_S: Final = 5.0
+MOST_WAITING: Final = 400
+"""Number of messages to come beyond which the oldest are dropped: a hundred tests'."""
+
 _TOPICS: Final = (topics.HEALTH_FORECAST, topics.WINDOW_FIT, topics.ADVICE)
 
 Job = Callable[[], None]
@@ -28,6 +31,9 @@ Job = Callable[[], None]
 
 class FollowUps:
     """Publishes what follows from tests, in their order; no window waits for it.
+
+    Where it does not keep up, the oldest are dropped: each is soon replaced by that of a later
+    test, and what is written to a history is written with the next.
 
     Parameters
     ----------
@@ -41,6 +47,11 @@ class FollowUps:
         Gives the costs that an advice rests on.
     log_error
         Called with the traceback of a failure.
+
+    Attributes
+    ----------
+    dropped
+        Number that were dropped.
     """
 
     def __init__(
@@ -57,7 +68,10 @@ class FollowUps:
         self._costs = costs
         self._log_error = log_error
         self._publishers: dict[tuple[str, str], LifecyclePublisher] = {}
-        self._queue: SimpleQueue[Job | None] = SimpleQueue()
+        self._queue: deque[Job] = deque()
+        self._changed = threading.Condition()
+        self._is_ending = False
+        self.dropped = 0
         self._thread: threading.Thread | None = None
 
     @property
@@ -75,22 +89,28 @@ class FollowUps:
         return [self._publishers.pop((topic, actuator_id)) for topic in _TOPICS]
 
     def clear(self) -> None:
-        """Forget the publishers."""
+        """Forget the publishers, and what was dropped."""
         self._publishers.clear()
+        self.dropped = 0
+
+    @property
+    def waiting(self) -> int:
+        """Number that wait to be published."""
+        return len(self._queue)
 
     def start(self) -> None:
-        """Begin, with a new thread and queue."""
-        self._queue = SimpleQueue()
-        self._thread = threading.Thread(
-            target=self._run, args=(self._queue,), name="follow-ups", daemon=True
-        )
+        """Begin, with a new thread."""
+        self._is_ending = False
+        self._thread = threading.Thread(target=self._run, name="follow-ups", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
         """Publish what waits, and end the thread."""
         thread, self._thread = self._thread, None
         if thread is not None:
-            self._queue.put(None)
+            with self._changed:
+                self._is_ending = True
+                self._changed.notify()
             thread.join(_JOIN_S)
 
     def follow_health(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
@@ -128,11 +148,22 @@ class FollowUps:
             publisher.publish(message)
 
     def _add(self, job: Job) -> None:
-        if self._thread is not None:
-            self._queue.put(job)
+        if self._thread is None:
+            return
+        with self._changed:
+            self._queue.append(job)
+            while len(self._queue) > MOST_WAITING:
+                self._queue.popleft()
+                self.dropped += 1
+            self._changed.notify()
 
-    def _run(self, queue: "SimpleQueue[Job | None]") -> None:
-        while (job := queue.get()) is not None:
+    def _next(self) -> Job | None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._queue or self._is_ending)
+            return self._queue.popleft() if self._queue else None
+
+    def _run(self) -> None:
+        while (job := self._next()) is not None:
             # A failure must not end what follows from the next test.
             try:
                 job()

@@ -180,7 +180,16 @@ class MonitorNode(ManagedNode):
                 self.hardware_id,
                 {"windows dropped": sum(dropped.values())},
             ),
-            Task("identification", level, message, self.hardware_id),
+            Task(
+                "identification",
+                level,
+                message,
+                self.hardware_id,
+                {
+                    "follow-ups waiting": self._follow_ups.waiting,
+                    "follow-ups dropped": self._follow_ups.dropped,
+                },
+            ),
         ]
 
     def _now_ns(self) -> int:
