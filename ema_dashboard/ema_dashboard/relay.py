@@ -155,10 +155,13 @@ class Relay:
             status = {"op": "status", "level": 2, "message": f"refused: {error}"}
             self._outbox.put(json.dumps(status), droppable=True)
             return
-        await self._inner.send_str(message.data)
-        for number in request["subscriptionIds"]:
+        asked = dict.fromkeys(request["subscriptionIds"])
+        known = [number for number in asked if number in self._subscriptions]
+        for number in known:
             self._subscriptions.pop(number, None)
             self._unsent.pop(number, None)
+        # Written anew: nothing that a client says reaches the server as it is.
+        await self._inner.send_str(json.dumps({"op": "unsubscribe", "subscriptionIds": known}))
 
     async def _begin(self, items: Sequence[dict[str, int]]) -> None:
         """Subscribe; what is kept of the channels follows when the server has registered that.
@@ -177,6 +180,7 @@ class Relay:
                 raise ValueError(f"channel {channel} or subscription {subscription} is in use")
             known[subscription] = channel
         self._subscriptions = known
+        items = [{name: item[name] for name in ("id", "channelId")} for item in items]
         self._pings += 1
         number = str(self._pings).encode()
         self._unregistered[number] = items

@@ -16,6 +16,8 @@ from ema_dashboard.relay import MOST_REQUEST_BYTES, SUBPROTOCOL, Kept, Relay, To
 
 _COOKIE: Final = "ema_dashboard"
 _PATIENCE_S: Final = 10.0
+_ANSWER_S: Final = 30.0
+_SHUTDOWN_S: Final = 1.0
 _SPARE_CONNECTIONS: Final = 32  # for the page's files, beside the clients
 _SEND_BUFFER_BYTES: Final = 256 * 1024
 _HEADERS: Final = {
@@ -104,7 +106,12 @@ class WebServer:
     async def _open(self) -> None:
         application = web.Application(client_max_size=1024, middlewares=[self._guard])
         application.router.add_get("/{path:.*}", self._serve)
-        self._runner = web.AppRunner(application, access_log=None, keepalive_timeout=_PATIENCE_S)
+        self._runner = web.AppRunner(
+            application,
+            access_log=None,
+            keepalive_timeout=_PATIENCE_S,
+            shutdown_timeout=_SHUTDOWN_S,
+        )
         await self._runner.setup()
         assert self._runner.server is not None
         self._http = self._runner.server
@@ -123,7 +130,13 @@ class WebServer:
         relays = [relay.close(1001, b"the dashboard ends") for relay in tuple(self._relays)]
         await asyncio.gather(*relays)
         await self._session.close()
+        connections = [protocol.transport for protocol in self._http.connections]
         await self._runner.cleanup()
+        for transport in filter(None, connections):
+            transport.abort()  # what clients do not take would keep it open
+        for waiting in self._waiting.values():
+            waiting.cancel()
+        await asyncio.sleep(0)  # in which the connections end
         await self._loop.shutdown_default_executor()
 
     def _protocol(self) -> asyncio.Protocol:
@@ -131,19 +144,27 @@ class WebServer:
         protocol = self._http()
         if len(self._http.connections) >= self._most_clients + _SPARE_CONNECTIONS:
             return _Refusal()
-        self._waiting[protocol] = self._loop.call_later(_PATIENCE_S, self._give_up, protocol)
+        self._limit(protocol, _PATIENCE_S)
         return protocol
+
+    def _limit(self, protocol: Any, seconds: float | None) -> None:
+        """Give a connection so much time for what comes next [s]; None for as long as it likes."""
+        waiting = self._waiting.pop(protocol, None)
+        if waiting is not None:
+            waiting.cancel()
+        if seconds is not None:
+            self._waiting[protocol] = self._loop.call_later(seconds, self._give_up, protocol)
 
     def _give_up(self, protocol: Any) -> None:
         del self._waiting[protocol]
-        protocol.force_close()
+        if protocol.transport is not None:
+            protocol.transport.abort()  # without what the client does not take
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Callable[..., Any]) -> web.StreamResponse:
         """Refuse what is not for us, before anything else is done."""
-        waiting = self._waiting.pop(request.protocol, None)
-        if waiting is not None:
-            waiting.cancel()
+        # Time to take the answer, and to ask for more.
+        self._limit(request.protocol, _ANSWER_S)
         reason = self._access.refuses(
             request.headers.get("Host", ""),
             _reached(request),
@@ -227,7 +248,8 @@ class WebServer:
             )
         except (ClientError, OSError, TimeoutError) as error:
             return self._refuse(503, f"the dashboard is not ready: {error}")
-        _limit_patience(request)
+        self._limit(request.protocol, None)
+        _limit_buffer(request)
         await outer.prepare(request)
         relay = Relay(outer, inner, self._kept, self._most_bytes, self.totals)
         self._relays.add(relay)
@@ -256,14 +278,11 @@ def _reached(request: web.Request) -> str:
     return str(name[0]) if name else ""
 
 
-def _limit_patience(request: web.Request) -> None:
-    """Keep little for a client in the kernel, where nothing is dropped, and not for ever."""
+def _limit_buffer(request: web.Request) -> None:
+    """Keep little for a client in the kernel, where nothing is dropped."""
     connection = request.transport and request.transport.get_extra_info("socket")
     if connection:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 30)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 60_000)
 
 
 def bound_socket(host: str, port: int, ports: int) -> socket.socket:
@@ -300,6 +319,10 @@ def _bound(host: str, port: int) -> socket.socket:
     try:
         # Else a restart would find its port in use for a minute.
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        # Connections inherit it: one whose other end is gone or takes nothing ends.
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 30)
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 60_000)
         listener.bind((host, port))
         # Here, as two sockets may be bound to one port as long as none listens.
         listener.listen(64)

@@ -7,6 +7,7 @@ import socket
 import ssl
 import struct
 import subprocess
+import time
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -326,6 +327,38 @@ def test_connections_without_a_request_are_closed(session, web, monkeypatch):
     finally:
         for connection in idle:
             connection.close()
+
+
+def deaf_client(address: str) -> socket.socket:
+    """Return a connection that asks for the page again and again, and never reads."""
+    host, _, port = address.rstrip("/").rpartition("/")[2].rpartition(":")
+    connection = socket.socket()
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    connection.connect((host, int(port)))
+    connection.setblocking(False)
+    with suppress(BlockingIOError):  # more than the kernel's buffers hold of the answers
+        connection.send(f"GET /main.js HTTP/1.1\r\nHost: {host}:{port}\r\n\r\n".encode() * 200)
+    return connection
+
+
+def test_clients_that_do_not_read_the_page_lose_their_places(session, web, monkeypatch):
+    monkeypatch.setattr(web_server, "_ANSWER_S", 0.5)
+    node = session.dashboard()
+    places = node._web._http
+    with deaf_client(node.address), deaf_client(node.address):
+        wait_for(lambda: len(places.connections) == 2, "the connections")
+        wait_for(lambda: not places.connections, "their end")
+    assert web.get(node.address)[0] == 200
+
+
+def test_a_client_that_does_not_read_the_page_does_not_hold_up_the_end(session):
+    node = session.dashboard()
+    with deaf_client(node.address):
+        wait_for(lambda: node._web._http.connections, "the connection")
+        began_s = time.monotonic()
+        node.trigger_shutdown()
+        # aiohttp would wait for a minute.
+        assert time.monotonic() - began_s < 30.0
 
 
 def test_the_oldest_messages_make_room_and_the_protocol_stays():

@@ -122,6 +122,21 @@ def test_what_is_unsubscribed_meanwhile_is_not_sent(delays, session):
     assert len(viewer.heard["/ema/health"]) == 1
 
 
+def test_nothing_that_a_client_says_is_passed_on_as_it_is(delays, session):
+    viewer = session.view(session.dashboard())
+    delays[0].release()
+    wait_for(lambda: "/diagnostics" in viewer.channels, "the channel")
+    channel = viewer.channels["/diagnostics"]["id"]
+    item = {"id": 7, "channelId": channel, "more": "x"}
+    viewer.send({"op": "subscribe", "subscriptions": [item], "more": "x"})
+    viewer.send({"op": "unsubscribe", "subscriptionIds": [7, 7, 99], "more": "x"})
+    wait_for(lambda: len(delays[0].requests) >= 3, "requests, and the ping between them")
+    subscribe, _, unsubscribe = delays[0].requests
+    item.pop("more")
+    assert json.loads(subscribe) == {"op": "subscribe", "subscriptions": [item]}
+    assert json.loads(unsubscribe) == {"op": "unsubscribe", "subscriptionIds": [7]}
+
+
 def test_a_channel_that_a_client_subscribes_to_at_once_is_known(session, monkeypatch):
     asked, answered = threading.Event(), threading.Event()
     kept = Channels.kept
