@@ -5,6 +5,7 @@ import hmac
 from collections.abc import Iterable
 from typing import Final
 
+_MOST_TOLD: Final = 100  # characters of what was asked, in words of refusal
 _LOOPBACK_NAMES: Final = frozenset(("localhost", "127.0.0.1", "::1"))
 
 
@@ -56,11 +57,13 @@ class Access:
         """
         name = host_name(host)
         if name not in self._hosts and name != reached:
-            return f"host {name!r} is not one of this dashboard: see its parameter host_names"
+            told = name[:_MOST_TOLD]
+            return f"host {told!r} is not one of this dashboard: see its parameter host_names"
         if origin is not None:
             given = origin.lower().rstrip("/")
             if given != f"{scheme}://{host.lower()}" and given not in self._origins:
-                return f"origin {origin!r} may not connect: see the parameter allowed_origins"
+                told = origin[:_MOST_TOLD]
+                return f"origin {told!r} may not connect: see the parameter allowed_origins"
         return ""
 
     def knows(self, *, token: str | None, cookie: str | None) -> bool:

@@ -177,8 +177,12 @@ class WebServer:
         kind, _, bearer = request.headers.get("Authorization", "").partition(" ")
         if kind.lower() == "bearer":
             shown = bearer.strip()
-        if not self._access.knows(token=shown, cookie=request.cookies.get(_COOKIE)):
-            return self._refuse(401, "a token is needed: Authorization: Bearer, or /?token=")
+        cookie = request.cookies.get(_COOKIE)
+        if not self._access.knows(token=shown, cookie=cookie):
+            fault = (
+                "a token is needed" if shown is None and cookie is None else "the token is wrong"
+            )
+            return self._refuse(401, f"{fault}: Authorization: Bearer, or /?token=")
         return await handler(request)
 
     async def _serve(self, request: web.Request) -> web.StreamResponse:

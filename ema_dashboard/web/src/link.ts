@@ -10,6 +10,13 @@ const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 5000;
 const PLAYBACK_CONTROL_REQUEST = 3; // opcode of a client's message
 
+const MOST_SAID = 300;
+// What the node has checked when it refuses with a status; its words tell which.
+const CHECKS: Record<number, string> = {
+  401: "refused for want of the token",
+  403: "refused by where this page comes from",
+};
+
 interface Subscribed {
   id?: number;
   channel: Channel;
@@ -150,18 +157,17 @@ async function refusal(event: CloseEvent, wasOpen: boolean): Promise<string> {
     return event.reason || "the server has ended the connection";
   }
   if (wasOpen) return "";
-  // A browser does not tell how an upgrade was answered, so the same is asked by plain HTTP.
+  // A browser does not tell how an upgrade was answered. A POST passes the same checks, as it has the
+  // same origin in its header, and is never served.
   try {
-    const answer = await fetch("/", { method: "HEAD", cache: "no-store" });
-    if (answer.status === 401 || answer.status === 403) {
-      return "the token is missing or wrong: open the address with ?token= and the token of the " +
-        "node's parameter";
+    const answer = await fetch("/", { method: "POST", cache: "no-store" });
+    if (answer.status === 405) {
+      return "the page is served but its data are not: the server has as many clients as it allows";
     }
     if (answer.status === 503) return "the server has as many clients as it allows";
-    if (answer.ok) {
-      return "the page is served but its data are not: the server has as many clients as it " +
-        "allows, or does not allow this origin";
-    }
+    const check = CHECKS[answer.status];
+    const said = check ? (await answer.text()).trim().slice(0, MOST_SAID) : "";
+    if (said) return `${check}: ${said}`;
     return `the server answers with status ${answer.status}`;
   } catch {
     return "";

@@ -21,6 +21,7 @@ const POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src
 export class Origin {
   backend = 0; // port of the server behind
   refuses = 0; // status with which everything is refused
+  reason = ""; // why
   isDown = false; // whether nothing answers
   holds = false; // whether connections are left without an answer
   #server;
@@ -73,8 +74,8 @@ export class Origin {
       request.socket.destroy();
       return;
     }
-    if (this.refuses === 401) {
-      response.writeHead(401).end();
+    if (request.method === "POST") {
+      response.writeHead(this.refuses || 405).end(this.refuses ? this.reason : "");
       return;
     }
     const name = new URL(request.url, "http://local").pathname.slice(1) || "index.html";

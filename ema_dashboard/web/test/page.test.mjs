@@ -167,6 +167,15 @@ describe("a fleet of nine", () => {
     page = await open(stage);
     await page.waitForSelector("text=Not allowed");
     assert.match(await page.locator("main").innerText(), /as many clients as it allows/);
+    for (const [status, reason] of [
+      [401, "the token is wrong: Authorization: Bearer, or /?token="],
+      [403, "host 'box' is not one of this dashboard: see its parameter host_names"],
+      [403, "origin 'http://box' may not connect: see the parameter allowed_origins"],
+    ]) {
+      Object.assign(stage.origin, { refuses: status, reason });
+      await until("the reason", async () =>
+        (await page.locator("main").innerText()).includes(reason));
+    }
     stage.origin.refuses = 0;
     await row(page, "rudder").waitFor();
   });

@@ -143,6 +143,30 @@ def test_a_token_is_needed_where_one_is_set(session, web, token_file):
     assert refused_handshake(web, node.address, Cookie=shown) == 101
 
 
+def test_a_refusal_says_which_check_it_was(session, web, token_file):
+    node = session.dashboard(token_file=str(token_file))
+
+    def told(**headers: str) -> tuple[int, str]:
+        # As the page asks when its WebSocket is refused, which a browser does not explain.
+        async def ask() -> tuple[int, str]:
+            async with web.session.post(node.address, headers=headers) as answer:
+                return answer.status, await answer.text()
+
+        return web.run(ask())
+
+    shown = {"Authorization": f"Bearer {TOKEN}"}
+    assert told() == (401, "a token is needed: Authorization: Bearer, or /?token=\n")
+    assert told(Authorization="Bearer x") == (
+        401,
+        "the token is wrong: Authorization: Bearer, or /?token=\n",
+    )
+    status, words = told(**shown, Host="evil.example")
+    assert (status, words[:30]) == (403, "host 'evil.example' is not one")
+    status, words = told(**shown, Origin="https://evil.example")
+    assert (status, words[:36]) == (403, "origin 'https://evil.example' may no")
+    assert told(**shown)[0] == 405
+
+
 def test_beyond_loopback_token_and_tls_are_needed(session, token_file, certificate):
     pem, key = map(str, certificate)
     assert "token_file and tls_certificate as well" in refusal(session, host="0.0.0.0")
