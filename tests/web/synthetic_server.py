@@ -5,6 +5,7 @@ It is told what to do by a line of JSON each on its standard input, and answers 
     {"do": "start", "port": 0}            {"port": 40123}
     {"do": "set", "actuator": "rudder", "level": 2, "share": 1.2}
     {"do": "test", "actuator": "rudder"}  a further test; "refused": "reason" makes it a refused one
+    {"do": "move", "actuator": "rudder", "stretches": 7}   an estimate of ordinary motion
     {"do": "run", "period": 5.0, "telemetry": 1.0, "open": "rudder"}
     {"do": "messages", "actuator": "rudder"}
     {"do": "playback", "status": 0, "rate": 1.0, "position": 12.5, "jumped": false}
@@ -202,6 +203,13 @@ class Server(ServerListener):
                         self.blocks += 1
                 number += 1
 
+    def move(self, unit: made.Unit, stretches: int) -> None:
+        """Publish an estimate of stretches of ordinary motion, as a monitor does without a fit."""
+        unit.window += 1
+        estimate = made.estimate(unit, time.time_ns())
+        estimate.stretches = stretches
+        self.keep("fault_estimate", unit, estimate)
+
     def test(self, unit: made.Unit, refused: str = "") -> None:
         unit.window += 1
         now_ns = time.time_ns()
@@ -227,6 +235,8 @@ class Server(ServerListener):
                 self.keep("health", unit, made.health(unit, time.time_ns()))
             case "test" if unit:
                 self.test(unit, order.get("refused", ""))
+            case "move" if unit:
+                self.move(unit, order["stretches"])
             case "run":
                 self.run(order["period"], order.get("telemetry", 0.0), order.get("open", ""))
             case "halt" if self.running:

@@ -146,6 +146,15 @@ describe("a fleet of nine", () => {
       (await page.locator("ol.events").innerText()).includes(reason));
   });
 
+  test("an estimate of ordinary motion says why there are no signals", async () => {
+    page = await open(stage, addressOf(WORN));
+    const section = page.locator("[aria-labelledby=window]");
+    await until("signals", async () => (await section.locator("canvas").count()) > 0);
+    await stage.source.order({ do: "move", actuator: WORN, stretches: 7 });
+    await section.locator("text=rests on 7 stretches of ordinary motion").waitFor();
+    assert.equal(await section.locator("canvas").count(), 0);
+  });
+
   test("it connects again by itself when the server starts again", async () => {
     page = await open(stage);
     await row(page, "rudder").waitFor();

@@ -20,11 +20,24 @@ export function LastWindow({ actuator }: { actuator: Actuator }) {
     <Section title="Last window" id="window"
       note={estimate && `window ${estimate.window}, ended ${dateTime(seconds(estimate.window_end))}`}>
       {estimate && <Trust estimate={estimate} />}
-      {fit && fit.current.length > 0 ? <Signals fit={fit} /> : (
-        <Empty>No signals of this window have been received.</Empty>
-      )}
+      <Shown estimate={estimate} fit={fit} />
     </Section>
   );
+}
+
+/** The signals of the window, or why there are none. */
+function Shown({ estimate, fit }: { estimate?: FaultEstimate; fit?: WindowFit }) {
+  if (estimate?.stretches) {
+    return (
+      <Empty>
+        This estimate rests on {estimate.stretches}{" "}
+        {estimate.stretches === 1 ? "stretch" : "stretches"} of ordinary motion together. The monitor
+        keeps the telemetry of none of them, so there are no signals to show.
+      </Empty>
+    );
+  }
+  if (fit && fit.current.length > 0) return <Signals fit={fit} />;
+  return <Empty>No signals of this window have been received.</Empty>;
 }
 
 const MARKS = ["ok", "warn", "error"] as const;
