@@ -222,8 +222,9 @@ class DashboardNode(ManagedNode):
             lost = next((item.value for item in status.values if item.key == _LOST), None)
             actuator_id = status.name.partition(": ")[2].removesuffix(" telemetry")
             if lost is not None and lost.isdecimal():
-                for histories in self._histories.values():
-                    histories.note_lost_samples(actuator_id, message.header.stamp, int(lost))
+                for namespace, histories in self._histories.items():
+                    if status.name.startswith(f"{namespace.rstrip('/')}/"):
+                        histories.note_lost_samples(actuator_id, message.header.stamp, int(lost))
 
     def _follow(self, topic: KnownTopic, message: Any) -> None:
         """Take what the history and the control of a playback rest on."""

@@ -215,7 +215,7 @@ def test_a_gap_is_told_at_once_and_shown_after_a_reload(session):
 
     def lost(samples: int) -> None:
         values = [KeyValue(key="samples lost", value=str(samples))]
-        task = DiagnosticStatus(name="monitor: flap telemetry", values=values)
+        task = DiagnosticStatus(name="/ema/monitor: flap telemetry", values=values)
         status.publish(DiagnosticArray(status=[task]))
 
     def is_told() -> bool:
