@@ -13,25 +13,20 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
 
 from ema_core.quantity import check_quantities, flag, quantity, text
 from ema_core.wording import counted
 from ema_interfaces.msg import (
-    ActuatorDescription,
-    FaultVectorStamped,
-    MeasuredCauses,
     PlaybackState,
     TelemetryBlock,
-    Usage,
 )
 from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
 from ema_recording.latched import LatchedIndex
 from ema_recording.message_type import message_class, type_name
+from ema_recording.playable import CLOCK, playable_topics
 from ema_recording.playback import Playback
 from ema_recording.qos import recorded_qos, replay_qos
 from ema_recording.reader import Bag, Recorded, Topic
-from ema_recording.schema import check_schema
 from ema_recording.steering import Steering
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
@@ -39,22 +34,7 @@ from ema_ros.settings import declare, read
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_ros.status import ERROR, OK, WARN, Task
 
-_CLOCK: Final = "/clock"
 _TELEMETRY: Final = type_name(TelemetryBlock)
-_OWN: Final = type_name(PlaybackState)
-_ACTUATOR_TYPES: Final = frozenset(
-    map(
-        type_name,
-        (
-            TelemetryBlock,
-            ActuatorDescription,
-            FaultVectorStamped,
-            JointState,
-            Usage,
-            MeasuredCauses,
-        ),
-    )
-)
 _SHARED_TOPICS: Final = frozenset(("/diagnostics", "/rosout", "/parameter_events", "/tf"))
 _POLL_S: Final = 0.05
 _STATE_S: Final = 0.5
@@ -114,7 +94,11 @@ class PlayerNode(ManagedNode):
         if not self._settings.bag:
             raise ValueError("parameter bag is empty: expected the path of a recording")
         self._bag = Bag(self._settings.bag)
-        topics = self._playable(actuator_only=self._settings.actuator_only)
+        topics, self._not_played = playable_topics(
+            self._bag, actuator_only=self._settings.actuator_only
+        )
+        for name, reason in self._not_played.items():
+            self.get_logger().warning(f"{name} is not played: {reason}")
         self._total = sum(topic.count for topic in topics.values())
         self._outputs: dict[str, Publisher] = {}
         try:
@@ -136,7 +120,7 @@ class PlayerNode(ManagedNode):
                 latched.append(name)
         self._latched = LatchedIndex(self._bag, latched)
         clock_qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._clock_output = self.create_publisher(Clock, _CLOCK, clock_qos)
+        self._clock_output = self.create_publisher(Clock, CLOCK, clock_qos)
         telemetry = [name for name, topic in topics.items() if topic.type_name == _TELEMETRY]
         self._awaited = telemetry
         self._is_awaited = True
@@ -173,7 +157,7 @@ class PlayerNode(ManagedNode):
         playback, bag = self._playback, self._bag
         remarks = [f"{bag.path.name} is damaged: {bag.damage}"] if bag.damage else []
         remarks += [f"{name}: not played, {why}" for name, why in self._not_played.items()]
-        for name in (*self._outputs, _CLOCK):
+        for name in (*self._outputs, CLOCK):
             others = self._other_publishers(name)
             if others and name not in _SHARED_TOPICS:
                 remarks.append(f"{name}: also published by {', '.join(others)}")
@@ -189,33 +173,6 @@ class PlayerNode(ManagedNode):
         level = ERROR if self._failure else WARN if remarks else OK
         message = self._failure or "; ".join([self._phase, *remarks])
         return [Task("playback", level, message, self.hardware_id, values)]
-
-    def _playable(self, *, actuator_only: bool) -> dict[str, Topic]:
-        """Choose the topics to play; ValueError when there is none."""
-        playable: dict[str, Topic] = {}
-        self._not_played: dict[str, str] = {}
-        for name, topic in self._bag.topics.items():
-            excluded = actuator_only and topic.type_name not in _ACTUATOR_TYPES
-            if not topic.count or name == _CLOCK or topic.type_name == _OWN or excluded:
-                continue
-            try:
-                if topic.encoding != "cdr":
-                    raise ValueError(f"it is encoded as {topic.encoding!r}, expected 'cdr'")
-                message_class(topic.type_name)
-                check_schema(topic.type_name, topic.schema, topic.type_hash)
-            except ValueError as error:
-                self._not_played[name] = str(error)
-                self.get_logger().warning(f"{name} is not played: {error}")
-            else:
-                playable[name] = topic
-        if not playable:
-            reasons = [f"{name}: {why}" for name, why in self._not_played.items()]
-            if not self._bag.topics or self._bag.start_ns is None:
-                reasons = [f"no message in it {self._bag.damage}".rstrip()]
-            elif actuator_only and not reasons:
-                reasons = ["no message of an actuator in it, and actuator_only is set"]
-            raise ValueError(f"{self._bag.path}: nothing to play: {'; '.join(reasons)}")
-        return playable
 
     def _offer(self, name: str, topic: Topic) -> QoSProfile:
         try:

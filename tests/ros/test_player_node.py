@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 
 from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, Health, TelemetryBlock
-from ema_recording import playback, player_node
+from ema_recording import playable, playback
 from ema_recording.playback import Playback
 from ema_recording.player_node import PlayerNode
 from ema_recording.reader import Bag, Recorded
@@ -334,7 +334,7 @@ def test_type_of_another_version_is_not_played(graph: Graph, bag: Path, monkeypa
         if name == "std_msgs/msg/Header":
             raise ValueError(f"the recorded {name} is not the installed one: old there, new here")
 
-    monkeypatch.setattr(player_node, "check_schema", check)
+    monkeypatch.setattr(playable, "check_schema", check)
     other = bag.with_name("other.mcap")
     with BagWriter(other) as writer:
         writer.add_topic("/ema/text", String, STREAM)
