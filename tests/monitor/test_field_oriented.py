@@ -23,7 +23,7 @@ from ema_sim.api import simulate
 P = ActuatorParameters(k_t=0.0752 * math.sqrt(3.0) / 2.0, T_max=1.465)
 UNIT = ActuatorDescription(serial_number="F-1", drive="field_oriented", parameters=P)
 LOOP = current_loop(P)
-DT = 2e-5
+DT = 1e-5
 
 
 def drive_of(faults=None, dt=DT, delay=0.0) -> field_oriented.FieldOrientedDrive:
@@ -112,8 +112,8 @@ def test_voltage_limits_the_slope_of_the_current():
     assert (after - I) / 1e-9 == pytest.approx(slope, rel=1e-4)
 
 
-# Rms of the smoothed residual [A]; measured 0.003 to 0.010, of which 0.003 is that of the step of
-# 20 us. A fault off by 0.02 of its range leaves 0.02 to 0.05 A.
+# Rms of the smoothed residual [A]; measured 0.002 to 0.008, of which 0.002 is that of the step of
+# 10 us. A fault off by 0.02 of its range leaves 0.02 to 0.05 A.
 @pytest.mark.parametrize(
     "faults",
     [
@@ -131,8 +131,8 @@ def test_current_and_speed_are_those_of_the_three_phases(faults):
     [window] = find_windows(simulate(faults, description=UNIT), description=UNIT)
     model = MonitorModel(P, "field_oriented")
     response = model.respond(window, fault_vector(faults), window.play or 0.0)
-    assert rms(band_limited(window.current - response.current[0], 1e-4)) < 0.012
-    assert rms(band_limited(window.telemetry.speed[1:] - response.speed[0], 1e-4)) < 0.15
+    assert rms(band_limited(window.current - response.current[0], 1e-4)) < 0.009
+    assert rms(band_limited(window.telemetry.speed[1:] - response.speed[0], 1e-4)) < 0.08
 
 
 @pytest.fixture(scope="module")

@@ -29,13 +29,15 @@ class FieldOrientedDrive(NamedTuple):
 
     The torque constant is ``K + K_cos cos(theta_m) + K_sin sin(theta_m)`` [N.m/A], each of them
     `Harmonics` of the electrical angle, as is the resistance ``R`` [ohm]. ``V_max`` is the largest
-    amplitude of the phase voltages [V]; ``slew`` [s/H] is what a volt changes the current by in a
-    step of a controlled current. ``K_p`` [ohm], ``K_i`` [ohm] (times the step), ``L`` [H] and
-    ``k`` [V.s/rad] are those of the current loop. ``poles`` are the pole pairs, a whole number,
-    and ``waves`` the periods of the eccentricity per turn of the shaft.
+    amplitude of the phase voltages [V] and ``halved`` half of its inverse; ``slew`` [s/H] is what
+    a volt changes the current by in a step of a controlled current. ``K_p`` [ohm], its inverse
+    ``A_p`` [S], ``K_i`` [ohm] (times the step), ``L`` [H] and ``k`` [V.s/rad] are those of the
+    current loop. ``poles`` are the pole pairs, a whole number, and ``waves`` the periods of the
+    eccentricity per turn of the shaft.
     """
 
     V_max: PerLane
+    halved: PerLane
     T_max: float
     poles: int
     waves: float
@@ -45,6 +47,7 @@ class FieldOrientedDrive(NamedTuple):
     K_cos: Harmonics
     K_sin: Harmonics
     K_p: PerLane
+    A_p: PerLane
     K_i: PerLane
     L: float
     k: float
@@ -80,6 +83,7 @@ def field_oriented_constants(
     decay = (K_p + R * (motor.N_a + motor.N_b + motor.N_c) / 3.0) / L_q
     return FieldOrientedDrive(
         V_max=motor.V_max * LINEAR_RANGE,
+        halved=0.5 / (motor.V_max * LINEAR_RANGE),
         T_max=motor.T_max,
         poles=round(float(motor.P)),
         waves=1.0,
@@ -89,6 +93,7 @@ def field_oriented_constants(
         K_cos=_harmonics(K_cos),
         K_sin=_harmonics(K_sin),
         K_p=K_p,
+        A_p=1.0 / K_p,
         K_i=loop.K_i * slower * dt,
         L=loop.L,
         k=loop.k,
@@ -143,13 +148,12 @@ def field_oriented_drive(drive: FieldOrientedDrive, position, cos, sin, currents
     cos_2, sin_2 = times_angle(cos, sin, 2 * drive.poles)
     K = torque_constant(drive, cos, sin, cos_2, sin_2)
     v_d = drive.poles * omega * (drive.L * I)
-    room = drive.V_max * drive.V_max - v_d * v_d
-    # Of the amplitude, what the axis d leaves: its root by the tangent below the limit.
-    most = max(0.5 * (drive.V_max + room / drive.V_max), 0.0)
+    # Of the amplitude, what the axis d leaves, by the first terms of its root.
+    most = max(drive.V_max - drive.halved * (v_d * v_d), 0.0)
     wanted = drive.K_p * (I_ref - I) + z + drive.k * omega
     voltage = min(max(wanted, -most), most)
     induced = (2.0 / 3.0) * (K * omega)
-    z = z + drive.K_i * (I_ref - I + (voltage - wanted) / drive.K_p)
+    z = z + drive.K_i * (I_ref - I + drive.A_p * (voltage - wanted))
     I = I + drive.slew * (voltage - at_angle(drive.R, cos_2, sin_2) * I - induced)
     return (I, z), clip(K * I, drive.T_max), 0.0
 

@@ -25,8 +25,11 @@ from ema_monitor.model.kernel import ShaftConstants, run_lanes
 from ema_monitor.model.threads import run_in_threads
 from ema_monitor.windows.window import Window
 
-FORMS: Final = {"fast": 2e-5, "source": 1e-6, "field_oriented": 2e-5}
-"""Forms of the model and their default integration step [s]."""
+FORMS: Final = {"fast": 2e-5, "source": 1e-6, "field_oriented": 1e-5}
+"""Forms of the model and their default integration step [s].
+
+Where there is no ripple that hides it, the error of the longer step is seen.
+"""
 
 FORMS_OF_DRIVES: Final = {"six_step": ("fast", "source"), "field_oriented": ("field_oriented",)}
 """Forms by drive of the actuator, the default first."""
