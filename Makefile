@@ -77,6 +77,7 @@ demo: setup ## watch an actuator wear out: live table, bag and picture (DEMO_S=6
 bench: setup ## all targets of speed and accuracy in one table; an hour, writes JSON and plots
 	$(activate) && cd benchmarks && python kernels.py --json kernels.json
 	$(activate) && cd benchmarks && python accuracy.py --json accuracy.json
+	$(activate) && cd benchmarks && python field_oriented.py --json field_oriented.json
 	$(activate) && cd benchmarks && python goodness.py --json goodness.json
 	$(activate) && cd benchmarks && python trust.py --json trust.json
 	$(activate) && cd benchmarks && python design.py --json design.json

@@ -28,6 +28,7 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.windows.trigger import WindowTrigger
 from ema_monitor.windows.window import Window
 from ema_sim.actuator import SimulatedActuator, at_rest
+from ema_sim.field_oriented import field_oriented_at_rest
 from ema_sim.sensors import Sensors
 from ema_study.cases import CASES
 
@@ -86,30 +87,34 @@ class Case:
         How the window was begun: "approach" stirs, then approaches as the test cycle does;
         "anywhere" stirs and starts without approach, at a random place in the play; "first cycle"
         is the whole test cycle from the very start of the simulation, without stirring.
+    drive
+        How the motor is driven.
     """
 
     faults: tuple[float, ...]
     seed: tuple[int, ...]
     plant: ActuatorParameters = field(default=_NOMINAL, repr=False)
     start: Literal["approach", "anywhere", "first cycle"] = "approach"
+    drive: str = "six_step"
 
     def telemetry(self) -> Telemetry:
         """Simulate, and return what ideal sensors say, up to the end of the window."""
         rng = np.random.default_rng([*self.seed, 0])
-        actuator = SimulatedActuator(self.plant)
+        actuator = SimulatedActuator(self.plant, drive=self.drive)
+        place = at_rest if self.drive == "six_step" else field_oriented_at_rest
         actuator.faults = fault_vector(self.faults)
         chirp = _CYCLE.samples[_CYCLE.start + 1 : _END]
         if self.start == "first cycle":
             return actuator.advance(_CYCLE.samples[:_END])
         if self.start == "anywhere":
             mechanics = degrade(constants(self.plant), self.faults).mechanics
-            actuator.state = at_rest(rng.uniform(-1.0, 1.0) * float(mechanics.half_backlash), 0.0)
+            actuator.state = place(rng.uniform(-1.0, 1.0) * float(mechanics.half_backlash), 0.0)
             stir, rest = _STIR * rng.standard_normal(600), np.zeros(600)
             return actuator.advance(np.concatenate([stir, rest, chirp]))
         # From where the cycle has gone back for its approach: what was before does not matter.
         below = int(np.argmin(_CYCLE.samples[: _CYCLE.start]))
         depth = float(_CYCLE.samples[below])
-        actuator.state = at_rest(depth / self.plant.tau, depth / self.plant.tau)
+        actuator.state = place(depth / self.plant.tau, depth / self.plant.tau)
         stir = depth + _STIR * rng.standard_normal(int(rng.integers(50, 400)))
         return actuator.advance(np.concatenate([stir, _CYCLE.samples[below:_END]]))
 

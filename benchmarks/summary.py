@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import advisory
 import design
+import field_oriented
 import memory
 import ordinary_motion
 import prognosis_tables
@@ -96,6 +97,7 @@ def main() -> None:
     """Print the table, write it, and fail when a target is missed."""
     parts = {
         "accuracy": targets.rows,
+        "field_oriented": field_oriented.rows,
         "trust": trust.rows,
         "design": design.rows,
         "ordinary_motion": ordinary_motion.rows,

@@ -18,7 +18,7 @@ from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate
 from ema_monitor.design.states import Recorder
-from ema_monitor.model.monitor_model import compile_kernels
+from ema_monitor.model.monitor_model import compile_kernels, form_of
 from ema_monitor.windows.band import band_limited, rms
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
@@ -101,7 +101,7 @@ class Rehearsal(Recorder):
         """
         parameters = description.parameters.replace(true_values)
         rehearsal = cls(description, parameters, current_noise, resolutions, seed, on_cycle)
-        compile_kernels(["fast"])
+        compile_kernels([form_of(description.drive)])
         if calibration_file is not None:
             rehearsal.stand_for(Calibration.load(calibration_file), command)
         return rehearsal

@@ -104,6 +104,14 @@ class ActuatorParameters:
     BLK: float = quantity(5e-3, "rad", 0.0, 10.0, "backlash, full width at the fast shaft")
     tau: float = quantity(1 / 500, "-", 1e-6, 1.0, "gear ratio, user over motor speed", (1e-4, 0.1))
     theta_stop: float = quantity(1.2, "rad", 1e-3, 1e6, "end stop of the user shaft, either sign")
+    omega_c: float = quantity(
+        2000.0 * math.pi,
+        "rad/s",
+        1.0,
+        1e6,
+        "bandwidth of field-oriented current loops",
+        (100.0, 5e4),
+    )
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -125,6 +133,13 @@ class ActuatorParameters:
     def as_mapping(self) -> dict[str, float]:
         """Return names and values in the order of definition."""
         return dataclasses.asdict(self)
+
+
+class FieldOrientedParameters(ActuatorParameters):
+    """Parameters that say by their type that the drive is field-oriented.
+
+    For what judges an actuator by its parameters alone, without its description.
+    """
 
 
 class PlantConstants(NamedTuple):

@@ -41,6 +41,7 @@ PARAMETER_FIELDS: Final = MappingProxyType(
         "BLK": "backlash",
         "tau": "gear_ratio",
         "theta_stop": "end_stop",
+        "omega_c": "current_bandwidth",
     }
 )
 """Field of the message for each parameter."""

@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Mapping
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.cause_profiles import Causes, Profile, cause_profiles
 from ema_core.causes import COPPER
+from ema_core.current_loop import current_loop
 from ema_core.description import SAMPLE_PERIOD
 from ema_core.dynamics import lag_factor
 from ema_core.faults import degrade, fault_vector, healthy_faults
@@ -15,7 +17,16 @@ from ema_core.parameters import ActuatorParameters, MotorConstants, constants
 from ema_core.quantity import finite_samples
 from ema_core.telemetry import Telemetry, elapsed_ns
 from ema_sim.effects import NO_PAUSES, courses
+from ema_sim.field_oriented import (
+    FieldOrientedState,
+    advance_field_oriented,
+    field_oriented_at_rest,
+    unlike_causes,
+)
 from ema_sim.reference import DT, State, advance
+
+SIMULATED_DRIVES: Final = ("six_step", "field_oriented")
+"""Drives that can be simulated."""
 
 
 class SimulatedActuator:
@@ -39,11 +50,14 @@ class SimulatedActuator:
         Random numbers of that noise; only used where ``noise_gain`` is not 0.
     stamp_ns
         Time of the start [ns].
+    drive
+        One of ``SIMULATED_DRIVES``.
 
     Raises
     ------
     ValueError
-        When a period is not a whole multiple of the step, or the noise gain is negative.
+        When a period is not a whole multiple of the step, the noise gain is negative, or the drive
+        cannot be simulated.
     """
 
     def __init__(
@@ -55,7 +69,13 @@ class SimulatedActuator:
         noise_hold_s: float = DT,
         rng: np.random.Generator | None = None,
         stamp_ns: int = 0,
+        drive: str = "six_step",
     ) -> None:
+        if drive not in SIMULATED_DRIVES:
+            raise ValueError(
+                f"drive {drive!r} cannot be simulated, {' and '.join(SIMULATED_DRIVES)} can"
+            )
+        self.drive = drive
         self.parameters = parameters or ActuatorParameters()
         self.sample_period = sample_period
         self._steps = _whole_steps("sample_period", sample_period)
@@ -77,7 +97,9 @@ class SimulatedActuator:
         self._last_load = 0.0
         self._causes: dict[str, Profile] = {}
         self.faults = healthy_faults()
-        self.state: State = at_rest()
+        self._loop = current_loop(self.parameters)
+        # A `State` or a `FieldOrientedState`, by the drive.
+        self.state: Any = at_rest() if drive == "six_step" else field_oriented_at_rest()
         self.causes = {}
 
     @property
@@ -98,7 +120,7 @@ class SimulatedActuator:
         if k.ndim != 1:
             raise ValueError(f"faults: expected one vector of shape ({len(k.T)},), not {k.shape}")
         plant = degrade(constants(self.parameters), k)
-        _check_decay(plant.motor, self._causes)
+        self._check(plant.motor, self._causes)
         self._plant, self._faults = plant, k
 
     @property
@@ -118,7 +140,7 @@ class SimulatedActuator:
     @causes.setter
     def causes(self, causes: Causes) -> None:
         profiles = cause_profiles(causes)
-        _check_decay(self._plant.motor, profiles)
+        self._check(self._plant.motor, profiles)
         self._causes, self._causes_from = profiles, self._index - 1
         self._pauses = NO_PAUSES
 
@@ -151,11 +173,8 @@ class SimulatedActuator:
             hold = self._hold
             disturbances = self._rng.normal(0.0, self._noise_sigma, n * self._steps // hold)
         current, position, speed = np.empty(n), np.empty(n), np.empty(n)
-        state, self._pauses = advance(
-            *self._plant,
-            courses(self._causes, self.sample_period, self._index - 1, self._causes_from, n),
-            self._pauses,
-            self.state,
+        effects = courses(self._causes, self.sample_period, self._index - 1, self._causes_from, n)
+        signals = (
             self._last_command,
             commands,
             self._last_load,
@@ -169,7 +188,13 @@ class SimulatedActuator:
             position,
             speed,
         )
-        self.state = State(*state)
+        if self.drive == "six_step":
+            state, self._pauses = advance(*self._plant, effects, self._pauses, self.state, *signals)
+            self.state = State(*state)
+        else:
+            self.state = FieldOrientedState(
+                *advance_field_oriented(*self._plant, self._loop, effects, self.state, *signals)
+            )
         block = Telemetry(
             self._start_ns + elapsed_ns(self.sample_period, 0, self._index),
             self.sample_period,
@@ -183,6 +208,13 @@ class SimulatedActuator:
         self._last_command = float(commands[-1])
         self._last_load = float(loads[-1])
         return block
+
+    def _check(self, motor: MotorConstants, causes: Mapping[str, Profile]) -> None:
+        """Raise ``ValueError`` if this drive cannot be simulated with such a motor and causes."""
+        if self.drive == "six_step":
+            _check_decay(motor, causes)
+        elif reason := unlike_causes(causes):
+            raise ValueError(reason)
 
 
 def at_rest(theta_m: float = 0.0, theta_b: float = 0.0) -> State:

@@ -117,6 +117,7 @@ class ActuatorBench:
             sample_period=description.sample_period,
             noise_gain=self.settings.noise_gain,
             rng=current_rng,
+            drive=description.drive,
         )
         self._block_samples = max(1, round(self.settings.block_s / description.sample_period))
         self._next_cycle = 0
@@ -222,7 +223,9 @@ class ActuatorBench:
     def compile_kernels(self) -> None:
         """Compile the kernels of the simulation, or load them from the cache."""
         h = self.description.sample_period
-        trial = SimulatedActuator(self._actuator.parameters, sample_period=h)
+        trial = SimulatedActuator(
+            self._actuator.parameters, sample_period=h, drive=self.description.drive
+        )
         trial.causes = self._causes
         trial.advance([0.0])
 
@@ -276,7 +279,9 @@ class ActuatorBench:
     ) -> None:
         """Raise ``ValueError`` if the faults, now or when grown, are beyond the simulation."""
         trial = SimulatedActuator(
-            self._actuator.parameters, sample_period=self.description.sample_period
+            self._actuator.parameters,
+            sample_period=self.description.sample_period,
+            drive=self.description.drive,
         )
         trial.causes = causes
         trial.faults = faults

@@ -28,6 +28,10 @@ RIPPLE_FREQUENCY: Final = 2400.0
 """Of the supply: six pulses in a period of 400 Hz, behind a three-phase rectifier [Hz]."""
 
 
+OPEN: Final = 1e7
+"""Resistance of an open phase, where the step is implicit and no current is set to zero [ohm]."""
+
+
 class NoEffects(NamedTuple):
     """No hidden causes."""
 
@@ -207,6 +211,21 @@ def disturbed_speed(
 
 
 @kernel()
+def _same_resistances(effects: NoEffects, R_a, R_b, R_c):
+    return R_a, R_b, R_c
+
+
+@kernel()
+def opened_resistances(effects: Effects, R_a, R_b, R_c):
+    """Resistances of the phases, of which open ones let hardly any current through [ohm] (M25)."""
+    return (
+        R_a + (OPEN if effects.open_phase_a != 0.0 else 0.0),
+        R_b + (OPEN if effects.open_phase_b != 0.0 else 0.0),
+        R_c + (OPEN if effects.open_phase_c != 0.0 else 0.0),
+    )
+
+
+@kernel()
 def _no_pauses(effects: NoEffects, pauses, switches_a, switches_b, switches_c, dt):
     return pauses
 
@@ -372,6 +391,7 @@ def _star_voltage(g_a, g_b, g_c, v_a, v_b, v_c):
 
 
 effects_at: Final = _by_effects(_still_none, effects_of_sample)
+resistances_at: Final = _by_effects(_same_resistances, opened_resistances)
 plant_at: Final = _by_effects(_same_plant, changed_plant)
 pauses_at: Final = _by_effects(_no_pauses, pauses_after)
 half_voltage: Final = _by_effects(_same_voltage, rippled_voltage)

@@ -105,6 +105,9 @@ def test_deviation_of_a_parameter_is_another_parameter(name, value, parameters, 
     ]
     if form == "fast":
         check_same(*responses)
+    elif form == "field_oriented":
+        # The gains of the current loop follow the nominal resistance, not that of the warm unit.
+        assert rms(responses[0].current - responses[1].current) < 0.02
     else:
         # A rounding that moves one switching of the source form moves 0.07 A for a step of 1 us.
         assert rms(responses[0].current - responses[1].current) < 0.01

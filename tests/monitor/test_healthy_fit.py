@@ -11,7 +11,7 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import LEAST_SCATTER, Calibration
 from ema_monitor.calibration.fit import calibrate
 from ema_monitor.model.deviations import NAMES, Deviations, unit_priors
-from ema_monitor.model.monitor_model import FORMS, MonitorModel
+from ema_monitor.model.monitor_model import FORMS, FORMS_OF_DRIVES, MonitorModel
 from ema_monitor.windows.band import band_limited, rms
 from ema_monitor.windows.window import Window
 
@@ -46,7 +46,7 @@ def made_by(parameters: ActuatorParameters, window: Window, lift=0.0, sigma=0.0,
     return answered(window, current + noise, speed)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", FORMS_OF_DRIVES["six_step"])
 def test_calibrated_model_is_exact_on_the_window_it_was_made_from(
     healthy_windows, description, form
 ):
@@ -59,7 +59,7 @@ def test_calibrated_model_is_exact_on_the_window_it_was_made_from(
     assert np.isnan(calibration.healthy_speed_rms)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", FORMS_OF_DRIVES["six_step"])
 def test_residuals_average_to_zero(healthy_windows, description, form):
     windows = healthy_windows if form == "fast" else healthy_windows[:2]
     calibration = calibrate(windows, description, form)

@@ -23,9 +23,9 @@ _ENOUGH_WINDOWS = 5
 @click.argument("bags", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--form",
-    default="fast",
     type=click.Choice(list(FORMS)),
-    help="Form of the monitor model; estimates with this calibration use the same.",
+    help="Form of the monitor model, by default that of the drive; estimates with this calibration "
+    "use the same.",
 )
 @source_options(
     force="Replace OUTPUT if it is there; use --actuator even against the description in the bag.",
@@ -38,7 +38,7 @@ _ENOUGH_WINDOWS = 5
     type=click.Path(path_type=Path, dir_okay=False),
     help="Calibration file to write.",
 )
-def calibrate(bags: tuple[Path, ...], form: str, source: Source, output: Path) -> None:
+def calibrate(bags: tuple[Path, ...], form: str | None, source: Source, output: Path) -> None:
     """Average the windows in BAGS of one healthy actuator into a calibration.
 
     A load, or another hidden cause, that the bags hold as measured, or that is given by --measured,

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
 from ema_core.files import complete_file
-from ema_core.parameters import ActuatorParameters
+from ema_core.parameters import ActuatorParameters, FieldOrientedParameters
 from ema_core.wording import counted
 from ema_monitor.calibration.alignment import moved, shift_if_same
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
-from ema_monitor.model.monitor_model import MonitorModel, Response
+from ema_monitor.model.monitor_model import FORMS_OF_DRIVES, MonitorModel, Response
 from ema_monitor.windows.window import Window
 
 LEAST_SCATTER: Final = 1e-6
@@ -174,9 +174,10 @@ class Calibration:
 
     def __str__(self) -> str:
         known = f"{self.healthy_rms:.4f} A" if math.isfinite(self.healthy_rms) else "unknown"
+        lift = f"lift {self.unit.lift:.4f} A, " if self.form == "fast" else ""
         return (
             f"calibration {self.calibration_id} of {self.actuator_id} from "
-            f"{counted(self.windows, 'window')}, lift {self.unit.lift:.4f} A, friction "
+            f"{counted(self.windows, 'window')}, {lift}friction "
             f"{1.0 + self.unit.friction:.3f} and inertia {1.0 + self.unit.inertia:.3f} of nominal, "
             f"residual of a healthy window {known}{self._remark}"
         )
@@ -193,10 +194,19 @@ class Calibration:
         sigma = dict(zip(NAMES, np.sqrt(np.diag(self.unit_covariance)), strict=True))
         return tuple(
             one.name
-            for one in unit_priors(self.parameters, travel or 1.0)
+            for one in unit_priors(self.parameters, travel or 1.0, self.form)
             # Without a command nothing is known of the travel by which that one is judged.
             if sigma[one.name] > _LEARNED * one.sigma and (travel or one.name != "load_stiffness")
         )
+
+    @property
+    def drive(self) -> str:
+        """The drive that its form is a model of."""
+        return next(drive for drive, forms in FORMS_OF_DRIVES.items() if self.form in forms)
+
+    @property
+    def _unused(self) -> tuple[str, ...]:
+        return _unused_by(self.form)
 
     @property
     def _remark(self) -> str:
@@ -223,7 +233,10 @@ class Calibration:
             "loop_gain": ("G_prop",),
             "speed_loop": ("GAP",),
         }
-        return self.parameters.replace(
+        nominal = self.parameters
+        if self.drive == "field_oriented":
+            nominal = FieldOrientedParameters().replace(nominal.as_mapping())
+        return nominal.replace(
             {
                 name: getattr(self.parameters, name) * (1.0 + getattr(self.unit, deviation))
                 for deviation, names in factors.items()
@@ -267,6 +280,11 @@ class Calibration:
             The actuator.
         """
         reasons = []
+        if self.form not in FORMS_OF_DRIVES.get(description.drive, ()):
+            reasons.append(
+                f"the actuator has drive {description.drive!r}, the calibration is that of "
+                f"{self.drive!r}"
+            )
         if description.serial_number != self.serial_number:
             reasons.append(
                 f"the actuator has serial number {description.serial_number!r}, the calibration "
@@ -276,7 +294,8 @@ class Calibration:
         reasons += [
             f"the actuator has {name} = {theirs[name]:g}, the calibration {mine[name]:g}"
             for name in mine
-            if not np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0)
+            if name not in self._unused
+            and not np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0)
         ]
         return "; ".join(reasons)
 
@@ -353,7 +372,7 @@ class Calibration:
             given = content["parameters"]
             content["parameters"] = ActuatorParameters().replace(given)
             for name in content["parameters"].as_mapping():
-                if name not in given:
+                if name not in given and name not in _unused_by(content["form"]):
                     raise ValueError(f"parameter {name} is missing")
             for name in (*_ROWS, "unit_covariance"):
                 content[name] = _numbers(name, content[name])
@@ -370,6 +389,9 @@ class Calibration:
         for name in (*_ROWS, "unit_covariance"):
             content[name] = getattr(self, name).tolist()
         content["unit"] = self.unit._asdict()
+        for name in self._unused:
+            # So that files without it keep their identity.
+            del content["parameters"][name]
         for name in _SCATTERS:
             content[name] = float(getattr(self, name))
         for name in ("travel_ratio", "law_offset"):
@@ -377,6 +399,11 @@ class Calibration:
                 # So that files without it keep their identity.
                 del content[name]
         return content
+
+
+def _unused_by(form: str) -> tuple[str, ...]:
+    """Return the parameters that a form of the model does not know."""
+    return () if form in FORMS_OF_DRIVES["field_oriented"] else ("omega_c",)
 
 
 def _numbers(name: str, values: Any) -> NDArray[np.float64]:

@@ -22,7 +22,7 @@ from ema_monitor.model.deviations import (
     unit_priors,
 )
 from ema_monitor.model.measured import measured_columns
-from ema_monitor.model.monitor_model import FORMS, MonitorModel, Response
+from ema_monitor.model.monitor_model import FORMS, LEARNS_UNIT, MonitorModel, Response, form_of
 from ema_monitor.model.readings import TRAVEL, law_slopes, read
 from ema_monitor.optimizers.bounded_quadratic import lowest_in_box
 from ema_monitor.windows.band import BAND_CORRELATION, band_limited, rms, speed_weight
@@ -49,7 +49,7 @@ class UnitFit(NamedTuple):
 def calibrate(
     windows: Sequence[Window],
     description: ActuatorDescription | None = None,
-    form: str = "fast",
+    form: str | None = None,
     *,
     structural: bool = True,
 ) -> Calibration:
@@ -64,8 +64,8 @@ def calibrate(
     description
         The unit that the windows were taken from; the built-in actuator when None.
     form
-        Form of the monitor model. The deviations are fitted for the "fast" form only: the
-        thesis's calibration, which goes with the "source" form, is the correction alone.
+        Form of the monitor model, that of the drive when None. No deviations are fitted for the
+        "source" form: the thesis's calibration, which goes with it, is the correction alone.
     structural
         Whether to fit what the unit deviates from nominal, where the form has it; else the
         correction is all.
@@ -73,10 +73,12 @@ def calibrate(
     Raises
     ------
     ValueError
-        When there is no window, one has no excitation or another sample period than the first, or
-        the unit deviates impossibly far from its description.
+        When there is no window, one has no excitation or another sample period than the first,
+        the unit deviates impossibly far from its description, or there is no such model of its
+        drive.
     """
     description = description or ActuatorDescription()
+    form = form_of(description.drive, form)
     if not windows:
         raise ValueError("calibration needs at least one healthy window, got none")
     first = windows[0]
@@ -100,9 +102,9 @@ def calibrate(
         if reason := column_defect(group[0], _healthy_response(group[0], nominal)):
             raise ValueError(f"the windows are not those of such a healthy actuator: {reason}")
     unit = UnitFit(np.zeros(N_DEVIATIONS), np.zeros((N_DEVIATIONS, N_DEVIATIONS)))
-    if structural and form == "fast":
-        unit = _fit_unit(by_command, parameters, dt)
-    model = MonitorModel(parameters, form, dt, Deviations.of(unit.deviations))
+    if structural and form in LEARNS_UNIT:
+        unit = _fit_unit(by_command, nominal)
+    model = nominal.of_unit(Deviations.of(unit.deviations))
     of_first = by_command[0]
     correction, speed_correction = mean = _mean_missed(of_first, model)
     healthy_rms, healthy_speed_rms = _scatter(of_first, model, mean, h)
@@ -206,14 +208,14 @@ class _UnitProblem:
     ``x`` are the values of the deviations that ``priors`` names, ``(d,)``.
     """
 
-    def __init__(
-        self, groups: Sequence[Sequence[Window]], parameters: ActuatorParameters, dt: float
-    ) -> None:
-        self._groups, self._parameters, self._dt = groups, parameters, dt
+    def __init__(self, groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> None:
+        self._groups, self._nominal = groups, nominal
+        parameters = nominal.parameters
         self._weights = _weights(groups)
         self._h = groups[0][0].sample_period
         self._stiffness = speed_weight(parameters)
-        self.priors = unit_priors(parameters, max(group[0].excitation for group in groups))
+        travel = max(group[0].excitation for group in groups)
+        self.priors = unit_priors(parameters, travel, nominal.form)
         self._columns = [NAMES.index(one.name) for one in self.priors]
         self.expected, self.sigma, self.lowest, self.highest = np.array(
             [(one.expected, one.sigma, one.lowest, one.reach) for one in self.priors]
@@ -313,7 +315,7 @@ class _UnitProblem:
         return place
 
     def _model(self, x: NDArray[np.float64]) -> MonitorModel:
-        return MonitorModel(self._parameters, "fast", self._dt, Deviations.of(self.deviations(x)))
+        return self._nominal.of_unit(Deviations.of(self.deviations(x)))
 
     def _in_band(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return current and speed, ``(2, n)``, in their band as one row [A]."""
@@ -321,9 +323,7 @@ class _UnitProblem:
         return np.concatenate([current, self._stiffness * speed])
 
 
-def _fit_unit(
-    groups: Sequence[Sequence[Window]], parameters: ActuatorParameters, dt: float
-) -> UnitFit:
+def _fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> UnitFit:
     """Fit what a unit deviates from nominal to healthy windows.
 
     Gauss-Newton on current and speed in their band, with priors: they only matter for what the
@@ -331,7 +331,7 @@ def _fit_unit(
     each is fitted only when it explains most of what is left, one after the other: what the model
     misses for other reasons would be taken for them.
     """
-    problem = _UnitProblem(groups, parameters, dt)
+    problem = _UnitProblem(groups, nominal)
     priors, sigma = problem.priors, problem.sigma
     prior = np.diag(1.0 / sigma**2)
     x = problem.expected

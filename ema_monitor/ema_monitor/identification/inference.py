@@ -40,7 +40,7 @@ from ema_monitor.identification.verdict import (
     resting_on_unit,
 )
 from ema_monitor.model.measured import expected_causes
-from ema_monitor.model.monitor_model import Response
+from ema_monitor.model.monitor_model import LEARNS_UNIT, Response
 from ema_monitor.windows.band import band_limited
 from ema_monitor.windows.window import Window
 
@@ -75,7 +75,7 @@ class Inference:
         causes = ()
         if settings.fitness == DEFAULT_FITNESS:
             causes = before.causes(calibration.parameters, window)
-            if calibration.form == "fast" and settings.parsimonious:
+            if calibration.form in LEARNS_UNIT and settings.parsimonious:
                 causes = expected_causes(calibration.parameters, window.excitation, window.measured)
         self._before = before
         self._fitted = before.fitted(window)

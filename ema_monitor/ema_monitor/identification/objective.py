@@ -350,15 +350,17 @@ class Objective:
 
         A column is the effect of one standard deviation along a principal axis of the covariance of
         its deviations. Under the calibrated command, a deviation does not change the healthy
-        response, which is measured: its effect there is taken off. Three more columns are those of
-        the idle phases' lift, which is not known once the phases differ.
+        response, which is measured: its effect there is taken off. With six steps, three more
+        columns are those of the idle phases' lift, not known once the phases differ.
 
         Parameters
         ----------
         point
             Where, ``(d,)``.
         """
-        effects = self._lift_effects(point)
+        # A drive without idle phases has no lift.
+        has_lift = self._calibration.drive == "six_step"
+        effects = self._lift_effects(point)[:, : 3 if has_lift else 0]
         if len(self.unit_steps):
             effects = np.concatenate([self._deviation_effects(point), effects], axis=1)
         effects = np.pad(effects, ((0, self.priors), (0, 0)))

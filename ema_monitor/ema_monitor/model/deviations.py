@@ -135,13 +135,17 @@ def hidden_causes(parameters: ActuatorParameters, travel: float) -> tuple[Prior,
     return tuple(_prior(name, *priors[name]) for name in HIDDEN_CAUSES)
 
 
-def unit_priors(parameters: ActuatorParameters, travel: float) -> tuple[Prior, ...]:
+def unit_priors(
+    parameters: ActuatorParameters, travel: float, form: str = "fast"
+) -> tuple[Prior, ...]:
     """Return the deviations that a calibration fits, with what may be expected of a unit.
 
     Parameters
     ----------
     parameters, travel
         As of `hidden_causes`.
+    form
+        Form of the model: only the fast one has idle phases, whose ripple is the lift.
 
     Notes
     -----
@@ -174,6 +178,8 @@ def unit_priors(parameters: ActuatorParameters, travel: float) -> tuple[Prior, .
         "current_delay": (5e-5, 3e-3),
         "speed_delay": (5e-5, 3e-3),
     }
+    if form != "fast":
+        del priors["lift"]
     return tuple(_prior(name, *priors[name]) for name in NAMES if name in priors)
 
 

@@ -1,4 +1,4 @@
-"""The two forms of the monitor's drive: from reference current to current and torque.
+"""The forms of the monitor's drive: from reference current to current and torque.
 
 The kernels accept lanes of `ema_core.simd` as well as single floats; the numbers (M10) to (M12)
 are those of ``docs/model.md``.
@@ -16,15 +16,21 @@ from ema_core._jit import kernel
 from ema_core.dynamics import clip
 from ema_core.parameters import ActuatorParameters, MotorConstants
 from ema_core.simd import select
+from ema_monitor.model.field_oriented import (
+    FieldOrientedDrive,
+    PerLane,
+    available_axis_current,
+    axis_current,
+    field_oriented_drive,
+    memory_of_current,
+    no_position,
+)
 
 IDLE_CONTRAST: Final = 0.5
 """Relative increase of the lift of the equivalent current per difference between the healthy
 fractions of turns of the driven pair and of the idle phase [-]."""
 
 _PHASE_ANGLES = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
-
-PerLane = NDArray[np.float64] | float
-"""A constant of several individuals, ``(n,)``, or of one."""
 
 Pairs = tuple[PerLane, PerLane, PerLane]
 """A constant of the driven pairs BC, AB and AC."""
@@ -222,19 +228,55 @@ def single_current(drive: SourceDrive, position, I):
     return I
 
 
-def _by_form(fast: Any, source: Any) -> Any:
-    """Return a function that calls one of two kernels, by the type of its first argument."""
+@kernel()
+def place_in_cycle(drive: FastDrive | SourceDrive, theta_m):
+    """Return where in the cycle of driven pairs a motor angle lies."""
+    return pair_position(drive.half_turns * theta_m)
+
+
+@kernel()
+def only_current(drive: FastDrive | SourceDrive, I):
+    """Return a current whose loop has no memory."""
+    return I
+
+
+@kernel()
+def bare_current(drive: FastDrive | SourceDrive, position, I):
+    """Return the current of the pair."""
+    return I
+
+
+@kernel()
+def available_pair_current(drive: FastDrive, theta_m, cos, sin, omega, I):
+    """Return the largest current in the direction of ``I`` that voltage and torque limit allow."""
+    position = pair_position(drive.half_turns * theta_m)
+    K = of_pair(position, drive.K)
+    K += of_pair(position, drive.K_cos) * cos + of_pair(position, drive.K_sin) * sin
+    voltage = drive.V_max - math.copysign(K, I) * omega
+    of_voltage = max(voltage / of_pair(position, drive.R), 0.0)
+    return min(of_voltage, drive.T_max / abs(K))
+
+
+def _by_form(fast: Any, source: Any, field_oriented: Any) -> Any:
+    """Return a function that calls one of the kernels, by the type of its first argument."""
+    forms = {FastDrive: fast, SourceDrive: source, FieldOrientedDrive: field_oriented}
 
     def dispatch(drive, *arguments):
         raise NotImplementedError
 
     @overload(dispatch)
     def choose(drive, *arguments):
-        form = fast if drive.instance_class is FastDrive else source
+        form = forms[drive.instance_class]
         return lambda drive, *arguments: form(drive, *arguments)
 
     return dispatch
 
 
-drive_current: Final = _by_form(fast_drive, source_drive)
-equivalent_current: Final = _by_form(lifted_current, single_current)
+drive_current: Final = _by_form(fast_drive, source_drive, field_oriented_drive)
+equivalent_current: Final = _by_form(lifted_current, single_current, axis_current)
+motor_current: Final = _by_form(bare_current, bare_current, axis_current)
+position_in_cycle: Final = _by_form(place_in_cycle, place_in_cycle, no_position)
+currents_at_rest: Final = _by_form(only_current, only_current, memory_of_current)
+available_current: Final = _by_form(
+    available_pair_current, available_pair_current, available_axis_current
+)

@@ -20,10 +20,12 @@ from ema_core.simd import broadcast, load, select, store
 from ema_monitor.model.drives import (
     FastDrive,
     SourceDrive,
+    currents_at_rest,
     drive_current,
     equivalent_current,
-    pair_position,
+    position_in_cycle,
 )
+from ema_monitor.model.field_oriented import FieldOrientedDrive
 
 _RIPPLE_SPEED_SQUARE: Final = 0.1**2
 """Square of the speed at which the ripple of the PWM keeps a motor at rest [rad^2/s^2]."""
@@ -47,8 +49,8 @@ class ModelState(NamedTuple):
 
     ``theta_m`` [rad] and ``omega`` [rad/s] belong to the motor shaft, ``cos`` and ``sin`` to the
     angle of the eccentricity. ``theta_b`` [rad] is the fast-shaft angle on the user side of the
-    backlash, ``I`` the current [A]; ``integral`` [rad] and ``error`` [rad/s] belong to the speed
-    loop.
+    backlash, ``I`` the current [A], with the memory of its loop [V] where it has one; ``integral``
+    [rad] and ``error`` [rad/s] belong to the speed loop.
     """
 
     theta_m: Any
@@ -73,7 +75,7 @@ def rotate(cos, sin, angle):
 @kernel()
 def advance(
     c: ControlConstants,
-    drive: FastDrive | SourceDrive,
+    drive: FastDrive | SourceDrive | FieldOrientedDrive,
     mech: MechanicalConstants,
     x: ModelState,
     proportional,
@@ -93,7 +95,7 @@ def advance(
         I_ref = clip(c.GAP / c.k_t * error, c.I_max)
     else:
         I_ref = reference_current(c, error, x.integral, x.error, 0.0, dt)
-    position = pair_position(drive.half_turns * x.theta_m)
+    position = position_in_cycle(drive, x.theta_m)
     I, torque, ripple = drive_current(drive, position, x.cos, x.sin, x.I, I_ref, x.omega)
     # The ripple of the PWM breaks the motor away below its static friction (M12).
     breakaway = max(mech.f_s - ripple, friction)
@@ -109,7 +111,7 @@ def advance(
 @kernel()
 def run_lanes(
     control: ControlConstants,
-    drive_of_lanes: FastDrive | SourceDrive,
+    drive_of_lanes: FastDrive | SourceDrive | FieldOrientedDrive,
     mechanics: MechanicalConstants,
     shaft_of_lanes: ShaftConstants,
     play,
@@ -148,16 +150,16 @@ def run_lanes(
     integral = broadcast(0.0)
     if c.GAI > 0.0:
         integral = (current_0 * c.k_t - c.GAP * error) / c.GAI
-    I = reference_current(c, error, integral, error, 0.0, dt)
+    I = currents_at_rest(drive, reference_current(c, error, integral, error, 0.0, dt))
     x = ModelState(theta_m, math.cos(angle), math.sin(angle), omega, theta_b, I, integral, error)
-    equivalent = equivalent_current(drive, pair_position(drive.half_turns * theta_m), I)
+    equivalent = equivalent_current(drive, position_in_cycle(drive, theta_m), I)
     lag_1, lag_2, lag_3 = equivalent, equivalent, equivalent
     proportional = c.GAI == 0.0 and c.GAD == 0.0
     for k in range(current.shape[1]):
         total = broadcast(0.0)
         slope = (command[k + 1] - command[k]) / steps
         for j in range(steps):
-            position = pair_position(drive.half_turns * x.theta_m)
+            position = position_in_cycle(drive, x.theta_m)
             # An Euler step responds half a step too early: the command is read half a step later.
             delayed = command[k] + (j - 0.5) * slope
             opposing = shaft.torque + stiffness * x.theta_b

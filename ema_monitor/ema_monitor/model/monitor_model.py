@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ema_core.current_loop import current_loop
 from ema_core.dynamics import lag_factor
 from ema_core.faults import degrade, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
@@ -19,12 +20,22 @@ from ema_monitor.model.deviations import (
     with_own_eccentricity,
 )
 from ema_monitor.model.drives import fast_constants, source_constants
+from ema_monitor.model.field_oriented import field_oriented_constants
 from ema_monitor.model.kernel import ShaftConstants, run_lanes
 from ema_monitor.model.threads import run_in_threads
 from ema_monitor.windows.window import Window
 
-FORMS: Final = {"fast": 2e-5, "source": 1e-6}
-"""Forms of the model and their default integration step [s]."""
+FORMS: Final = {"fast": 2e-5, "source": 1e-6, "field_oriented": 1e-5}
+"""Forms of the model and their default integration step [s].
+
+Where there is no ripple that hides it, the error of the longer step is seen.
+"""
+
+FORMS_OF_DRIVES: Final = {"six_step": ("fast", "source"), "field_oriented": ("field_oriented",)}
+"""Forms by drive of the actuator, the default first."""
+
+LEARNS_UNIT: Final = ("fast", "field_oriented")
+"""Forms that know deviations of a unit, and hidden causes; the other one is the thesis's own."""
 
 
 class Response(NamedTuple):
@@ -42,12 +53,13 @@ class MonitorModel:
     parameters
         Nominal parameters of the actuator.
     form
-        "fast", the slew-limited current of the driven pair (M10), or "source", the thesis's own
-        sign-switched current with its eq. 4.24 (M11).
+        "fast", the slew-limited current of the driven pair (M10); "source", the thesis's own
+        sign-switched current with its eq. 4.24 (M11); or "field_oriented", the axis q of a
+        sinusoidal motor (M35).
     dt
         Integration step [s], by default that of the form.
     unit
-        In what the unit deviates from them; the source form has no lift.
+        In what the unit deviates from them; only the fast form has a lift.
 
     Raises
     ------
@@ -71,6 +83,7 @@ class MonitorModel:
             raise ValueError(f"monitor step dt = {self.dt:g} s is outside (0, 0.001] s")
         self.unit = unit or Deviations()
         self._plant = constants(parameters)
+        self._loop = current_loop(parameters)
 
     def respond(
         self,
@@ -124,8 +137,10 @@ class MonitorModel:
         shaft = ShaftConstants(d.load_torque, d.load_stiffness, d.stribeck_speed)
         if self.form == "fast":
             drive = fast_constants(motor, self.dt, d.lift, d.loop_delay)
-        else:
+        elif self.form == "source":
             drive = source_constants(motor, self.dt)
+        else:
+            drive = field_oriented_constants(motor, self._loop, self.dt, d.loop_delay)
         steps, lag = self.steps(window.sample_period), lag_factor(self.dt)
         play_of_lane = np.full(m, play, dtype=np.float64)[lane_of]
         start = window.telemetry
@@ -167,6 +182,10 @@ class MonitorModel:
         seen = sensed(rows, of_sensors, window.sample_period)
         return Response(*(row + added for row, added in zip(seen, corrections, strict=True)))
 
+    def of_unit(self, unit: Deviations) -> "MonitorModel":
+        """Return the model of another unit of the same parameters."""
+        return MonitorModel(self.parameters, self.form, self.dt, unit)
+
     def steps(self, sample_period: float) -> int:
         """Return the number of integration steps per sample.
 
@@ -187,6 +206,33 @@ class MonitorModel:
                 f"step dt = {self.dt:g} s"
             )
         return steps
+
+
+def form_of(drive: str, form: str | None = None) -> str:
+    """Return the form of the model for a drive: that which is asked for, or its default.
+
+    Parameters
+    ----------
+    drive
+        That of the description.
+    form
+        What is asked for; None for the default of the drive.
+
+    Raises
+    ------
+    ValueError
+        When there is no model of such a drive, or the form is not one of its.
+    """
+    known = FORMS_OF_DRIVES.get(drive)
+    if known is None:
+        raise ValueError(
+            f"there is no monitor model for drive {drive!r}, but for {', '.join(FORMS_OF_DRIVES)}"
+        )
+    if form is not None and form not in known:
+        raise ValueError(
+            f"monitor form {form!r} is none of drive {drive!r}; it has {', '.join(known)}"
+        )
+    return form or known[0]
 
 
 def compile_kernels(forms: Iterable[str] = FORMS) -> None:

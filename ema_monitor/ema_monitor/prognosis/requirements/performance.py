@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ema_core._jit import kernel
 from ema_core.commands import THESIS_CHIRP, Command
+from ema_core.current_loop import current_loop
 from ema_core.faults import (
     BACKLASH,
     FAULTS,
@@ -19,9 +20,22 @@ from ema_core.faults import (
     degrade,
     healthy_faults,
 )
-from ema_core.parameters import ActuatorParameters, ControlConstants, MechanicalConstants, constants
+from ema_core.parameters import (
+    ActuatorParameters,
+    ControlConstants,
+    FieldOrientedParameters,
+    MechanicalConstants,
+    constants,
+)
 from ema_core.simd import LANES, broadcast, load, select, store
-from ema_monitor.model.drives import FastDrive, fast_constants, of_pair, pair_position
+from ema_monitor.model.drives import (
+    FastDrive,
+    available_current,
+    currents_at_rest,
+    fast_constants,
+    motor_current,
+)
+from ema_monitor.model.field_oriented import FieldOrientedDrive, field_oriented_constants
 from ema_monitor.model.kernel import ModelState, advance
 from ema_monitor.model.threads import run_in_threads
 
@@ -37,24 +51,9 @@ _SWEEP_RANGE = (1.0 / 3.0, 4.0)
 
 
 @kernel()
-def available_current(drive: FastDrive, x: ModelState, I, I_max):
-    """Return the largest current of the driven pair in the direction of ``I`` [A].
-
-    It is limited by the current limit, by the torque limit and by the voltage that the back-EMF
-    leaves.
-    """
-    position = pair_position(drive.half_turns * x.theta_m)
-    K = of_pair(position, drive.K)
-    K += of_pair(position, drive.K_cos) * x.cos + of_pair(position, drive.K_sin) * x.sin
-    voltage = drive.V_max - math.copysign(K, I) * x.omega
-    of_voltage = max(voltage / of_pair(position, drive.R), 0.0)
-    return min(min(of_voltage, drive.T_max / abs(K)), broadcast(I_max))
-
-
-@kernel()
 def run_test(
     control: ControlConstants,
-    drive_of_lanes: FastDrive,
+    drive_of_lanes: FastDrive | FieldOrientedDrive,
     mechanics: MechanicalConstants,
     first,
     delayed_command,
@@ -79,14 +78,19 @@ def run_test(
     """
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     zero = broadcast(0.0)
-    x = ModelState(zero, broadcast(1.0), zero, zero, zero, zero, zero, zero)
+    currents = currents_at_rest(drive, zero)
+    x = ModelState(zero, broadcast(1.0), zero, zero, zero, currents, zero, zero)
     for b in range(len(edges) - 1):
         worst, used, in_phase, in_quadrature = zero, zero, zero, zero
         for k in range(edges[b], edges[b + 1]):
             before = x
             x = advance(c, drive, mech, before, False, delayed_command[k], 0.0, mech.f_d, dt)
-            available = available_current(drive, before, x.I, c.I_max)
-            used = max(used, select(abs(x.I) < available, abs(x.I) / available, 1.0))
+            I = motor_current(drive, 0.0, x.I)
+            available = available_current(
+                drive, before.theta_m, before.cos, before.sin, before.omega, I
+            )
+            available = min(available, broadcast(c.I_max))
+            used = max(used, select(abs(I) < available, abs(I) / available, 1.0))
             user = x.theta_b * mech.tau
             worst = max(worst, abs(command[k] - user))
             in_phase += user * cos_phase[k]
@@ -116,7 +120,8 @@ class PerformanceModel:
     Parameters
     ----------
     parameters
-        Those of the unit: of ``Calibration.model()`` where there is a calibration.
+        Those of the unit: ``Calibration.unit_parameters`` where there is a calibration;
+        `FieldOrientedParameters` of such a drive.
     bandwidth_sought
         Bandwidth about which to look [Hz]: the sweep goes from a third of it to four times it.
 
@@ -151,7 +156,8 @@ class PerformanceModel:
     *Torque margin*: 1 less the largest share of the available torque that the chirp takes, at
     any instant. Available is, at that speed and angle of the rotor, the least of the torque limit
     and the driven pair's torque at the current limit and at the current for which the voltage
-    left by the back-EMF suffices, (V_max - K omega) / R. Of the pair's torque constant only the
+    left by the back-EMF suffices, (V_max - K omega) / R; of a field-oriented drive, V_max / sqrt(3)
+    and the axis q take the place of supply and pair. Of the pair's torque constant only the
     ratio of the two currents remains. Half of it unused is the motorisation factor of 2 that space
     mechanisms must have (ECSS-E-ST-33-01C, Mechanisms; as a margin of at least 1 in
     NASA-STD-5017).
@@ -161,6 +167,9 @@ class PerformanceModel:
         if not 0.0 < bandwidth_sought < math.inf:
             raise ValueError(f"bandwidth_sought = {bandwidth_sought!r} Hz: expected more than 0 Hz")
         self._plant = constants(parameters)
+        self._loop = None
+        if isinstance(parameters, FieldOrientedParameters):
+            self._loop = current_loop(parameters)
         self._width = parameters.BLK * parameters.tau
         fastest = parameters.GAP / self._plant.mechanics.J
         self.dt = min(LONGEST_STEP, _STEP_OF_SPEED_LOOP / max(fastest, 1e-9))
@@ -227,7 +236,10 @@ class PerformanceModel:
             # Copies of the last actuator fill the last group.
             lane_of = known[np.minimum(np.arange(groups * LANES), known.size - 1)]
             control, motor, mechanics = degrade(self._plant, faults[lane_of])
-            drive = fast_constants(motor, self.dt)
+            if self._loop is None:
+                drive = fast_constants(motor, self.dt)
+            else:
+                drive = field_oriented_constants(motor, self._loop, self.dt)
             of_lanes = np.empty((4, len(lane_of), results.shape[2]))
 
             def run(group: int) -> None:

@@ -1,0 +1,30 @@
+"""Gains of the current loops of a field-oriented drive, which its makers set by nominal data."""
+
+import math
+from typing import Final, NamedTuple
+
+from ema_core.parameters import ActuatorParameters
+
+LINEAR_RANGE: Final = 1.0 / math.sqrt(3.0)
+"""Largest amplitude of the phase voltages over the supply, with space-vector modulation [-]."""
+
+
+class CurrentLoop(NamedTuple):
+    """Constants of both current loops, for kernels (equation M33); all are those of a phase.
+
+    ``K_p`` [ohm] and ``K_i`` [ohm/s] are their gains, ``L`` [H] and ``k`` [V.s/rad] inductance and
+    back-EMF constant by which the axes are decoupled, ``P`` the pole pairs [-].
+    """
+
+    K_p: float
+    K_i: float
+    L: float
+    k: float
+    P: float
+
+
+def current_loop(parameters: ActuatorParameters) -> CurrentLoop:
+    """Return the loops whose response has the bandwidth of the description (M33)."""
+    p = parameters
+    R, L = 0.5 * p.R_s, 0.5 * p.L_s
+    return CurrentLoop(p.omega_c * L, p.omega_c * R, L, p.k_e / math.sqrt(3.0), float(p.P))

@@ -1,0 +1,186 @@
+"""The monitor's drive with a sinusoidal motor under field-oriented control: its axis q.
+
+The kernels accept lanes of `ema_core.simd` as well as single floats; the number (M35) is that of an
+equation in ``docs/model.md``.
+"""
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core._jit import kernel
+from ema_core.current_loop import LINEAR_RANGE, CurrentLoop
+from ema_core.dynamics import clip
+from ema_core.parameters import MotorConstants
+
+PerLane = NDArray[np.float64] | float
+"""A constant of several individuals, ``(n,)``, or of one."""
+
+Harmonics = tuple[PerLane, PerLane, PerLane]
+"""Mean of a constant over an electrical turn, and its part with cosine and sine of two turns."""
+
+_PHASE_ANGLES: Final = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
+
+
+class FieldOrientedDrive(NamedTuple):
+    """Constants of the axis q.
+
+    The torque constant is ``K + K_cos cos(theta_m) + K_sin sin(theta_m)`` [N.m/A], each of them
+    `Harmonics` of the electrical angle, as is the resistance ``R`` [ohm]. ``V_max`` is the largest
+    amplitude of the phase voltages [V] and ``halved`` half of its inverse; ``slew`` [s/H] is what
+    a volt changes the current by in a step of a controlled current. ``K_p`` [ohm], its inverse
+    ``A_p`` [S], ``K_i`` [ohm] (times the step), ``L`` [H] and ``k`` [V.s/rad] are those of the
+    current loop. ``poles`` are the pole pairs, a whole number, and ``waves`` the periods of the
+    eccentricity per turn of the shaft.
+    """
+
+    V_max: PerLane
+    halved: PerLane
+    T_max: float
+    poles: int
+    waves: float
+    slew: PerLane
+    R: Harmonics
+    K: Harmonics
+    K_cos: Harmonics
+    K_sin: Harmonics
+    K_p: PerLane
+    A_p: PerLane
+    K_i: PerLane
+    L: float
+    k: float
+
+
+def field_oriented_constants(
+    motor: MotorConstants, loop: CurrentLoop, dt: float, loop_delay: PerLane = 0.0
+) -> FieldOrientedDrive:
+    """Return the constants of a field-oriented drive for a step ``dt`` [s] (M35).
+
+    Parameters
+    ----------
+    motor
+        Of each individual.
+    loop
+        The nominal current loop.
+    dt
+        Integration step [s].
+    loop_delay
+        By how much later than its bandwidth says the loop responds [s].
+    """
+    # A loop whose time constant is longer by the delay.
+    slower = 1.0 / (1.0 + loop.K_p / loop.L * loop_delay)
+    R, L, k = 0.5 * motor.R_s, 0.5 * motor.L_s, motor.k_e / math.sqrt(3.0)
+    turns = (motor.N_a, motor.N_b, motor.N_c)
+    ones = [(k * N, angle) for N, angle in zip(turns, _PHASE_ANGLES, strict=True)]
+    zeta, phi = motor.zeta, motor.phi
+    K_cos = [(one * zeta * np.cos(phi + angle), angle) for one, angle in ones]
+    K_sin = [(-one * zeta * np.sin(phi + angle), angle) for one, angle in ones]
+    of_turns = [(R * N * 2.0 / 3.0, angle) for N, angle in zip(turns, _PHASE_ANGLES, strict=True)]
+    K_p = loop.K_p * slower
+    L_q = L * (motor.N_a**2 + motor.N_b**2 + motor.N_c**2) / 3.0
+    decay = (K_p + R * (motor.N_a + motor.N_b + motor.N_c) / 3.0) / L_q
+    return FieldOrientedDrive(
+        V_max=motor.V_max * LINEAR_RANGE,
+        halved=0.5 / (motor.V_max * LINEAR_RANGE),
+        T_max=motor.T_max,
+        poles=round(float(motor.P)),
+        waves=1.0,
+        slew=-np.expm1(-dt * decay) / (decay * L_q),
+        R=_harmonics(of_turns),
+        K=_harmonics(ones),
+        K_cos=_harmonics(K_cos),
+        K_sin=_harmonics(K_sin),
+        K_p=K_p,
+        A_p=1.0 / K_p,
+        K_i=loop.K_i * slower * dt,
+        L=loop.L,
+        k=loop.k,
+    )
+
+
+def _harmonics(phases: list[tuple[Any, float]]) -> Harmonics:
+    """Return the sum over phases of what each has times ``sin(theta_e - angle)**2``."""
+    return (
+        sum(one for one, _ in phases) / 2.0,
+        -sum(one * math.cos(2.0 * angle) for one, angle in phases) / 2.0,
+        -sum(one * math.sin(2.0 * angle) for one, angle in phases) / 2.0,
+    )
+
+
+@kernel()
+def times_angle(cos, sin, number):
+    """Cosine and sine of ``number`` times an angle, a whole number of at least 0."""
+    c, s = 0.0 * cos + 1.0, 0.0 * sin
+    while number > 0:
+        if number % 2 == 1:
+            c, s = c * cos - s * sin, s * cos + c * sin
+        cos, sin = cos * cos - sin * sin, 2.0 * (cos * sin)
+        number //= 2
+    return c, s
+
+
+@kernel()
+def at_angle(harmonics, cos_2, sin_2):
+    """Value of a constant where twice the electrical angle has this cosine and sine."""
+    mean, of_cos, of_sin = harmonics
+    return mean + of_cos * cos_2 + of_sin * sin_2
+
+
+@kernel()
+def torque_constant(drive: FieldOrientedDrive, cos, sin, cos_2, sin_2):
+    """Torque per ampere of the axis q [N.m/A] (M35)."""
+    K = at_angle(drive.K, cos_2, sin_2)
+    return K + (
+        at_angle(drive.K_cos, cos_2, sin_2) * cos + at_angle(drive.K_sin, cos_2, sin_2) * sin
+    )
+
+
+@kernel()
+def field_oriented_drive(drive: FieldOrientedDrive, position, cos, sin, currents, I_ref, omega):
+    """Return current and its loop's memory [A, V], torque and torque ripple [N.m] after one step.
+
+    ``currents`` are current and memory before it, ``cos`` and ``sin`` those of theta_m. The ripple
+    is that of the PWM, which is averaged (M35).
+    """
+    I, z = currents
+    cos_2, sin_2 = times_angle(cos, sin, 2 * drive.poles)
+    K = torque_constant(drive, cos, sin, cos_2, sin_2)
+    v_d = drive.poles * omega * (drive.L * I)
+    # Of the amplitude, what the axis d leaves, by the first terms of its root.
+    most = max(drive.V_max - drive.halved * (v_d * v_d), 0.0)
+    wanted = drive.K_p * (I_ref - I) + z + drive.k * omega
+    voltage = min(max(wanted, -most), most)
+    induced = (2.0 / 3.0) * (K * omega)
+    z = z + drive.K_i * (I_ref - I + drive.A_p * (voltage - wanted))
+    I = I + drive.slew * (voltage - at_angle(drive.R, cos_2, sin_2) * I - induced)
+    return (I, z), clip(K * I, drive.T_max), 0.0
+
+
+@kernel()
+def memory_of_current(drive: FieldOrientedDrive, I):
+    """Return a steady current with the memory of its loop [A, V]."""
+    return I, I * drive.R[0]
+
+
+@kernel()
+def axis_current(drive: FieldOrientedDrive, position, currents):
+    """Return the current of the axis q [A]."""
+    return currents[0]
+
+
+@kernel()
+def available_axis_current(drive: FieldOrientedDrive, theta_m, cos, sin, omega, I):
+    """Return the largest current in the direction of ``I`` that voltage and torque limit allow."""
+    cos_2, sin_2 = times_angle(cos, sin, 2 * drive.poles)
+    K = torque_constant(drive, cos, sin, cos_2, sin_2)
+    voltage = drive.V_max - math.copysign((2.0 / 3.0) * K, I) * omega
+    of_voltage = max(voltage / at_angle(drive.R, cos_2, sin_2), 0.0)
+    return min(of_voltage, drive.T_max / abs(K))
+
+
+@kernel()
+def no_position(drive: FieldOrientedDrive, theta_m):
+    """Return that no pair of phases is driven."""
+    return 0.0

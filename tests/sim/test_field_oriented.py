@@ -1,0 +1,167 @@
+"""The sinusoidal motor under field-oriented control, against closed forms (M33, M34)."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.commands import THESIS_CHIRP
+from ema_core.current_loop import current_loop
+from ema_core.faults import fault_vector
+from ema_core.parameters import ActuatorParameters
+from ema_sim.actuator import SimulatedActuator
+from ema_sim.field_oriented import FieldOrientedState
+
+# k_t is 3/2 P lambda, of which k_e = sqrt(3) P lambda.
+P = ActuatorParameters(k_t=0.0752 * math.sqrt(3.0) / 2.0)
+LOOP = current_loop(P)
+LOCKED = replace(P, f_sm=1e4)
+
+
+def actuator(parameters=P, sample_period=1e-4, faults=None) -> SimulatedActuator:
+    one = SimulatedActuator(parameters, sample_period=sample_period, drive="field_oriented")
+    one.faults = fault_vector(faults or {})
+    return one
+
+
+def axes(x: FieldOrientedState, theta_m: float, poles: int = P.P) -> tuple[float, float]:
+    """Return the currents of the axes d and q with the motor at an angle."""
+    c, s = math.cos(poles * theta_m), math.sin(poles * theta_m)
+    return -c * x.i_alpha - s * x.i_beta, s * x.i_alpha - c * x.i_beta
+
+
+def torques_per_ampere(faults, steps=3000):
+    """Return motor angle, current of the axis q and torque over steps of 1 us of a fast motion."""
+    # So much voltage and torque that neither is limited.
+    one, found = actuator(replace(P, V_max=300.0, T_max=10.0), 1e-6, faults), []
+    one.advance(np.full(4000, 0.02))
+    for _ in range(steps // 10):
+        theta_m = one.state.theta_m
+        one.advance([0.02])
+        x = one.state
+        found.append((theta_m, *axes(x, theta_m), x.torque))
+        one.advance(np.full(40, 0.02))
+    return np.array(found).T
+
+
+def test_torque_is_three_halves_of_pole_pairs_flux_and_current():
+    theta_m, _, i_q, torque = torques_per_ampere({})
+    flux = P.k_e / (math.sqrt(3.0) * P.P)
+    assert np.ptp(theta_m) > 1.0  # some electrical turns
+    np.testing.assert_allclose(torque, 1.5 * P.P * flux * i_q, rtol=1e-9)
+    np.testing.assert_allclose(torque, P.k_t * i_q, rtol=1e-9)
+
+
+def test_eccentricity_makes_torque_per_ampere_a_wave_of_2_p_less_1_periods():
+    """K (1 - zeta/2 cos(2 P theta_m - theta_m - phi)), without a mean: the phases cancel it."""
+    theta_m, i_d, i_q, torque = torques_per_ampere({"eccentricity": 0.4})
+    wave = 1.0 - 0.2 * np.cos((2 * P.P - 1) * theta_m)
+    largest = np.abs(i_q).max()
+    # The current of the axis d, which the faults disturb, meets the other part of the wave.
+    assert np.abs(i_d).max() < 0.1 * largest
+    np.testing.assert_allclose(torque, P.k_t * i_q * wave, atol=0.02 * P.k_t * largest)
+
+
+def test_short_circuit_takes_its_share_of_the_mean_and_makes_a_wave_of_2_p_periods():
+    """Sum of N_i sin^2: mean (N_a + N_b + N_c) / 3, wave of a third of the missing turns."""
+    theta_m, _, i_q, torque = torques_per_ampere({"short_circuit_a": 0.3})
+    expected = 0.9 + 0.1 * np.cos(2 * P.P * theta_m)
+    np.testing.assert_allclose(
+        torque, P.k_t * i_q * expected, atol=0.01 * P.k_t * np.abs(i_q).max()
+    )
+
+
+def test_current_responds_as_a_first_order_lag_of_the_described_bandwidth():
+    one = actuator(LOCKED, 1e-6)
+    wanted = 5.0
+    command = wanted * P.k_t / P.GAP / P.G_prop
+    response = []
+    for _ in range(600):
+        one.advance([command])
+        response.append(axes(one.state, 0.0)[1])
+    # The command is 0 at the start of the first step. An implicit step is half of one late, 0.3 %.
+    t = 1e-6 * np.arange(600)
+    np.testing.assert_allclose(
+        response, wanted * (1.0 - np.exp(-P.omega_c * t)), atol=0.004 * wanted
+    )
+
+
+def test_speed_is_that_at_which_the_speed_loop_holds_friction():
+    """GAP (omega_max - omega) = f_d + C omega, where the voltage suffices."""
+    fast = replace(P, V_max=200.0, theta_stop=100.0)
+    one = actuator(fast)
+    one.advance(np.full(6000, 50.0))
+    f_d, C = fast.f_ratio * (fast.f_sm + fast.f_su), fast.C_m + fast.C_u
+    expected = (fast.GAP * fast.omega_max - f_d) / (fast.GAP + C)
+    assert one.state.omega == pytest.approx(expected, rel=1e-6)
+
+
+def test_largest_speed_is_that_at_which_back_emf_and_drop_take_the_linear_range():
+    """V_max / sqrt(3) = k omega + R i_q, with so little inductance that i_d does not matter."""
+    weak = replace(P, V_max=30.0, L_s=1e-5, theta_stop=100.0)
+    one = actuator(weak)
+    one.advance(np.full(8000, 50.0))
+    f_d, C = weak.f_ratio * (weak.f_sm + weak.f_su), weak.C_m + weak.C_u
+    omega = one.state.omega
+    drop = 0.5 * weak.R_s * (f_d + C * omega) / P.k_t
+    assert LOOP.k * omega + drop == pytest.approx(weak.V_max / math.sqrt(3.0), rel=1e-3)
+
+
+def test_power_of_supply_is_that_of_shaft_and_copper():
+    one = actuator(replace(P, V_max=200.0, theta_stop=100.0))
+    one.advance(np.full(6000, 50.0))
+    x = one.state
+    i_d, i_q = axes(x, x.theta_m)
+    assert isinstance(x, FieldOrientedState)
+    omega_e, R = P.P * x.omega, 0.5 * P.R_s
+    v_d = x.z_d - LOOP.K_p * i_d - omega_e * LOOP.L * i_q
+    # The speed loop wants the steady current.
+    v_q = x.z_q + omega_e * LOOP.L * i_d + LOOP.k * x.omega
+    supplied = 1.5 * (v_d * i_d + v_q * i_q)
+    # The step turns the axes by P omega dt = 0.002 rad.
+    assert supplied == pytest.approx(x.torque * x.omega + 1.5 * R * (i_d**2 + i_q**2), rel=5e-3)
+
+
+def test_samples_do_not_depend_on_the_blocks():
+    command = THESIS_CHIRP.sample(1e-4)[:600]
+    faults = {"short_circuit_b": 0.2, "eccentricity": 0.3}
+    whole = actuator(faults=faults).advance(command)
+    parts = actuator(faults=faults)
+    current = np.concatenate([parts.advance(part).current for part in np.split(command, 6)])
+    np.testing.assert_array_equal(current, whole.current)
+
+
+def test_current_has_no_ripple_of_an_inverter():
+    """At constant speed it is smooth: its steps are those of no hysteresis."""
+    one = actuator(replace(P, V_max=200.0, theta_stop=100.0))
+    current = one.advance(np.full(6000, 50.0)).current[-500:]
+    assert np.ptp(current) < 1e-6 * current.mean()
+
+
+def test_open_phase_carries_nothing():
+    one = actuator()
+    one.causes = {"open_phase_a": 1.0}
+    one.advance(THESIS_CHIRP.sample(1e-4)[:1000])
+    # i_alpha is that of phase A, of some 50 V over 10 Mohm.
+    assert abs(one.state.i_alpha) < 1e-5
+
+
+def test_phases_with_hardly_any_turns_stay_finite():
+    """The step is implicit: the loop is ten thousand times too fast for them."""
+    faults = {"short_circuit_a": 0.99, "short_circuit_b": 0.99}
+    block = actuator(faults=faults).advance(THESIS_CHIRP.sample(1e-4)[:2000])
+    assert np.abs(block.current).max() < 2 * P.I_max
+
+
+@pytest.mark.parametrize("name", ["dead_time", "dead_switch"])
+def test_causes_of_a_switching_inverter_are_refused_by_name(name):
+    one = actuator()
+    with pytest.raises(ValueError, match=f"{name}: the inverter of a field_oriented drive"):
+        one.causes = {name: 1e-6 if name == "dead_time" else 1.0}
+    assert one.causes == {}
+
+
+def test_drive_that_nobody_knows_is_not_simulated():
+    with pytest.raises(ValueError, match="drive 'unknown' cannot be simulated"):
+        SimulatedActuator(drive="unknown")
