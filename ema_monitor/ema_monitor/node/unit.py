@@ -7,8 +7,8 @@ from dataclasses import replace
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_interfaces.msg import Health as HealthMessage
-from ema_monitor.identification.combination import Tally
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.tally import Tally
 from ema_monitor.node.messages import health_to_message
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
 from ema_monitor.windows.finder import Segment, WindowFinder

@@ -5,7 +5,8 @@ It serves live telemetry, replays and bags alike: nothing depends on when a bloc
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
@@ -19,6 +20,9 @@ from ema_monitor.windows.trigger import (
     WindowTrigger,
 )
 from ema_monitor.windows.window import Window
+
+_LEAST_SAMPLES: Final = 500
+_LONGEST_STRETCH_S: Final = 100.0
 
 
 @dataclass(frozen=True)
@@ -222,4 +226,8 @@ class WindowFinder:
 
 def _trigger(description: ActuatorDescription, settings: TriggerSettings) -> WindowTrigger:
     kind = StretchTrigger if settings.windows == ANY_MOTION else WindowTrigger
+    if description.drive == "unknown" and kind is StretchTrigger:
+        # Slow samples: a stretch has to hold several moves, to tell a load from friction.
+        least_s = min(_LEAST_SAMPLES * description.sample_period, _LONGEST_STRETCH_S)
+        settings = replace(settings, window_s=max(settings.window_s, least_s))
     return kind(description.parameters, settings)
