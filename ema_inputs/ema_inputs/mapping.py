@@ -128,6 +128,10 @@ class CurrentSource(Source):
                 f"phases = {list(self.phases)} and torque_sign = {self.torque_sign!r} with kind = "
                 f"{self.kind}: phase_currents needs both, no other kind has them"
             )
+        if self.topic:
+            for path in (*self.phases, self.torque_sign):
+                if path:
+                    FieldPath(path)
         if is_phases and len(self.phases) not in (2, 3):
             raise ValueError(
                 f"phases = {list(self.phases)}: expected the sources of three phases, or of two"
