@@ -20,6 +20,7 @@ _FROZEN_SHARE: Final = 0.5
 _RATIO_WITHIN: Final = 0.03
 _CURRENT_SIZE: Final = 8.0
 _MANY: Final = 0.01
+_WITH_PREFIX: Final = ("A", "mA", "N.m", "mN.m")
 
 
 @dataclass(frozen=True)
@@ -252,18 +253,19 @@ def _wrong_current(
     if correlation < 0.4:
         return
     for factor in (1e3, 1e-3):
-        if 1.0 / _CURRENT_SIZE < slope / factor < _CURRENT_SIZE:
-            meant = source.unit.removeprefix("m") if factor < 1.0 else f"m{source.unit}"
-            yield Defect(
-                "current_unit",
-                True,
-                f"the current is {slope:.3g} times as large as inertia and friction of the "
-                "description need",
-                f"current: {{unit: {meant}}}"
-                if meant in ("A", "mA", "N.m", "mN.m")
-                else f"current: {{scale: {source.scale / factor:g}}}",
-            )
-            return
+        if not 1.0 / _CURRENT_SIZE < slope / factor < _CURRENT_SIZE:
+            continue
+        meant = f"m{source.unit}" if factor > 1.0 else source.unit.removeprefix("m")
+        is_unit = meant in _WITH_PREFIX and meant != source.unit
+        remedy = f"unit: {meant}" if is_unit else f"scale: {source.scale / factor:g}"
+        yield Defect(
+            "current_unit",
+            True,
+            f"the current is {slope:.3g} times as large as inertia and friction of the "
+            "description need",
+            f"current: {{{remedy}}}",
+        )
+        return
     if not 1.0 / 30.0 < slope < 30.0:
         yield Defect(
             "current_size",

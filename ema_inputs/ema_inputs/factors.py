@@ -148,7 +148,7 @@ def _options(source: Source, tau: float) -> Iterator[_Option]:
         if sign < 0:
             changes.append(("sign", -source.sign))
         # Units that nobody uses for the whole of an angle only where nothing else explains it.
-        rare = 0.5 * (unit in ("arcmin", "mrad/s", "mrad"))
+        rare = 0.5 * (unit in ("arcmin", "mrad/s", "mrad")) + 0.2 * is_other
         yield _Option(factor, tuple(changes), len(changes) + rare)
     for scale in (1e3, 1e-3):
         yield _Option(scale, (("scale", source.scale * scale),), 1.5)
