@@ -1,6 +1,6 @@
 """A robot of another make, as a process: one joint of our simulator, published as others do it.
 
-python robot.py RATE_HZ CYCLES FAULT COMMAND: JointState on /joint_states with the current as
+python robot.py RATE_HZ CYCLES FRICTION COMMAND: JointState on /joint_states with the current as
 effort, and the command on /command, as Float64MultiArray sent before each state ("numbers"), or as
 JointTrajectory, a message a cycle ("trajectory").
 """
