@@ -67,7 +67,10 @@ def test_table_of_the_same_data_gives_the_same_estimate_as_the_bag(ema, recorded
     expected, found = estimated(ema, recorded[0]), estimated(ema, output)
     assert found["valid"]
     for key in ("faults", "sigma"):
-        assert found[key] == pytest.approx(expected[key], rel=1e-9, abs=1e-9)
+        for name, value in expected[key].items():
+            # The direction of an eccentricity that is not there has no standard deviation.
+            same = value if value is None else pytest.approx(value, rel=1e-9, abs=1e-9)
+            assert found[key][name] == same
     assert (found["start"], found["end"]) == (expected["start"], expected["end"])
 
 

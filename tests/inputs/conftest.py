@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
-from ema_inputs.mapping import Mapping, mapping_from
+from ema_inputs.mapping import Mapping
+from ema_inputs.mapping_file import mapping_from
 from ema_sim import simulate
 
 COLUMNS = {"position": "p", "command": "c", "speed": "s", "current": "i", "clock": "t"}

@@ -5,7 +5,7 @@ import pytest
 
 from ema_inputs.files import InputFile
 from ema_inputs.importing import import_series
-from ema_inputs.mapping import mapping_from
+from ema_inputs.mapping_file import mapping_from
 
 from . import other_makes
 from .conftest import described

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ema_core.acquisition import Acquisition
 from ema_inputs.bridging import Bridge
-from ema_inputs.mapping import mapping_from
+from ema_inputs.mapping_file import mapping_from
 from ema_inputs.settings import BridgeSettings
 
 from .conftest import cycle, described
@@ -84,7 +85,7 @@ def test_what_is_not_measured_is_empty_and_said(telemetry):
     blocks = run(target, telemetry, stamps_of(telemetry))
     assert all(len(block.speed) == len(block.current) == 0 for block in blocks)
     assert target.description is not None
-    assert target.description.acquisition.missing == ("current", "speed")
+    assert target.description.acquisition == Acquisition("none", 0.0, False)
 
 
 def test_messages_without_a_stamp_are_put_on_a_line(telemetry):

@@ -8,7 +8,7 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_inputs.conversion import convert
-from ema_inputs.mapping import mapping_from
+from ema_inputs.mapping_file import mapping_from
 from ema_inputs.trajectory import Trajectory, evaluate
 
 FLAP = ActuatorDescription()

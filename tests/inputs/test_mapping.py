@@ -7,8 +7,7 @@ import yaml
 
 from ema_core.acquisition import Acquisition
 from ema_inputs.field_path import FieldPath
-from ema_inputs.mapping import mapping_from
-from ema_inputs.mapping_file import load_mapping, mapping_text
+from ema_inputs.mapping_file import load_mapping, mapping_from, mapping_text
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "ema_inputs" / "mappings").glob("*.yaml"))
 

@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ema_inputs.mapping import Table, mapping_from
+from ema_inputs.mapping import Table
+from ema_inputs.mapping_file import mapping_from
 from ema_inputs.series import NO_STAMP
 from ema_inputs.tables import read_columns, stamps_of, table_series
 

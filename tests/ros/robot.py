@@ -65,11 +65,13 @@ def main(rate_hz: float, cycles: int, friction: float, kind: str) -> None:
 def trajectory(command: np.ndarray, stamp_ns: int, h: float) -> JointTrajectory:
     message = JointTrajectory(joint_names=[JOINT])
     message.header.stamp = stamp_to_message(stamp_ns)
+    points = []
     for i, value in enumerate(command):
         seconds, nanoseconds = divmod(round(i * h * 1e9), 1_000_000_000)
         point = JointTrajectoryPoint(positions=[float(value)])
         point.time_from_start = Duration(sec=seconds, nanosec=nanoseconds)
-        message.points.append(point)
+        points.append(point)
+    message.points = points
     return message
 
 
