@@ -69,7 +69,7 @@ def find_defects(
     stamps_ns
         Stamps of the samples, ``(n,)`` [ns].
     """
-    found = list(_not_finite(columns))
+    found = [*_other_drive(mapping, description), *_not_finite(columns)]
     motion = Motion.of(columns, stamps_ns, description.parameters.tau)
     if motion is None:
         return found
@@ -142,6 +142,19 @@ def stream_defects(losses: Losses, rebuilt: int) -> list[Defect]:
 def refused(defects: Iterable[Defect], mapping: Mapping) -> list[Defect]:
     """Return the defects that forbid estimates: errors that the mapping does not accept."""
     return [item for item in defects if item.is_error and item.name not in mapping.accept]
+
+
+def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator[Defect]:
+    current = mapping.measured_current
+    if current is not None and current.kind == "i_q" and description.drive == "six_step":
+        yield Defect(
+            "drive_of_i_q",
+            True,
+            "the current is i_q, which is of a field-oriented drive, and the description has drive "
+            "six_step",
+            "drive: field_oriented in the description, with k_t as torque per ampere of i_q, or "
+            "current: {kind: equivalent}",
+        )
 
 
 def _not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[Defect]:
@@ -250,7 +263,8 @@ def _wrong_current(
             f"current: {{sign: {-source.sign}}}",
         )
         return
-    if correlation < 0.4:
+    # Inertia and friction of a drive of which nothing is known say nothing of the size.
+    if correlation < 0.4 or description.drive == "unknown":
         return
     for factor in (1e3, 1e-3):
         if not 1.0 / _CURRENT_SIZE < slope / factor < _CURRENT_SIZE:

@@ -165,7 +165,7 @@ def write_odrive(bag: OtherBag, telemetry: Telemetry, delays: Any) -> None:
             telemetry.position[i] / TAU / turn,
             telemetry.speed[i] / turn,
             *(0.0, 0.0, 0.0),
-            telemetry.current[i] / np.sqrt(0.75),
+            telemetry.current[i],
             *(0, 8, 0, True),
         )
         bag.write("/axis0/controller_status", status, received)

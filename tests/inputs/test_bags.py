@@ -1,5 +1,7 @@
 """Bags of other makes, of both storages of rosbag2, give the telemetry that was published."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -30,8 +32,8 @@ def joint_states(**changes):
     return mapping_from(content | changes)
 
 
-def imported(path, mapping):
-    return import_series(InputFile(path).series(mapping), mapping, FLAP)
+def imported(path, mapping, description=FLAP):
+    return import_series(InputFile(path).series(mapping), mapping, description)
 
 
 def assert_same(found, telemetry, start=0, tolerance=1e-12):
@@ -141,7 +143,7 @@ def test_drive_of_odrive_is_the_telemetry_but_for_its_stamps(telemetry, tmp_path
             ),
         }
     )
-    found = imported(tmp_path / "bag", mapping)
+    found = imported(tmp_path / "bag", mapping, replace(FLAP, drive="field_oriented"))
     [run] = found.runs
     expected = np.column_stack([getattr(telemetry, name) for name in found.filled])
     # Single precision on the wire.

@@ -66,7 +66,7 @@ def test_what_is_not_mapped_is_empty():
         ({"unit": "mA"}, 1500.0, 1.5),
         ({"kind": "motor_torque", "unit": "N.m"}, P.k_t * 3.0, 3.0),
         ({"kind": "joint_torque", "unit": "N.m"}, P.k_t * 3.0 / P.tau, 3.0),
-        ({"kind": "i_q"}, 2.0, math.sqrt(3.0)),
+        ({"kind": "i_q"}, 2.0, math.sqrt(3.0)),  # torque constant phase to phase, 3/2 k_t / sqrt(3)
     ],
 )
 def test_equivalent_current_gives_the_torque_of_the_source(section, raw, expected):
@@ -75,13 +75,16 @@ def test_equivalent_current_gives_the_torque_of_the_source(section, raw, expecte
 
 
 def test_conventions_of_i_q_give_one_torque():
-    """A current of 1 A peak, as each convention counts it."""
+    """A current of 1 A peak, as each convention counts it; the constant is that of i_q (M33)."""
+    drive = replace(FLAP, drive="field_oriented")
     counted = {"peak": 1.0, "rms": math.sqrt(0.5), "power": math.sqrt(1.5)}
     found = [
-        converted({"current": raw}, current={"source": "i", "kind": "i_q", "amplitude": name})
+        converted(
+            {"current": raw}, drive, current={"source": "i", "kind": "i_q", "amplitude": name}
+        )
         for name, raw in counted.items()
     ]
-    assert [item["current"][0] for item in found] == pytest.approx([math.sqrt(0.75)] * 3)
+    assert [item["current"][0] for item in found] == pytest.approx([1.0] * 3)
 
 
 def phases(angle):
@@ -98,7 +101,7 @@ def test_phase_currents_of_a_sinusoidal_motor_are_those_of_i_q_at_any_angle(coun
         if count == 2:
             del raw["phase_c"]
         found = converted(raw, drive, current=section)["current"]
-        assert found[0] == pytest.approx(-math.sqrt(0.75), rel=1e-12)
+        assert found[0] == pytest.approx(-1.0, rel=1e-12)
 
 
 def test_phase_currents_of_six_steps_are_half_their_magnitudes():

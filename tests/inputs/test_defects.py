@@ -1,5 +1,7 @@
 """What is wrong is named before anything is estimated, with its value and what to write."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -95,6 +97,25 @@ def test_accepted_defect_does_not_forbid_estimates(found, mapped):
 def test_position_at_the_motor_is_said_to_hide_the_backlash(found, mapped):
     [defect] = found(mapped(position={"source": "p", "shaft": "motor"}))
     assert (defect.name, defect.is_error) == ("position_at_motor", False)
+
+
+def test_current_of_another_drive_than_that_of_the_description_is_named(found, mapped):
+    [defect] = found(mapped(current={"source": "i", "kind": "i_q"}))
+    assert (defect.name, defect.is_error) == ("drive_of_i_q", True)
+    assert "drive: field_oriented in the description" in defect.remedy
+
+
+def test_limits_and_sizes_of_a_drive_nobody_knows_are_not_held_against_it(
+    telemetry, columns, mapped
+):
+    """Its description has them by default only."""
+    unknown = replace(FLAP, drive="unknown")
+    far = {name: columns[name] * (200.0 if name != "current" else 900.0) for name in columns}
+    assert find_defects(far, telemetry.stamps_ns, mapped(), unknown) == []
+    [defect] = find_defects(
+        columns | {"current": -columns["current"]}, telemetry.stamps_ns, mapped(), unknown
+    )
+    assert defect.name == "current_sign_reversed"
 
 
 def test_nothing_is_said_of_an_actuator_at_rest(telemetry, mapped):
