@@ -7,7 +7,7 @@ DEMO_S ?= 60
 # Bytecode is written, whatever the shell has: else every process that a test starts compiles all of
 # its modules, and pytest all tests.
 pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
-numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study
+numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study tests/inputs
 
 .PHONY: page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers calibration sample lock clean distclean
 

@@ -13,6 +13,9 @@ from ema_core.quantity import is_finite_number
 COLUMNS = ("command", "current", "position", "speed")
 """Columns of telemetry, in the order of the messages."""
 
+OPTIONAL = ("current", "speed")
+"""Columns that may be empty, where they are not measured."""
+
 PERIODS = (1e-9, 1.0)
 """Shortest and longest permitted sample period [s]."""
 
@@ -21,8 +24,10 @@ PERIODS = (1e-9, 1.0)
 class Telemetry:
     """Consecutive samples at a fixed period.
 
-    Sample i covers ((i-1) h, i h]: current is its mean over that interval, the other columns are
-    the values at its end.
+    Sample i covers ((i-1) h, i h]: current is its mean over that interval, or what else the
+    description of the actuator says of it (`ema_core.acquisition`); the other columns are the
+    values at its end. The column of a quantity that is not measured is empty: current and speed
+    may be.
 
     Attributes
     ----------
@@ -35,14 +40,15 @@ class Telemetry:
     command, position
         Angle of the user shaft, ``(n,)`` [rad]; position is measured after the backlash.
     current
-        Equivalent current, ``(n,)`` [A].
+        Equivalent current, ``(n,)`` [A], or ``(0,)`` where it is not measured.
     speed
-        Speed of the motor shaft, ``(n,)`` [rad/s].
+        Speed of the motor shaft, ``(n,)`` [rad/s], or ``(0,)`` where it is not measured.
 
     Raises
     ------
     ValueError
-        When the columns differ in length or are empty, or the period is outside ``PERIODS``.
+        When the columns differ in length, command or position is empty, or the period is outside
+        ``PERIODS``.
     """
 
     stamp_ns: int
@@ -56,12 +62,21 @@ class Telemetry:
     def __post_init__(self) -> None:
         check_period(self.sample_period)
         lengths = {name: len(getattr(self, name)) for name in COLUMNS}
-        if len(set(lengths.values())) != 1 or not len(self.command):
+        measured = {length for name, length in lengths.items() if length or name not in OPTIONAL}
+        if len(measured) != 1 or not len(self.command):
             listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
-            raise ValueError(f"telemetry columns must have one length of at least 1, not {listed}")
+            raise ValueError(
+                f"telemetry columns must have one length of at least 1, not {listed}; only "
+                f"{' and '.join(OPTIONAL)} may be empty, where they are not measured"
+            )
 
     def __len__(self) -> int:
         return len(self.command)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Names of the columns that are not measured."""
+        return tuple(name for name in OPTIONAL if not len(getattr(self, name)))
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
@@ -139,7 +154,8 @@ def join(blocks: list[Telemetry]) -> Telemetry:
     Parameters
     ----------
     blocks
-        At least one block, each beginning where the one before ends.
+        At least one block, each beginning where the one before ends, with the same columns
+        measured.
     """
     first = blocks[0]
     return Telemetry(

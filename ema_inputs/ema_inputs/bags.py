@@ -131,8 +131,10 @@ def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
             raise ValueError(
                 f"{bag.path}: topic {name} holds {there.type_name}, the mapping says {type_name}"
             )
-    for topic, message, sent_ns, received_ns in bag.messages(collector.topics):
-        collector.add(topic, message, sent_ns, received_ns)
+    # Names may have been recorded after the first values that they are of.
+    for part in (collector.names_topics, collector.topics):
+        for topic, message, sent_ns, received_ns in bag.messages(part) if part else ():
+            collector.add(topic, message, sent_ns, received_ns)
     found = collector.series()
     for name, series in found.items():
         if not len(series):

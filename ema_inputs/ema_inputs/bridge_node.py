@@ -22,7 +22,7 @@ from ema_ros.description import description_to_message
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 from ema_ros.settings import declare, read
-from ema_ros.status import ERROR, OK, STALE, WARN, Task
+from ema_ros.status import ERROR, OK, STALE, WARN, Task, hardware_name
 from ema_ros.telemetry import telemetry_to_message
 
 _DISCOVERY_S: Final = 0.2
@@ -45,8 +45,9 @@ class BridgeNode(ManagedNode):
 
     @property
     def hardware_id(self) -> str:
-        """Serial number of the actuator."""
-        return self._description.serial_number
+        """Namespace, name and serial number of the actuator."""
+        unit = self._description
+        return hardware_name(self.get_namespace(), unit.actuator_id, unit.serial_number)
 
     def configure(self) -> None:
         """Read mapping and description."""
@@ -55,6 +56,8 @@ class BridgeNode(ManagedNode):
             raise ValueError("parameter mapping_file = '': expected a YAML file (docs/inputs.md)")
         file = settings.actuator_file
         self._description = load_description(Path(file)) if file else ActuatorDescription()
+        for remark in self._description.remarks:
+            self.get_logger().warning(f"{self._description.actuator_id}: {remark}")
         self._settings = settings
         self._mapping = load_mapping(Path(settings.mapping_file))
         self._bridge = Bridge(self._mapping, self._description, settings)

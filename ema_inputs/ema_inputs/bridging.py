@@ -24,6 +24,7 @@ _LEAST_SAMPLES: Final = 40
 _LOOK_BACK_S: Final = 10.0
 _CHECK_S: Final = 0.2
 _OTHER_RATE: Final = 0.02
+_RECENT_NS: Final = 1_000_000_000
 _MOST_WAITING: Final = 200_000
 
 
@@ -258,8 +259,8 @@ class Bridge:
             *find_defects(whole, times, self._mapping, self.description),
         ]
         if self._clock is None and len(times) > _LEAST_SAMPLES:
-            recent = times[-max(_LEAST_SAMPLES, round(1.0 / h)) :]
-            if np.all(np.diff(recent) > 0):
+            recent = times[times > times[-1] - _RECENT_NS]
+            if len(recent) > _LEAST_SAMPLES and np.all(np.diff(recent) > 0):
                 found = find_rate(recent, self._mapping.clock.rate_hz)
                 if abs(found.measured_period / self.rate.measured_period - 1.0) > _OTHER_RATE:
                     self._has_other_rate = True

@@ -11,13 +11,12 @@ from ema_core.description import ActuatorDescription
 from ema_inputs.mapping import AngleSource, CurrentSource, Mapping, SpeedSource
 from ema_inputs.units import ANGLES, CURRENTS, SPEEDS, TORQUES
 
-I_Q_GAIN: Final = {
-    "peak": math.sqrt(3.0) / 2.0,
-    "rms": math.sqrt(1.5),
-    "power": math.sqrt(0.5),
-}
-"""Equivalent current over i_q by its convention: the current that gives the same torque with the
-constant phase to phase, as T = 3/2 (k_t / sqrt(3)) i_peak."""
+PEAK: Final = {"peak": 1.0, "rms": math.sqrt(2.0), "power": math.sqrt(2.0 / 3.0)}
+"""Amplitude of the phase currents over i_q, by its convention."""
+
+_PHASE_TO_PHASE: Final = math.sqrt(3.0) / 2.0
+"""Current of a torque constant phase to phase over the amplitude of the phase currents, by the same
+torque: T = 3/2 (k_t / sqrt(3)) i_q (M33)."""
 
 
 def convert(
@@ -68,7 +67,8 @@ def current_factor(source: CurrentSource, description: ActuatorDescription) -> f
     if source.kind == "joint_torque":
         return factor * TORQUES[source.unit] * p.tau / p.k_t
     if source.kind == "i_q":
-        return factor * CURRENTS[source.unit] * I_Q_GAIN[source.amplitude or "peak"]
+        constant = _PHASE_TO_PHASE if description.drive == "six_step" else 1.0
+        return factor * CURRENTS[source.unit] * PEAK[source.amplitude or "peak"] * constant
     return factor * CURRENTS[source.unit]
 
 
@@ -87,7 +87,7 @@ def _current(
     description: ActuatorDescription,
 ) -> NDArray[np.float64]:
     if source.kind == "phase_currents":
-        values = _of_phases(raw, description.drive == "field_oriented")
+        values = _of_phases(raw, description.drive != "six_step")
     else:
         values = raw["current"]
     return _scaled(values, current_factor(source, description), source.offset)
@@ -99,7 +99,7 @@ def _of_phases(raw: Columns[str, NDArray[np.float64]], is_sinusoidal: bool) -> N
     c = raw["phase_c"] if "phase_c" in raw else -a - b
     if is_sinusoidal:
         # The magnitude of the space vector is the peak of i_q, as i_d is zero.
-        magnitude = I_Q_GAIN["peak"] * np.sqrt((a * a + b * b + c * c) * (2.0 / 3.0))
+        magnitude = np.sqrt((a * a + b * b + c * c) * (2.0 / 3.0))
     else:
         magnitude = (np.abs(a) + np.abs(b) + np.abs(c)) / 2.0
     return np.sign(raw["torque_sign"]) * magnitude

@@ -20,6 +20,7 @@ _FROZEN_SHARE: Final = 0.5
 _RATIO_WITHIN: Final = 0.03
 _CURRENT_SIZE: Final = 8.0
 _MANY: Final = 0.01
+_WITH_PREFIX: Final = ("A", "mA", "N.m", "mN.m")
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def find_defects(
     stamps_ns
         Stamps of the samples, ``(n,)`` [ns].
     """
-    found = list(_not_finite(columns))
+    found = [*_other_drive(mapping, description), *_not_finite(columns)]
     motion = Motion.of(columns, stamps_ns, description.parameters.tau)
     if motion is None:
         return found
@@ -141,6 +142,19 @@ def stream_defects(losses: Losses, rebuilt: int) -> list[Defect]:
 def refused(defects: Iterable[Defect], mapping: Mapping) -> list[Defect]:
     """Return the defects that forbid estimates: errors that the mapping does not accept."""
     return [item for item in defects if item.is_error and item.name not in mapping.accept]
+
+
+def _other_drive(mapping: Mapping, description: ActuatorDescription) -> Iterator[Defect]:
+    current = mapping.measured_current
+    if current is not None and current.kind == "i_q" and description.drive == "six_step":
+        yield Defect(
+            "drive_of_i_q",
+            True,
+            "the current is i_q, which is of a field-oriented drive, and the description has drive "
+            "six_step",
+            "drive: field_oriented in the description, with k_t as torque per ampere of i_q, or "
+            "current: {kind: equivalent}",
+        )
 
 
 def _not_finite(columns: dict[str, NDArray[np.float64]]) -> Iterator[Defect]:
@@ -249,21 +263,23 @@ def _wrong_current(
             f"current: {{sign: {-source.sign}}}",
         )
         return
-    if correlation < 0.4:
+    # Inertia and friction of a drive of which nothing is known say nothing of the size.
+    if correlation < 0.4 or description.drive == "unknown":
         return
     for factor in (1e3, 1e-3):
-        if 1.0 / _CURRENT_SIZE < slope / factor < _CURRENT_SIZE:
-            meant = source.unit.removeprefix("m") if factor < 1.0 else f"m{source.unit}"
-            yield Defect(
-                "current_unit",
-                True,
-                f"the current is {slope:.3g} times as large as inertia and friction of the "
-                "description need",
-                f"current: {{unit: {meant}}}"
-                if meant in ("A", "mA", "N.m", "mN.m")
-                else f"current: {{scale: {source.scale / factor:g}}}",
-            )
-            return
+        if not 1.0 / _CURRENT_SIZE < slope / factor < _CURRENT_SIZE:
+            continue
+        meant = f"m{source.unit}" if factor > 1.0 else source.unit.removeprefix("m")
+        is_unit = meant in _WITH_PREFIX and meant != source.unit
+        remedy = f"unit: {meant}" if is_unit else f"scale: {source.scale / factor:g}"
+        yield Defect(
+            "current_unit",
+            True,
+            f"the current is {slope:.3g} times as large as inertia and friction of the "
+            "description need",
+            f"current: {{{remedy}}}",
+        )
+        return
     if not 1.0 / 30.0 < slope < 30.0:
         yield Defect(
             "current_size",

@@ -6,7 +6,6 @@ with the fewest changes of the mapping is taken.
 """
 
 import itertools
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
@@ -71,6 +70,8 @@ def explain(
         Empty where they agree as they are; None where no change explains them.
     """
     p = description.parameters
+    # Of a drive of which nothing is known, neither are the limits.
+    is_known = description.drive != "unknown"
     gain = motion.gain
     ratio = motion.speed_ratio
     reach = float(np.max(np.abs(motion.position)))
@@ -86,7 +87,7 @@ def explain(
 
     def agrees(factors: dict[str, float]) -> bool:
         position = factors["position"]
-        if reach * abs(position) > _OVER_STOP * p.theta_stop:
+        if is_known and reach * abs(position) > _OVER_STOP * p.theta_stop:
             return False
         if follows and gain is not None:
             new = gain * position / factors["command"]
@@ -96,7 +97,7 @@ def explain(
             speed = factors["speed"]
             if abs(ratio * position / speed - 1.0) > _RATIO_WITHIN:
                 return False
-            if fastest * abs(speed) > _OVER_SPEED * max(p.omega_max, p.V_max / p.k_e):
+            if is_known and fastest * abs(speed) > _OVER_SPEED * max(p.omega_max, p.V_max / p.k_e):
                 return False
         return True
 
@@ -120,7 +121,7 @@ def explain(
             best = weight, chosen
     if best is None or best[1] is None:
         return None
-    numbers = {"gain": gain, "ratio": ratio, "reach": reach}
+    numbers = {"gain": gain, "ratio": ratio, "reach": reach, "stop": p.theta_stop}
     return [
         Change(name, entry, value, _reason(name, entry, value, sources[name], numbers))
         for name, item in best[1].items()
@@ -148,7 +149,7 @@ def _options(source: Source, tau: float) -> Iterator[_Option]:
         if sign < 0:
             changes.append(("sign", -source.sign))
         # Units that nobody uses for the whole of an angle only where nothing else explains it.
-        rare = 0.5 * (unit in ("arcmin", "mrad/s", "mrad"))
+        rare = 0.5 * (unit in ("arcmin", "mrad/s", "mrad")) + 0.2 * is_other
         yield _Option(factor, tuple(changes), len(changes) + rare)
     for scale in (1e3, 1e-3):
         yield _Option(scale, (("scale", source.scale * scale),), 1.5)
@@ -157,14 +158,14 @@ def _options(source: Source, tau: float) -> Iterator[_Option]:
 def _reason(
     name: str, entry: str, value: Any, source: Source, numbers: dict[str, float | None]
 ) -> str:
-    gain, ratio, reach = numbers["gain"], numbers["ratio"], numbers["reach"]
+    gain, ratio, reach, stop = (numbers[key] for key in ("gain", "ratio", "reach", "stop"))
     facts = []
     if gain is not None:
         facts.append(f"the position moves {gain:.4g} times as far as the command")
     if ratio is not None:
         facts.append(f"its derivative is {ratio:.4g} times the speed times the gear ratio")
-    if reach is not None and math.isfinite(reach):
-        facts.append(f"it reaches {reach:.4g} rad")
+    if reach is not None and stop is not None and reach > stop:
+        facts.append(f"the position reaches {reach:.4g} rad, the end stop is at {stop:g} rad")
     now = getattr(source, entry)
     now = f"{now:g}" if isinstance(now, float) else now
     what = (

@@ -225,10 +225,11 @@ def _grows(values: NDArray[Any]) -> bool:
 
 def _unit_of_times(values: NDArray[Any]) -> str:
     finite = values[np.isfinite(values)].astype(float)
-    for least, unit in _EPOCHS:
-        if abs(finite[-1]) > least:
-            return unit
     step = float(np.median(np.diff(finite)))
+    for least, unit in _EPOCHS:
+        # Since 1970, and at a rate that somebody samples with.
+        if abs(finite[-1]) > least and 1e4 < step * TIMES_NS[unit] < 1e9:
+            return unit
     return next((unit for least, unit in _STEPS if step > least), "s")
 
 

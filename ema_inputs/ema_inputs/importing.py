@@ -87,6 +87,9 @@ def import_series(
         raise ValueError(f"{place} has {len(own)} samples: expected at least 2")
     stamps, rebuilt = primary_stamps(own, mapping)
     rate = find_rate(stamps, mapping.clock.rate_hz)
+    if rebuilt == len(own):
+        # They are on a line: what it moves as it follows the clock is no jitter of the samples.
+        rate = replace(rate, jitter=0.0)
     described = replace(description, sample_period=rate.period, acquisition=mapping.acquisition)
     samples = join_topics(by_topic, mapping, stamps)
     columns = convert(samples.raw, mapping, described)

@@ -1,12 +1,11 @@
 """What each column of telemetry is made of, in files, bags and topics of other makes."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 from ema_core.acquisition import CURRENT_SAMPLINGS, Acquisition
 from ema_core.quantity import check_quantities, quantity, text
-from ema_core.wording import unknown_name
 from ema_inputs.field_path import FieldPath
 from ema_inputs.units import ANGLES, CURRENTS, SPEEDS, TIMES_NS, TORQUES
 
@@ -128,6 +127,10 @@ class CurrentSource(Source):
                 f"phases = {list(self.phases)} and torque_sign = {self.torque_sign!r} with kind = "
                 f"{self.kind}: phase_currents needs both, no other kind has them"
             )
+        if self.topic:
+            for path in (*self.phases, self.torque_sign):
+                if path:
+                    FieldPath(path)
         if is_phases and len(self.phases) not in (2, 3):
             raise ValueError(
                 f"phases = {list(self.phases)}: expected the sources of three phases, or of two"
@@ -267,78 +270,3 @@ class Mapping:
                 yield "torque_sign", item.torque_sign, item
             else:
                 yield name, item.source, item
-
-
-SECTIONS: Final = {
-    "position": AngleSource,
-    "command": AngleSource,
-    "error": AngleSource,
-    "speed": SpeedSource,
-    "current": CurrentSource,
-    "clock": Clock,
-    "table": Table,
-}
-"""Class of each section of a mapping file."""
-
-
-def mapping_from(content: Any) -> Mapping:
-    """Return the mapping of nested plain values, as a YAML file holds them.
-
-    Raises
-    ------
-    ValueError
-        When a name is unknown or a value impossible; the message begins with the section.
-    """
-    known = [item.name for item in fields(Mapping)]
-    if not isinstance(content, dict):
-        raise ValueError(f"expected a mapping with {', '.join(known)}, not {content!r}")
-    given: dict[str, Any] = {}
-    joint = content.get("joint", "")
-    for name, section in content.items():
-        if name not in known:
-            raise ValueError(unknown_name("entry", str(name), known))
-        if name in SECTIONS and section is not None:
-            given[name] = _section(name, section, joint)
-        elif name not in SECTIONS:
-            given[name] = section
-    if not isinstance(joint, str):
-        raise ValueError(f"joint = {joint!r}: expected the name of a joint")
-    if not _is_texts(given.get("accept", ())):
-        raise ValueError(f"accept = {given['accept']!r}: expected a list of names of defects")
-    if "position" not in given:
-        raise ValueError("position is missing: expected its source")
-    return Mapping(**given)
-
-
-def _section(name: str, section: Any, joint: str) -> Any:
-    kind = SECTIONS[name]
-    known = [item.name for item in fields(kind)]
-    if isinstance(section, str):
-        section = {"source": section}
-    if not isinstance(section, dict):
-        raise ValueError(f"{name} = {section!r}: expected a mapping with {', '.join(known)}")
-    values = {}
-    for key, value in section.items():
-        if key not in known:
-            raise ValueError(f"{name}: {unknown_name('entry', str(key), known)}")
-        values[key] = _number(value) if key in ("scale", "offset", "filter_time") else value
-    if "phases" in values and not _is_texts(values["phases"]):
-        raise ValueError(f"{name}: phases = {values['phases']!r}: expected a list of sources")
-    if issubclass(kind, Source) and values.get("topic") and joint:
-        values.setdefault("joint", joint)
-    try:
-        return kind(**values)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from error
-
-
-def _is_texts(values: Any) -> bool:
-    return isinstance(values, list | tuple) and all(isinstance(item, str) for item in values)
-
-
-def _number(value: Any) -> Any:
-    """Return a number that YAML 1.1 reads as text, such as 1e5, as a float."""
-    try:
-        return float(value) if isinstance(value, str) else value
-    except ValueError:
-        return value

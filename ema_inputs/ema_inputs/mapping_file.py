@@ -2,11 +2,31 @@
 
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import yaml
 
-from ema_inputs.mapping import SECTIONS, Mapping, mapping_from
+from ema_core.wording import unknown_name
+from ema_inputs.mapping import (
+    AngleSource,
+    Clock,
+    CurrentSource,
+    Mapping,
+    Source,
+    SpeedSource,
+    Table,
+)
+
+SECTIONS: Final = {
+    "position": AngleSource,
+    "command": AngleSource,
+    "error": AngleSource,
+    "speed": SpeedSource,
+    "current": CurrentSource,
+    "clock": Clock,
+    "table": Table,
+}
+"""Class of each section of a mapping file."""
 
 
 def load_mapping(path: Path) -> Mapping:
@@ -35,7 +55,7 @@ def mapping_text(mapping: Mapping) -> str:
     for item in fields(Mapping):
         value = getattr(mapping, item.name)
         if item.name in SECTIONS:
-            section = {} if value is None else _section(value, mapping.joint)
+            section = {} if value is None else _shown(value, mapping.joint)
             if section:
                 content[item.name] = section
         elif value:
@@ -43,7 +63,7 @@ def mapping_text(mapping: Mapping) -> str:
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
 
 
-def _section(section: Any, joint: str) -> dict[str, Any]:
+def _shown(section: Any, joint: str) -> dict[str, Any]:
     words = {}
     for item in fields(section):
         value = getattr(section, item.name)
@@ -54,3 +74,66 @@ def _section(section: Any, joint: str) -> dict[str, Any]:
         if value != default or told:
             words[item.name] = list(value) if isinstance(value, tuple) else value
     return words
+
+
+def mapping_from(content: Any) -> Mapping:
+    """Return the mapping of nested plain values, as a YAML file holds them.
+
+    Raises
+    ------
+    ValueError
+        When a name is unknown or a value impossible; the message begins with the section.
+    """
+    known = [item.name for item in fields(Mapping)]
+    if not isinstance(content, dict):
+        raise ValueError(f"expected a mapping with {', '.join(known)}, not {content!r}")
+    given: dict[str, Any] = {}
+    joint = content.get("joint", "")
+    for name, section in content.items():
+        if name not in known:
+            raise ValueError(unknown_name("entry", str(name), known))
+        if name in SECTIONS and section is not None:
+            given[name] = _section(name, section, joint)
+        elif name not in SECTIONS:
+            given[name] = section
+    if not isinstance(joint, str):
+        raise ValueError(f"joint = {joint!r}: expected the name of a joint")
+    if not _is_texts(given.get("accept", ())):
+        raise ValueError(f"accept = {given['accept']!r}: expected a list of names of defects")
+    if "position" not in given:
+        raise ValueError("position is missing: expected its source")
+    return Mapping(**given)
+
+
+def _section(name: str, section: Any, joint: str) -> Any:
+    kind = SECTIONS[name]
+    known = [item.name for item in fields(kind)]
+    if isinstance(section, str):
+        section = {"source": section}
+    if not isinstance(section, dict):
+        raise ValueError(f"{name} = {section!r}: expected a mapping with {', '.join(known)}")
+    values = {}
+    for key, value in section.items():
+        if key not in known:
+            raise ValueError(f"{name}: {unknown_name('entry', str(key), known)}")
+        values[key] = _number(value) if key in ("scale", "offset", "filter_time") else value
+    if "phases" in values and not _is_texts(values["phases"]):
+        raise ValueError(f"{name}: phases = {values['phases']!r}: expected a list of sources")
+    if issubclass(kind, Source) and values.get("topic") and joint:
+        values.setdefault("joint", joint)
+    try:
+        return kind(**values)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from error
+
+
+def _is_texts(values: Any) -> bool:
+    return isinstance(values, list | tuple) and all(isinstance(item, str) for item in values)
+
+
+def _number(value: Any) -> Any:
+    """Return a number that YAML 1.1 reads as text, such as 1e5, as a float."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value

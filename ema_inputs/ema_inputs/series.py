@@ -108,6 +108,11 @@ class Collector:
             topic.clear()
 
     @property
+    def names_topics(self) -> list[str]:
+        """Topics on which names of values are published apart from them."""
+        return list(self._names)
+
+    @property
     def topics(self) -> list[str]:
         """Topics that are wanted, those of names as well."""
         return [*self._topics, *self._names]

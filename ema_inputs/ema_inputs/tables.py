@@ -184,7 +184,6 @@ def _read_csv(path: Path, table: Table) -> tuple[pd.DataFrame, dict[str, str], T
             index_col=False,
             skiprows=first,
             encoding=encoding,
-            float_precision="round_trip",
             skipinitialspace=True,
             low_memory=False,
         )

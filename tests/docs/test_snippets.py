@@ -16,7 +16,10 @@ from typing import NamedTuple
 import pytest
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = ["README.md", *(f"docs/{n}.md" for n in ("python", "command-line", "your-actuator"))]
+DOCUMENTS = [
+    "README.md",
+    *(f"docs/{n}.md" for n in ("python", "command-line", "your-actuator", "inputs")),
+]
 BLOCK = re.compile(
     r"(?P<mark><!-- not run: [^\n]+ -->\n)?^```(?P<kind>python|sh|text)\n(?P<text>.*?)^```$",
     re.DOTALL | re.MULTILINE,

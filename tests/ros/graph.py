@@ -24,6 +24,7 @@ from .spinning import end, ros_context, spinning
 
 PACKAGES = {
     "actuator": "ema_sim",
+    "bridge": "ema_inputs",
     "dashboard": "ema_dashboard",
     "monitor": "ema_monitor",
     "player": "ema_recording",
@@ -81,13 +82,21 @@ class Graph:
         given = [f"{key.replace('__', '.')}:={value}" for key, value in parameters.items()]
         arguments = [word for item in given for word in ("-p", item)]
         with self.log(name).open("wb") as log:
-            self.processes[name] = subprocess.Popen(
-                [program, "--ros-args", *arguments],
-                stdout=log,
-                stderr=log,
-                env={**os.environ, "ROS_DOMAIN_ID": str(self._domain.number)},
-                pass_fds=[self._domain.descriptor],
-            )
+            self._begin(name, [program, "--ros-args", *arguments], log)
+
+    def start_other(self, name: str, command: list[Any]) -> None:
+        """Start what is no node of ours, in the same domain."""
+        with self.log(name).open("wb") as log:
+            self._begin(name, command, log)
+
+    def _begin(self, name: str, command: list[Any], log: Any) -> None:
+        self.processes[name] = subprocess.Popen(
+            command,
+            stdout=log,
+            stderr=log,
+            env={**os.environ, "ROS_DOMAIN_ID": str(self._domain.number)},
+            pass_fds=[self._domain.descriptor],
+        )
 
     def stop(self, name: str, number: signal.Signals = signal.SIGINT) -> int:
         """Send a signal to a node; return its exit code once it has ended."""

@@ -1,6 +1,6 @@
 """A robot of another make, as a process: one joint of our simulator, published as others do it.
 
-python robot.py RATE_HZ CYCLES FAULT COMMAND: JointState on /joint_states with the current as
+python robot.py RATE_HZ CYCLES FRICTION COMMAND: JointState on /joint_states with the current as
 effort, and the command on /command, as Float64MultiArray sent before each state ("numbers"), or as
 JointTrajectory, a message a cycle ("trajectory").
 """
@@ -65,11 +65,13 @@ def main(rate_hz: float, cycles: int, friction: float, kind: str) -> None:
 def trajectory(command: np.ndarray, stamp_ns: int, h: float) -> JointTrajectory:
     message = JointTrajectory(joint_names=[JOINT])
     message.header.stamp = stamp_to_message(stamp_ns)
+    points = []
     for i, value in enumerate(command):
         seconds, nanoseconds = divmod(round(i * h * 1e9), 1_000_000_000)
         point = JointTrajectoryPoint(positions=[float(value)])
         point.time_from_start = Duration(sec=seconds, nanosec=nanoseconds)
-        message.points.append(point)
+        points.append(point)
+    message.points = points
     return message
 
 

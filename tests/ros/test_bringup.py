@@ -11,6 +11,7 @@ from ament_index_python.packages import get_package_prefix, get_package_share_di
 
 from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
 from ema_dashboard.dashboard_node import DashboardNode
+from ema_inputs.bridge_node import BridgeNode
 from ema_monitor.node.monitor_node import MonitorNode
 from ema_recording.player_node import PlayerNode
 from ema_recording.recorder_node import RecorderNode
@@ -22,6 +23,7 @@ from .spinning import ros_context
 SHARE = Path(get_package_share_directory("ema_bringup"))
 CLASSES = {
     "actuator": ActuatorNode,
+    "bridge": BridgeNode,
     "dashboard": DashboardNode,
     "monitor": MonitorNode,
     "recorder": RecorderNode,
@@ -118,6 +120,7 @@ def nodes_of(name: str, **given: str) -> dict[str, dict[str, Any]]:
 
 LAUNCH_FILES = {
     "ema.launch.py": {"bag": "worn"},
+    "bridge.launch.py": {},
     "monitor.launch.py": {},
     "replay.launch.py": {"bag": "worn"},
 }

@@ -13,6 +13,7 @@ from ament_index_python.packages import (
 
 NODES: Final = {
     "actuator": ("ema_sim", "actuator_node"),
+    "bridge": ("ema_inputs", "bridge_node"),
     "monitor": ("ema_monitor", "monitor_node"),
     "recorder": ("ema_recording", "recorder_node"),
     "player": ("ema_recording", "player_node"),

@@ -1,0 +1,52 @@
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry
+from ema_inputs.mapping import Mapping
+from ema_inputs.mapping_file import mapping_from
+from ema_sim import simulate
+
+COLUMNS = {"position": "p", "command": "c", "speed": "s", "current": "i", "clock": "t"}
+
+
+@cache
+def cycle(rate_hz: int) -> Telemetry:
+    return simulate({"friction": 0.25}, description=described(rate_hz))
+
+
+def described(rate_hz: int) -> ActuatorDescription:
+    return ActuatorDescription(sample_period=1.0 / rate_hz)
+
+
+@pytest.fixture
+def telemetry() -> Telemetry:
+    """A test cycle at 1 kHz."""
+    return cycle(1000)
+
+
+@pytest.fixture
+def mapped() -> Callable[..., Mapping]:
+    """Mapping of columns in SI units, with sections changed, or left out where None."""
+
+    def make(**sections: Any) -> Mapping:
+        content = {**COLUMNS, **sections}
+        return mapping_from({name: item for name, item in content.items() if item is not None})
+
+    return make
+
+
+@pytest.fixture
+def columns(telemetry: Telemetry) -> dict[str, NDArray[np.float64]]:
+    """Columns of that cycle."""
+    return {
+        "command": telemetry.command,
+        "current": telemetry.current,
+        "position": telemetry.position,
+        "speed": telemetry.speed,
+    }

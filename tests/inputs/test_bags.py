@@ -1,0 +1,188 @@
+"""Bags of other makes, of both storages of rosbag2, give the telemetry that was published."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_inputs.files import InputFile
+from ema_inputs.importing import import_series
+from ema_inputs.mapping_file import mapping_from
+
+from . import other_makes
+from .conftest import described
+from .other_makes import OtherBag
+
+FLAP = described(1000)
+
+
+def source(topic, path, **more):
+    return {"topic": topic, "source": path, **more}
+
+
+def joint_states(**changes):
+    states = "/joint_states"
+    content = {
+        "joint": "flap",
+        "position": source(states, "position"),
+        "speed": source(states, "velocity", shaft="user"),
+        "current": source(states, "effort"),
+        "command": source("/commands", "data[1]", between="hold"),
+    }
+    return mapping_from(content | changes)
+
+
+def imported(path, mapping, description=FLAP):
+    return import_series(InputFile(path).series(mapping), mapping, description)
+
+
+def assert_same(found, telemetry, start=0, tolerance=1e-12):
+    """Compare the telemetry of one run with what was published, from a sample on."""
+    [run] = found.runs
+    assert len(run.values) == len(telemetry) - start
+    expected = np.column_stack([getattr(telemetry, name)[start:] for name in found.filled])
+    assert run.values == pytest.approx(expected, rel=tolerance, abs=tolerance)
+    assert np.array_equal(run.stamps_ns, np.array(other_makes.stamps_of(telemetry))[start:])
+
+
+@pytest.mark.parametrize(
+    ("storage", "compression"),
+    [("sqlite3", ""), ("mcap", ""), ("sqlite3", "MESSAGE"), ("mcap", "FILE")],
+)
+def test_joint_states_of_both_storages_are_the_telemetry(telemetry, tmp_path, storage, compression):
+    path = tmp_path / "bag"
+    with OtherBag(path, storage, compression) as bag:
+        other_makes.write_joint_states(bag, telemetry)
+    assert_same(imported(path, joint_states()), telemetry)
+
+
+def test_single_file_of_sqlite3_is_read(telemetry, tmp_path):
+    with OtherBag(tmp_path / "bag") as bag:
+        other_makes.write_joint_states(bag, telemetry)
+    assert_same(imported(tmp_path / "bag" / "bag.db3", joint_states()), telemetry)
+
+
+def test_stamps_that_are_zero_are_rebuilt_and_said(telemetry, tmp_path):
+    delays = 2e5 + np.random.default_rng(0).exponential(1e5, len(telemetry))
+    with OtherBag(tmp_path / "bag") as bag:
+        other_makes.write_joint_states(bag, telemetry, stamped=False, delays=delays)
+    found = imported(tmp_path / "bag", joint_states())
+    [run] = found.runs
+    assert found.rebuilt == len(telemetry)
+    assert [item.name for item in found.defects] == ["stamps_rebuilt"]
+    # Samples and commands are those published, at regular stamps.
+    expected = np.column_stack([getattr(telemetry, name) for name in found.filled])
+    assert run.values == pytest.approx(expected, rel=1e-12)
+    assert np.std(np.diff(run.stamps_ns)) < 2e4
+
+
+def test_dynamic_joint_states_and_controller_state_are_the_telemetry(telemetry, tmp_path):
+    with OtherBag(tmp_path / "bag", "mcap") as bag:
+        other_makes.write_dynamic_states(bag, telemetry)
+    inner = "interface_values[joint_names=flap].values[interface_names={}]"
+    topic = "/dynamic_joint_states"
+    mapping = mapping_from(
+        {
+            "position": source(topic, inner.format("position")),
+            "speed": source(topic, inner.format("velocity"), shaft="user"),
+            "current": source(topic, inner.format("current")),
+            "command": source("/pid/controller_state", "dof_state.reference"),
+        }
+    )
+    assert_same(imported(tmp_path / "bag", mapping), telemetry)
+
+
+def test_interface_values_are_found_by_names_on_another_topic(telemetry, tmp_path):
+    with OtherBag(tmp_path / "bag") as bag:
+        other_makes.write_interface_values(bag, telemetry)
+
+    def of(name, **more):
+        names = {"names_topic": "/broadcaster/names"}
+        return source("/broadcaster/values", f"values[keys=flap/{name}]", **names, **more)
+
+    mapping = mapping_from(
+        {
+            "position": of("position"),
+            "speed": of("velocity", shaft="user"),
+            "current": of("current"),
+            "command": of("reference"),
+        }
+    )
+    assert_same(imported(tmp_path / "bag", mapping), telemetry)
+
+
+def test_state_of_the_trajectory_controller_is_the_telemetry(telemetry, tmp_path):
+    with OtherBag(tmp_path / "bag") as bag:
+        other_makes.write_controller_states(bag, telemetry)
+    topic = "/jtc/controller_state"
+    mapping = mapping_from(
+        {
+            "joint": "flap",
+            "position": source(topic, "feedback.positions"),
+            "command": source(topic, "reference.positions"),
+            "speed": source(topic, "feedback.velocities", shaft="user"),
+            "current": source(topic, "feedback.effort"),
+        }
+    )
+    assert_same(imported(tmp_path / "bag", mapping), telemetry)
+
+
+def test_drive_of_odrive_is_the_telemetry_but_for_its_stamps(telemetry, tmp_path):
+    delays = 2e5 + np.random.default_rng(1).exponential(1e5, len(telemetry))
+    with OtherBag(tmp_path / "bag") as bag:
+        other_makes.write_odrive(bag, telemetry, delays)
+    status = "/axis0/controller_status"
+    mapping = mapping_from(
+        {
+            "clock": "sent",
+            "position": source(status, "pos_estimate", unit="turn", shaft="motor"),
+            "speed": source(status, "vel_estimate", unit="turn/s"),
+            "current": source(status, "iq_measured", kind="i_q", sampling="instantaneous"),
+            "command": source(
+                "/axis0/control_message", "input_pos", unit="turn", shaft="motor", between="hold"
+            ),
+        }
+    )
+    found = imported(tmp_path / "bag", mapping, replace(FLAP, drive="field_oriented"))
+    [run] = found.runs
+    expected = np.column_stack([getattr(telemetry, name) for name in found.filled])
+    # Single precision on the wire.
+    assert run.values == pytest.approx(expected, rel=1e-6, abs=1e-6)
+    assert {item.name for item in found.defects} == {"stamps_rebuilt", "position_at_motor"}
+    assert found.description.acquisition.current == "instantaneous"
+
+
+def test_mapping_of_a_bag_is_guessed(telemetry, tmp_path):
+    with OtherBag(tmp_path / "bag") as bag:
+        other_makes.write_controller_states(bag, telemetry)
+        other_makes.write_joint_states(bag, telemetry)
+    guess = InputFile(tmp_path / "bag").guess(FLAP)
+    assert any("joint 'other' on /joint_states is a guess" in item for item in guess.remarks)
+    assert guess.mapping.command is not None
+    assert guess.mapping.command.source in ("data[0]", "reference.positions")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"command": source("/comands", "data[1]")}, "did you mean '/commands'"),
+        ({"joint": "wing"}, "'wing' is not in name, which has other, flap"),
+        ({"command": source("/commands", "data[7]")}, "data has 2 elements"),
+        (
+            {"command": source("/commands", "data", type="std_msgs/msg/Float64")},
+            "topic /commands holds std_msgs/msg/Float64MultiArray, the mapping says",
+        ),
+    ],
+)
+def test_what_a_bag_does_not_hold_is_named(telemetry, tmp_path, changes, words):
+    with OtherBag(tmp_path / "bag") as bag:
+        other_makes.write_joint_states(bag, telemetry.part(0, 60))
+    with pytest.raises(ValueError, match=r".*") as refusal:
+        imported(tmp_path / "bag", joint_states(**changes))
+    assert words in str(refusal.value)
+
+
+def test_folder_without_a_bag_is_refused(tmp_path):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileNotFoundError, match="is not a recording"):
+        InputFile(tmp_path / "empty")

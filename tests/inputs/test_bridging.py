@@ -1,0 +1,185 @@
+"""Messages as they come give the telemetry that a bag of them gives."""
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ema_core.acquisition import Acquisition
+from ema_inputs.bridging import Bridge
+from ema_inputs.mapping_file import mapping_from
+from ema_inputs.settings import BridgeSettings
+
+from .conftest import cycle, described
+
+START_NS = 1_700_000_000_000_000_000
+TAU = 1 / 500
+STATES, COMMANDS = "/joint_states", "/command"
+
+
+def mapping(**changes):
+    content = {
+        "joint": "flap",
+        "position": {"topic": STATES, "source": "position"},
+        "speed": {"topic": STATES, "source": "velocity", "shaft": "user"},
+        "current": {"topic": STATES, "source": "effort"},
+        "command": {"topic": COMMANDS, "source": "data", "between": "hold"},
+    }
+    return mapping_from({k: v for k, v in (content | changes).items() if v is not None})
+
+
+def bridge(of=None, rate_hz=1000, **settings):
+    return Bridge(of or mapping(), described(rate_hz), BridgeSettings(**settings))
+
+
+def state(telemetry, i, stamp_ns, **factors):
+    stamp = SimpleNamespace(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+    rows = {"position": telemetry.position, "velocity": telemetry.speed * TAU}
+    rows["effort"] = telemetry.current
+    values = {k: [0.0, row[i] * factors.get(k, 1.0)] for k, row in rows.items()}
+    header = SimpleNamespace(stamp=stamp)
+    return SimpleNamespace(header=header, name=["other", "flap"], **values)
+
+
+def run(target, telemetry, stamps, *, every=10, stamped=True, sent=None, send_command=None, **of):
+    """Send a cycle; commands before states. Return the blocks that come out."""
+    blocks = []
+    sent = stamps if sent is None else sent
+    for i, stamp in enumerate(stamps):
+        at = int(sent[i])
+        if send_command is None or send_command(i):
+            number = SimpleNamespace(data=telemetry.command[i])
+            target.add(COMMANDS, number, at - 1000, at + 10_000)
+        message = state(telemetry, i, int(stamp) if stamped else 0, **of)
+        target.add(STATES, message, at, at + 10_000)
+        if i % every == 0:
+            blocks += target.advance()
+    # The last position waits for what may have been sent before it, until a later command is there.
+    target.add(COMMANDS, SimpleNamespace(data=0.0), int(sent[-1]) + 1000, int(sent[-1]) + 2000)
+    return blocks + target.advance()
+
+
+def stamps_of(telemetry, offset_ns=START_NS):
+    return telemetry.stamps_ns + offset_ns
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 500])
+@pytest.mark.parametrize("every", [1, 10, 333])
+def test_blocks_are_the_telemetry_however_messages_come(rate_hz, every):
+    telemetry, target = cycle(rate_hz), bridge(rate_hz=rate_hz)
+    blocks = run(target, telemetry, stamps_of(telemetry), every=every)
+    for name in ("command", "current", "position", "speed"):
+        joined = np.concatenate([getattr(block, name) for block in blocks])
+        assert joined == pytest.approx(getattr(telemetry, name), rel=1e-12)
+    assert [blocks[0].first_index, blocks[0].stamp_ns] == [1, stamps_of(telemetry)[0]]
+    for before, after in pairwise(blocks):
+        assert after.first_index == before.first_index + len(before)
+    assert target.description is not None
+    assert target.description.sample_period == 1.0 / rate_hz
+    assert (target.defects, target.losses.lost) == ([], 0)
+
+
+def test_what_is_not_measured_is_empty_and_said(telemetry):
+    target = bridge(mapping(speed=None, current=None))
+    blocks = run(target, telemetry, stamps_of(telemetry))
+    assert all(len(block.speed) == len(block.current) == 0 for block in blocks)
+    assert target.description is not None
+    assert target.description.acquisition == Acquisition("none", 0.0, False)
+
+
+def test_messages_without_a_stamp_are_put_on_a_line(telemetry):
+    rng = np.random.default_rng(0)
+    stamps = stamps_of(telemetry)
+    sent = stamps + np.rint(rng.exponential(1e5, len(stamps))).astype(np.int64)
+    target = bridge()
+    blocks = run(target, telemetry, stamps, stamped=False, sent=sent)
+    assert target.rebuilt > 0
+    assert "stamps_rebuilt" in {item.name for item in target.defects}
+    position = np.concatenate([block.position for block in blocks])
+    # The last ones wait for what comes after them.
+    assert len(telemetry) - 120 < len(position) < len(telemetry)
+    assert position == pytest.approx(telemetry.position[: len(position)], rel=1e-12)
+
+
+def test_stamps_of_another_clock_than_that_of_the_transport_do_not_matter(telemetry):
+    """Simulated time in headers: commands without a stamp are compared by when they were sent."""
+    stamps = stamps_of(telemetry, 5_000_000_000)
+    blocks = run(bridge(), telemetry, stamps, sent=stamps_of(telemetry))
+    command = np.concatenate([block.command for block in blocks])
+    assert command == pytest.approx(telemetry.command, rel=1e-12)
+
+
+def test_command_that_is_sent_on_change_only_is_held(telemetry):
+    target = bridge(wait_s=0.1)
+    changes = np.flatnonzero(np.diff(telemetry.command, prepend=np.nan))
+    blocks = run(target, telemetry, stamps_of(telemetry), send_command=set(changes).__contains__)
+    command = np.concatenate([block.command for block in blocks])
+    assert len(telemetry) - 120 < len(command)
+    assert command == pytest.approx(telemetry.command[: len(command)], rel=1e-12)
+
+
+def test_losses_leave_a_gap(telemetry):
+    keep = np.ones(len(telemetry), bool)
+    keep[1200:1203] = False
+    target = bridge()
+    number = np.flatnonzero(keep)
+    blocks = []
+    for i in number:
+        at = int(stamps_of(telemetry)[i])
+        target.add(COMMANDS, SimpleNamespace(data=telemetry.command[i]), at - 1000, at)
+        target.add(STATES, state(telemetry, i, at), at, at)
+        blocks += target.advance()
+    assert target.losses.lost == 3
+    indices = np.concatenate([b.first_index + np.arange(len(b)) for b in blocks])
+    assert np.array_equal(indices, number[:-1] + 1)
+
+
+@pytest.mark.parametrize(
+    ("factors", "name"),
+    [
+        ({"effort": 0.0}, "current_zero"),
+        ({"position": 57.29578}, "position_unit"),
+        ({"velocity": -1.0}, "speed_sign_reversed"),
+    ],
+)
+def test_telemetry_with_a_defect_is_withheld_before_a_window_is_complete(telemetry, factors, name):
+    target = bridge()
+    blocks = run(target, telemetry, stamps_of(telemetry), **factors)
+    assert [item.name for item in target.refused] == [name]
+    moves = np.flatnonzero(telemetry.command != telemetry.command[-1])
+    window_end = moves[-1]
+    assert sum(len(block) for block in blocks) < window_end
+    assert target.withheld > 0
+
+
+def test_accepted_defect_withholds_nothing(telemetry):
+    target = bridge(mapping(accept=["current_zero"]))
+    blocks = run(target, telemetry, stamps_of(telemetry), effort=0.0)
+    assert (sum(len(b) for b in blocks), target.withheld) == (len(telemetry), 0)
+
+
+def test_rate_that_changes_is_learned_anew(telemetry):
+    target, slow = bridge(), cycle(500)
+    blocks = run(target, telemetry, stamps_of(telemetry))
+    # Until it is noticed, samples of half the rate are samples with gaps.
+    for seconds in (2, 4):
+        blocks += run(target, slow, stamps_of(slow, START_NS + seconds * 1_000_000_000))
+    assert blocks[-1].sample_period == 1 / 500
+    assert target.description is not None
+    assert target.description.sample_period == 1 / 500
+    indices = np.concatenate([b.first_index + np.arange(len(b)) for b in blocks])
+    assert np.all(np.diff(indices) > 0)
+
+
+def test_messages_that_do_not_have_the_joint_are_counted_with_the_reason(telemetry):
+    target = bridge(mapping(joint="wing"))
+    run(target, telemetry.part(0, 100), stamps_of(telemetry)[:100])
+    assert "100 messages left out: /joint_states" in target.problem
+    assert "'wing' is not in name, which has other, flap" in target.problem
+
+
+def test_mapping_of_columns_is_refused():
+    columns = mapping_from({"position": "p", "command": "c", "clock": "t"})
+    with pytest.raises(ValueError, match="expected a mapping of topics"):
+        bridge(columns)

@@ -1,0 +1,141 @@
+"""Units, shafts and kinds of current, in closed form."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.description import ActuatorDescription
+from ema_inputs.conversion import convert
+from ema_inputs.mapping_file import mapping_from
+from ema_inputs.trajectory import Trajectory, evaluate
+
+FLAP = ActuatorDescription()
+P = FLAP.parameters
+BASE = {"position": "p", "command": "c", "clock": "t"}
+
+
+def converted(raw, description=FLAP, **sections):
+    content = {name: item for name, item in (BASE | sections).items() if item is not None}
+    given = {"position": 0.0, "command": 0.0} | raw
+    columns = {name: np.array([value]) for name, value in given.items()}
+    return convert(columns, mapping_from(content), description)
+
+
+@pytest.mark.parametrize(
+    ("section", "raw", "expected"),
+    [
+        ({"unit": "deg"}, 180.0, math.pi),
+        ({"unit": "turn", "shaft": "motor"}, 500.0, 2.0 * math.pi),
+        ({"unit": "mrad", "sign": -1, "offset": 0.5}, 100.0, 0.4),
+        ({"scale": 2.0}, 0.25, 0.5),
+    ],
+)
+def test_angles_are_those_of_the_user_shaft(section, raw, expected):
+    found = converted({"position": raw}, position={"source": "p", **section})["position"]
+    assert found[0] == pytest.approx(expected, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("section", "expected"),
+    [
+        ({"unit": "rpm"}, math.pi),
+        ({"unit": "turn/s", "shaft": "user"}, 30.0 * 2.0 * math.pi * 500.0),
+        ({"unit": "deg/s", "sign": -1}, -math.pi / 6.0),
+    ],
+)
+def test_speeds_are_those_of_the_motor_shaft(section, expected):
+    found = converted({"speed": 30.0}, speed={"source": "s", **section})["speed"]
+    assert found[0] == pytest.approx(expected, rel=1e-15)
+
+
+def test_command_follows_from_the_position_error():
+    found = converted({"position": 0.3, "error": 0.2}, command=None, error="e")
+    assert found["command"][0] == 0.5
+
+
+def test_what_is_not_mapped_is_empty():
+    found = converted({})
+    assert (len(found["speed"]), len(found["current"])) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("section", "raw", "expected"),
+    [
+        ({"unit": "mA"}, 1500.0, 1.5),
+        ({"kind": "motor_torque", "unit": "N.m"}, P.k_t * 3.0, 3.0),
+        ({"kind": "joint_torque", "unit": "N.m"}, P.k_t * 3.0 / P.tau, 3.0),
+        ({"kind": "i_q"}, 2.0, math.sqrt(3.0)),  # torque constant phase to phase, 3/2 k_t / sqrt(3)
+    ],
+)
+def test_equivalent_current_gives_the_torque_of_the_source(section, raw, expected):
+    found = converted({"current": raw}, current={"source": "i", **section})["current"]
+    assert found[0] == pytest.approx(expected, rel=1e-14)
+
+
+def test_conventions_of_i_q_give_one_torque():
+    """A current of 1 A peak, as each convention counts it; the constant is that of i_q (M33)."""
+    drive = replace(FLAP, drive="field_oriented")
+    counted = {"peak": 1.0, "rms": math.sqrt(0.5), "power": math.sqrt(1.5)}
+    found = [
+        converted(
+            {"current": raw}, drive, current={"source": "i", "kind": "i_q", "amplitude": name}
+        )
+        for name, raw in counted.items()
+    ]
+    assert [item["current"][0] for item in found] == pytest.approx([1.0] * 3)
+
+
+def phases(angle):
+    raw = {f"phase_{c}": math.cos(angle - k * 2.0 * math.pi / 3.0) for k, c in enumerate("abc")}
+    return raw | {"torque_sign": -0.3}
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_phase_currents_of_a_sinusoidal_motor_are_those_of_i_q_at_any_angle(count):
+    section = {"kind": "phase_currents", "phases": list("abc")[:count], "torque_sign": "q"}
+    drive = replace(FLAP, drive="field_oriented")
+    for angle in np.linspace(0.0, 6.0, 7):
+        raw = phases(angle)
+        if count == 2:
+            del raw["phase_c"]
+        found = converted(raw, drive, current=section)["current"]
+        assert found[0] == pytest.approx(-1.0, rel=1e-12)
+
+
+def test_phase_currents_of_six_steps_are_half_their_magnitudes():
+    section = {"kind": "phase_currents", "phases": ["a", "b", "c"], "torque_sign": "q"}
+    raw = {"phase_a": 4.0, "phase_b": -3.9, "phase_c": -0.1, "torque_sign": 1.0}
+    assert converted(raw, current=section)["current"][0] == pytest.approx(4.0)
+
+
+def trajectory(start_s, times, positions, velocities=(), accelerations=()):
+    arrays = (np.array(item, float) for item in (times, positions, velocities, accelerations))
+    return Trajectory(round(start_s * 1e9), *arrays)
+
+
+def command(trajectories, seconds, position=0.0):
+    stamps = np.rint(np.asarray(seconds) * 1e9).astype(np.int64)
+    return evaluate(trajectories, stamps, np.full(len(stamps), position))[0]
+
+
+def test_trajectory_begins_at_the_measured_position_and_ends_at_its_last_point():
+    found = command([trajectory(1.0, [2.0], [3.0])], [0.5, 1.0, 2.0, 3.0, 9.0], position=1.0)
+    assert np.isnan(found[0])
+    assert list(found[1:]) == [1.0, 2.0, 3.0, 3.0]
+
+
+def test_later_trajectory_replaces_the_one_before_from_where_it_is():
+    both = [trajectory(0.0, [0.0, 4.0], [0.0, 4.0]), trajectory(2.0, [1.0], [0.0])]
+    assert list(command(both, [1.0, 2.0, 2.5, 3.0, 4.0])) == pytest.approx([1.0, 2.0, 1.0, 0, 0])
+
+
+@pytest.mark.parametrize("order", [3, 5])
+def test_splines_are_exact_for_polynomials_of_their_order(order):
+    polynomial = np.polynomial.Polynomial([0.3, -1.0, 0.5, 2.0, -1.5, 0.7][: order + 1])
+    times = np.array([0.0, 0.4, 1.0])
+    rows = [polynomial(times), polynomial.deriv()(times), polynomial.deriv(2)(times)]
+    given = trajectory(0.0, times, *rows[: 2 if order == 3 else 3])
+    at = np.linspace(0.0, 1.0, 23)
+    assert command([given], at) == pytest.approx(polynomial(np.rint(at * 1e9) * 1e-9), abs=1e-12)

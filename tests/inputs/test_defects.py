@@ -1,0 +1,175 @@
+"""What is wrong is named before anything is estimated, with its value and what to write."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_core.parameters import ActuatorParameters
+from ema_inputs.defects import find_defects, refused, stream_defects
+from ema_inputs.resampling import Losses
+from ema_sim import simulate
+
+from .conftest import described
+
+FLAP = described(1000)
+TAU = FLAP.parameters.tau
+RPM = 60.0 / (2.0 * np.pi)
+
+
+@pytest.fixture
+def found(telemetry, columns, mapped):
+    """Return the defects of a cycle with columns multiplied, or set where a function is given."""
+
+    def find(mapping=None, **changes):
+        spoiled = dict(columns)
+        for name, change in changes.items():
+            values = columns[name]
+            spoiled[name] = change(values) if callable(change) else values * change
+        return find_defects(spoiled, telemetry.stamps_ns, mapping or mapped(), FLAP)
+
+    return find
+
+
+def test_nothing_is_wrong_with_what_is_right(found):
+    assert found() == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "name", "value", "remedy"),
+    [
+        ({"current": 0.0}, "current_zero", "0 in all 1700 samples", "sampling: none"),
+        ({"current": lambda x: 0 * x + 2}, "current_frozen", "is 2 in", "leave current out"),
+        ({"speed": lambda x: 0 * x + 3}, "speed_frozen", "speed is 3 in", "leave speed out"),
+        ({"position": 0.0}, "position_frozen", "position is 0", "choose another source"),
+        ({"command": 0.0}, "command_frozen", "command is 0", "choose another source"),
+        ({"position": 57.29578}, "position_unit", "56.", "position: {unit: deg}"),
+        ({"command": 57.29578}, "command_unit", "rad, deg was", "command: {unit: deg}"),
+        ({"speed": RPM}, "speed_unit", "rpm was probably meant", "speed: {unit: rpm}"),
+        ({"speed": 57.29578}, "speed_unit", "deg/s was", "speed: {unit: deg/s}"),
+        ({"speed": 1 / (2 * np.pi)}, "speed_unit", "turn/s was", "speed: {unit: turn/s}"),
+        ({"position": -1}, "position_sign_reversed", "-0.98", "position: {sign: -1}"),
+        ({"command": -1}, "command_sign_reversed", "-0.98", "command: {sign: -1}"),
+        ({"speed": -1}, "speed_sign_reversed", "-1 times the speed", "speed: {sign: -1}"),
+        ({"current": -1}, "current_sign_reversed", "correlation -0.9", "current: {sign: -1}"),
+        ({"position": 1000}, "position_unit", "mrad was", "position: {unit: mrad}"),
+        ({"position": 1e-3}, "position_scale", "1000 was", "position: {scale: 1000}"),
+        ({"speed": 1000}, "speed_unit", "mrad/s was", "speed: {unit: mrad/s}"),
+        ({"current": 1000}, "current_unit", "1.2", "current: {unit: mA}"),
+        ({"current": 1e-3}, "current_unit", "times as large", "current: {scale: 1000}"),
+        ({"speed": TAU}, "speed_shaft", "user was", "speed: {shaft: user}"),
+        ({"position": 1 / TAU}, "position_shaft", "motor was", "position: {shaft: motor}"),
+        ({"speed": 0.8}, "gear_ratio", "the description has 1/500", "tau: 0.0025"),
+        ({"command": 0.25}, "command_position", "3.9", "command: {scale: 3.9"),
+        ({"position": np.nan}, "not_finite", "any of 1700", "choose another source"),
+    ],
+)
+def test_defect_is_named_with_value_and_remedy(found, changes, name, value, remedy):
+    [defect] = found(**changes)
+    assert (defect.name, defect.is_error) == (name, True)
+    assert value in defect.text
+    assert remedy in defect.remedy
+
+
+def test_position_and_command_both_in_degrees_are_named_by_the_speed(found):
+    names = {item.name for item in found(position=57.29578, command=57.29578)}
+    assert names == {"position_unit", "command_unit"}
+
+
+def test_degrees_beyond_the_end_stop_are_named_without_a_speed(found, mapped):
+    mapping = mapped(speed=None)
+    far = {"position": 57.29578 * 10, "command": 57.29578 * 10, "speed": lambda x: np.empty(0)}
+    assert {item.name for item in found(mapping, **far)} == {"position_unit", "command_unit"}
+
+
+def test_remedy_is_that_of_the_mapping_as_it_is(found, mapped):
+    mapping = mapped(position={"source": "p", "sign": -1})
+    [defect] = found(mapping, position=-1)
+    assert defect.remedy == "position: {sign: 1}"
+
+
+def test_accepted_defect_does_not_forbid_estimates(found, mapped):
+    defects = found(current=0.0)
+    assert refused(defects, mapped())
+    assert refused(defects, mapped(accept=["current_zero"])) == []
+
+
+def test_position_at_the_motor_is_said_to_hide_the_backlash(found, mapped):
+    [defect] = found(mapped(position={"source": "p", "shaft": "motor"}))
+    assert (defect.name, defect.is_error) == ("position_at_motor", False)
+
+
+def test_current_of_another_drive_than_that_of_the_description_is_named(found, mapped):
+    [defect] = found(mapped(current={"source": "i", "kind": "i_q"}))
+    assert (defect.name, defect.is_error) == ("drive_of_i_q", True)
+    assert "drive: field_oriented in the description" in defect.remedy
+
+
+def test_limits_and_sizes_of_a_drive_nobody_knows_are_not_held_against_it(
+    telemetry, columns, mapped
+):
+    """Its description has them by default only."""
+    unknown = replace(FLAP, drive="unknown")
+    far = {name: columns[name] * (200.0 if name != "current" else 900.0) for name in columns}
+    assert find_defects(far, telemetry.stamps_ns, mapped(), unknown) == []
+    [defect] = find_defects(
+        columns | {"current": -columns["current"]}, telemetry.stamps_ns, mapped(), unknown
+    )
+    assert defect.name == "current_sign_reversed"
+
+
+def test_nothing_is_said_of_an_actuator_at_rest(telemetry, mapped):
+    still = {name: np.zeros(500) for name in ("command", "current", "position", "speed")}
+    assert find_defects(still, telemetry.stamps_ns[:500], mapped(), FLAP) == []
+
+
+WORST = {"friction": 1.0, "backlash": 1.0, "short_circuit_a": 0.7, "eccentricity": 1.0, "gain": 1.0}
+CAUSES = [
+    *("load_torque=0.3", "load_torque=-0.3", "load_stiffness=5e-4", "inertia=0.5"),
+    *("torque_constant=-0.3", "viscous_friction=1", "friction_ripple=0.5", "jam=1"),
+    *("open_phase_a=1", "dead_switch=1", "winding_temperature=100", "supply_voltage=-0.3"),
+    *("current_offset=0.5", "current_gain=0.2", "position_gain=0.02", "position_offset=1e-3"),
+    *("speed_gain=0.02", "speed_delay=1e-3", "command_delay=2e-3", "cogging=0.02"),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate_hz", [1000, 500])
+def test_no_fault_and_no_cause_of_the_simulator_is_taken_for_a_wrong_mapping(rate_hz, mapped):
+    cases = [({name: value}, ()) for name, value in WORST.items()]
+    cases += [({}, (cause,)) for cause in CAUSES]
+    for faults, causes in cases:
+        cycle = simulate(
+            faults,
+            description=described(rate_hz),
+            causes=causes,
+            current_noise=0.1,
+            resolutions={"position": 1e-5, "speed": 0.5},
+        )
+        for speed in (cycle.speed, np.empty(0)):
+            columns = {
+                "command": cycle.command,
+                "current": cycle.current,
+                "position": cycle.position,
+                "speed": speed,
+            }
+            mapping = mapped(**({} if len(speed) else {"speed": None}))
+            found = find_defects(columns, cycle.stamps_ns, mapping, described(rate_hz))
+            assert found == [], (faults, causes)
+
+
+def test_losses_and_stamps_are_named_with_their_number():
+    losses = Losses(samples=1000, lost=3, gaps=2, jumps=1, repeated=4, missing=5)
+    found = {item.name: item for item in stream_defects(losses, 6)}
+    assert "3 samples of 1003 missing in 2 places" in found["lost_samples"].text
+    assert "goes back 1 time and stands still 4 times" in found["time_not_monotonic"].text
+    assert "5 samples of 1000" in found["not_finite"].text
+    assert "6 stamps of 1000 rebuilt" in found["stamps_rebuilt"].text
+    assert not any(item.is_error for item in found.values())
+    [mostly] = stream_defects(Losses(samples=100, repeated=90), 0)
+    assert mostly.is_error
+
+
+def test_parameters_of_the_description_are_those_of_the_checks(found):
+    """The gear ratio of the built-in actuator, on which the cases above rest."""
+    assert ActuatorParameters().tau == TAU

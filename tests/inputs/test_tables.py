@@ -1,0 +1,124 @@
+"""Tables as test engineers write them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ema_inputs.mapping import Table
+from ema_inputs.mapping_file import mapping_from
+from ema_inputs.series import NO_STAMP
+from ema_inputs.tables import read_columns, stamps_of, table_series
+
+VALUES = np.array([[0.0, 1.5, -2.25], [0.001, 1.625, 3.125e-7], [0.002, 1.75, 12345.678]])
+
+
+def written(path, text, encoding="utf-8"):
+    path.write_text(text, encoding=encoding)
+    return path
+
+
+def rows(separator, decimal="."):
+    lines = [separator.join(repr(float(v)).replace(".", decimal) for v in row) for row in VALUES]
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("separator", "decimal"),
+    [(",", "."), (";", "."), (";", ","), ("\t", ","), ("\t", "."), (" ", "."), ("|", ".")],
+)
+def test_separator_and_decimal_sign_are_found(tmp_path, separator, decimal):
+    head = separator.join(["t", "pos", "cur"])
+    path = written(tmp_path / "a.csv", f"{head}\n{rows(separator, decimal)}")
+    found = read_columns(path)
+    assert list(found.values) == ["t", "pos", "cur"]
+    assert np.array_equal(np.column_stack(list(found.values.values())), VALUES)
+    assert found.format == Table(separator, decimal)
+
+
+def test_units_stand_in_names_or_in_a_line_of_their_own(tmp_path):
+    path = written(tmp_path / "a.csv", f"t [ms];pos (deg);cur\n{rows(';')}")
+    assert read_columns(path).units == {"t [ms]": "ms", "pos (deg)": "deg"}
+    path = written(tmp_path / "b.csv", f"t;pos;cur\n[ms];[deg];[A]\n{rows(';')}")
+    found = read_columns(path)
+    assert found.units == {"t": "ms", "pos": "deg", "cur": "A"}
+    assert len(found) == 3
+
+
+def test_preamble_and_comments_are_passed_over(tmp_path):
+    text = f"Recorder 4.2\nserial 0815\n\n# t, pos, cur\n{rows(',')}"
+    assert list(read_columns(written(tmp_path / "a.csv", text)).values) == ["t", "pos", "cur"]
+
+
+def test_columns_without_names_are_numbered(tmp_path):
+    found = read_columns(written(tmp_path / "a.csv", rows(",")))
+    assert list(found.values) == ["column 1", "column 2", "column 3"]
+    assert len(found) == 3
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "latin-1", "utf-16"])
+def test_encodings_of_spreadsheets_are_read(tmp_path, encoding):
+    path = written(tmp_path / "a.csv", f"t;Öl [°];cur\n{rows(';', ',')}", encoding)
+    assert read_columns(path).units["Öl [°]"] == "°"
+
+
+def test_empty_cells_are_no_numbers_and_texts_no_columns(tmp_path):
+    path = written(tmp_path / "a.csv", "t,pos,state\n0,1,on\n1,,on\n2,3,off\n3,n/a,off\n")
+    found = read_columns(path)
+    assert found.texts == ("state",)
+    assert np.array_equal(np.isnan(found.values["pos"]), [False, True, False, True])
+    with pytest.raises(ValueError, match="column 'state' holds no numbers"):
+        found.column("state")
+    with pytest.raises(ValueError, match="unknown column 'poss'; did you mean 'pos'"):
+        found.column("poss")
+
+
+@pytest.mark.parametrize("text", ["", "hello\nworld\n", "\0\1\2\3"])
+def test_what_is_no_table_is_refused(tmp_path, text):
+    with pytest.raises(ValueError, match=r"a\.csv is not a t"):
+        read_columns(written(tmp_path / "a.csv", text))
+
+
+def test_stamps_are_exact_in_integers_and_in_the_last_digits_of_seconds():
+    assert stamps_of(np.array([1_700_000_000_123_456_789]), 1)[0] == 1_700_000_000_123_456_789
+    seconds = stamps_of(np.array([1_700_000_000.5, np.nan, 0.0001]), 1_000_000_000)
+    assert list(seconds) == [1_700_000_000_500_000_000, NO_STAMP, 100_000]
+
+
+def test_dates_are_stamps(tmp_path):
+    text = "when,p,c\n2026-01-01T00:00:00.001Z,0,0\n2026-01-01T00:00:00.002Z,1,1\n"
+    found = read_columns(written(tmp_path / "a.csv", text))
+    mapping = mapping_from({"position": "p", "command": "c", "clock": "when"})
+    assert np.diff(table_series(found, mapping).stamps_ns)[0] == 1_000_000
+    assert found.dates == ("when",)
+
+
+def test_missing_times_are_rebuilt_by_the_rows_around(tmp_path):
+    times = ["0", "1", "", "3", "", "", "6"]
+    text = "t,p,c\n" + "".join(f"{t},{i},0\n" for i, t in enumerate(times))
+    mapping = mapping_from(
+        {"position": "p", "command": "c", "clock": {"source": "t", "unit": "ms"}}
+    )
+    series = table_series(read_columns(written(tmp_path / "a.csv", text)), mapping)
+    assert np.array_equal(series.arrivals_ns, np.arange(7) * 1_000_000)
+    assert np.count_nonzero(series.stamps_ns == NO_STAMP) == 3
+
+
+def test_rows_without_a_time_have_that_of_the_rate(tmp_path):
+    mapping = mapping_from({"position": "p", "command": "c", "clock": {"rate_hz": 400}})
+    text = "p,c\n0,0\n1,1\n2,2\n"
+    series = table_series(read_columns(written(tmp_path / "a.csv", text)), mapping)
+    assert list(series.stamps_ns) == [0, 2_500_000, 5_000_000]
+
+
+def test_parquet_gives_the_same_columns(tmp_path):
+    frame = pd.DataFrame(VALUES, columns=["t", "pos", "cur"])
+    frame["state"] = "on"
+    frame["when"] = pd.to_datetime([1, 2, 3], unit="ms", utc=True)
+    frame.to_parquet(tmp_path / "a.parquet")
+    found = read_columns(tmp_path / "a.parquet")
+    assert np.array_equal(np.column_stack([found.values[n] for n in ("t", "pos", "cur")]), VALUES)
+    assert (found.texts, found.dates) == (("state",), ("when",))
+    assert list(found.values["when"]) == [1_000_000, 2_000_000, 3_000_000]
+    (tmp_path / "b.parquet").write_text("no")
+    with pytest.raises(ValueError, match=r"b\.parquet is not a Parquet file"):
+        read_columns(tmp_path / "b.parquet")
