@@ -29,7 +29,8 @@ from trust_cases import Kind, Task, Unit
 from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULT_NAMES, FAULTS, N_FAULTS
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate
-from ema_monitor.identification.combination import Combination, CombinationSettings
+from ema_monitor.identification.combination import Combination
+from ema_monitor.identification.tally import CombinationSettings
 
 RIGHT: Final = {"friction": 0.02, "backlash": 0.02, "gain": 0.02}
 """Error up to which a fault is right, 0.03 where it is not named [-]."""

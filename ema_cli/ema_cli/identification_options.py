@@ -9,10 +9,12 @@ import click
 from ema_cli.errors import NameChoice
 from ema_cli.gathered_options import gathered
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.combination import CombinationSettings
+from ema_monitor.calibration.loading import AnyCalibration, load_calibration
 from ema_monitor.identification.fitness import FITNESS
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.optimizers import ALGORITHMS
+from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 
 _OF_A_SERIES = (
     click.option(
@@ -87,7 +89,7 @@ class IdentificationOptions:
     calibration_file: Path | None
     combining: CombinationSettings = CombinationSettings()  # noqa: RUF009 - frozen
 
-    def calibration(self) -> Calibration:
+    def calibration(self) -> AnyCalibration:
         """Return the calibration that the options name.
 
         Raises
@@ -99,7 +101,23 @@ class IdentificationOptions:
         """
         if self.calibration_file is None:
             return Calibration.builtin()
-        return Calibration.load(self.calibration_file)
+        return load_calibration(self.calibration_file)
+
+    def calibration_of_model(self) -> Calibration:
+        """Return the calibration that the options name, of a drive that is modelled.
+
+        Raises
+        ------
+        ValueError, OSError
+            As of `calibration`; also when it is that of an unknown drive.
+        """
+        calibration = self.calibration()
+        if isinstance(calibration, UnknownDriveUnit):
+            raise ValueError(
+                f"{self.calibration_file} is the calibration of an unknown drive, of which there "
+                "is no model to compare or draw; `ema estimate` and `ema report` give its figures"
+            )
+        return calibration
 
     @property
     def calibration_source(self) -> str:

@@ -14,7 +14,7 @@ from ema_cli.commands.estimate import estimate_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_cli.prognosis_options import PrognosisOptions
 from ema_cli.show.advice import advice_in_words
-from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.loading import AnyCalibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.advice import Advice, advise
 from ema_monitor.prognosis.advisory import Costs
@@ -39,7 +39,7 @@ class UnitDiagnosis:
 
     record: UnitRecord
     options: IdentificationOptions
-    calibration: Calibration
+    calibration: AnyCalibration
     estimates: list[Estimate]
     course: Course
     costs: Costs | None

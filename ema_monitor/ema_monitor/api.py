@@ -13,10 +13,11 @@ from ema_monitor.design.certifying import certify
 from ema_monitor.design.designing import Design, design_command
 from ema_monitor.design.limits import MotionLimits
 from ema_monitor.health import Health, HealthLimits, assess
-from ema_monitor.identification.combination import Combination, CombinationSettings
+from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import Identification, identify
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
 from ema_monitor.prognosis.growth.settings import TrackerSettings

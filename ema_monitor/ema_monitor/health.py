@@ -1,5 +1,6 @@
 """Health of an actuator from an estimate: levels, index and grade (docs/faults.md)."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
@@ -9,8 +10,14 @@ import numpy as np
 from ema_core.faults import FAULT_NAMES, FAULTS, KINDS, LIMITS, kind_of, settings_by_kind
 from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_core.quantity import check_quantities, quantity
-from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.estimate import CURRENT_DRIVEN, Estimate
 from ema_monitor.identification.settings import MOST_UNEXPLAINED
+
+TORQUE_PER_AMPERE: Final = "torque_per_ampere"
+"""What is judged beside the faults where the drive is unknown: the share that is left [-]."""
+
+USUAL_TORQUE_CHANGE: Final = 0.05
+"""One sigma of what the temperature of its magnets changes the torque per ampere by [-]."""
 
 ONE_SIDED_95: Final = 1.645
 """Standard deviations from the mean to a one-sided 95 % bound [-]."""
@@ -184,7 +191,7 @@ def assess(
     fit = np.interp(goodness, [limit / 2.0, limit], [1.0, 0.0])
     if np.isfinite(estimate.unexplained_share):
         fit = max(fit, 1.0 - estimate.unexplained_share / MOST_UNEXPLAINED)
-    return Health(
+    health = Health(
         level=worst.level if worst else STALE,
         health_index=float(np.clip(1.0 - max((i.share for i in known), default=np.nan), 0.0, 1.0)),
         severity=_grade(worst),
@@ -193,10 +200,11 @@ def assess(
         faults=faults,
         reason="; ".join(filter(None, [unseen, estimate.reason])),
     )
+    return with_requirements(health, _torque_per_ampere(estimate, limits))
 
 
 def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> Health:
-    """Return health including the requirements, with the worse level and severity.
+    """Return health including further requirements, with the worse level and severity.
 
     Parameters
     ----------
@@ -204,11 +212,37 @@ def with_requirements(health: Health, requirements: tuple[FaultHealth, ...]) -> 
         Health by the faults, and with regard to each requirement.
     """
     worst = _worst(requirements)
+    requirements = (*health.requirements, *requirements)
     if worst is None:
         return replace(health, requirements=requirements)
     level = worst.level if health.level == STALE else max(health.level, worst.level)
     severity = max(health.severity, _grade(worst))
     return replace(health, level=level, severity=severity, requirements=requirements)
+
+
+def _torque_per_ampere(estimate: Estimate, limits: HealthLimits) -> tuple[FaultHealth, ...]:
+    """Return health with regard to the torque per ampere, where the drive is unknown.
+
+    As many turns of all phases may be lost as of one. Hot magnets are weaker too: what they lose
+    is no fault, and part of the sigma unless it was measured.
+    """
+    if estimate.algorithm != CURRENT_DRIVEN:
+        return ()
+    loss = next((-one.value for one in estimate.causes if one.name == "torque_constant"), math.nan)
+    if math.isnan(loss):
+        return ()
+    measured = {one.name for one in estimate.measured}
+    sigma = next(one.sigma for one in estimate.causes if one.name == "torque_constant")
+    sigma = sigma if "torque_constant" in measured else math.hypot(sigma, USUAL_TORQUE_CHANGE)
+    limit = limits.short_circuit
+    share = max(loss, 0.0) / limit
+    level = OK
+    if loss > limit:
+        level = ERROR
+    elif loss - ONE_SIDED_95 * sigma > limits.warn_share * limit:
+        level = WARN
+    name = TORQUE_PER_AMPERE
+    return (FaultHealth(name, level, 1.0 - loss, sigma, 1.0 - limit, True, share),)
 
 
 def _worst(items: tuple[FaultHealth, ...]) -> FaultHealth | None:

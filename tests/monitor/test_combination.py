@@ -12,7 +12,7 @@ from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULTS, fault_vec
 from ema_core.telemetry import Telemetry
 from ema_monitor.api import identify_motion
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.combination import Combination, CombinationSettings, Tally
+from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.combinations import Combinations
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.knowledge import Before, Knowledge, information
@@ -20,6 +20,7 @@ from ema_monitor.identification.objective import Coordinates, Objective
 from ema_monitor.identification.preview import NUISANCES, Motion
 from ema_monitor.identification.search import Identification
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.identification.uncertainty import sandwich_covariance, shifts_of
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window

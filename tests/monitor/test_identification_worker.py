@@ -11,10 +11,11 @@ import pytest
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
 from ema_monitor.identification import combination
-from ema_monitor.identification.combination import Combination, CombinationSettings, Tally
+from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.search import Generation, Identification
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.node import worker as identification_worker
 from ema_monitor.node.settings import WindowSettings
 from ema_monitor.node.worker import IdentificationWorker

@@ -54,7 +54,7 @@ class Course:
 
     record: UnitRecord
     settings: PrognosisSettings
-    parameters: ActuatorParameters
+    parameters: ActuatorParameters | None
     steps: list[Step]
     growth: GrowthRecord
     forecaster: Forecaster | None
@@ -74,7 +74,7 @@ class Course:
 def follow(
     record: UnitRecord,
     estimates: Sequence[Estimate],
-    parameters: ActuatorParameters,
+    parameters: ActuatorParameters | None,
     settings: PrognosisSettings,
 ) -> Course:
     """Return health and life of a unit test by test, with a progress bar.
@@ -82,7 +82,7 @@ def follow(
     Parameters
     ----------
     parameters
-        Those of the unit, as calibrated.
+        Those of the unit, as calibrated; None where its drive is unknown.
     """
     unit = record.description
     key = (unit.actuator_id, unit.serial_number)
@@ -150,7 +150,9 @@ def _share_of_the_way(course: Course, faults: NDArray[np.float64]) -> NDArray[np
         for number, fault in enumerate(FAULTS)
         if fault.limit is not None
     ]
-    requirements = FITTED.of(course.parameters, course.settings.requirements)
+    requirements = ""
+    if course.parameters is not None:
+        requirements = FITTED.of(course.parameters, course.settings.requirements)
     if not isinstance(requirements, str):
         shares += list(1.0 - requirements.exact_reserves(REQUIREMENTS, faults).T)
     return np.max(shares, axis=0)

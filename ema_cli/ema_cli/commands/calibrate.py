@@ -10,7 +10,7 @@ from ema_cli.bags.windows import identifiable_windows
 from ema_cli.errors import one_clear_line
 from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
-from ema_monitor.calibration.fit import calibrate as calibrate_windows
+from ema_monitor.calibration.loading import calibrate_unit
 from ema_monitor.model.measured import taken_for_known
 from ema_monitor.model.monitor_model import FORMS
 from ema_monitor.windows.trigger import Refusal
@@ -64,7 +64,7 @@ def calibrate(bags: tuple[Path, ...], form: str | None, source: Source, output: 
                 click.echo(f"warning: {bag} records simulated faults: not healthy", err=True)
         with progress_bar() as progress:
             progress.add_task("calibrating", total=None)
-            calibration = calibrate_windows(WindowsOnDemand(windows), descriptions[0], form)
+            calibration = calibrate_unit(WindowsOnDemand(windows), descriptions[0], form)
         calibration.save(output)
     if known := taken_for_known(item for item in windows if not isinstance(item.place, Refusal)):
         click.echo(f"taken for known: {known}")

@@ -81,7 +81,7 @@ def compare(
             )
         picture = output or _beside(bag)
         require_drawable(picture)
-        calibration = options.calibration()
+        calibration = options.calibration_of_model()
         found = identifiable_windows(bag, source)
         chosen = choose_window(found, number)
         truth = found.true_faults(chosen.start_ns)

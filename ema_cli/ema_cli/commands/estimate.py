@@ -21,7 +21,7 @@ from ema_cli.identification_options import IdentificationOptions, identification
 from ema_cli.show.progress import progress_bar
 from ema_core.faults import FAULTS
 from ema_core.wording import counted
-from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.loading import AnyCalibration
 from ema_monitor.identification.combinations import Combinations
 from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
 from ema_monitor.identification.search import Identification, LastFaults
@@ -79,7 +79,7 @@ def estimate(
 
 def estimate_windows(
     windows: Sequence[RecordedWindow],
-    calibration: Calibration,
+    calibration: AnyCalibration,
     options: IdentificationOptions,
     *,
     force: bool = False,
@@ -122,7 +122,7 @@ def estimate_windows(
 
 def _combined(
     windows: Sequence[RecordedWindow],
-    calibration: Calibration,
+    calibration: AnyCalibration,
     options: IdentificationOptions,
     *,
     force: bool,

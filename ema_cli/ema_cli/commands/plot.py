@@ -81,7 +81,7 @@ def _draw_estimate(
             raise ValueError(f"window {number} cannot be used: {window.place.reason}")
         # With those before it, in which a warm search begins.
         windows = windows[: number + 1]
-    calibration = options.calibration()
+    calibration = options.calibration_of_model()
     estimates = estimate_windows(
         windows, calibration, options, force=source.force, any_motion=source.any_motion
     )

@@ -8,6 +8,7 @@ from ema_cli.figures.svg import inline_svg
 from ema_cli.report.words import moment
 from ema_cli.unit_diagnosis import UnitDiagnosis
 from ema_core.wording import counted
+from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 
 
 class Picture(NamedTuple):
@@ -38,7 +39,8 @@ def pictures_of(told: UnitDiagnosis, end_hours: float | None) -> list[Picture]:
 def _last_fit(told: UnitDiagnosis) -> Picture | None:
     """Return the fit of the last valid estimate."""
     estimate = next((one for one in reversed(told.estimates) if one.valid), None)
-    if estimate is None:
+    if estimate is None or isinstance(told.calibration, UnknownDriveUnit):
+        # Where the drive is unknown there is no model of a window to be drawn.
         return None
     last = next(one for one in told.record.windows if one.end_ns == estimate.end_ns)
     what = "Last stretch of the estimate" if estimate.stretches else "Window"

@@ -95,9 +95,7 @@ def calibration_of(told: UnitDiagnosis) -> dict[str, str]:
         "from": told.options.calibration_source,
         "unit": f"{one.actuator_id} ({one.serial_number})",
         "healthy windows": str(one.windows),
-        "residual of a healthy window": (
-            f"{one.healthy_rms:.4g} A, {one.healthy_speed_rms:.4g} rad/s"
-        ),
+        "residual of a healthy window": one.residual_in_words,
         "not learned of the unit": missed or "nothing",
     }
 

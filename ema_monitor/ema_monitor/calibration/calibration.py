@@ -213,6 +213,11 @@ class Calibration:
         words = ", ".join(name.replace("_", " ") for name in self.not_learned)
         return f"; not learned from these windows: {words}" if words else ""
 
+    @property
+    def residual_in_words(self) -> str:
+        """Residual of a healthy window, current and speed."""
+        return f"{self.healthy_rms:.4g} A, {self.healthy_speed_rms:.4g} rad/s"
+
     def model(self) -> MonitorModel:
         """Return the monitor model of this unit."""
         return MonitorModel(self.parameters, self.form, self.dt, self.unit)

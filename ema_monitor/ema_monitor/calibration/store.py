@@ -5,6 +5,7 @@ from urllib.parse import quote
 
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.loading import AnyCalibration, load_calibration
 
 
 class CalibrationStore:
@@ -27,10 +28,10 @@ class CalibrationStore:
     def __init__(self, file: str, own_folder: Path) -> None:
         self._file = file
         self._own_folder = own_folder
-        self._in_use: dict[tuple[str, str], Calibration] = {}
+        self._in_use: dict[tuple[str, str], AnyCalibration] = {}
         self._path(file, ActuatorDescription())
 
-    def of(self, description: ActuatorDescription) -> Calibration | str:
+    def of(self, description: ActuatorDescription) -> AnyCalibration | str:
         """Return the calibration of an actuator, or why there is none.
 
         Parameters
@@ -45,7 +46,7 @@ class CalibrationStore:
                 return self._in_use[key]
             path = self._path(self._file, description)
             try:
-                self._in_use[key] = Calibration.load(path)
+                self._in_use[key] = load_calibration(path)
             except FileNotFoundError:
                 return (
                     f"there is no calibration yet: {path} is missing; calibrate on the healthy unit"
@@ -54,7 +55,7 @@ class CalibrationStore:
                 return f"the calibration cannot be used: {error}"
         return self._in_use[key]
 
-    def load(self, description: ActuatorDescription, file: str) -> tuple[Calibration, Path]:
+    def load(self, description: ActuatorDescription, file: str) -> tuple[AnyCalibration, Path]:
         """Use a calibration from a file from now on.
 
         Parameters
@@ -77,7 +78,7 @@ class CalibrationStore:
             When it cannot be read.
         """
         path = self._place(description, file)
-        calibration = Calibration.load(path)
+        calibration = load_calibration(path)
         if reason := calibration.unit_mismatch(description):
             raise ValueError(f"{path}: {reason}")
         self._in_use[description.actuator_id, description.serial_number] = calibration
@@ -108,7 +109,9 @@ class CalibrationStore:
             ) from error
         return path
 
-    def keep(self, description: ActuatorDescription, calibration: Calibration, path: Path) -> None:
+    def keep(
+        self, description: ActuatorDescription, calibration: AnyCalibration, path: Path
+    ) -> None:
         """Store a calibration and use it from now on.
 
         Parameters

@@ -1,16 +1,14 @@
 """Stretches of ordinary motion, combined until the faults are known well enough (M29)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector, healthy_faults
-from ema_core.quantity import check_quantities, quantity
-from ema_core.wording import counted
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.combined import Part, combined_estimate
 from ema_monitor.identification.defects import drive_defect
@@ -21,6 +19,7 @@ from ema_monitor.identification.objective import Coordinates
 from ema_monitor.identification.preview import NUISANCES, Motion, Preview
 from ema_monitor.identification.search import Identification
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.identification.uncertainty import SPANS, UNOBSERVABLE_SIGMA
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -36,71 +35,6 @@ _RANGE: Final = np.diag((SPANS / UNOBSERVABLE_SIGMA) ** 2)
 _UNFIT: Final = 2.0
 _REFUSED_IN_A_ROW: Final = 3
 _REACHED: Final = 1.2
-
-
-@dataclass(frozen=True)
-class CombinationSettings:
-    """Until when stretches of ordinary motion are combined to one estimate.
-
-    Raises
-    ------
-    ValueError
-        When a figure is outside its range; the message names it.
-    """
-
-    wanted_sigma: float = quantity(
-        0.01, "-", 1e-4, 0.25, "standard deviation of each fault at which motion gives an estimate"
-    )
-    most_stretches: int = quantity(
-        60, "-", 1, 10_000, "largest number of stretches of motion looked at for an estimate"
-    )
-    longest_s: float = quantity(
-        600.0, "s", 0.01, 1e7, "longest time from the first to the last stretch of an estimate"
-    )
-    pause_s: float = quantity(
-        10.0, "s", 0.0, 1e7, "time after an estimate in which motion is not looked at"
-    )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
-
-class Tally(NamedTuple):
-    """How many stretches there were, and what became of them.
-
-    Attributes
-    ----------
-    stretches
-        All of them.
-    combined
-        Those that an estimate rests on, or the next one will.
-    skipped
-        Those that would not have told anything new, or that followed an estimate too soon.
-    refused
-        Those that nothing explains, or that cannot be used.
-    dropped
-        Those that had to wait for too long.
-    fruitless
-        Combinations that have shown no fault as well as wanted.
-    reason
-        Why the latest one was refused or dropped; empty when an estimate has been made since.
-    """
-
-    stretches: int = 0
-    combined: int = 0
-    skipped: int = 0
-    refused: int = 0
-    dropped: int = 0
-    fruitless: int = 0
-    reason: str = ""
-
-    def __str__(self) -> str:
-        words = (
-            f"{counted(self.stretches, 'stretch')} of motion: {self.combined} combined, "
-            f"{self.skipped} told nothing new, {self.refused} refused"
-        )
-        words += f", {self.dropped} dropped" if self.dropped else ""
-        return f"{words} (the latest: {self.reason})" if self.reason else words
 
 
 class Combination:

@@ -7,10 +7,13 @@ from typing import NamedTuple
 from numpy.typing import ArrayLike
 
 from ema_core.description import ActuatorDescription
-from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.combination import Combination, CombinationSettings, Tally
+from ema_monitor.calibration.loading import AnyCalibration
+from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.tally import CombinationSettings, Tally
+from ema_monitor.unknown_drive.combining import CurrentCombination
+from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -37,7 +40,7 @@ class Combinations:
     def add(
         self,
         description: ActuatorDescription,
-        calibration: Calibration | str,
+        calibration: AnyCalibration | str,
         search: SearchSettings,
         settings: CombinationSettings,
         stretch: Window | Refusal,
@@ -64,9 +67,14 @@ class Combinations:
         key, ended = (description, identity, search, settings), []
         held = self._of.get(description.actuator_id)
         if held is None or held.key != key:
-            combination = Combination(
-                description, calibration, search, settings, previous=previous, force=force
-            )
+            if isinstance(calibration, UnknownDriveUnit):
+                combination = CurrentCombination(
+                    description, calibration, search, settings, force=force
+                )
+            else:
+                combination = Combination(
+                    description, calibration, search, settings, previous=previous, force=force
+                )
             ended = held.numbered(held.combination.finish()) if held else []
             held = _Held(key, description, combination, held.estimates if held else 0)
             self._of[description.actuator_id] = held
@@ -98,7 +106,7 @@ class _Held:
 
     key: tuple[object, ...]
     description: ActuatorDescription
-    combination: Combination
+    combination: Combination | CurrentCombination
     estimates: int
 
     def numbered(self, found: list[Estimate]) -> list[Combined]:

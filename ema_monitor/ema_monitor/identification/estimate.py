@@ -13,8 +13,12 @@ from ema_core.faults import FAULT_NAMES, FAULTS, N_FAULTS, FaultVector
 from ema_core.wording import text_table
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
+
+CURRENT_DRIVEN: Final = "current_driven"
+"""Algorithm of the estimates of a unit whose drive is unknown."""
 
 _FLAGS: Final = ("unobservable", "insignificant")
 _CAUSES: Final = ("causes", "measured")
@@ -162,7 +166,7 @@ class Estimate:
 
 def refusal(
     window: Window | Refusal,
-    calibration: Calibration | str,
+    calibration: Calibration | UnknownDriveUnit | str,
     settings: SearchSettings,
     reason: str,
 ) -> Estimate:

@@ -11,6 +11,7 @@ from ema_core.causes import CauseEstimate
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector, healthy_faults
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.loading import AnyCalibration
 from ema_monitor.identification.defects import drive_defect
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.fitness import DEFAULT_FITNESS
@@ -23,6 +24,9 @@ from ema_monitor.model.measured import measured_causes
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import minimise
 from ema_monitor.optimizers.interface import Hints
+from ema_monitor.unknown_drive.calibrating import motion_defect
+from ema_monitor.unknown_drive.identifying import identify_unknown
+from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
@@ -82,7 +86,7 @@ class Identification:
         self,
         window: Window | Refusal,
         description: ActuatorDescription,
-        calibration: Calibration | str,
+        calibration: AnyCalibration | str,
         settings: SearchSettings,
         *,
         force: bool = False,
@@ -111,6 +115,13 @@ class Identification:
             self.estimate = self._refuse(self._window.reason)
         elif isinstance(self._calibration, str):
             self.estimate = self._refuse(self._calibration)
+        elif isinstance(self._calibration, UnknownDriveUnit):
+            self.estimate = self._by_current(self._window, self._calibration)
+        elif self._description.drive == "unknown":
+            self.estimate = self._refuse(
+                "drive = unknown, and the calibration is of a drive that is known; calibrate on "
+                "healthy motion of this unit"
+            )
         else:
             yield from self._search(self._window, self._calibration)
 
@@ -201,6 +212,19 @@ class Identification:
         except np.linalg.LinAlgError as error:
             self.estimate = self._refuse(f"the uncertainty cannot be computed: {error}")
 
+    def _by_current(self, window: Window, unit: UnknownDriveUnit) -> Estimate:
+        """Return the estimate where nothing is known of the drive; there is no search."""
+        mismatch = unit.unit_mismatch(self._description)
+        if reason := unit.shape_mismatch(window) or motion_defect(window, self._description):
+            return self._refuse(reason)
+        if mismatch and not self._force:
+            return self._refuse(f"the calibration does not fit: {mismatch}")
+        self.caveats = [f"forced although {mismatch}"] if mismatch else []
+        found = identify_unknown(
+            [window], self._description, unit, self._settings.goodness_limit, self.caveats
+        )
+        return self._refuse(found) if isinstance(found, str) else found
+
     def _mismatches(self, window: Window, calibration: Calibration) -> tuple[str, list[str]]:
         """Return why no estimate can be made, and reservations about one that can."""
         if defect := drive_defect(window, self._description.parameters):
@@ -219,7 +243,7 @@ class Identification:
 def identify(
     window: Window | Refusal,
     description: ActuatorDescription | None = None,
-    calibration: Calibration | str | None = None,
+    calibration: AnyCalibration | str | None = None,
     settings: SearchSettings | None = None,
     *,
     force: bool = False,
@@ -280,7 +304,7 @@ class LastFaults:
         self._last.pop(actuator_id, None)
 
     def of(
-        self, description: ActuatorDescription, calibration: Calibration | str
+        self, description: ActuatorDescription, calibration: AnyCalibration | str
     ) -> NDArray[np.float64] | None:
         """Return the faults to begin at, ``(8,)``; None when there are none.
 
@@ -299,7 +323,7 @@ class LastFaults:
         return faults if calibration_id == calibration.calibration_id else None
 
     def record(self, description: ActuatorDescription, estimate: Estimate) -> None:
-        """Remember an estimate if it is valid.
+        """Remember an estimate if it is valid and knows every fault.
 
         Parameters
         ----------
@@ -308,7 +332,7 @@ class LastFaults:
         estimate
             Estimate of its latest window.
         """
-        if estimate.valid:
+        if estimate.valid and np.all(np.isfinite(estimate.faults)):
             self._last[description.actuator_id] = (
                 description,
                 estimate.calibration_id,

@@ -244,5 +244,5 @@ def compile_kernels(forms: Iterable[str] = FORMS) -> None:
         Forms of the model that will be used.
     """
     at_rest = Telemetry(0, 1e-4, 1, *(np.zeros(2) for _ in COLUMNS))
-    for form in forms:
+    for form in FORMS.keys() & set(forms):
         MonitorModel(ActuatorParameters(), form).respond(Window(at_rest), healthy_faults())

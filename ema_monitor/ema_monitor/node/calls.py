@@ -15,7 +15,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.wording import counted
 from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate, ForgetActuator
-from ema_monitor.calibration.fit import calibrate
+from ema_monitor.calibration.loading import calibrate_unit
 from ema_monitor.calibration.store import CalibrationStore
 from ema_monitor.identification.search import Identification
 from ema_monitor.identification.settings import SearchSettings
@@ -133,7 +133,7 @@ class MonitorCalls:
             else:
                 path = self._store.prepare(description, request.file)
                 windows = list(self._healthy_windows(description.actuator_id, request.windows))
-                calibration = calibrate(windows, description)
+                calibration = calibrate_unit(windows, description)
                 self._store.keep(description, calibration, path)
                 known = "; taken for known: " if (taken := taken_for_known(windows)) else ""
                 response.message = (

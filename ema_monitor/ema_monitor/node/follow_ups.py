@@ -10,6 +10,7 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.loading import AnyCalibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.window_fit import window_fit
 from ema_monitor.node.messages import advice_to_message, forecast_to_message, window_fit_to_message
@@ -57,7 +58,7 @@ class FollowUps:
     def __init__(
         self,
         add_publisher: Callable[[str], LifecyclePublisher],
-        calibration_of: Callable[[ActuatorDescription], Calibration | str],
+        calibration_of: Callable[[ActuatorDescription], AnyCalibration | str],
         write_assessment: Callable[[ActuatorDescription], None],
         costs: Callable[[], Costs],
         log_error: Callable[[str], object],

@@ -10,11 +10,11 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import Health
-from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.loading import AnyCalibration
 from ema_monitor.calibration.store import CalibrationStore
-from ema_monitor.identification.combination import CombinationSettings
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.node.calls import MonitorCalls
 from ema_monitor.node.follow_ups import FollowUps
 from ema_monitor.node.messages import estimate_to_message
@@ -257,7 +257,7 @@ class MonitorNode(ManagedNode):
                 f"{self._worker.waiting} wait"
             )
 
-    def _calibration_of(self, description: ActuatorDescription) -> Calibration | str:
+    def _calibration_of(self, description: ActuatorDescription) -> AnyCalibration | str:
         return self._store.of(description)
 
     def _publish_estimate(self, segment: Segment, estimate: Estimate) -> None:

@@ -16,7 +16,7 @@ from ema_core.levels import OK, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_interfaces.srv import GetHistory, PredictRemainingLife
-from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.loading import AnyCalibration
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.messages import health_to_message, history_to_message
@@ -157,7 +157,7 @@ class MonitorPrognosis:
     def __init__(
         self,
         node: Node,
-        calibration_of: Callable[[ActuatorDescription], Calibration | str],
+        calibration_of: Callable[[ActuatorDescription], AnyCalibration | str],
         units: Units,
         resume: Callable[[ActuatorDescription, Outlook], None],
     ) -> None:

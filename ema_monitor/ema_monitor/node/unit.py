@@ -11,8 +11,8 @@ from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.quantity import is_finite_number
 from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.health import FaultHealth
-from ema_monitor.identification.combination import Tally
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.tally import Tally
 from ema_monitor.node.level_filter import LevelFilter
 from ema_monitor.node.messages import health_to_message
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook

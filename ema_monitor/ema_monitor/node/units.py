@@ -10,8 +10,8 @@ from ema_core.description import ActuatorDescription, check_name
 from ema_core.levels import OK, WARN
 from ema_core.wording import counted
 from ema_interfaces.msg import Health as HealthMessage
-from ema_monitor.identification.combination import Tally
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.tally import Tally
 from ema_monitor.node.unit import Unit
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
 from ema_core.wording import counted
-from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.identification.combination import Tally
+from ema_monitor.calibration.loading import AnyCalibration
 from ema_monitor.identification.combinations import Combinations
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.search import Identification, LastFaults
+from ema_monitor.identification.tally import Tally
 from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.node.settings import WindowSettings
 from ema_monitor.node.window_queue import QueueClosedError, WindowQueue
@@ -56,7 +56,7 @@ class IdentificationWorker:
 
     def __init__(
         self,
-        calibration_of: Callable[[ActuatorDescription], Calibration | str],
+        calibration_of: Callable[[ActuatorDescription], AnyCalibration | str],
         latest_estimate: Callable[[ActuatorDescription], Estimate | None],
         settings: Callable[[], WindowSettings],
         publish: Callable[[Segment, Estimate], None],

@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES
 from ema_core.levels import ERROR, STALE, WARN
-from ema_monitor.health import Health, HealthLimits, Tracked, assess, with_requirements
+from ema_monitor.health import (
+    TORQUE_PER_AMPERE,
+    Health,
+    HealthLimits,
+    Tracked,
+    assess,
+    with_requirements,
+)
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife, assumption_of
 from ema_monitor.prognosis.growth.tracker import TrackedFault
@@ -241,7 +248,7 @@ def outlook_of(
         hours_per_cycle=_hours_per_cycle(growth, settings),
         health=health,
         trends={item.name: item.trend for item in tracked} | dict(required.trends),
-        lives={**prognosis.components, **required.lives},
+        lives={**prognosis.components, **required.lives, **_not_tracked(health)},
         rul_faults=prognosis.overall,
         rul_requirements=required.overall,
         rul=rul,
@@ -253,6 +260,16 @@ def outlook_of(
         levels=levels,
         tests_tell=tests_tell,
     )
+
+
+def _not_tracked(health: Health) -> dict[str, RemainingLife]:
+    """Return the lives of what is judged by the latest test alone."""
+    reason = "its growth is not tracked"
+    return {
+        item.name: RemainingLife.unknown("", reason)
+        for item in health.requirements
+        if item.name == TORQUE_PER_AMPERE
+    }
 
 
 def _required(

@@ -210,7 +210,7 @@ class Prognostics:
         return replace(outlook, happened=new)
 
     def _outlook(self, parameters: ActuatorParameters | None) -> Outlook:
-        requirements = "requirements cannot be monitored without a calibration"
+        requirements = "requirements cannot be monitored without a calibration of a known drive"
         if parameters is not None:
             requirements = self._requirements_of(parameters, self._settings.requirements)
         outlook = outlook_of(self.growth, self._settings, requirements)

@@ -5,7 +5,7 @@ It serves live telemetry, replays and bags alike: nothing depends on when a bloc
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from ema_core.description import ActuatorDescription
@@ -22,6 +22,8 @@ from ema_monitor.windows.trigger import (
 from ema_monitor.windows.window import MIN_TRAVEL, Window
 
 _MANY_MOTIONS: Final = 3
+_LEAST_SAMPLES: Final = 500
+_LONGEST_STRETCH_S: Final = 100.0
 
 
 @dataclass(frozen=True)
@@ -262,4 +264,8 @@ class WindowFinder:
 
 def _trigger(description: ActuatorDescription, settings: TriggerSettings) -> WindowTrigger:
     kind = StretchTrigger if settings.windows == ANY_MOTION else WindowTrigger
+    if description.drive == "unknown" and kind is StretchTrigger:
+        # Slow samples: a stretch has to hold several moves, to tell a load from friction.
+        least_s = min(_LEAST_SAMPLES * description.sample_period, _LONGEST_STRETCH_S)
+        settings = replace(settings, window_s=max(settings.window_s, least_s))
     return kind(description.parameters, settings)

@@ -68,9 +68,12 @@ class RequirementLimits:
 
     @classmethod
     def unit(cls, name: str) -> str:
-        """Return the unit of a requirement as messages write it; "1" for a share."""
+        """Return the unit of a requirement as messages write it; "1" for a share.
+
+        That of the torque per ampere, which is judged where a drive is unknown, is a share, too.
+        """
         units = {item.name: item.metadata["unit"] for item in fields(cls)}
-        return units[name].replace("-", "1")
+        return units.get(name, "-").replace("-", "1")
 
     def criterion(self, name: str) -> str:
         """Return in words when a requirement fails, of an actuator that is not known."""

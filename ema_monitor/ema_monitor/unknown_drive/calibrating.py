@@ -1,0 +1,154 @@
+"""Calibrating a unit whose drive is unknown, on healthy motion (M44)."""
+
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.description import ActuatorDescription
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.unknown_drive.balance import Balance
+from ema_monitor.unknown_drive.choosing import chosen_ripples
+from ema_monitor.unknown_drive.columns import has_speed
+from ema_monitor.unknown_drive.fitting import Fit, Prior, fit
+from ema_monitor.unknown_drive.priors import load_sigmas, taken_for_known_loads
+from ema_monitor.unknown_drive.terms import BASIC, columns_of, ripples
+from ema_monitor.unknown_drive.unit import UnknownDriveUnit
+from ema_monitor.windows.window import Window
+
+_KNEE: Final = 0.05
+_FEWEST_ROWS: Final = 30
+_LEAST_NOISE: Final = 1e-4
+
+
+def calibrate_unknown(
+    windows: Sequence[Window], description: ActuatorDescription
+) -> UnknownDriveUnit:
+    """Find inertia, friction, play and what repeats with the angle on healthy motion.
+
+    Parameters
+    ----------
+    windows
+        Healthy windows of any motion, at least one. Loads that were measured are taken for known.
+    description
+        The unit: gear ratio, pole pairs, nominal play, and how its telemetry is acquired. The
+        product of torque constant and current is a torque only where the torque constant is given;
+        nothing depends on it.
+
+    Raises
+    ------
+    ValueError
+        When there is no window, the motion is too little to tell inertia and friction, or the
+        figures are impossible.
+    """
+    if description.acquisition.current == "none":
+        raise ValueError(
+            "drive = unknown needs a measured current: acquisition says that there is none"
+        )
+    if not windows:
+        raise ValueError("calibration needs at least one healthy window, got none")
+    knee = _KNEE * float(np.percentile(np.concatenate([_sizes(one) for one in windows]), 95.0))
+    if not knee > 0.0:
+        raise ValueError("the current is 0 throughout the healthy windows: is it measured?")
+    balances, known = [], []
+    h = windows[0].sample_period
+    for number, window in enumerate(windows):
+        if reason := motion_defect(window, description):
+            raise ValueError(f"window {number}: {reason}")
+        if abs(window.sample_period / h - 1.0) > 1e-6:
+            raise ValueError(
+                f"window {number}: the sample period is {window.sample_period:g} s, that of the "
+                f"first one {h:g} s"
+            )
+        balances.append(Balance.of(window.telemetry, description, knee))
+        known.append(window)
+    rows = sum(int(np.count_nonzero(one.weight)) for one in balances)
+    if rows < _FEWEST_ROWS:
+        raise ValueError(
+            f"the healthy windows have {rows} means of steady motion one way, at least "
+            f"{_FEWEST_ROWS} are needed: give longer motion"
+        )
+    found = _fit(balances, known, description.parameters)
+    plays = [one.play for one in balances if one.play is not None]
+    play = play_sigma = float("nan")
+    if plays:
+        weights = np.array([1.0 / max(one.sigma, 1e-9) ** 2 for one in plays])
+        widths = np.array([one.width for one in plays])
+        play = float(weights @ widths / weights.sum())
+        scatter = float(np.std(widths)) / np.sqrt(max(1, len(plays) - 1))
+        play_sigma = max(float(weights.sum() ** -0.5), scatter if len(plays) > 1 else 0.0)
+    loads = found.loads.mean(axis=0)
+    return UnknownDriveUnit(
+        actuator_id=description.actuator_id,
+        serial_number=description.serial_number,
+        parameters=description.parameters,
+        sample_period=h,
+        speed_measured=description.acquisition.speed,
+        windows=len(windows),
+        terms=found.values,
+        covariance=found.covariance,
+        load=float(loads[0]),
+        stiffness=float(loads[1]),
+        knee=knee,
+        noise=max(found.rms, _LEAST_NOISE),
+        play=play,
+        play_sigma=play_sigma,
+        fastest=max(one.fastest for one in balances),
+    )
+
+
+def motion_defect(window: Window, description: ActuatorDescription) -> str:
+    """Return why nothing can be told from the motion of a window; empty when something can."""
+    telemetry = window.telemetry
+    measured = has_speed(telemetry, description)
+    moves = np.any(telemetry.speed) if measured else np.ptp(telemetry.position) > 0.0
+    if not moves:
+        flows = float(np.median(np.abs(telemetry.current)))
+        if np.ptp(telemetry.command) > 0.0 and flows > 0.0:
+            return (
+                f"no excitation: the motor stands still although the command moves and {flows:.2g} "
+                "A flow; a blocked shaft, an open phase or a frozen sensor"
+            )
+        return "no excitation: the motor stands still"
+    return ""
+
+
+def _sizes(window: Window) -> NDArray[np.float64]:
+    return np.abs(window.current)
+
+
+def _fit(
+    balances: Sequence[Balance], windows: Iterable[Window], parameters: ActuatorParameters
+) -> Fit:
+    """Fit the terms, without knowing anything of the unit."""
+    groups = ripples(parameters.P)
+    where = columns_of(groups)
+    size = balances[0].design.shape[1]
+    usual = float(np.median(np.concatenate([np.abs(one.current) for one in balances])))
+    fastest = max(one.fastest for one in balances)
+    accelerations = np.concatenate([np.abs(one.design[:, 0]) for one in balances])
+    sigma = np.full(size, usual)
+    sigma[0] = 1e3 * usual / max(float(np.percentile(accelerations, 90.0)), 1e-9)
+    sigma[1] = 1e3 * usual
+    sigma[2] = usual / fastest
+    sigma[3] = 0.5 * usual
+    sigma[4] = 3e-3
+    for group in groups:
+        sigma[where[group.name]] = 0.2 if group.scales_with == "current" else 0.3 * usual
+    loads = [taken_for_known_loads(one, parameters) for one in windows]
+    spreads = load_sigmas(parameters, balances)
+    prior = Prior(
+        np.zeros(size),
+        sigma,
+        np.array([[known[0][0], known[1][0]] for known in loads]),
+        np.array(
+            [
+                [min(known[0][1], spread[0]), min(known[1][1], spread[1])]
+                for known, spread in zip(loads, spreads, strict=True)
+            ]
+        ),
+    )
+    basic = np.arange(size) < len(BASIC)
+    first = fit(balances, prior, basic, 1e-6 * usual)
+    return chosen_ripples(balances, prior, basic, max(first.rms, _LEAST_NOISE), groups)
