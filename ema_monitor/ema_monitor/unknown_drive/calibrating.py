@@ -1,6 +1,7 @@
 """Calibrating a unit whose drive is unknown, on healthy motion (M44)."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -9,17 +10,19 @@ from numpy.typing import NDArray
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.unknown_drive.balance import Balance
-from ema_monitor.unknown_drive.choosing import chosen_ripples
 from ema_monitor.unknown_drive.columns import has_speed
 from ema_monitor.unknown_drive.fitting import Fit, Prior, fit
 from ema_monitor.unknown_drive.priors import load_sigmas, taken_for_known_loads
-from ema_monitor.unknown_drive.terms import BASIC, columns_of, ripples
+from ema_monitor.unknown_drive.terms import BASIC, OF_CURRENT, columns_of, ripples
 from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 from ema_monitor.windows.window import Window
 
-_KNEE: Final = 0.05
+_KNEE: Final = 0.15
 _FEWEST_ROWS: Final = 30
 _LEAST_NOISE: Final = 1e-4
+_SMALL: Final = 0.1
+_VISCOUS: Final = 0.5
+_SMALL_SHARE: Final = 0.02
 
 
 def calibrate_unknown(
@@ -134,8 +137,6 @@ def _fit(
     sigma[2] = usual / fastest
     sigma[3] = 0.5 * usual
     sigma[4] = 3e-3
-    for group in groups:
-        sigma[where[group.name]] = 0.2 if group.scales_with == "current" else 0.3 * usual
     loads = [taken_for_known_loads(one, parameters) for one in windows]
     spreads = load_sigmas(parameters, balances)
     prior = Prior(
@@ -151,4 +152,13 @@ def _fit(
     )
     basic = np.arange(size) < len(BASIC)
     first = fit(balances, prior, basic, 1e-6 * usual)
-    return chosen_ripples(balances, prior, basic, max(first.rms, _LEAST_NOISE), groups)
+    # What no motor is free of; left out, it would be taken for friction where the motor turns
+    # less than once.
+    small = np.full(size, _SMALL * abs(first.values[1]))
+    sigma[2] = _VISCOUS * abs(first.values[1]) / fastest
+    for group in groups:
+        if group.scales_with == OF_CURRENT:
+            small[where[group.name]] = _SMALL_SHARE
+    sigma = np.where(basic, sigma, small)
+    noise = max(first.rms, _LEAST_NOISE)
+    return fit(balances, replace(prior, sigma=sigma), np.ones(size, dtype=bool), noise)

@@ -18,7 +18,7 @@ from ema_monitor.identification.uncertainty import SIGNIFICANT_SIGMAS, UNOBSERVA
 from ema_monitor.unknown_drive.balance import Balance
 from ema_monitor.unknown_drive.choosing import chosen_ripples, evidence
 from ema_monitor.unknown_drive.fitting import Fit, Prior, fit
-from ema_monitor.unknown_drive.priors import basic_terms, prior_of
+from ema_monitor.unknown_drive.priors import basic_terms, of_unit, prior_of
 from ema_monitor.unknown_drive.terms import Ripple, ripples
 from ema_monitor.unknown_drive.unit import LEARNED, UnknownDriveUnit
 from ema_monitor.windows.window import Window
@@ -31,7 +31,8 @@ NOT_SEEN: Final = (
 
 _SIGNIFICANT: Final = 2.68
 _LOSS_MISMATCH: Final = 4e-3
-_FRICTION_MISMATCH: Final = 4e-3
+_FRICTION_MISMATCH: Final = (4e-3, 0.015)
+_FRICTION_WITHOUT_SPEED: Final = (6e-3, 0.03)
 _BACKLASH_MISMATCH: Final = 1.5e-3
 _ECCENTRICITY_MISMATCH: Final = (0.02, 0.06)
 _LOAD_HIDES: Final = 0.5
@@ -88,7 +89,9 @@ def identify_unknown(
     """
     started = time.perf_counter()
     windows = [_with_true_current(window) for window in windows]
-    balances = [Balance.of(window.telemetry, description, unit.knee) for window in windows]
+    balances = [
+        of_unit(Balance.of(window.telemetry, description, unit.knee), unit) for window in windows
+    ]
     rows = sum(int(np.count_nonzero(one.weight)) for one in balances)
     if rows < _FEWEST_ROWS:
         return (
@@ -187,7 +190,9 @@ def _fitted(
     relative += slope @ unit.covariance[:2, :2] @ slope
     if not is_learned:
         relative += USUAL_TORQUE_CHANGE**2
-    friction_sigma = math.hypot(level * math.sqrt(relative) / 2.0, _FRICTION_MISMATCH)
+    floor, share = _FRICTION_MISMATCH if unit.speed_measured else _FRICTION_WITHOUT_SPEED
+    mismatch = math.hypot(floor, share * (level - 1.0) / 2.0)
+    friction_sigma = math.hypot(level * math.sqrt(relative) / 2.0, mismatch)
     backlash, backlash_sigma = _backlash(balances, unit)
     return Motion(
         found,

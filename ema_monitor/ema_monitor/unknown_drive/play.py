@@ -91,7 +91,7 @@ def free_play(columns: Columns) -> Play | None:
     """
     h, shaft = columns.step_s, columns.shaft
     runs = runs_of(shaft, h)
-    time = h * np.arange(len(shaft))
+    time: NDArray[np.float64] = h * np.arange(float(len(shaft)))
     bases = _bases(columns, time)
     fitted = _within_runs(shaft, bases, runs)
     if fitted is None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -67,7 +68,7 @@ def prior_of(
     measured = {one.name: one for one in windows[0].measured}
     sigma[0] = inertia_sigma * unit.terms[0]
     sigma[1] = 3.0 * friction
-    sigma[2] = max(abs(unit.terms[2]), 0.3 * friction / unit.fastest)
+    sigma[2] = max(abs(unit.terms[2]), 0.15 * friction / unit.fastest)
     if "viscous_friction" in measured:
         sigma[2] = max(measured["viscous_friction"].sigma * abs(unit.terms[2]), 1e-9)
         mean[2] *= 1.0 + measured["viscous_friction"].value
@@ -75,6 +76,7 @@ def prior_of(
     sigma[4] = _LATER_S
     groups = ripples(unit.parameters.P)
     where = columns_of(groups)
+    mean[unit.ripple("turn")] = 0.0  # part of the friction: `of_unit`
     for group in groups:
         sigma[where[group.name]] = _FREE if group.scales_with == OF_CURRENT else _FREE * friction
     loads, spreads = [], []
@@ -83,6 +85,16 @@ def prior_of(
         loads.append([unit.load + known[0][0], unit.stiffness + known[1][0]])
         spreads.append([min(known[0][1], usual[0]), min(known[1][1], usual[1])])
     return Prior(mean, sigma, np.array(loads), np.array(spreads))
+
+
+def of_unit(balance: Balance, unit: UnknownDriveUnit) -> Balance:
+    """Return a balance in which friction varies over a turn as that of the healthy unit does.
+
+    Where it grows, it grows by the same factor everywhere.
+    """
+    design = balance.design.copy()
+    design[:, 1] += design[:, unit.ripple("turn")] @ unit.terms[unit.ripple("turn")] / unit.terms[1]
+    return replace(balance, design=design)
 
 
 def basic_terms(size: int) -> NDArray[np.bool_]:
