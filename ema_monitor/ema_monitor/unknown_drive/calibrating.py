@@ -155,6 +155,7 @@ def _fit(
     # What no motor is free of; left out, it would be taken for friction where the motor turns
     # less than once.
     small = np.full(size, _SMALL * abs(first.values[1]))
+    sigma[3] = _SMALL * abs(first.values[1])
     sigma[2] = _VISCOUS * abs(first.values[1]) / fastest
     for group in groups:
         if group.scales_with == OF_CURRENT:

@@ -186,8 +186,12 @@ def _fitted(
     level = f / f_0 * (J_0 / J * heavier if is_learned else 1.0)
     slope = np.array([-1.0 / J if is_learned else 0.0, 1.0 / f])
     relative = slope @ found.covariance[:2, :2] @ slope
-    slope = np.array([1.0 / J_0 if is_learned else 0.0, -1.0 / f_0])
-    relative += slope @ unit.covariance[:2, :2] @ slope
+    relative += (unit.friction_sigma / f_0) ** 2
+    if is_learned:
+        relative += unit.covariance[0, 0] / J_0**2
+    # What makes no torque is the same in both, however well it is known.
+    common = found.pull[1] / f - unit.friction_pull / f_0
+    relative += common**2 * unit.covariance[3, 3]
     if not is_learned:
         relative += USUAL_TORQUE_CHANGE**2
     floor, share = _FRICTION_MISMATCH if unit.speed_measured else _FRICTION_WITHOUT_SPEED

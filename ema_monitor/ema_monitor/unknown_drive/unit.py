@@ -134,7 +134,7 @@ class UnknownDriveUnit:
         sigma = np.sqrt(np.diag(self.covariance))
         if sigma[0] > LEARNED * self.terms[0]:
             names.append("torque_per_ampere")
-        if sigma[1] > 0.1 * self.terms[1]:
+        if self.friction_sigma > 0.1 * self.terms[1]:
             names.append("friction")
         if math.isnan(self.play):
             names.append("backlash")
@@ -144,6 +144,18 @@ class UnknownDriveUnit:
     def unit_parameters(self) -> None:
         """Nothing of the unit is known in the units of parameters."""
         return
+
+    @cached_property
+    def friction_pull(self) -> float:
+        """How friction follows the current that makes no torque, for all that is known [-]."""
+        variance = self.covariance[3, 3]
+        return float(self.covariance[1, 3] / variance) if variance > 0.0 else 0.0
+
+    @cached_property
+    def friction_sigma(self) -> float:
+        """Standard deviation of friction, were the current known that makes no torque [A]."""
+        rest = self.covariance[1, 1] - self.friction_pull**2 * self.covariance[3, 3]
+        return math.sqrt(max(float(rest), 0.0))
 
     @property
     def residual_in_words(self) -> str:
