@@ -22,6 +22,8 @@ from ema_monitor.windows.trigger import (
 from ema_monitor.windows.window import MIN_TRAVEL, Window
 
 _MANY_MOTIONS: Final = 3
+_LEAST_SAMPLES: Final = 500
+_LONGEST_STRETCH_S: Final = 100.0
 
 _LEAST_SAMPLES: Final = 500
 _LONGEST_STRETCH_S: Final = 100.0
