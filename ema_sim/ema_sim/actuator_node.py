@@ -3,7 +3,7 @@
 import time
 import traceback
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -61,8 +61,12 @@ class ActuatorNode(ManagedNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("actuator", **kwargs)
         declare(self, RunSettings)
-        file = read(self, RunSettings).actuator_file
-        self._description = load_description(Path(file)) if file else ActuatorDescription()
+        run_settings = read(self, RunSettings)
+        file = run_settings.actuator_file
+        description = load_description(Path(file)) if file else ActuatorDescription()
+        own = {name: getattr(run_settings, name) for name in ("actuator_id", "serial_number")}
+        given = {name: value for name, value in own.items() if value}
+        self._description = replace(description, **given)
         declare(self, BenchSettings(pause_s=_PAUSE_S))
         declare(self, Command, "command.")
         declare(self, ResolutionSettings, "resolution.")
