@@ -28,7 +28,7 @@ from ema_ros.description import description_to_message
 from ema_ros.faults import faults_from_message
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
-from ema_ros.settings import declare, read
+from ema_ros.settings import LIVE, declare, read
 from ema_ros.stamps import stamp_to_message
 from ema_ros.status import OK, WARN, Task, hardware_name
 from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
@@ -42,6 +42,7 @@ _PAUSE_S: Final = 0.3
 _CAUSES: Final = "causes"
 _CAUSES_DESCRIPTOR: Final = ParameterDescriptor(
     description=f"hidden causes that are none of the faults, {GRAMMAR}; known: {describe_causes()}",
+    additional_constraints=LIVE,
     dynamic_typing=True,
 )
 _COMMAND_FIGURES: Final = tuple(

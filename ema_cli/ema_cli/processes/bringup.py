@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,6 +12,8 @@ from ament_index_python.packages import (
     get_package_share_directory,
 )
 
+from ema_ros.managed_node import ManagedNode
+
 NODES: Final = {
     "actuator": ("ema_sim", "actuator_node"),
     "monitor": ("ema_monitor", "monitor_node"),
@@ -19,6 +22,20 @@ NODES: Final = {
     "dashboard": ("ema_dashboard", "dashboard_node"),
 }
 """Package and executable of each node, as for ``ros2 run``."""
+
+_CLASSES: Final = {
+    "actuator": ("ema_sim.actuator_node", "ActuatorNode"),
+    "monitor": ("ema_monitor.node.monitor_node", "MonitorNode"),
+    "recorder": ("ema_recording.recorder_node", "RecorderNode"),
+    "player": ("ema_recording.player_node", "PlayerNode"),
+    "dashboard": ("ema_dashboard.dashboard_node", "DashboardNode"),
+}
+
+
+def node_class(node: str) -> type[ManagedNode]:
+    """Return the class of one of ``NODES``; its module is imported now."""
+    module, name = _CLASSES[node]
+    return getattr(import_module(module), name)
 
 
 def parameter_file(name: str) -> Path:
