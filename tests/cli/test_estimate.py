@@ -286,7 +286,10 @@ def test_window_that_the_end_of_a_recording_cuts_off_is_no_failure(ema, record, 
     # The same cycle once more, joining the first, up to the middle of its window.
     last = faulty_blocks[-1]
     first_index, stamp_ns = last.first_index + len(last), last.stamp_at(len(last))
-    shift, shift_ns = first_index - faulty_blocks[0].first_index, stamp_ns - faulty_blocks[0].stamp_ns
+    shift, shift_ns = (
+        first_index - faulty_blocks[0].first_index,
+        stamp_ns - faulty_blocks[0].stamp_ns,
+    )
     again = [
         replace(block, first_index=block.first_index + shift, stamp_ns=block.stamp_ns + shift_ns)
         for block in faulty_blocks[: len(faulty_blocks) * 6 // 10]

@@ -1,5 +1,7 @@
 """A level changes when several estimates in a row say so, and not before."""
 
+from itertools import pairwise
+
 import pytest
 
 from ema_core.levels import ERROR, OK, WARN
@@ -28,4 +30,4 @@ def test_change_is_taken_when_it_is_confirmed(
         changes.append(one.add(level, confirmations))
         seen.append(one.level)
     assert seen == filtered
-    assert changes == [False, *(a != b for a, b in zip(filtered, filtered[1:], strict=False))]
+    assert changes == [False, *(a != b for a, b in pairwise(filtered))]

@@ -124,7 +124,9 @@ def nodes_of(name: str, **given: str) -> dict[str, dict[str, Any]]:
     """Return the nodes that a launch file starts, the fleet's actuators by their namespaces."""
     nodes = [item for item in actions_of(name, **given) if "package" in item]
     names = [item["name"] for item in nodes]
-    keys = [f"{n['namespace']}/{n['name']}" if names.count(n["name"]) > 1 else n["name"] for n in nodes]
+    keys = [
+        f"{n['namespace']}/{n['name']}" if names.count(n["name"]) > 1 else n["name"] for n in nodes
+    ]
     return dict(zip(keys, nodes, strict=True))
 
 
@@ -178,7 +180,9 @@ def test_argument_that_is_not_declared_is_refused_unless_the_file_is_included(na
     given = {"bag": "worn", "calibraton_file": "c.yaml"}
     nodes_of(name, **given)
     monkeypatch.setattr(sys, "argv", ["ros2", "launch", "ema_bringup", name])
-    with pytest.raises(RuntimeError, match=r"has no argument .*calibraton_file; it has .*namespace"):
+    with pytest.raises(
+        RuntimeError, match=r"has no argument .*calibraton_file; it has .*namespace"
+    ):
         nodes_of(name, **given)
 
 

@@ -58,7 +58,9 @@ def test_two_publishers_of_one_actuator_are_named(session):
     for early, late in zip(blocks[:10], blocks[20:30], strict=True):
         session.send(topics.TELEMETRY, telemetry_to_message(late, FLAP.actuator_id))
         other.publish(telemetry_to_message(early, FLAP.actuator_id))
-    status = session.until_status("flap telemetry", "several publishers: /ema/probe (2)", bytes([WARN]))
+    status = session.until_status(
+        "flap telemetry", "several publishers: /ema/probe (2)", bytes([WARN])
+    )
     assert "the sample index went back" in status.message
 
 

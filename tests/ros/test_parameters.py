@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 import yaml
+from rclpy.parameter import Parameter
 
 from ema_cli.parameter_page import PAGE, parameter_page
 from ema_cli.processes.bringup import NODES, node_class
@@ -45,7 +46,10 @@ def test_each_has_a_description_and_each_number_a_unit_and_a_range(parameters):
 def test_default_prints_so_that_every_tool_reads_the_number_back(parameters):
     for key, (value, _) in parameters.items():
         # YAML 1.1, as of `ros2 param load`, reads a number with an exponent and no point as a text.
-        assert yaml.safe_load(f"{value!r}" if isinstance(value, float) else "0.0") in (value, 0.0), key
+        assert yaml.safe_load(f"{value!r}" if isinstance(value, float) else "0.0") in (
+            value,
+            0.0,
+        ), key
 
 
 @pytest.mark.parametrize("name", NODES)
@@ -58,7 +62,7 @@ def test_what_is_live_says_why_a_value_is_refused(parameters, name: str):
                 continue
             beyond = limits[0].to_value + 1
             wrong = type(value)(beyond) if isinstance(value, int) else beyond * 2.0
-            [answer] = node.set_parameters([node.get_parameter(item).__class__(item, value=wrong)])
+            [answer] = node.set_parameters([Parameter(item, value=wrong)])
             assert not answer.successful, item
             assert item in answer.reason
         node.destroy_node()

@@ -166,9 +166,7 @@ def test_number_that_came_as_a_text_is_the_number(make_oven: Callable[..., Node]
 
 @dataclass(frozen=True)
 class Gap:
-    width: float = quantity(
-        2e-5, "m", 1e-9, 1.0, "width of the gap", shown=("width_um", "um", 1e6)
-    )
+    width: float = quantity(2e-5, "m", 1e-9, 1.0, "width of the gap", shown=("width_um", "um", 1e6))
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -181,7 +179,7 @@ def test_parameter_is_in_the_unit_in_which_it_prints_plainly(make_oven: Callable
     assert (repr(parameter.value), gap.value.width) == ("20.0", 2e-5)
     descriptor = node.describe_parameter("width_um")
     assert descriptor.description == "width of the gap [um]"
-    assert descriptor.floating_point_range[0].to_value == 1e6
+    assert next(iter(descriptor.floating_point_range)).to_value == 1e6
     assert set_one(node, "width_um", 30).successful
     assert gap.value.width == 3e-5
     assert not set_one(node, "width_um", 2e6).successful

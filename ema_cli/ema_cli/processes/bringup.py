@@ -32,7 +32,7 @@ _CLASSES: Final = {
 }
 
 
-def node_class(node: str) -> type[ManagedNode]:
+def node_class(node: str) -> Callable[..., ManagedNode]:
     """Return the class of one of ``NODES``; its module is imported now."""
     module, name = _CLASSES[node]
     return getattr(import_module(module), name)
@@ -72,16 +72,17 @@ def _installed(folder_of: Callable[[str], str], package: str, *parts: str) -> Pa
 
 
 def ros_arguments(
-    node: str,
-    *,
+    *nodes: str,
     parameter_files: Sequence[Path] = (),
     assignments: Sequence[str] = (),
     namespace: str | None = None,
 ) -> list[str]:
-    """Return the arguments of a node's program: its own parameter file, then what is given here.
+    """Return the arguments of a program of nodes: their own parameter files, then what is given.
 
     Parameters
     ----------
+    nodes
+        Names of ``NODES`` that run in it.
     parameter_files
         Further parameter files; a later one overrides.
     assignments
@@ -92,10 +93,10 @@ def ros_arguments(
     Raises
     ------
     ValueError
-        When the node's own parameter file is not installed.
+        When a node's own parameter file is not installed.
     """
     arguments = ["--ros-args"]
-    for file in (parameter_file(node), *parameter_files):
+    for file in (*map(parameter_file, nodes), *parameter_files):
         arguments += ["--params-file", str(file)]
     for assignment in assignments:
         arguments += ["-p", assignment]
