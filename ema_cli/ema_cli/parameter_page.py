@@ -17,7 +17,8 @@ PAGE: Final = Path("docs/parameters.md")
 _HEAD: Final = """# Parameters
 
 Made from the declarations by `make parameters`; `ros2 param describe NODE NAME` tells the same of a
-node that runs. `-p NAME:=VALUE` and parameter files set them at the start ([nodes.md](nodes.md#parameters)).
+node that runs. `-p NAME:=VALUE` and parameter files set them
+at the start ([nodes.md](nodes.md#parameters)).
 
 - **live**: can be changed at any time. Changes hold together from the next window on: one
   that is open keeps the settings with which it began.
