@@ -1,5 +1,6 @@
 """Launch files against stand-ins for the launch packages, parameter files against the nodes."""
 
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -7,6 +8,7 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
+import yaml
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
 from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
@@ -326,3 +328,21 @@ def test_later_parameters_override():
 def test_parameter_file_that_is_not_there_is_refused(name):
     with pytest.raises(ValueError, match="run `make setup`"):
         parameter_file(name)
+
+
+def test_aggregator_sorts_every_status_and_leaves_none_over():
+    [node] = yaml.safe_load(parameter_file("aggregator").read_text()).values()
+    analyzers = node["ros__parameters"]["ema"]["analyzers"]
+    patterns = {name: one["regex"] for name, one in analyzers.items()}
+    found = {
+        status: [
+            name
+            for name, regexes in patterns.items()
+            if any(re.fullmatch(regex, f"/ema/{status}") for regex in regexes)
+        ]
+        for status in (
+            *("monitor: flap health", "monitor: flap short circuit a", "monitor: unit 7 history"),
+            *("monitor: lifecycle", "recorder: recording", "left/actuator: simulation"),
+        )
+    }
+    assert list(found.values()) == [*[["actuators"]] * 3, *[["nodes"]] * 3]

@@ -22,6 +22,7 @@ from ema_ros import topics
 from ..waiting import DEADLINE_S, wait_for
 from .graph import Graph
 from .monitor_session import FLAP, MonitorSession, monitor
+from .spinning import figures
 from .worn_actuator import HOURS, count, friction, live, plain, predict, replaced, worn_cycles
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
