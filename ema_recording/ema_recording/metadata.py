@@ -138,7 +138,11 @@ def folder_contents(folder: Path) -> FolderContents:
     if storage != "mcap":
         raise ValueError(f"{folder}: storage is {storage!r}, expected 'mcap'")
     if mode.lower() not in ("", "none"):
-        raise ValueError(f"{folder}: compressed by {mode}, expected MCAP's own compression or none")
+        raise ValueError(
+            f"{folder}: compressed by {mode}, expected MCAP's own compression or none; rewrite it "
+            "by `ros2 bag convert -i BAG -o FILE`, with `output_bags: [{uri: NEW, all: true}]` in "
+            "FILE, and record with `--storage-preset-profile zstd_fast`, which does so within MCAP"
+        )
     files = [path for path in listed if path.exists()]
     missing = [path.name for path in listed if path not in files]
     if not files:

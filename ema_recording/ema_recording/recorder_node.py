@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.parameter import Parameter
 
 from ema_core.quantity import check_quantities, flag, quantity, text
 from ema_core.wording import counted
@@ -17,7 +18,7 @@ from ema_recording.recorded_topic import RecordedTopic
 from ema_recording.writer import BagWriter
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
-from ema_ros.settings import declare, read
+from ema_ros.settings import WHILE_UNCONFIGURED, LiveSettings
 from ema_ros.status import ERROR, OK, WARN, Task
 
 _DISCOVERY_S: Final = 0.2
@@ -26,7 +27,7 @@ _BESIDES_NAMESPACE: Final = ("/diagnostics", "/clock")
 
 @dataclass(frozen=True)
 class RecorderSettings:
-    """Where and how to record; what is set takes effect with the next configuration."""
+    """Where and how to record; fixed while a bag is open."""
 
     output: str = text(
         "",
@@ -56,15 +57,17 @@ class RecorderNode(ManagedNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("recorder", **kwargs)
-        declare(self, RecorderSettings, read_only=False)
+        self._settings = LiveSettings(self, RecorderSettings, why_fixed=self._why_fixed)
         self.declare_parameter(
             "topics",
             [""],
             ParameterDescriptor(
                 description="topics to record; empty: the namespace, /diagnostics and /clock",
+                additional_constraints=WHILE_UNCONFIGURED,
                 dynamic_typing=True,
             ),
         )
+        self.add_on_set_parameters_callback(self._refuse_topics)
         self._discovering = threading.Lock()  # over the topics
         self._writing = threading.Lock()  # over the bag
         self._recording = False
@@ -80,7 +83,7 @@ class RecorderNode(ManagedNode):
 
     def configure(self) -> None:
         """Begin the bag."""
-        settings = read(self, RecorderSettings)
+        settings = self._settings.value
         self._wanted = self._wanted_topics()
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._topics: dict[str, RecordedTopic] = {}
@@ -158,6 +161,18 @@ class RecorderNode(ManagedNode):
         }
         message = self._failure or "; ".join([doing, *remarks])
         return [Task("recording", level, message, self.hardware_id, values)]
+
+    def _why_fixed(self) -> str:
+        if not self.is_configured:
+            return ""
+        bag = self._bag.path if self._bag is not None else "a bag"
+        return f"{bag} is open; clean the node up first"
+
+    def _refuse_topics(self, parameters: list[Parameter]) -> SetParametersResult:
+        reason = self._why_fixed()
+        if reason and any(item.name == "topics" for item in parameters):
+            return SetParametersResult(successful=False, reason=f"topics: {reason}")
+        return SetParametersResult(successful=True)
 
     def _wanted_topics(self) -> set[str] | None:
         """Return the full names of the chosen topics; None where there is no choice."""

@@ -41,12 +41,13 @@ def subscribe_latched(
             heard.append(key)
             callback(message)
 
+    receive_each: Callable[..., None] = receive
     quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
     return [
         node.create_subscription(
             message_class,
             topic,
-            receive,
+            receive_each,
             qos,
             callback_group=callback_group,
             event_callbacks=quiet,

@@ -5,14 +5,17 @@ import os
 import signal
 import sys
 import threading
+import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Final
 
 import rclpy
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException
+from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
@@ -37,42 +40,86 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     int
         Exit code of the process: 0, or 1 when the node did not come up.
     """
+    return run_together([make_node], args)
+
+
+def run_together(
+    make_nodes: Sequence[Callable[[], ManagedNode]], args: list[str] | None = None
+) -> int:
+    """Run nodes in one process until it is asked to stop, or all have done their work.
+
+    Each is served by a thread of its own. They end in the order in which they are given.
+
+    Parameters
+    ----------
+    make_nodes, args
+        As of ``run``.
+
+    Returns
+    -------
+    int
+        Exit code of the process: 0, or 1 when a node did not come up or failed.
+    """
     stop_signals: list[int] = []
     for number in _SIGNALS:
         # An event could be in the middle of a wait here, and its lock taken.
         signal.signal(number, lambda number, _: stop_signals.append(number))
+    nodes: list[ManagedNode] = []
     # rclpy's own handlers would close the context at once: nothing could be published at the end.
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        node = make_node()
+        nodes.extend(make_node() for make_node in make_nodes)
     except (ValueError, RuntimeError) as error:
-        sys.stderr.write(f"{error}\n")
+        get_logger(Path(sys.argv[0]).stem).fatal(str(error))
+        for node in nodes:
+            node.destroy_node()
         try_shutdown()
         return 1
-    exit_code = _serve(node, stop_signals) if node.bring_up() else 1
+    served = [_Served(node) for node in nodes if node.bring_up() or _has_not_come_up(node)]
+    while served and not stop_signals:
+        for one in [one for one in served if one.node.finished.is_set()]:
+            one.end()
+            served.remove(one)
+        time.sleep(_POLL_S)
+    for one in served:
+        one.end()
     for number in _SIGNALS:
         # A launcher may send them twice, and the interpreter gives up its handlers as it ends.
         signal.signal(number, signal.SIG_IGN)
-    node.destroy_node()
+    exit_code = max(node.exit_code for node in nodes)
+    for node in nodes:
+        node.destroy_node()
     rclpy.shutdown()
     _end_if_stuck(exit_code)
     return exit_code
 
 
-def _serve(node: ManagedNode, stop_signals: list[int]) -> int:
-    """Serve a node that is up until it is asked to stop or has finished; return its exit code."""
-    executor = NodeExecutor(partial(_log_failure, node))
-    executor.add_node(node)
-    spinning = threading.Thread(target=_spin, args=(executor, node), name="executor", daemon=True)
-    spinning.start()
-    while not stop_signals and not node.finished.wait(_POLL_S):
-        pass
-    node.stopping.set()
-    spinning.join(_PATIENCE_S)
-    executor.shutdown(_PATIENCE_S)
-    if node.state != "finalized":
-        node.trigger_shutdown()
-    return node.exit_code
+def _has_not_come_up(node: ManagedNode) -> bool:
+    """Record that a node has failed; it is not served."""
+    node.exit_code = 1
+    return False
+
+
+class _Served:
+    """A node that is up, and the thread that serves it."""
+
+    def __init__(self, node: ManagedNode) -> None:
+        self.node = node
+        self._executor = NodeExecutor(partial(_log_failure, node))
+        self._executor.add_node(node)
+        name = f"executor of {node.get_name()}"
+        self._thread = threading.Thread(
+            target=_spin, args=(self._executor, node), name=name, daemon=True
+        )
+        self._thread.start()
+
+    def end(self) -> None:
+        """Stop serving the node, and shut it down."""
+        self.node.stopping.set()
+        self._thread.join(_PATIENCE_S)
+        self._executor.shutdown(_PATIENCE_S)
+        if self.node.state != "finalized":
+            self.node.trigger_shutdown()
 
 
 def _spin(executor: NodeExecutor, node: ManagedNode) -> None:

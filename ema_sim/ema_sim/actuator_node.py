@@ -3,7 +3,7 @@
 import time
 import traceback
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,7 +28,7 @@ from ema_ros.description import description_to_message
 from ema_ros.faults import faults_from_message
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
-from ema_ros.settings import declare, read
+from ema_ros.settings import LIVE, declare, read
 from ema_ros.stamps import stamp_to_message
 from ema_ros.status import OK, WARN, Task, hardware_name
 from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
@@ -42,6 +42,7 @@ _PAUSE_S: Final = 0.3
 _CAUSES: Final = "causes"
 _CAUSES_DESCRIPTOR: Final = ParameterDescriptor(
     description=f"hidden causes that are none of the faults, {GRAMMAR}; known: {describe_causes()}",
+    additional_constraints=LIVE,
     dynamic_typing=True,
 )
 _COMMAND_FIGURES: Final = tuple(
@@ -61,8 +62,12 @@ class ActuatorNode(ManagedNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("actuator", **kwargs)
         declare(self, RunSettings)
-        file = read(self, RunSettings).actuator_file
-        self._description = load_description(Path(file)) if file else ActuatorDescription()
+        run_settings = read(self, RunSettings)
+        file = run_settings.actuator_file
+        description = load_description(Path(file)) if file else ActuatorDescription()
+        own = {name: getattr(run_settings, name) for name in ("actuator_id", "serial_number")}
+        given = {name: value for name, value in own.items() if value}
+        self._description = replace(description, **given)
         declare(self, BenchSettings(pause_s=_PAUSE_S))
         declare(self, Command, "command.")
         declare(self, ResolutionSettings, "resolution.")

@@ -280,3 +280,33 @@ def test_eight_kilohertz(ema, tmp_path):
     assert ema("calibrate", healthy, "-o", calibration).exit_code == 0
     [estimate] = json.loads(ema("estimate", case, "--calibration", calibration, "--json").stdout)
     assert estimate["faults"]["backlash"] == pytest.approx(0.2, abs=0.01)
+
+
+def test_window_that_the_end_of_a_recording_cuts_off_is_no_failure(ema, record, faulty_blocks):
+    # The same cycle once more, joining the first, up to the middle of its window.
+    last = faulty_blocks[-1]
+    first_index, stamp_ns = last.first_index + len(last), last.stamp_at(len(last))
+    shift, shift_ns = (
+        first_index - faulty_blocks[0].first_index,
+        stamp_ns - faulty_blocks[0].stamp_ns,
+    )
+    again = [
+        replace(block, first_index=block.first_index + shift, stamp_ns=block.stamp_ns + shift_ns)
+        for block in faulty_blocks[: len(faulty_blocks) * 6 // 10]
+    ]
+    broken = [block for i, block in enumerate(faulty_blocks) if i != len(faulty_blocks) * 6 // 10]
+
+    def estimate(blocks):
+        bag = record(blocks)
+        result = ema("estimate", bag, "--json")
+        bag.unlink()
+        return result
+
+    result = estimate([*faulty_blocks, *again])
+    valid, cut = json.loads(result.stdout)
+    assert valid["valid"]
+    assert "the telemetry ends" in cut["reason"]
+    assert result.exit_code == 0
+    # One that is not the last counts, and so does a recording without any whole window.
+    assert estimate([*broken, *again]).exit_code == 3
+    assert estimate(again).exit_code == 3

@@ -211,10 +211,11 @@ def health_in(bag: Path) -> list[Any]:
     return [item.message for item in Bag(bag).messages(["/ema/health"])]
 
 
-def test_nodes_run_under_one_command_until_ctrl_c(tmp_path):
+@pytest.mark.parametrize("options", [(), ("--one-process",)])
+def test_nodes_run_under_one_command_until_ctrl_c(tmp_path, options):
     bag = tmp_path / "bag"
     nodes = ("actuator", "monitor", "recorder")
-    command = ["ema", "up", *nodes, "-p", f'output:="{bag}"', "-p", "seed:=3"]
+    command = ["ema", "up", *options, *nodes, "-p", f'output:="{bag}"', "-p", "seed:=3"]
     environment = {**os.environ, "ROS_HOME": str(tmp_path / "ros_home")}
     with started(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
         wait_for(lambda: (bag / "bag_0.mcap").exists(), "a bag")

@@ -188,3 +188,28 @@ def test_settings_that_change_before_any_telemetry_hold():
     [first] = found_in(fed(finder, cycles(1)))
     assert isinstance(first.window, Window)
     assert len(first.window) == 300
+
+
+def test_setting_that_the_motion_so_far_does_not_satisfy_is_named_after_three_motions():
+    finder = WindowFinder(replace(SETTINGS, window_s=0.06), FLAP)
+    fed(finder, cycles(2))
+    assert finder.obstacle == ""
+    fed(finder, cycles(2, first_index=2 * len(CYCLE) + 1))
+    assert finder.obstacle == (
+        "window_s = 0.06 s: the longest motion after a rest of 0.01 s lasts 0.05 s"
+    )
+    finder.restart(SETTINGS, "other settings")
+    assert finder.obstacle == ""
+    fed(finder, cycles(4, first_index=4 * len(CYCLE) + 1))
+    assert (finder.windows, finder.obstacle) == (4, "")
+
+
+def test_command_that_never_rests_is_named_with_what_counts_as_rest():
+    finder = WindowFinder(replace(SETTINGS, rest_s=10.0), FLAP)
+    fed(finder, cycles(112), size=10_000)
+    assert finder.obstacle == (
+        "rest_s = 10 s, threshold = 1e-06 rad: the command was never at rest in 10 s"
+    )
+    too_little = WindowFinder(replace(SETTINGS, windows="any_motion"), FLAP)
+    fed(too_little, stream(1e-2 * np.tile(CYCLE, 4)))
+    assert "the command never travels" in too_little.obstacle

@@ -20,9 +20,9 @@ class Goal:
         wait_for(self._client.server_is_ready, "the action")
         sent = self._client.send_goal_async(IdentifyFaults.Goal(**goal), self._note)
         self.handle = session.result(sent)
-        assert self.handle.accepted
-        self._result = self.handle.get_result_async()
         session.at_end(self._client.destroy)
+        self.is_accepted = self.handle.accepted
+        self._result = self.handle.get_result_async() if self.is_accepted else None
 
     def _note(self, message: Any) -> None:
         self.feedback.append(message.feedback)

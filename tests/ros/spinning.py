@@ -5,6 +5,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
@@ -20,6 +21,12 @@ from ..waiting import wait_for
 def fail(error: Exception) -> None:
     """Let a test fail by what a callback raised in a thread."""
     raise error
+
+
+def figures(status: DiagnosticStatus) -> dict[str, float]:
+    """Return the figures in a status, without its codes."""
+    codes = ("fault_code", "ne107")
+    return {item.key: float(item.value) for item in status.values if item.key not in codes}
 
 
 @contextlib.contextmanager

@@ -36,7 +36,7 @@ from ema_sim.bench import ActuatorBench, BenchSettings
 from ema_sim.growth import Growth, grow
 
 from ..waiting import DEADLINE_S, wait_for
-from .spinning import end, fail, made, ros_context, spinning
+from .spinning import end, fail, figures, made, ros_context, spinning
 
 # A step of 20 ms between 1.1 s of approach and return; 1.17 s in all with the pause.
 SHORT = {"command.shape": "step", "command.amplitude": 1e-3, "command.duration": 0.02}
@@ -244,7 +244,7 @@ def test_status_tells_how_it_fares(real_time):
     status = [s for s in real_time.statuses("simulation") if s.message != "idle"][-1]
     assert (status.level, status.message) == (DiagnosticStatus.OK, "running")
     assert status.hardware_id == "/ema/flap/SIM-0001"
-    values = {item.key: float(item.value) for item in status.values}
+    values = figures(status)
     assert set(values) == {"cycle", "rate", "achieved rate", "lag [s]", "busy share"}
     assert values["rate"] == 1.0
     assert values["achieved rate"] > 0.0
@@ -406,7 +406,7 @@ def test_it_says_once_that_it_cannot_keep_up_and_by_how_much(capfd):
         blocks = listener.blocks()
     assert worst.level == DiagnosticStatus.WARN
     assert worst.message.startswith("cannot keep up: lag ")
-    values = {item.key: float(item.value) for item in worst.values}
+    values = figures(worst)
     assert values["lag [s]"] > 0.1
     assert 0.0 < values["achieved rate"] < 50.0
     assert values["busy share"] > 0.7

@@ -1,5 +1,6 @@
 """Launch files against stand-ins for the launch packages, parameter files against the nodes."""
 
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -7,6 +8,7 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
+import yaml
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
 from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
@@ -16,6 +18,7 @@ from ema_monitor.node.monitor_node import MonitorNode
 from ema_recording.player_node import PlayerNode
 from ema_recording.recorder_node import RecorderNode
 from ema_ros.rclpy_private import given_parameters
+from ema_ros.topics import ACTUATOR_TOPICS
 from ema_sim.actuator_node import ActuatorNode
 
 from .spinning import ros_context
@@ -56,6 +59,12 @@ def resolve(value: Any, context: dict[str, Any]) -> Any:
     return value
 
 
+class Context(dict[str, Any]):
+    """Values of the arguments, and the command line that they are from."""
+
+    argv: tuple[str, ...] = ()
+
+
 def later(function: Any) -> SimpleNamespace:
     return SimpleNamespace(resolve=function)
 
@@ -63,17 +72,15 @@ def later(function: Any) -> SimpleNamespace:
 @pytest.fixture
 def launch_modules(monkeypatch):
     contents = {
-        "launch": {"LaunchDescription": list, "LaunchContext": dict},
+        "launch": {"LaunchDescription": list, "LaunchContext": Context},
         "launch.actions": {
             "DeclareLaunchArgument": Argument,
+            "ExecuteProcess": lambda **options: {"name": "process", **options},
             "OpaqueFunction": lambda function: SimpleNamespace(function=function),
+            "Shutdown": lambda reason: f"shutdown: {reason}",
         },
-        "launch.conditions": {"IfCondition": lambda predicate: predicate},
         "launch.substitutions": {
             "LaunchConfiguration": Configuration,
-            "NotEqualsSubstitution": lambda a, b: later(
-                lambda context: resolve(a, context) != resolve(b, context)
-            ),
             "PathJoinSubstitution": lambda parts: later(
                 lambda context: str(Path(*(resolve(part, context) for part in parts)))
             ),
@@ -86,9 +93,12 @@ def launch_modules(monkeypatch):
             )
         },
         "launch_ros.substitutions": {
-            "FindPackageShare": lambda package: get_package_share_directory(package)
+            "FindPackageShare": lambda package: get_package_share_directory(package),
+            "FindPackagePrefix": lambda package: get_package_prefix(package),
         },
     }
+    monkeypatch.syspath_prepend(str(SHARE / "launch"))
+    monkeypatch.delitem(sys.modules, "ema_launch_arguments", raising=False)
     for name, attributes in contents.items():
         module = ModuleType(name)
         vars(module).update(attributes)
@@ -99,31 +109,47 @@ def load(name: str) -> list[Any]:
     return runpy.run_path(str(SHARE / "launch" / name))["generate_launch_description"]()
 
 
-def nodes_of(name: str, **given: str) -> dict[str, dict[str, Any]]:
-    """Return the nodes that a launch file starts with some arguments given."""
+def actions_of(name: str, **given: str) -> list[dict[str, Any]]:
+    """Return what a launch file starts with some arguments given."""
     actions = load(name)
-    context = {item.name: item.default for item in actions if isinstance(item, Argument)} | given
-    nodes: dict[str, dict[str, Any]] = {}
-    for action in actions:
-        if isinstance(action, Argument):
-            continue
-        for node in [action] if isinstance(action, dict) else action.function(context):
-            if "condition" in node and not resolve(node["condition"], context):
-                continue
-            nodes[node["name"]] = {
-                **node,
-                "namespace": resolve(node["namespace"], context),
-                "parameters": [resolve(item, context) for item in node["parameters"]],
-            }
-    return nodes
+    defaults = {item.name: item.default for item in actions if isinstance(item, Argument)}
+    context = Context(defaults | given)
+    context.argv = tuple(f"{key}:={value}" for key, value in given.items())
+    return [
+        {key: resolve(value, context) for key, value in started.items()}
+        | {"parameters": [resolve(item, context) for item in started.get("parameters", ())]}
+        for action in actions
+        if not isinstance(action, Argument)
+        for started in action.function(context)
+    ]
+
+
+def nodes_of(name: str, **given: str) -> dict[str, dict[str, Any]]:
+    """Return the nodes that a launch file starts, the fleet's actuators by their namespaces."""
+    nodes = [item for item in actions_of(name, **given) if "package" in item]
+    names = [item["name"] for item in nodes]
+    keys = [
+        f"{n['namespace']}/{n['name']}" if names.count(n["name"]) > 1 else n["name"] for n in nodes
+    ]
+    return dict(zip(keys, nodes, strict=True))
+
+
+def own_of(node: dict[str, Any]) -> dict[str, Any]:
+    """Return the parameters that override those of the file, without what all nodes have."""
+    return {name: value for name, value in node["parameters"][1].items() if name != "autostart"}
 
 
 LAUNCH_FILES = {
     "ema.launch.py": {"bag": "worn"},
     "bridge.launch.py": {},
+    "fleet.launch.py": {},
     "monitor.launch.py": {},
     "replay.launch.py": {"bag": "worn"},
 }
+COMMON = (
+    *("namespace", "use_sim_time", "history_folder", "calibration_file"),
+    *("log_level", "respawn", "autostart", "monitor_params"),
+)
 
 
 @pytest.mark.usefixtures("launch_modules")
@@ -131,44 +157,84 @@ LAUNCH_FILES = {
 def test_launch_file_names_nodes_and_files_that_exist(name, given):
     nodes = nodes_of(name, **given)
     assert nodes
-    for node_name, node in nodes.items():
+    for node in nodes.values():
+        node_name = node["name"]
         assert (node["package"], node["executable"]) == NODES[node_name]
         assert Path(get_package_prefix(node["package"]), "lib", node["package"]).is_dir()
         assert program(node_name).is_file()
         file, *own = node["parameters"]
         assert Path(file) == parameter_file(node_name)
-        assert node["namespace"] == "/ema"
+        assert node["namespace"] in ("/ema", "/ema/left", "/ema/right")
         undeclared = set().union(*own) - set(declared(node_name)) - {"use_sim_time"}
         assert undeclared == set()
 
 
 @pytest.mark.usefixtures("launch_modules")
 @pytest.mark.parametrize("name", LAUNCH_FILES)
-def test_launch_arguments_are_described(name):
+def test_launch_arguments_are_described_and_the_common_ones_the_same_everywhere(name):
     arguments = [item for item in load(name) if isinstance(item, Argument)]
-    assert arguments
     assert [item.name for item in arguments if not item.description] == []
     # Whatever is listed has a default, except a bag that must be named to be replayed.
     assert {item.name for item in arguments if item.default is None} <= {"bag"}
+    assert set(COMMON) <= {item.name for item in arguments}
 
 
 @pytest.mark.usefixtures("launch_modules")
-def test_recorder_is_launched_when_a_bag_is_named():
+@pytest.mark.parametrize("name", LAUNCH_FILES)
+def test_argument_that_is_not_declared_is_refused_unless_the_file_is_included(name, monkeypatch):
+    given = {"bag": "worn", "calibraton_file": "c.yaml"}
+    nodes_of(name, **given)
+    monkeypatch.setattr(sys, "argv", ["ros2", "launch", "ema_bringup", name])
+    with pytest.raises(
+        RuntimeError, match=r"has no argument .*calibraton_file; it has .*namespace"
+    ):
+        nodes_of(name, **given)
+
+
+@pytest.mark.usefixtures("launch_modules")
+@pytest.mark.parametrize(("name", "given"), LAUNCH_FILES.items())
+def test_common_arguments_hold_for_each_node(name, given):
+    common = {"log_level": "debug", "respawn": "true", "autostart": "false", "use_sim_time": "true"}
+    for node in nodes_of(name, **given, **common).values():
+        assert node["ros_arguments"] == ["--log-level", "debug"]
+        assert node["respawn"] == (node["name"] not in ("recorder", "player"))
+        assert node["parameters"][1]["autostart"] is False
+        assert node["parameters"][1]["use_sim_time"] is True
+    with pytest.raises(RuntimeError, match="respawn:=maybe: expected true or false"):
+        nodes_of(name, **given, respawn="maybe")
+
+
+@pytest.mark.usefixtures("launch_modules")
+def test_recorder_is_launched_when_a_bag_is_named_and_ends_all_when_it_fails():
     assert set(nodes_of("ema.launch.py")) == {"actuator", "monitor", "dashboard"}
     recorder = nodes_of("ema.launch.py", bag="worn")["recorder"]
-    assert recorder["parameters"][1] == {"output": "worn"}
+    assert own_of(recorder) == {"output": "worn"}
+    assert recorder["on_exit"] == "shutdown: the recorder has ended"
     nodes = nodes_of("ema.launch.py", namespace="/left", actuator_params="own.yaml")
-    assert nodes["actuator"]["parameters"] == ["own.yaml"]
+    assert nodes["actuator"]["parameters"][0] == "own.yaml"
     assert {node["namespace"] for node in nodes.values()} == {"/left"}
 
 
 @pytest.mark.usefixtures("launch_modules")
 def test_history_beside_the_simulated_actuator_is_in_memory_unless_a_folder_is_named():
-    assert nodes_of("ema.launch.py")["monitor"]["parameters"][1] == {"history_folder": ""}
+    assert own_of(nodes_of("ema.launch.py")["monitor"]) == {"history_folder": ""}
     nodes = nodes_of("ema.launch.py", history_folder="kept")
-    assert nodes["monitor"]["parameters"][1] == {"history_folder": "kept"}
-    [monitor] = nodes_of("monitor.launch.py").values()
-    assert len(monitor["parameters"]) == 1
+    assert own_of(nodes["monitor"]) == {"history_folder": "kept"}
+    assert own_of(nodes_of("monitor.launch.py")["monitor"]) == {}
+
+
+@pytest.mark.usefixtures("launch_modules")
+def test_fleet_is_actuators_of_different_names_on_the_topics_of_one_monitor():
+    nodes = nodes_of("fleet.launch.py", calibration_file="/c/{actuator_id}.yaml")
+    assert own_of(nodes["monitor"])["calibration_file"] == "/c/{actuator_id}.yaml"
+    left, right = (nodes[f"/ema/{name}/actuator"] for name in ("left", "right"))
+    assert own_of(left) == {"actuator_id": "left", "serial_number": "SIM-left", "seed": 0}
+    assert own_of(right)["seed"] == 1
+    remapped = dict(left["remappings"])
+    assert remapped["telemetry"] == "/ema/telemetry"
+    assert set(remapped) == set(ACTUATOR_TOPICS)
+    with pytest.raises(RuntimeError, match="expected names that differ"):
+        nodes_of("fleet.launch.py", actuators="a,a")
 
 
 def test_own_parameter_file_overrides_that_of_the_simulated_actuators_monitor(tmp_path):
@@ -187,17 +253,35 @@ def test_own_parameter_file_overrides_that_of_the_simulated_actuators_monitor(tm
 
 @pytest.mark.usefixtures("launch_modules")
 def test_files_of_ones_own_actuator_override_the_parameter_file_only_when_given():
-    [monitor] = nodes_of("monitor.launch.py", params_file="own.yaml").values()
-    assert monitor["parameters"] == ["own.yaml"]
-    [monitor] = nodes_of("monitor.launch.py", calibration_file="c.yaml").values()
-    assert monitor["parameters"][1:] == [{"calibration_file": "c.yaml"}]
+    [monitor] = nodes_of("monitor.launch.py", monitor_params="own.yaml").values()
+    assert (monitor["parameters"][0], own_of(monitor)) == ("own.yaml", {})
+    [monitor] = nodes_of("monitor.launch.py", calibration_file="c", actuator_file="a").values()
+    assert own_of(monitor) == {"calibration_file": "c", "actuator_file": "a"}
 
 
 @pytest.mark.usefixtures("launch_modules")
 def test_replay_runs_in_simulated_time_and_plays_the_actuator_only():
-    nodes = nodes_of("replay.launch.py", bag="worn", rate="4")
-    assert nodes["monitor"]["parameters"][1] == {"use_sim_time": True}
-    assert nodes["player"]["parameters"][1] == {"bag": "worn", "rate": 4.0, "actuator_only": True}
+    nodes = nodes_of("replay.launch.py", bag="4711", rate="4")
+    assert own_of(nodes["monitor"]) == {"use_sim_time": True}
+    played = {"bag": "4711", "rate": 4.0, "actuator_only": True}
+    assert own_of(nodes["player"]) == {**played, "stay": False}
+    nodes = nodes_of("replay.launch.py", bag="worn", end="false")
+    assert own_of(nodes["player"])["stay"] is True
+    with pytest.raises(RuntimeError, match="rate:=fast: expected a number"):
+        nodes_of("replay.launch.py", bag="worn", rate="fast")
+
+
+@pytest.mark.usefixtures("launch_modules")
+def test_replay_shows_the_diagnosis_and_ends_with_it():
+    [shown] = [item for item in actions_of("replay.launch.py", bag="worn") if "cmd" in item]
+    context = Context()
+    program, *arguments = [resolve(item, context) for item in shown["cmd"]]
+    assert Path(program).is_file()
+    assert arguments == ["watch", "--namespace", "/ema", "--until-played"]
+    assert shown["on_exit"] == "shutdown: the diagnosis is complete"
+    [shown] = [i for i in actions_of("replay.launch.py", bag="worn", end="false") if "cmd" in i]
+    assert "--until-played" not in shown["cmd"]
+    assert "on_exit" not in shown
 
 
 def started(node_name: str, *arguments: str) -> Any:
@@ -247,3 +331,21 @@ def test_later_parameters_override():
 def test_parameter_file_that_is_not_there_is_refused(name):
     with pytest.raises(ValueError, match="run `make setup`"):
         parameter_file(name)
+
+
+def test_aggregator_sorts_every_status_and_leaves_none_over():
+    [node] = yaml.safe_load(parameter_file("aggregator").read_text()).values()
+    analyzers = node["ros__parameters"]["ema"]["analyzers"]
+    patterns = {name: one["regex"] for name, one in analyzers.items()}
+    found = {
+        status: [
+            name
+            for name, regexes in patterns.items()
+            if any(re.fullmatch(regex, f"/ema/{status}") for regex in regexes)
+        ]
+        for status in (
+            *("monitor: flap health", "monitor: flap short circuit a", "monitor: unit 7 history"),
+            *("monitor: lifecycle", "recorder: recording", "left/actuator: simulation"),
+        )
+    }
+    assert list(found.values()) == [*[["actuators"]] * 3, *[["nodes"]] * 3]

@@ -1,6 +1,7 @@
 """Calibration by service, and identification by action."""
 
 import gc
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from action_msgs.msg import GoalStatus
 from rclpy.action.client import ActionClient
 
 from ema_interfaces.action import IdentifyFaults
+from ema_interfaces.msg import FaultEstimate
 from ema_interfaces.srv import Calibrate
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.optimizers import ALGORITHMS
@@ -74,18 +76,36 @@ def test_default_is_what_the_monitor_does_itself(session: MonitorSession):
     ("goal", "texts"),
     [
         ({"algorithm": "tea_leaves"}, ["tea_leaves", *ALGORITHMS]),
-        ({"budget": 20}, ["budget", "20", "at least"]),
         ({"seed": 2**63}, ["seed", "outside"]),
         ({"actuator_id": "rudder"}, ["rudder", "not monitored", "flap"]),
+    ],
+)
+def test_impossible_goal_is_rejected_and_the_log_has_the_reason(
+    session: MonitorSession, goal: dict[str, Any], texts: list[str], capfd
+):
+    assert not Goal(session, **goal).is_accepted
+    said = capfd.readouterr().err
+    assert all(text in said for text in ("rejected", *texts)), said
+
+
+@pytest.mark.parametrize(
+    ("goal", "texts"),
+    [
+        ({"budget": 20}, ["budget", "20", "at least"]),
         ({"next_window": True}, ["no window came for 1 s"]),
     ],
 )
-def test_impossible_goal_is_answered_with_the_reason(
+def test_goal_that_fails_has_the_reason_and_no_figures(
     session: MonitorSession, goal: dict[str, Any], texts: list[str]
 ):
     status, result = Goal(session, **goal).result()
     assert (status, result.success) == (GoalStatus.STATUS_ABORTED, False)
     assert all(text in result.message for text in texts), result.message
+    estimate = result.estimate
+    assert (estimate.valid, estimate.verdict) == (False, FaultEstimate.REFUSED)
+    assert math.isnan(estimate.faults.friction)
+    assert math.isnan(estimate.fitness)
+    assert all(map(math.isnan, estimate.covariance))
 
 
 def test_identification_is_cancelled_within_a_generation(session: MonitorSession):
@@ -149,16 +169,18 @@ def test_many_goals_that_wait_do_not_keep_telemetry_out():
     gc.collect()
 
 
-def test_goal_before_there_is_a_window_is_refused():
+def test_goal_before_there_is_a_window_is_rejected(capfd):
+    def is_rejected(text: str) -> bool:
+        return not Goal(session).is_accepted and text in capfd.readouterr().err
+
     with monitor() as session:
-        _, result = Goal(session).result()
-        assert "actuator_id is empty" in result.message
+        assert is_rejected("actuator_id is empty")
         session.feed(Source().cycle()[:1])
         session.until_status("flap telemetry", "no description")
-        assert "has not been described" in Goal(session).result()[1].message
+        assert is_rejected("has not been described")
         session.describe()
         session.until_status("flap telemetry", "0 valid estimates")
-        assert "no complete window so far" in Goal(session).result()[1].message
+        assert is_rejected("no complete window so far")
 
 
 def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):

@@ -22,6 +22,7 @@ from ema_ros import topics
 from ..waiting import DEADLINE_S, wait_for
 from .graph import Graph
 from .monitor_session import FLAP, MonitorSession, monitor
+from .spinning import figures
 from .worn_actuator import HOURS, count, friction, live, plain, predict, replaced, worn_cycles
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
@@ -100,7 +101,7 @@ def test_status_carries_life_and_history(session: MonitorSession, folder: Path):
     [file] = folder.glob("*.sqlite")
     assert {item.key: item.value for item in history.values}["file"] == str(file)
     life = session.until_status("flap health", f": {session.healths()[-1].dominant_fault}")
-    values = {item.key: float(item.value) for item in life.values}
+    values = figures(life)
     assert values["remaining life 50 % [h]"] == pytest.approx(
         session.healths()[-1].rul.hours_50, rel=1e-4
     )
@@ -336,7 +337,7 @@ def test_replayed_bag_gives_the_health_of_the_live_monitor(cycles: list[Telemetr
         graph.wait_for(lambda: graph.status, "the monitor")
         graph.start("player", bag=path, rate=3.0, actuator_only=True)
         graph.wait_for(lambda: len(graph.healths) >= n, "the health after each test")
-        assert graph.status["monitor: flap history"][2]["file"] == "none, in memory only"
+        assert graph.status["/ema/monitor: flap history"][2]["file"] == "none, in memory only"
     assert [plain(item) for item in graph.healths] == [plain(item) for item in expected]
     assert file.read_bytes() == content
     assert [item.flight_hours for item in expected] == [HOURS * (i + 3) for i in range(n)]

@@ -187,6 +187,10 @@ def test_bag_that_is_there_is_not_replaced_unasked(graph: Graph, tmp_path: Path)
     path, other = tmp_path / "flight", tmp_path / "other"
     recorder = graph.recorder(path)
     assert recorder.bring_up()
+    for name, value in (("output", str(other)), ("topics", ["text"])):
+        [answer] = recorder.set_parameters([Parameter(name, value=value)])
+        assert not answer.successful
+        assert answer.reason == f"{name}: {path} is open; clean the node up first"
     recorder.trigger_deactivate()
     recorder.trigger_cleanup()
     before = (path / "flight_0.mcap").read_bytes()

@@ -388,6 +388,7 @@ def test_folder_without_good_metadata_gives_its_files(metadata, told: str, tmp_p
     [
         ({"storage_identifier": "sqlite3"}, "storage is 'sqlite3', expected 'mcap'"),
         ({"compression_mode": "FILE"}, "compressed by FILE, expected"),
+        ({"compression_mode": "MESSAGE"}, "`ros2 bag convert"),
     ],
 )
 def test_other_storage_is_refused(change: dict, told: str, tmp_path: Path):

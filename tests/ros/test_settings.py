@@ -153,6 +153,50 @@ def test_live_setting_cannot_be_taken_away(make_oven: Callable[..., Node]):
     assert left.value == Oven()
 
 
+def test_number_that_came_as_a_text_is_the_number(make_oven: Callable[..., Node]):
+    # YAML 1.1 reads 1e2 and 1e-06 as texts, and so do tools that load what others dumped.
+    node = make_oven(left__temperature="1e2", left__trays="3")
+    left = LiveSettings(node, Oven, "left.")
+    assert left.value == Oven(100.0, 3)
+    assert node.get_parameter("left.temperature").value == 100.0
+    assert set_one(node, "left.temperature", "1.2e2").successful
+    assert left.value.temperature == node.get_parameter("left.temperature").value == 120.0
+    assert not set_one(node, "left.temperature", "warm").successful
+
+
+@dataclass(frozen=True)
+class Gap:
+    width: float = quantity(2e-5, "m", 1e-9, 1.0, "width of the gap", shown=("width_um", "um", 1e6))
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+def test_parameter_is_in_the_unit_in_which_it_prints_plainly(make_oven: Callable[..., Node]):
+    node = make_oven()
+    gap = LiveSettings(node, Gap)
+    parameter = node.get_parameter("width_um")
+    assert (repr(parameter.value), gap.value.width) == ("20.0", 2e-5)
+    descriptor = node.describe_parameter("width_um")
+    assert descriptor.description == "width of the gap [um]"
+    assert next(iter(descriptor.floating_point_range)).to_value == 1e6
+    assert set_one(node, "width_um", 30).successful
+    assert gap.value.width == 3e-5
+    assert not set_one(node, "width_um", 2e6).successful
+
+
+def test_settings_can_be_fixed_for_a_time_and_the_refusal_says_why(make_oven: Callable[..., Node]):
+    node, reasons = make_oven(), ["the oven is hot"]
+    oven = LiveSettings(node, Oven, why_fixed=lambda: reasons[-1])
+    result = set_one(node, "trays", 3)
+    assert not result.successful
+    assert result.reason == "trays: the oven is hot"
+    reasons.append("")
+    assert set_one(node, "trays", 3).successful
+    assert oven.value.trays == 3
+    assert "unconfigured" in node.describe_parameter("trays").additional_constraints
+
+
 def test_acquisition_and_drive_are_read_from_a_file(tmp_path: Path):
     file = tmp_path / "rudder.yaml"
     file.write_text(

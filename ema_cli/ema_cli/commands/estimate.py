@@ -26,6 +26,7 @@ from ema_monitor.identification.combinations import Combinations
 from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
 from ema_monitor.identification.search import Identification, LastFaults
 from ema_monitor.model.monitor_model import compile_kernels
+from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import MIN_TRAVEL
 from ema_recording.windows import BagWindows, RecordedWindow
 
@@ -73,8 +74,22 @@ def estimate(
             click.echo("\n".join(_summary(estimates)))
         if not estimates:
             click.echo("no estimate: the motion shows no fault as well as wanted")
-    if not estimates or not all(one.valid for one in estimates):
+    if not _is_complete(estimates, found):
         sys.exit(REFUSED)
+
+
+def _is_complete(estimates: Sequence[Estimate], found: BagWindows) -> bool:
+    """Return whether there is an estimate, and one of each window that the bag holds whole.
+
+    A recording of a live system ends anywhere: that its last window is cut off is no failure.
+    """
+    cut_off = {
+        item.window.end_ns
+        for item in found.windows
+        if isinstance(item.window, Refusal) and item.window.is_cut_off
+    }
+    failed = [one for one in estimates if not one.valid and one.end_ns not in cut_off]
+    return not failed and any(one.valid for one in estimates)
 
 
 def estimate_windows(

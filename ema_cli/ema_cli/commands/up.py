@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from ema_cli.errors import UNUSABLE, one_clear_line
+from ema_cli.processes import one_process as together
 from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
 from ema_cli.processes.stop_request import ENDING, deferred_signals
 from ema_cli.processes.supervisor import POLL_S, Supervisor
@@ -35,11 +36,17 @@ from ema_cli.processes.supervisor import POLL_S, Supervisor
     help="ROS parameter of all nodes that have it; it overrides the files.",
 )
 @click.option("--namespace", help="Namespace of the nodes instead of /ema.")
+@click.option(
+    "--one-process",
+    is_flag=True,
+    help="Run the nodes in one process, which takes less memory and one core.",
+)
 def up(
     nodes: tuple[str, ...],
     parameter_files: tuple[Path, ...],
     assignments: tuple[str, ...],
     namespace: str | None,
+    one_process: bool,
 ) -> None:
     """Run nodes until Ctrl-C: without names, simulated actuator, monitor and dashboard.
 
@@ -58,18 +65,20 @@ def up(
         names = dict.fromkeys(nodes or ("actuator", "monitor", "dashboard"))
         if "actuator" in names:
             parameter_files = (parameter_file("simulated"), *parameter_files)
-        commands = {
-            node: [
-                str(program(node)),
-                *ros_arguments(
-                    node,
-                    parameter_files=parameter_files,
-                    assignments=assignments,
-                    namespace=namespace,
-                ),
-            ]
-            for node in names
+        common = {
+            "parameter_files": parameter_files,
+            "assignments": assignments,
+            "namespace": namespace,
         }
+        if one_process:
+            # The recorder is the last to end, and records the last messages of the others.
+            ordered = sorted(names, key=lambda name: name == "recorder")
+            own = [sys.executable, "-m", together.__name__, *ordered]
+            commands = {" and ".join(ordered): [*own, *ros_arguments(*ordered, **common)]}
+        else:
+            commands = {
+                node: [str(program(node)), *ros_arguments(node, **common)] for node in names
+            }
         for node, command in commands.items():
             if not stop:
                 processes.start(node, command)

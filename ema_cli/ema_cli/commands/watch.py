@@ -12,14 +12,22 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.validate_namespace import validate_namespace
 from rosgraph_msgs.msg import Clock
 
+from ema_cli.completion import Completion
 from ema_cli.errors import one_clear_line
 from ema_cli.fleet import Fleet, Row
 from ema_cli.processes.listener import Listener
 from ema_cli.processes.stop_request import ENDING, deferred_signals
 from ema_cli.show.fleet_table import FleetTable
-from ema_interfaces.msg import FaultEstimate, Health
+from ema_interfaces.msg import FaultEstimate, Health, PlaybackState
 from ema_ros.stamps import stamp_from_message
-from ema_ros.topics import FAULT_ESTIMATE, HEALTH, LATCHED_BY_MANY, NAMESPACE, STREAM
+from ema_ros.topics import (
+    FAULT_ESTIMATE,
+    HEALTH,
+    LATCHED_BY_MANY,
+    NAMESPACE,
+    PLAYBACK_STATE,
+    STREAM,
+)
 
 _DIAGNOSTICS: Final = "/diagnostics"
 _CLOCK: Final = "/clock"
@@ -36,7 +44,12 @@ _DISCOVERY_S: Final = 3.0
     default=(NAMESPACE,),
     help="Namespace of a monitor; may be repeated.",
 )
-def watch(namespaces: tuple[str, ...]) -> None:
+@click.option(
+    "--until-played",
+    is_flag=True,
+    help="End when a player there has ended and the monitor has identified what it played.",
+)
+def watch(namespaces: tuple[str, ...], until_played: bool) -> None:
     """Show the health of all actuators, the worst first, until Ctrl-C.
 
     On a terminal it is a table that is renewed; else there is a line for each change. An actuator
@@ -51,12 +64,19 @@ def watch(namespaces: tuple[str, ...]) -> None:
         Listener("watch", hearing.topics, hearing.take) as listener,
     ):
         began_s = time.monotonic()
-        while not stop:
+        player_seen = False
+        while not stop and not (until_played and hearing.completion.is_complete):
+            if until_played:
+                is_there = any(listener.sees("player", place) for place in places)
+                if player_seen and not is_there:
+                    hearing.completion.end()
+                player_seen |= is_there
             rows = hearing.rows()
             waits = time.monotonic() - began_s < _DISCOVERY_S
             table.show(rows, "" if rows or waits else _nothing_heard(places, listener))
             hearing.changed.wait(_REFRESH_S)
             hearing.changed.clear()
+        table.show(hearing.rows(), "")
 
 
 class _Hearing:
@@ -68,6 +88,8 @@ class _Hearing:
         What to listen to.
     changed
         Set when there is something new.
+    completion
+        Whether what was played is diagnosed.
     """
 
     def __init__(self, places: list[str]) -> None:
@@ -76,7 +98,9 @@ class _Hearing:
             _CLOCK: (Clock, _BEST_EFFORT),
         }
         self._places: dict[str, str] = {}
+        self.completion = Completion()
         for place in places:
+            self.topics[f"{place.rstrip('/')}/{PLAYBACK_STATE}"] = PlaybackState, LATCHED_BY_MANY
             for name, kind, qos in (
                 (HEALTH, Health, LATCHED_BY_MANY),
                 (FAULT_ESTIMATE, FaultEstimate, STREAM),
@@ -99,6 +123,11 @@ class _Hearing:
             if topic == _DIAGNOSTICS:
                 for status in message.status:
                     self._fleet.add_status(status.name, now_s)
+                self._note_counts(message)
+                return
+            if isinstance(message, PlaybackState):
+                if message.status == PlaybackState.ENDED:
+                    self.completion.end()
                 return
             place = self._places[topic]
             if isinstance(message, Health):
@@ -106,6 +135,17 @@ class _Hearing:
             else:
                 self._fleet.add_estimate(place, message, now_s)
         self.changed.set()
+
+    def _note_counts(self, message: DiagnosticArray) -> None:
+        """Note how many windows the monitor whose report this is has identified."""
+        monitors = tuple(f"{place.rstrip('/')}/monitor: " for place in set(self._places.values()))
+        telemetry = {
+            status.name: {pair.key: pair.value for pair in status.values}
+            for status in message.status
+            if status.name.startswith(monitors) and status.name.endswith(" telemetry")
+        }
+        if telemetry:
+            self.completion.add_report(telemetry)
 
     def rows(self) -> list[Row]:
         """Return the actuators, the worst first."""

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,6 +11,8 @@ from ament_index_python.packages import (
     get_package_prefix,
     get_package_share_directory,
 )
+
+from ema_ros.managed_node import ManagedNode
 
 NODES: Final = {
     "actuator": ("ema_sim", "actuator_node"),
@@ -20,6 +23,20 @@ NODES: Final = {
     "dashboard": ("ema_dashboard", "dashboard_node"),
 }
 """Package and executable of each node, as for ``ros2 run``."""
+
+_CLASSES: Final = {
+    "actuator": ("ema_sim.actuator_node", "ActuatorNode"),
+    "monitor": ("ema_monitor.node.monitor_node", "MonitorNode"),
+    "recorder": ("ema_recording.recorder_node", "RecorderNode"),
+    "player": ("ema_recording.player_node", "PlayerNode"),
+    "dashboard": ("ema_dashboard.dashboard_node", "DashboardNode"),
+}
+
+
+def node_class(node: str) -> Callable[..., ManagedNode]:
+    """Return the class of one of ``NODES``; its module is imported now."""
+    module, name = _CLASSES[node]
+    return getattr(import_module(module), name)
 
 
 def parameter_file(name: str) -> Path:
@@ -56,16 +73,17 @@ def _installed(folder_of: Callable[[str], str], package: str, *parts: str) -> Pa
 
 
 def ros_arguments(
-    node: str,
-    *,
+    *nodes: str,
     parameter_files: Sequence[Path] = (),
     assignments: Sequence[str] = (),
     namespace: str | None = None,
 ) -> list[str]:
-    """Return the arguments of a node's program: its own parameter file, then what is given here.
+    """Return the arguments of a program of nodes: their own parameter files, then what is given.
 
     Parameters
     ----------
+    nodes
+        Names of ``NODES`` that run in it.
     parameter_files
         Further parameter files; a later one overrides.
     assignments
@@ -76,10 +94,10 @@ def ros_arguments(
     Raises
     ------
     ValueError
-        When the node's own parameter file is not installed.
+        When a node's own parameter file is not installed.
     """
     arguments = ["--ros-args"]
-    for file in (parameter_file(node), *parameter_files):
+    for file in (*map(parameter_file, nodes), *parameter_files):
         arguments += ["--params-file", str(file)]
     for assignment in assignments:
         arguments += ["-p", assignment]

@@ -17,6 +17,7 @@ from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.node.calls import MonitorCalls
 from ema_monitor.node.follow_ups import FollowUps
+from ema_monitor.node.hardware_status import hardware_status, hardware_status_class
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.node.prognosis import MonitorPrognosis
 from ema_monitor.node.settings import Files, Operation, WindowSettings, folder_of
@@ -234,10 +235,18 @@ class MonitorNode(ManagedNode):
         )
         self._follow_ups.add_actuator(actuator_id)
         self._health_publishers[actuator_id] = [health, summary]
+        kind, hardware = hardware_status_class(), None
+        if kind is not None:
+            hardware = self.add_publisher(kind, topics.HARDWARE_STATUS, topics.LATCHED, quiet=True)
+            self._health_publishers[actuator_id].append(hardware)
 
         def publish(message: Health) -> None:
             health.publish(message)
             summary.publish(summary_of(message))
+            unit = self._units.get(actuator_id)
+            if hardware is not None and unit is not None and unit.description is not None:
+                status = hardware_status(kind, message, unit.description, unit.hardware_id)
+                hardware.publish(status)
 
         return publish
 

@@ -73,7 +73,7 @@ class Units(dict[str, Unit]):
         queue_window: Callable[[Segment], None],
         max_age_s: Callable[[], float],
         warn: Callable[[str, bool], None],
-        inform: Callable[[str], None],
+        inform: Callable[[str], object],
         settings_now: Callable[[], Any],
         sources: Callable[[], list[str]],
         namespace: str,

@@ -37,13 +37,15 @@ class Refusal:
     """A window that was begun and cannot be used.
 
     ``start_ns`` and ``end_ns`` are the stamps of its first and last sample [ns]; ``is_dropped``
-    says that nothing is wrong with it but that it had to wait for too long.
+    says that nothing is wrong with it but that it had to wait for too long, ``is_cut_off`` that
+    nothing is but that the telemetry ends within it.
     """
 
     start_ns: int
     end_ns: int
     reason: str
     is_dropped: bool = False
+    is_cut_off: bool = False
 
 
 @dataclass(frozen=True)
@@ -173,6 +175,7 @@ class WindowTrigger:
                 end_ns,
                 f"the telemetry ends {(end_ns - start_ns) * 1e-9:.3f} s into the window of "
                 f"{self.settings.window_s:g} s",
+                is_cut_off=True,
             )
         ]
 

@@ -3,96 +3,44 @@
 ros2 launch ema_bringup ema.launch.py bag:=worn_flap
 """
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution, PathJoinSubstitution
+import sys
+from pathlib import Path
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
+
+sys.path.insert(0, str(Path(__file__).parent))
+import ema_launch_arguments as ema
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the nodes, with their arguments."""
-    config = PathJoinSubstitution([FindPackageShare("ema_bringup"), "config"])
-    namespace = LaunchConfiguration("namespace")
-    bag = LaunchConfiguration("bag")
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                "namespace", default_value="/ema", description="namespace of the nodes"
-            ),
-            DeclareLaunchArgument(
-                "actuator_params",
-                default_value=PathJoinSubstitution([config, "actuator.yaml"]),
-                description="parameter file of the actuator; with demo.yaml it wears out",
-            ),
-            DeclareLaunchArgument(
-                "monitor_params",
-                default_value=PathJoinSubstitution([config, "monitor.yaml"]),
-                description="parameter file of the monitor",
-            ),
-            DeclareLaunchArgument(
-                "history_folder",
-                default_value="",
-                description="where the monitor keeps the tests of each unit; empty: in memory, "
-                "as a simulated actuator is a new unit at each start",
-            ),
-            DeclareLaunchArgument(
-                "recorder_params",
-                default_value=PathJoinSubstitution([config, "recorder.yaml"]),
-                description="parameter file of the recorder",
-            ),
-            DeclareLaunchArgument(
-                "dashboard_params",
-                default_value=PathJoinSubstitution([config, "dashboard.yaml"]),
-                description="parameter file of the dashboard, which prints its address",
-            ),
-            DeclareLaunchArgument(
-                "bag", default_value="", description="bag to record; empty: no recorder"
-            ),
-            Node(
-                package="ema_sim",
-                executable="actuator_node",
-                name="actuator",
-                namespace=namespace,
-                parameters=[LaunchConfiguration("actuator_params")],
-                output="screen",
-            ),
-            Node(
-                package="ema_monitor",
-                executable="monitor_node",
-                name="monitor",
-                namespace=namespace,
-                parameters=[
-                    LaunchConfiguration("monitor_params"),
-                    {
-                        "history_folder": ParameterValue(
-                            LaunchConfiguration("history_folder"), value_type=str
-                        )
-                    },
-                ],
-                output="screen",
-            ),
-            Node(
-                package="ema_dashboard",
-                executable="dashboard_node",
-                name="dashboard",
-                namespace=namespace,
-                parameters=[LaunchConfiguration("dashboard_params")],
-                output="screen",
-            ),
-            Node(
-                package="ema_recording",
-                executable="recorder_node",
-                name="recorder",
-                namespace=namespace,
-                parameters=[
-                    LaunchConfiguration("recorder_params"),
-                    {"output": ParameterValue(bag, value_type=str)},
-                ],
-                output="screen",
-                condition=IfCondition(NotEqualsSubstitution(bag, "")),
-            ),
-        ]
-    )
+    arguments = [
+        # A simulated actuator is a new unit at each start.
+        *ema.common_arguments(history_folder=""),
+        DeclareLaunchArgument(
+            "bag",
+            default_value="",
+            description="bag to record; empty: no recorder; if it fails, all end",
+        ),
+        *ema.parameter_files("actuator", "monitor", "dashboard", "recorder"),
+    ]
+    check = ema.check_arguments(__file__, arguments)
+    return LaunchDescription([*arguments, check, OpaqueFunction(function=_nodes)])
+
+
+def _nodes(context: LaunchContext) -> list[Node]:
+    nodes = [
+        ema.node(context, "actuator", "ema_sim"),
+        ema.monitor(context),
+        ema.node(context, "dashboard", "ema_dashboard"),
+    ]
+    bag = ema.value_of(context, "bag")
+    if bag:
+        nodes.append(
+            ema.node(
+                context, "recorder", "ema_recording", parameters={"output": bag}, ends_all=True
+            )
+        )
+    return nodes

@@ -1,76 +1,62 @@
 """Diagnosis of a recording: the topics of the actuator are played to a monitor, and shown.
 
 ros2 launch ema_bringup replay.launch.py bag:=worn_flap rate:=4.0
+
+What the monitor finds is printed, a line for each change; all end when the bag is played and its
+last window is diagnosed, unless `end:=false` keeps the dashboard.
 """
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
+import sys
+from pathlib import Path
+from typing import Any
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, Shutdown
+from launch.substitutions import PathJoinSubstitution
+from launch_ros.substitutions import FindPackagePrefix
+
+sys.path.insert(0, str(Path(__file__).parent))
+import ema_launch_arguments as ema
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the nodes, with their arguments."""
-    config = PathJoinSubstitution([FindPackageShare("ema_bringup"), "config"])
-    bag = ParameterValue(LaunchConfiguration("bag"), value_type=str)
-    rate = ParameterValue(LaunchConfiguration("rate"), value_type=float)
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument("bag", description="bag to play: a file or a folder"),
-            DeclareLaunchArgument(
-                "rate", default_value="1.0", description="playback rate"
-            ),
-            DeclareLaunchArgument(
-                "namespace",
-                default_value="/ema",
-                description="namespace of the nodes, which is that of the telemetry in the bag",
-            ),
-            DeclareLaunchArgument(
-                "player_params",
-                default_value=PathJoinSubstitution([config, "player.yaml"]),
-                description="parameter file of the player",
-            ),
-            DeclareLaunchArgument(
-                "monitor_params",
-                default_value=PathJoinSubstitution([config, "monitor.yaml"]),
-                description="parameter file of the monitor, with its calibration_file",
-            ),
-            Node(
-                package="ema_monitor",
-                executable="monitor_node",
-                name="monitor",
-                namespace=LaunchConfiguration("namespace"),
-                parameters=[
-                    LaunchConfiguration("monitor_params"),
-                    {"use_sim_time": True},
-                ],
-                output="screen",
-            ),
-            DeclareLaunchArgument(
-                "dashboard_params",
-                default_value=PathJoinSubstitution([config, "dashboard.yaml"]),
-                description="parameter file of the dashboard, which prints its address",
-            ),
-            Node(
-                package="ema_dashboard",
-                executable="dashboard_node",
-                name="dashboard",
-                namespace=LaunchConfiguration("namespace"),
-                parameters=[LaunchConfiguration("dashboard_params")],
-                output="screen",
-            ),
-            Node(
-                package="ema_recording",
-                executable="player_node",
-                name="player",
-                namespace=LaunchConfiguration("namespace"),
-                parameters=[
-                    LaunchConfiguration("player_params"),
-                    {"bag": bag, "rate": rate, "actuator_only": True},
-                ],
-                output="screen",
-            ),
-        ]
-    )
+    arguments = [
+        DeclareLaunchArgument("bag", description="bag to play: a file or a folder"),
+        DeclareLaunchArgument("rate", default_value="1.0", description="playback rate"),
+        DeclareLaunchArgument(
+            "end", default_value="true", description="false: stay when the diagnosis is complete"
+        ),
+        *ema.common_arguments(),
+        *ema.parameter_files("player", "monitor", "dashboard"),
+    ]
+    check = ema.check_arguments(__file__, arguments)
+    return LaunchDescription([*arguments, check, OpaqueFunction(function=_nodes)])
+
+
+def _nodes(context: LaunchContext) -> list[Any]:
+    rate = ema.value_of(context, "rate")
+    try:
+        played = {"bag": ema.value_of(context, "bag"), "rate": float(rate)}
+    except ValueError as error:
+        raise RuntimeError(f"rate:={rate}: expected a number") from error
+    ends = ema.flag_of(context, "end")
+    command = [
+        PathJoinSubstitution([FindPackagePrefix("ema_cli"), "lib", "ema_cli", "ema"]),
+        *("watch", "--namespace", ema.value_of(context, "namespace")),
+        *(["--until-played"] if ends else []),
+    ]
+    done = {"on_exit": Shutdown(reason="the diagnosis is complete")} if ends else {}
+    return [
+        # Its time is that of the recording, whatever the others follow.
+        ema.monitor(context, use_sim_time=True),
+        ema.node(context, "dashboard", "ema_dashboard"),
+        ExecuteProcess(cmd=command, output="screen", **done),
+        ema.node(
+            context,
+            "player",
+            "ema_recording",
+            parameters={**played, "actuator_only": True, "stay": not ends},
+            respawns=False,
+        ),
+    ]

@@ -1,0 +1,69 @@
+"""The page of all parameters, from their declarations: ``python -m ema_cli.parameter_page``."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.context import Context
+
+from ema_cli.processes.bringup import NODES, node_class
+from ema_ros.settings import LIVE, WHILE_UNCONFIGURED
+
+PAGE: Final = Path("docs/parameters.md")
+
+_HEAD: Final = """# Parameters
+
+Made from the declarations by `make parameters`; `ros2 param describe NODE NAME` tells the same of a
+node that runs. `-p NAME:=VALUE` and parameter files set them
+at the start ([nodes.md](nodes.md#parameters)).
+
+- **live**: can be changed at any time. Changes hold together from the next window on: one
+  that is open keeps the settings with which it began.
+- **unconfigured**: can be changed while the node is unconfigured; else the refusal says why.
+- **start**: given at the start only.
+"""
+_SIM_TIME: Final = "follow /clock instead of the clock of the machine"
+_CHANGES: Final = {LIVE: "live", WHILE_UNCONFIGURED: "unconfigured"}
+
+
+def parameter_page() -> str:
+    """Return the page."""
+    lines = [_HEAD]
+    for name in NODES:
+        lines += [f"## {name}", "", "| parameter | default | unit | values | change | meaning |"]
+        lines += ["|---|---|---|---|---|---|", *_rows(name), ""]
+    return "\n".join(lines)
+
+
+def _rows(name: str) -> Iterator[str]:
+    context = Context()
+    rclpy.init(context=context, args=[])
+    try:
+        node = node_class(name)(context=context)
+        names = sorted(node.list_parameters([], 0).names, key=lambda item: (item.count("."), item))
+        for item in names:
+            yield _row(node.describe_parameter(item), node.get_parameter(item).value)
+        node.destroy_node()
+    finally:
+        rclpy.shutdown(context=context)
+
+
+def _row(descriptor: ParameterDescriptor, value: Any) -> str:
+    meaning, unit = descriptor.description or _SIM_TIME, ""
+    if meaning.endswith("]") and (descriptor.floating_point_range or descriptor.integer_range):
+        meaning, _, unit = meaning[:-1].rpartition(" [")
+    constraint, _, values = descriptor.additional_constraints.partition("one of ")
+    for limits in (*descriptor.floating_point_range, *descriptor.integer_range):
+        values = f"{limits.from_value:g} to {limits.to_value:g}"
+    change = _CHANGES.get(constraint.removesuffix("; "), "start")
+    if descriptor.name == "use_sim_time":
+        change = "start"
+    cells = (f"`{descriptor.name}`", f"`{json.dumps(value)}`", unit, values, change, meaning)
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(parameter_page(), encoding="utf-8")

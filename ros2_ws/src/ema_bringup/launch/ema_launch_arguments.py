@@ -1,0 +1,141 @@
+"""Arguments that all launch files of this package have, and the nodes that they make of them."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from launch import LaunchContext
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+AS_CONFIGURED = "of the parameter file"
+"""Value of an argument that leaves the parameter as it is in the parameter file."""
+
+CONFIG = PathJoinSubstitution([FindPackageShare("ema_bringup"), "config"])
+
+
+def common_arguments(history_folder: str = AS_CONFIGURED) -> list[DeclareLaunchArgument]:
+    """Return the arguments of each launch file."""
+    return [
+        DeclareLaunchArgument(name, default_value=default, description=description)
+        for name, default, description in (
+            ("namespace", "/ema", "namespace of the nodes and of the telemetry"),
+            ("use_sim_time", "false", "true: the nodes follow /clock"),
+            (
+                "history_folder",
+                history_folder,
+                "where the monitor keeps the tests of each unit; empty: in memory",
+            ),
+            (
+                "calibration_file",
+                AS_CONFIGURED,
+                "calibration; {actuator_id} and {serial_number} stand for those of the actuator",
+            ),
+            ("log_level", "info", "debug, info, warn, error or fatal"),
+            ("respawn", "false", "true: a node that ends is started again after 2 s"),
+            ("autostart", "true", "false: a lifecycle manager configures and activates the nodes"),
+        )
+    ]
+
+
+def parameter_files(*names: str) -> list[DeclareLaunchArgument]:
+    """Return an argument for the parameter file of each node."""
+    return [
+        DeclareLaunchArgument(
+            f"{name}_params",
+            default_value=PathJoinSubstitution([CONFIG, f"{name}.yaml"]),
+            description=f"parameter file of the {name}",
+        )
+        for name in names
+    ]
+
+
+def check_arguments(file: str, declared: list[DeclareLaunchArgument]) -> OpaqueFunction:
+    """Return an action that refuses what is given and not declared; launch would ignore it.
+
+    Included by another launch file, what is given may be for that one, and is not checked.
+    """
+
+    def check(context: LaunchContext) -> list[Any]:
+        if not any(Path(argument).name == Path(file).name for argument in sys.argv):
+            return []
+        known = [argument.name for argument in declared]
+        given = [argument.partition(":=")[0] for argument in context.argv if ":=" in argument]
+        unknown = [name for name in given if name not in known]
+        if unknown:
+            raise RuntimeError(
+                f"{Path(file).name} has no argument {', '.join(unknown)}; it has {', '.join(known)}"
+            )
+        return []
+
+    return OpaqueFunction(function=check)
+
+
+def value_of(context: LaunchContext, name: str) -> str:
+    """Return the value of an argument."""
+    return LaunchConfiguration(name).perform(context)
+
+
+def flag_of(context: LaunchContext, name: str) -> bool:
+    """Return the value of an argument that is true or false."""
+    value = value_of(context, name)
+    if value.lower() not in ("true", "false"):
+        raise RuntimeError(f"{name}:={value}: expected true or false")
+    return value.lower() == "true"
+
+
+def node(
+    context: LaunchContext,
+    name: str,
+    package: str,
+    *,
+    namespace: str = "",
+    parameters: dict[str, Any] | None = None,
+    ends_all: bool = False,
+    respawns: bool = True,
+    **options: Any,
+) -> Node:
+    """Return a node of this package's by the common arguments.
+
+    Parameters
+    ----------
+    namespace
+        Namespace instead of that of the argument.
+    parameters
+        Parameters that override those of its parameter file.
+    ends_all
+        Whether everything ends with it; it is never started again then.
+    respawns
+        Whether it is started again if the argument says so.
+    """
+    own = {"autostart": flag_of(context, "autostart"), **(parameters or {})}
+    if flag_of(context, "use_sim_time"):
+        own["use_sim_time"] = True
+    # Launch would read a text as YAML: an empty one, or a name such as 4711, would be no text.
+    texts = {key: value for key, value in own.items() if isinstance(value, str)}
+    own |= {key: ParameterValue(value, value_type=str) for key, value in texts.items()}
+    if ends_all:
+        options["on_exit"] = Shutdown(reason=f"the {name} has ended")
+    return Node(
+        package=package,
+        executable=f"{name}_node",
+        name=name,
+        namespace=namespace or value_of(context, "namespace"),
+        parameters=[value_of(context, f"{name}_params"), own],
+        ros_arguments=["--log-level", value_of(context, "log_level")],
+        respawn=respawns and not ends_all and flag_of(context, "respawn"),
+        respawn_delay=2.0,
+        output="screen",
+        **options,
+    )
+
+
+def monitor(context: LaunchContext, **parameters: Any) -> Node:
+    """Return the monitor; what is not given is as in its parameter file."""
+    names = ("calibration_file", "history_folder")
+    given = {name: value_of(context, name) for name in names}
+    chosen = {name: value for name, value in given.items() if value != AS_CONFIGURED}
+    return node(context, "monitor", "ema_monitor", parameters={**chosen, **parameters})

@@ -1,0 +1,55 @@
+"""Simulated actuators, one monitor for all with a calibration each, and the dashboard.
+
+ros2 launch ema_bringup fleet.launch.py actuators:=left,right \\
+    calibration_file:=/path/{actuator_id}.yaml
+
+Each actuator has a namespace of its own below the one of the monitor, and publishes on the topics
+of the monitor by remapping.
+"""
+
+import sys
+from pathlib import Path
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch_ros.actions import Node
+
+sys.path.insert(0, str(Path(__file__).parent))
+import ema_launch_arguments as ema
+
+TOPICS = ("telemetry", "actuator_description", "usage", "simulated_faults", "joint_states")
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the nodes, with their arguments."""
+    arguments = [
+        # Simulated actuators are new units at each start.
+        *ema.common_arguments(history_folder=""),
+        DeclareLaunchArgument(
+            "actuators",
+            default_value="left,right",
+            description="names of the actuators, separated by commas",
+        ),
+        *ema.parameter_files("actuator", "monitor", "dashboard"),
+    ]
+    check = ema.check_arguments(__file__, arguments)
+    return LaunchDescription([*arguments, check, OpaqueFunction(function=_nodes)])
+
+
+def _nodes(context: LaunchContext) -> list[Node]:
+    place = ema.value_of(context, "namespace").rstrip("/")
+    names = [name.strip() for name in ema.value_of(context, "actuators").split(",")]
+    if len(set(names)) < len(names) or "" in names:
+        raise RuntimeError(f"actuators:={','.join(names)}: expected names that differ")
+    actuators = [
+        ema.node(
+            context,
+            "actuator",
+            "ema_sim",
+            namespace=f"{place}/{name}",
+            parameters={"actuator_id": name, "serial_number": f"SIM-{name}", "seed": number},
+            remappings=[(topic, f"{place}/{topic}") for topic in TOPICS],
+        )
+        for number, name in enumerate(names)
+    ]
+    return [*actuators, ema.monitor(context), ema.node(context, "dashboard", "ema_dashboard")]

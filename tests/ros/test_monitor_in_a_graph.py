@@ -1,0 +1,176 @@
+"""A monitor among nodes that it does not know: other publishers, wrong names, changing settings."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+from rclpy.qos import QoSProfile
+
+from ema_core.description import ActuatorDescription
+from ema_core.levels import OK, STALE, WARN
+from ema_interfaces.msg import Health, HealthSummary, Usage
+from ema_interfaces.srv import ForgetActuator, PredictRemainingLife
+from ema_monitor.node.summary import summary_of, unknown_estimate
+from ema_monitor.windows.trigger import TriggerSettings
+from ema_ros import topics
+from ema_ros.description import description_to_message
+from ema_ros.telemetry import telemetry_to_message
+
+from ..waiting import wait_for
+from .monitor_session import FLAP, MonitorSession, Source, in_window, monitor
+
+DEFAULT_QOS = QoSProfile(depth=10)
+
+
+@pytest.fixture
+def session() -> Iterator[MonitorSession]:
+    with monitor() as running:
+        yield running
+
+
+def test_publishers_of_the_default_quality_are_heard_once_and_latched_ones_too(session):
+    latched = session.probe.create_publisher(Usage, topics.USAGE, topics.LATCHED)
+    latched.publish(Usage(actuator_id="rudder", flight_hours=-1.0))
+    plain = session.probe.create_publisher(Usage, topics.USAGE, DEFAULT_QOS)
+    message = description_to_message(FLAP)
+    described = session.probe.create_publisher(type(message), topics.DESCRIPTION, DEFAULT_QOS)
+    wait_for(
+        lambda: all(item.get_subscription_count() for item in (plain, described)), "the monitor"
+    )
+    described.publish(message)
+    session.until_status("flap telemetry", "no telemetry so far")
+    for hours in (-3.0, -2.0):
+        plain.publish(Usage(actuator_id="rudder", flight_hours=hours))
+    # The latched publisher is heard by both subscriptions, and counts once.
+    session.until_status("input", "ignored: 3 wrong messages")
+    latched.publish(Usage(actuator_id="rudder", flight_hours=-4.0))
+    session.until_status("input", "ignored: 4 wrong messages")
+
+
+def test_two_publishers_of_one_actuator_are_named(session):
+    session.describe()
+    other = session.probe.create_publisher(
+        *(topics.ACTUATOR_TOPICS[topics.TELEMETRY][0], topics.TELEMETRY, topics.STREAM)
+    )
+    wait_for(other.get_subscription_count, "the monitor")
+    blocks = Source().cycle()
+    for early, late in zip(blocks[:10], blocks[20:30], strict=True):
+        session.send(topics.TELEMETRY, telemetry_to_message(late, FLAP.actuator_id))
+        other.publish(telemetry_to_message(early, FLAP.actuator_id))
+    status = session.until_status(
+        "flap telemetry", "several publishers: /ema/probe (2)", bytes([WARN])
+    )
+    assert "the sample index went back" in status.message
+
+
+@pytest.mark.parametrize("name", [" flap", "flap\n", "f" * 101])
+def test_impossible_name_makes_no_actuator(session, name):
+    session.feed(Source().cycle()[:1], name)
+    session.until_status("input", "impossible actuator_id")
+    assert not session.statuses(f"{name} telemetry")
+
+
+def test_actuator_is_forgotten_with_all_that_it_publishes_and_comes_anew(session):
+    session.describe()
+    session.feed(Source().cycle())
+    session.next_estimate()
+    session.until(lambda: session.received(topics.HEALTH_SUMMARY))
+
+    def forget(name: str) -> ForgetActuator.Response:
+        request = ForgetActuator.Request(actuator_id=name)
+        return session.call(ForgetActuator, "/ema/monitor/forget_actuator", request)
+
+    refused = forget("rudder")
+    assert not refused.success
+    assert "'rudder' is not monitored; monitored: flap" in refused.message
+    assert forget("flap").success
+    session.until_status("input", "no message of an actuator so far")
+    said = [len(session.statuses(f"flap {task}")) for task in ("telemetry", "health", "history")]
+    reports = len(session.statuses("input"))
+    session.until(lambda: len(session.statuses("input")) > reports + 1)
+    now = [len(session.statuses(f"flap {task}")) for task in ("telemetry", "health", "history")]
+    assert now == said
+    wait_for(lambda: not session.probe.count_publishers("/ema/health"), "no publisher of health")
+    session.describe()
+    session.feed(Source().cycle())
+    assert session.next_estimate().window == 0
+
+
+def test_settings_that_change_in_a_window_hold_together_from_the_next_one(session):
+    session.describe()
+    source = Source()
+    blocks = source.cycle()
+    middle = in_window(blocks)
+    session.feed(blocks[:middle])
+    session.until(lambda: session.node._units["flap"].finder.is_open)
+    changes = {"window_s": 0.4, "algorithm": "pso", "budget": 700}
+    assert all(r.successful for r in session.set_parameter_values(changes))
+    session.feed([*blocks[middle:], *source.cycle()])
+    first, second = session.next_estimate(), session.next_estimate()
+    lengths = [
+        (item.window_end.sec - item.window_start.sec)
+        + 1e-9 * (item.window_end.nanosec - item.window_start.nanosec)
+        for item in (first, second)
+    ]
+    assert lengths == pytest.approx([0.5, 0.4], abs=1e-6)
+    assert [item.algorithm for item in (first, second)] == ["least_squares", "pso"]
+
+
+def test_setting_that_no_motion_satisfies_is_named_in_the_status():
+    with monitor({"window_s": 12.0}) as session:
+        session.describe()
+        source = Source()
+        for _ in range(3):
+            session.feed(source.cycle())
+        status = session.until_status("flap telemetry", "window_s = 12 s", bytes([WARN]))
+        assert "the longest motion after a rest of 0.02 s lasts" in status.message
+
+
+def test_log_tells_of_the_first_telemetry_and_what_is_refused(session, capfd):
+    session.describe()
+    blocks = Source().cycle()
+    session.feed([*blocks[: in_window(blocks)], *blocks[in_window(blocks) + 1 :]])
+    assert not session.next_estimate().valid
+    said = ""
+
+    def has_said(text: str) -> bool:
+        nonlocal said
+        said += capfd.readouterr().err
+        return text in said
+
+    wait_for(lambda: has_said("flap: window 0 has no valid estimate: gap of"), "the refusal")
+    assert "flap: first telemetry" in said
+    assert "[INFO]" in said
+
+
+def test_answer_without_a_prediction_has_no_figures(session):
+    request = PredictRemainingLife.Request(duty=2.0)
+    answer = session.call(PredictRemainingLife, "/ema/monitor/predict_remaining_life", request)
+    assert not answer.success
+    health = answer.health
+    assert (health.level, health.reason) == (STALE, answer.message)
+    figures = (health.health_index, health.flight_hours, health.duty, health.rul.hours_50)
+    assert all(map(math.isnan, figures))
+    assert math.isnan(unknown_estimate("flap", "").faults.gain)
+
+
+def test_summary_says_in_a_line_what_health_says():
+    health = Health(actuator_id="flap", serial_number="1", level=WARN, health_index=0.4)
+    health.dominant_fault = "short_circuit_a"
+    health.rul.known, health.rul.hours_50 = True, 120.0
+    summary = summary_of(health)
+    assert isinstance(summary, HealthSummary)
+    assert (summary.level, summary.rul_50) == (WARN, 120.0)
+    assert summary.text == "WARN: short circuit a; remaining life 120 flight hours"
+    health.rul.known, health.level, health.dominant_fault = False, OK, ""
+    assert math.isnan(summary_of(health).rul_50)
+    assert summary_of(health).text == "OK"
+
+
+def test_description_with_an_impossible_name_is_refused():
+    for wrong in ("", " flap", "flap\t", "f" * 101):
+        with pytest.raises(ValueError, match="actuator_id"):
+            replace(FLAP, actuator_id=wrong)
+    assert ActuatorDescription(actuator_id="Klappe links/außen").actuator_id
+    assert TriggerSettings().threshold == 1e-6
