@@ -45,8 +45,8 @@ def test_every_field_has_a_comment(path: Path):
 
 @pytest.mark.parametrize("path", DEFINITIONS, ids=relative)
 def test_unit_is_at_the_end_of_its_comment(path: Path):
-    # The parser of rosidl takes a unit out of a comment. Where the rest does not follow on, as for a
-    # unit in the middle, `ros2 interface show` cuts the comment off.
+    # The parser of rosidl takes a unit out of a comment. Where the rest does not follow on, as for
+    # a unit in the middle, `ros2 interface show` cuts the comment off.
     lines = [line.partition("#")[2] for line in path.read_text(encoding="utf-8").splitlines()]
     wrong = [line for line in lines if re.search(r"\[[^,\]]+\] *\S", line)]
     assert wrong == []
