@@ -83,6 +83,7 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python field_oriented.py --json field_oriented.json
 	$(activate) && cd benchmarks && python goodness.py --json goodness.json
 	$(activate) && cd benchmarks && python trust.py --json trust.json
+	$(activate) && cd benchmarks && python sampling.py --json sampling.json
 	$(activate) && cd benchmarks && python design.py --json design.json
 	$(activate) && cd benchmarks && python ordinary_motion.py --json ordinary_motion.json
 	$(activate) && cd benchmarks && python live.py --json live.json

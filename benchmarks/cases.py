@@ -171,20 +171,20 @@ def by_the_law(count: int) -> list[Case]:
 
 def wide(count: int) -> list[Case]:
     """Return faults in all components at once."""
-    return _drawn("wide", count, _wide_faults)
+    return _drawn("wide", count, wide_faults)
 
 
 def validation(count: int) -> list[Case]:
     """Return cases by the law and as many wide ones, other than those of the targets."""
     return [
         *_drawn("validation law", count, random_faults),
-        *_drawn("validation wide", count, _wide_faults),
+        *_drawn("validation wide", count, wide_faults),
     ]
 
 
 def without_approach(count: int) -> list[Case]:
     """Return wide faults at an unknown place in the play."""
-    return [replace(case, start="anywhere") for case in _drawn("play", count, _wide_faults)]
+    return [replace(case, start="anywhere") for case in _drawn("play", count, wide_faults)]
 
 
 def healthy(count: int, purpose: Literal["healthy", "calibration"] = "healthy") -> list[Case]:
@@ -259,7 +259,7 @@ def _seed(stream: str, *more: int) -> tuple[int, ...]:
     return (20_180, _STREAMS.index(stream), *more)
 
 
-def _wide_faults(rng: np.random.Generator) -> NDArray[np.float64]:
+def wide_faults(rng: np.random.Generator) -> NDArray[np.float64]:
     k = 0.6 * rng.random(N_FAULTS)
     k[2:5] = 0.4 * rng.random(3)
     k[ECCENTRICITY_PHASE] = rng.random()

@@ -16,6 +16,7 @@ import field_oriented
 import memory
 import ordinary_motion
 import prognosis_tables
+import sampling
 import startup
 import targets
 import trust
@@ -99,6 +100,7 @@ def main() -> None:
         "accuracy": targets.rows,
         "field_oriented": field_oriented.rows,
         "trust": trust.rows,
+        "sampling": sampling.rows,
         "design": design.rows,
         "ordinary_motion": ordinary_motion.rows,
         "kernels": kernel_rows,

@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import Final
 
 import click
+from click.decorators import FC
 
 from ema_cli.errors import Assignments
+from ema_core.acquisition import CURRENT_SAMPLINGS, Acquisition
 from ema_core.description import ActuatorDescription
 from ema_ros.actuator_file import load_description
 
@@ -64,8 +66,36 @@ calibration_option: Final = click.option(
 )
 
 
-def described(actuator_file: Path | None, sample_rate: float | None = None) -> ActuatorDescription:
-    """Return the description of the actuator, with the sample rate that is asked for.
+def acquisition_options(command: FC) -> FC:
+    """Add the options of how telemetry is acquired, in place of what the description says."""
+    for option in (
+        click.option("--no-speed", is_flag=True, help="The speed is not measured."),
+        click.option(
+            "--current-filter",
+            type=float,
+            metavar="S",
+            help="Time constant of the filter of a filtered current [s].",
+        ),
+        click.option(
+            "--sample-current",
+            type=click.Choice(CURRENT_SAMPLINGS),
+            help="What a sample of the current stands for: its mean over the sample, its value at "
+            "the end behind a filter, that value itself, or nothing: it is not measured. By "
+            "default as the description says, as a rule its mean.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def described(
+    actuator_file: Path | None,
+    sample_rate: float | None,
+    sample_current: str | None = None,
+    current_filter: float | None = None,
+    no_speed: bool = False,
+) -> ActuatorDescription:
+    """Return the description of the actuator, sampled as is asked for.
 
     What its parameters contradict each other in is printed.
 
@@ -75,15 +105,25 @@ def described(actuator_file: Path | None, sample_rate: float | None = None) -> A
         The built-in actuator when None.
     sample_rate
         In place of that of the description [Hz]; that of the description when None.
+    sample_current, current_filter, no_speed
+        In place of the description's acquisition.
 
     Raises
     ------
     ValueError
-        When the file is no description, or the period no whole number of microseconds.
+        When the file is no description, the period no whole number of microseconds, or the
+        acquisition impossible.
     """
     description = load_description(actuator_file) if actuator_file else ActuatorDescription()
     for remark in description.remarks:
         click.echo(f"remark: {remark}", err=True)
+    given = description.acquisition
+    sampling = sample_current or ("filtered" if current_filter else given.current)
+    filter_s = given.current_filter if current_filter is None else current_filter
+    if sampling != "filtered" and current_filter is None:
+        filter_s = 0.0
+    acquisition = Acquisition(sampling, filter_s, given.speed and not no_speed)
+    description = replace(description, acquisition=acquisition)
     if sample_rate is None:
         return description
     sample_period = round(1e6 / sample_rate) * 1e-6

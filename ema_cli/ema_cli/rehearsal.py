@@ -200,6 +200,7 @@ class Rehearsal(Recorder):
         if not any(self._added):
             return window
         t = window.telemetry
+        # Of a column that is not measured nothing is made.
         current, speed = (
             row + sigma * rng.standard_normal(len(row))
             for row, sigma in zip((t.current, t.speed), self._added, strict=True)

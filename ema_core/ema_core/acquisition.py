@@ -1,5 +1,6 @@
 """How the columns of telemetry are acquired: what a sample of the current stands for."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Final
 
@@ -32,3 +33,31 @@ class Acquisition:
                 f"current_filter = {self.current_filter:g} s with current = {self.current}: "
                 "a filtered current needs a time constant above 0, any other 0"
             )
+
+    def __str__(self) -> str:
+        filtered = f" with {self.current_filter:g} s" if self.current_filter else ""
+        current = "no current" if self.current == "none" else f"current {self.current}{filtered}"
+        return f"{current}, {'speed measured' if self.speed else 'no speed'}"
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Names of the columns of telemetry that are not measured, and so are empty."""
+        absent = {"current": self.current == "none", "speed": not self.speed}
+        return tuple(name for name, is_absent in absent.items() if is_absent)
+
+    def contradiction(self, missing: Collection[str]) -> str:
+        """Return in what telemetry is not acquired like this; empty when nothing contradicts it.
+
+        Parameters
+        ----------
+        missing
+            Names of its columns that are empty.
+        """
+        reasons = [
+            f"the {name} is said to be measured ({self}), but its column is empty"
+            if name in missing
+            else f"the {name} is said not to be measured ({self}), but its column is filled"
+            for name in ("current", "speed")
+            if (name in missing) != (name in self.missing)
+        ]
+        return "; ".join(reasons)

@@ -4,9 +4,10 @@ They accept single floats and lanes of `ema_core.simd`, except where a docstring
 """
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 from ema_core._jit import kernel
+from ema_core.acquisition import Acquisition
 from ema_core.parameters import ControlConstants, MechanicalConstants
 from ema_core.simd import select
 
@@ -24,6 +25,39 @@ def lag_factor(dt: float) -> float:
         with different steps delay the current by the same time.
     """
     return -math.expm1(-dt / LAG_TIME_CONSTANT)
+
+
+class CurrentSampling(NamedTuple):
+    """How samples of the current are made of its values in the steps (M6), for kernels.
+
+    A sample begins with ``carry`` times what the one before ended with; each step makes ``keep``
+    times that and ``gain`` times the value; the sample is the result over ``divisor``.
+    """
+
+    carry: float
+    keep: float
+    gain: float
+    divisor: float
+
+
+def current_sampling(acquisition: Acquisition, steps: int, dt: float) -> CurrentSampling:
+    """Return how samples of the current are made.
+
+    Parameters
+    ----------
+    acquisition
+        How telemetry is acquired; a current that is not measured is averaged.
+    steps
+        Number of steps in a sample.
+    dt
+        Step [s].
+    """
+    if acquisition.current == "instantaneous":
+        return CurrentSampling(0.0, 0.0, 1.0, 1.0)
+    if acquisition.current == "filtered":
+        keep = math.exp(-dt / acquisition.current_filter)
+        return CurrentSampling(1.0, keep, -math.expm1(-dt / acquisition.current_filter), 1.0)
+    return CurrentSampling(0.0, 1.0, 1.0, float(steps))
 
 
 @kernel()

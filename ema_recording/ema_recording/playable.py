@@ -14,7 +14,7 @@ from ema_interfaces.msg import (
 )
 from ema_recording.message_type import message_class, type_name
 from ema_recording.reader import Bag, Topic
-from ema_recording.schema import check_schema
+from ema_recording.schema import to_installed
 
 CLOCK: Final = "/clock"
 """The topic that a player publishes itself."""
@@ -60,7 +60,7 @@ def playable_topics(bag: Bag, *, actuator_only: bool) -> tuple[dict[str, Topic],
             if topic.encoding != "cdr":
                 raise ValueError(f"it is encoded as {topic.encoding!r}, expected 'cdr'")
             message_class(topic.type_name)
-            check_schema(topic.type_name, topic.schema, topic.type_hash)
+            to_installed(*topic.identity)
         except ValueError as error:
             refused[name] = str(error)
         else:

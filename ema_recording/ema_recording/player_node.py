@@ -27,6 +27,7 @@ from ema_recording.playable import CLOCK, playable_topics
 from ema_recording.playback import Playback
 from ema_recording.qos import recorded_qos, replay_qos
 from ema_recording.reader import Bag, Recorded, Topic
+from ema_recording.schema import to_installed
 from ema_recording.steering import Steering
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
@@ -99,6 +100,7 @@ class PlayerNode(ManagedNode):
         )
         for name, reason in self._not_played.items():
             self.get_logger().warning(f"{name} is not played: {reason}")
+        self._upgrades = {name: to_installed(*topic.identity) for name, topic in topics.items()}
         self._total = sum(topic.count for topic in topics.values())
         self._outputs: dict[str, Publisher] = {}
         try:
@@ -281,7 +283,8 @@ class PlayerNode(ManagedNode):
         )
 
     def _publish(self, item: Recorded) -> None:
-        self._outputs[item.topic].publish(item.message)
+        upgrade = self._upgrades[item.topic]
+        self._outputs[item.topic].publish(upgrade(item.message) if upgrade else item.message)
 
     def _publish_clock(self, stamp_ns: int) -> None:
         self._clock_output.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))

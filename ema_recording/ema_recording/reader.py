@@ -20,7 +20,7 @@ from ema_core.wording import counted
 from ema_recording.contents import Contents, Stretch, read_contents, read_messages
 from ema_recording.message_type import is_installed
 from ema_recording.records import DamageError
-from ema_recording.schema import check_schema, decoder, schema_text
+from ema_recording.schema import decoder, schema_text, to_installed
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,11 @@ class Topic:
     type_hash: str
     schema: str
     qos: str
+
+    @property
+    def identity(self) -> tuple[str, str, str]:
+        """Name, definition and hash of the type."""
+        return self.type_name, self.schema, self.type_hash
 
 
 class Recorded(NamedTuple):
@@ -269,8 +274,10 @@ class Bag:
         try:
             if topic.encoding != "cdr":
                 raise ValueError(f"it is encoded as {topic.encoding!r}, expected 'cdr'")
-            if is_installed(topic.type_name):
-                check_schema(topic.type_name, topic.schema, topic.type_hash)
+            installed = is_installed(topic.type_name)
+            if installed and (upgrade := to_installed(*topic.identity)):
+                decode = decoder(topic.type_name, schema_text(topic.type_name))
+                return lambda data: decode(upgrade(data))
             return decoder(topic.type_name, topic.schema or schema_text(topic.type_name))
         except ValueError as error:
             raise ValueError(f"{self.path}: topic {name} cannot be decoded: {error}") from error

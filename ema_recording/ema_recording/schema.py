@@ -6,6 +6,7 @@ rosbag2 stores.
 
 import re
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
@@ -18,8 +19,12 @@ from ema_recording.message_type import definition, type_hash
 
 _PRIMITIVES = {"bool", "byte", "char", "float32", "float64", "string", "wstring"}
 _PRIMITIVES |= {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
+_MOST_BEHIND = 16
 _SEPARATOR = "=" * 80 + "\nMSG: "
 # Type, bounds and name of a field. Names of constants are in capitals.
+_DEFAULT = re.compile(
+    r"^[ \t]*([a-z]\w*)[ \t]+([a-z]\w*)[ \t]+([^#=\s][^#=\n]*?)[ \t]*(?:#.*)?$", re.MULTILINE
+)
 _FIELD = re.compile(
     r"^[ \t]*([A-Za-z][\w/]*)((?:<=\d+)?(?:\[[<=\d]*\])?)[ \t]+([a-z]\w*)", re.MULTILINE
 )
@@ -60,11 +65,14 @@ def _fields(text: str, package: str) -> list[tuple[str, str, str]]:
     return fields
 
 
-def check_schema(name: str, recorded_text: str, recorded_hash: str) -> None:
-    """Refuse a recorded message type that is not the installed one.
+def to_installed(
+    name: str, recorded_text: str, recorded_hash: str
+) -> Callable[[bytes], bytes] | None:
+    """Return what makes messages of the installed type of recorded ones; None if they are such.
 
     The hash decides. Recordings from before ROS 2 Iron have none: there the fields of the
-    definitions are compared.
+    definitions are compared. A definition that is older than the installed one lacks fields for
+    which the latter has a default, which they then have.
 
     Parameters
     ----------
@@ -76,15 +84,70 @@ def check_schema(name: str, recorded_text: str, recorded_hash: str) -> None:
     Raises
     ------
     ValueError
-        When they differ, naming the fields, or the installed type cannot be found.
+        When they differ in another way, naming the fields, or the installed type cannot be found;
+        what is returned, when a message is none of the recorded type.
     """
     installed_hash = type_hash(name)
     if recorded_hash == installed_hash:
-        return
+        return None
     differences = _differences(name, recorded_text)
-    if recorded_hash or differences:
-        words = "; ".join(differences) or f"{recorded_hash} there, {installed_hash} here"
-        raise ValueError(f"the recorded {name} is not the installed one: {words}")
+    if not differences and not recorded_hash:
+        return None
+    if lacking := _lacking(name, recorded_text):
+        return _upgrade(name, recorded_text, lacking)
+    words = "; ".join(differences) or f"{recorded_hash} there, {installed_hash} here"
+    raise ValueError(f"the recorded {name} is not the installed one: {words}")
+
+
+def _upgrade(
+    name: str, recorded_text: str, lacking: dict[str, bool | int | float | str]
+) -> Callable[[bytes], bytes]:
+    """Return what adds the fields that a recorded type lacks to its messages."""
+    decode, store = decoder(name, recorded_text), _store(name, schema_text(name))
+    installed = store.types[name]
+    # Constants are attributes, too: only fields are passed on.
+    recorded = _field_lists(name, recorded_text)[name.replace("/msg/", "/")]
+    kept = [field.rpartition(" ")[2] for field in recorded]
+
+    def upgrade(data: bytes) -> bytes:
+        message = decode(data)
+        values = {field: getattr(message, field) for field in kept}
+        return bytes(store.serialize_cdr(installed(**values, **lacking), name))
+
+    return upgrade
+
+
+def _lacking(name: str, recorded_text: str) -> dict[str, bool | int | float | str]:
+    """Return the defaults of the fields that an older definition lacks.
+
+    Empty where it differs in anything else from the installed one.
+    """
+    recorded, installed = _field_lists(name, recorded_text), _field_lists(name, schema_text(name))
+    own = name.replace("/msg/", "/")
+    older, newer = recorded.pop(own, []), installed.pop(own)
+    defaults = _defaults(definition(name))
+    added = [field for field in newer if field not in older]
+    names = [field.rpartition(" ")[2] for field in added]
+    if (
+        recorded != installed
+        or [field for field in newer if field in older] != older
+        or not all(field in defaults for field in names)
+    ):
+        return {}
+    return {field: defaults[field] for field in names}
+
+
+def _defaults(text: str) -> dict[str, bool | int | float | str]:
+    """Return the default values in a definition by field; of arrays, none."""
+    defaults: dict[str, bool | int | float | str] = {}
+    for kind, field, value in _DEFAULT.findall(text):
+        if kind == "bool":
+            defaults[field] = value.lower() in ("true", "1")
+        elif kind in ("string", "wstring"):
+            defaults[field] = value.strip("\"'")
+        elif kind in _PRIMITIVES:
+            defaults[field] = float(value) if kind.startswith("float") else int(value)
+    return defaults
 
 
 @cache
@@ -103,21 +166,32 @@ def decoder(type_name: str, schema: str) -> Callable[[bytes], Any]:
     ValueError
         When the definition cannot be read; the function, when a message is none of the type.
     """
-    # A store for each: two recordings may have different versions of a type.
+    store = _store(type_name, schema)
+
+    def decode(data: bytes) -> Any:
+        try:
+            return store.deserialize_cdr(data, type_name)
+        except (SerdeError, IndexError) as error:
+            if "size mismatch" in str(error):
+                # ROS reserves the padding of empty sequences, does not use it, and leaves it behind
+                # the message; rosbags accepts 3 bytes there.
+                for behind in range(4, _MOST_BEHIND + 1, 4):
+                    with suppress(SerdeError, IndexError):
+                        return store.deserialize_cdr(data[:-behind], type_name)
+            raise ValueError(f"no {type_name}: {error}") from error
+
+    return decode
+
+
+def _store(type_name: str, schema: str) -> Typestore:
+    # One for each: two recordings may have different versions of a type.
     store = Typestore()
     try:
         store.register(get_types_from_msg(schema, type_name))
         store.get_msgdef(type_name)
     except (TypesysError, SerdeError, LookupError) as error:
         raise ValueError(f"the definition of {type_name} cannot be read: {error}") from error
-
-    def decode(data: bytes) -> Any:
-        try:
-            return store.deserialize_cdr(data, type_name)
-        except (SerdeError, IndexError) as error:
-            raise ValueError(f"no {type_name}: {error}") from error
-
-    return decode
+    return store
 
 
 def _differences(name: str, recorded_text: str) -> list[str]:

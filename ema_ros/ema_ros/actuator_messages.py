@@ -80,6 +80,8 @@ def joint_state_after(
 ) -> JointState:
     """Return the state of the user shaft at the end of a block, for tools that display joints.
 
+    It has no velocity where the speed is not measured.
+
     Raises
     ------
     ValueError
@@ -89,6 +91,7 @@ def joint_state_after(
     message = JointState(name=[description.actuator_id])
     message.header.stamp = stamp_to_message(block.stamp_at(len(block) - 1))
     message.position = array.array("d", [block.position[-1]])
-    message.velocity = array.array("d", [block.speed[-1] * tau])
+    if len(block.speed):
+        message.velocity = array.array("d", [block.speed[-1] * tau])
     message.effort = array.array("d", [motor_torque / tau])
     return message

@@ -80,7 +80,7 @@ def description_to_message(
 
 
 def description_from_message(message: "DescriptionMessage") -> ActuatorDescription:
-    """Return the description in a message.
+    """Return the description in a message, of an older definition as well (read without ROS).
 
     Raises
     ------
@@ -91,11 +91,11 @@ def description_from_message(message: "DescriptionMessage") -> ActuatorDescripti
     parameters = {name: getattr(message, field) for name, field in PARAMETER_FIELDS.items()}
     return ActuatorDescription(
         **{name: getattr(message, name) for name in IDENTITY},
-        drive=_named("drive", message.drive, DRIVES),
+        drive=_named("drive", getattr(message, "drive", 0), DRIVES),
         acquisition=Acquisition(
-            _named("current_sampling", message.current_sampling, CURRENT_SAMPLINGS),
-            message.current_filter_time,
-            bool(message.speed_measured),
+            _named("current_sampling", getattr(message, "current_sampling", 0), CURRENT_SAMPLINGS),
+            getattr(message, "current_filter_time", 0.0),
+            bool(getattr(message, "speed_measured", True)),
         ),
         parameters=ActuatorParameters(**parameters),
     )

@@ -7,11 +7,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ema_core.acquisition import Acquisition
 from ema_core.cause_profiles import Causes, Profile, cause_profiles
 from ema_core.causes import COPPER
 from ema_core.current_loop import current_loop
 from ema_core.description import SAMPLE_PERIOD
-from ema_core.dynamics import lag_factor
+from ema_core.dynamics import current_sampling, lag_factor
 from ema_core.faults import degrade, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters, MotorConstants, constants
 from ema_core.quantity import finite_samples
@@ -24,6 +25,8 @@ from ema_sim.field_oriented import (
     unlike_causes,
 )
 from ema_sim.reference import DT, State, advance
+
+_NOT_MEASURED = np.zeros(0)
 
 SIMULATED_DRIVES: Final = ("six_step", "field_oriented")
 """Drives that can be simulated."""
@@ -40,6 +43,8 @@ class SimulatedActuator:
         True parameters of the plant.
     sample_period
         Period of the telemetry [s], a whole multiple of 1 us.
+    acquisition
+        How its telemetry is acquired; by default the current is averaged and all is measured.
     noise_gain
         K_noise, power of the white noise on the reference current: its variance is
         ``K_noise`` 1e-6 / ``noise_hold_s`` [A^2].
@@ -65,6 +70,7 @@ class SimulatedActuator:
         parameters: ActuatorParameters | None = None,
         *,
         sample_period: float = SAMPLE_PERIOD,
+        acquisition: Acquisition | None = None,
         noise_gain: float = 0.0,
         noise_hold_s: float = DT,
         rng: np.random.Generator | None = None,
@@ -79,6 +85,9 @@ class SimulatedActuator:
         self.parameters = parameters or ActuatorParameters()
         self.sample_period = sample_period
         self._steps = _whole_steps("sample_period", sample_period)
+        self.acquisition = acquisition or Acquisition()
+        self._sampling = current_sampling(self.acquisition, self._steps, DT)
+        self._sample = 0.0
         self._hold = _whole_steps("noise_hold_s", noise_hold_s)
         if self._steps % self._hold:
             raise ValueError(
@@ -158,7 +167,7 @@ class SimulatedActuator:
         Returns
         -------
         Telemetry
-            The ``n`` samples.
+            The ``n`` samples; the column of what is not measured is empty.
 
         Raises
         ------
@@ -184,25 +193,30 @@ class SimulatedActuator:
             self._steps,
             DT,
             lag_factor(DT),
+            self._sampling,
+            self._sample,
             current,
             position,
             speed,
         )
         if self.drive == "six_step":
-            state, self._pauses = advance(*self._plant, effects, self._pauses, self.state, *signals)
+            state, self._pauses, self._sample = advance(
+                *self._plant, effects, self._pauses, self.state, *signals
+            )
             self.state = State(*state)
         else:
-            self.state = FieldOrientedState(
-                *advance_field_oriented(*self._plant, self._loop, effects, self.state, *signals)
+            state, self._sample = advance_field_oriented(
+                *self._plant, self._loop, effects, self.state, *signals
             )
+            self.state = FieldOrientedState(*state)
         block = Telemetry(
             self._start_ns + elapsed_ns(self.sample_period, 0, self._index),
             self.sample_period,
             self._index,
             commands,
-            current,
+            current if self.acquisition.current != "none" else _NOT_MEASURED,
             position,
-            speed,
+            speed if self.acquisition.speed else _NOT_MEASURED,
         )
         self._index += n
         self._last_command = float(commands[-1])

@@ -115,6 +115,7 @@ class ActuatorBench:
         self._actuator = SimulatedActuator(
             parameters or description.parameters,
             sample_period=description.sample_period,
+            acquisition=description.acquisition,
             noise_gain=self.settings.noise_gain,
             rng=current_rng,
             drive=description.drive,

@@ -12,7 +12,13 @@ from typing import Final, NamedTuple
 
 from ema_core._jit import kernel
 from ema_core.current_loop import LINEAR_RANGE, CurrentLoop
-from ema_core.dynamics import clip, follow_in_play, reference_current, speed_error
+from ema_core.dynamics import (
+    CurrentSampling,
+    clip,
+    follow_in_play,
+    reference_current,
+    speed_error,
+)
 from ema_core.parameters import ControlConstants, MechanicalConstants, MotorConstants
 from ema_sim.effects import effects_at, half_voltage, motor_speed, plant_at, resistances_at
 from ema_sim.motor import GAP_REACH, gap_at, modulation, windings
@@ -100,11 +106,13 @@ def advance_sample(
     steps,
     dt,
     lag,
+    sampling: CurrentSampling,
+    sample,
 ):
     """Advance the state by the ``steps`` steps of a sample.
 
-    The arguments are those of `ema_sim.reference.advance_sample`. Returns the new state and the
-    sum of ``lag_3`` over the steps.
+    The arguments are those of `ema_sim.reference.advance_sample`. Returns the new state and what
+    the sample of the current ends with.
     """
     theta_m, omega, theta_b, i_alpha, i_beta, z_d, z_q = x[:7]
     lag_1, lag_2, lag_3, integral, last_error, torque = x[7:]
@@ -115,7 +123,7 @@ def advance_sample(
     R = on_axes(*resistances_at(effects, phases.R_a, phases.R_b, phases.R_c))
     controlled, saturated = step_matrix(M, R, loop.K_p, dt), step_matrix(M, R, 0.0, dt)
     k = motor.k_e / (2.0 * _HALF_ROOT)
-    total = 0.0
+    sample *= sampling.carry
     for j in range(steps):
         error = speed_error(c, command + j * command_slope, theta_b * mech.tau, omega)
         disturbance = disturbances[(first + j) // hold]
@@ -173,7 +181,7 @@ def advance_sample(
         lag_1 += lag * (i_q - lag_1)
         lag_2 += lag * (lag_1 - lag_2)
         lag_3 += lag * (lag_2 - lag_3)
-        total += lag_3
+        sample = sampling.keep * sample + sampling.gain * lag_3
 
         net = torque - (load + j * load_slope)
         omega = motor_speed(effects, mech, motor.P, omega, net, theta_m, theta_b, dt)
@@ -199,7 +207,7 @@ def advance_sample(
         last_error,
         torque,
     )
-    return state, total
+    return state, sample
 
 
 @kernel()
@@ -219,6 +227,8 @@ def advance_field_oriented(
     steps,
     dt,
     lag,
+    sampling: CurrentSampling,
+    sample,
     current,
     position,
     speed,
@@ -226,13 +236,13 @@ def advance_field_oriented(
     """Advance the state by ``n`` samples of ``steps`` steps and fill the telemetry columns.
 
     The arguments are those of `ema_sim.reference.advance`; ``current`` is that of the axis q. The
-    new state is returned, as a plain tuple.
+    new state, as a plain tuple, and what the last sample of the current ended with are returned.
     """
     phases = windings(motor)
     for k in range(len(commands)):
         held = effects_at(effects, k)
         motor_k, mech_k, phases_k = plant_at(held, motor, mech, phases)
-        x, total = advance_sample(
+        x, sample = advance_sample(
             c,
             motor_k,
             mech_k,
@@ -250,14 +260,16 @@ def advance_field_oriented(
             steps,
             dt,
             lag,
+            sampling,
+            sample,
         )
         last_command = commands[k]
         last_load = loads[k]
-        current[k] = total / steps
+        current[k] = sample / sampling.divisor
         position[k] = x.theta_b * mech.tau
         speed[k] = x.omega
     # A plain tuple, as in the reference with six steps: see there.
-    return x[:]
+    return x[:], sample
 
 
 def field_oriented_at_rest(theta_m: float = 0.0, theta_b: float = 0.0) -> FieldOrientedState:

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 
 from ema_core._jit import kernel
 from ema_core.dynamics import (
+    CurrentSampling,
     clip,
     follow_in_play,
     reference_current,
@@ -85,22 +86,25 @@ def advance_sample(
     steps,
     dt,
     lag,
+    sampling: CurrentSampling,
+    sample,
 ):
     """Advance the state by the ``steps`` steps of a sample.
 
     ``command`` is the angle at the start [rad], ``load`` the external torque against positive
     motion [N.m]; both grow by their slope in each step. ``disturbances`` is the noise on the
     reference current [A], each held for ``hold`` steps; the sample starts at their step ``first``.
-    ``lag`` is ``lag_factor(dt)``. ``effects`` are those of hidden causes, or ``NoEffects``, and
-    ``pauses`` the remaining dead times of the legs [steps]. Returns the new state, the sum of
-    ``lag_3`` over the steps and the new ``pauses``.
+    ``lag`` is ``lag_factor(dt)``; ``sampling`` makes the sample of the current of ``lag_3`` in the
+    steps, ``sample`` is what the one before ended with. ``effects`` are those of hidden causes, or
+    ``NoEffects``, and ``pauses`` the remaining dead times of the legs [steps]. Returns the new
+    state, what the sample ends with and the new ``pauses``.
     """
     theta_m, omega, theta_b, i_a, i_b, i_c, q_a, q_b, q_c = x[:9]
     lag_1, lag_2, lag_3, integral, last_error, torque = x[9:]
     half_V, h_b = 0.5 * motor.V_max, motor.h_b
     # Recomputed in each sample, so that samples do not depend on the division into blocks.
     sector, gap = sector_at(motor, mech, theta_m), gap_at(motor, theta_m)
-    total = 0.0
+    sample *= sampling.carry
     for j in range(steps):
         error = speed_error(c, command + j * command_slope, theta_b * mech.tau, omega)
         disturbance = disturbances[(first + j) // hold]
@@ -153,7 +157,7 @@ def advance_sample(
         lag_1 += lag * (equivalent - lag_1)
         lag_2 += lag * (lag_1 - lag_2)
         lag_3 += lag * (lag_2 - lag_3)
-        total += lag_3
+        sample = sampling.keep * sample + sampling.gain * lag_3
 
         net = torque - (load + j * load_slope)
         omega = motor_speed(effects, mech, motor.P, omega, net, theta_m, theta_b, dt)
@@ -181,7 +185,7 @@ def advance_sample(
         last_error,
         torque,
     )
-    return state, total, pauses
+    return state, sample, pauses
 
 
 @kernel()
@@ -201,6 +205,8 @@ def advance(
     steps,
     dt,
     lag,
+    sampling: CurrentSampling,
+    sample,
     current,
     position,
     speed,
@@ -210,12 +216,13 @@ def advance(
     Command and load are interpolated linearly from the sample before (``last_command``,
     ``last_load``); a disturbance is held for ``hold`` steps. ``current``, ``position`` and
     ``speed`` are filled, all ``(n,)``. ``effects`` are the ``Courses`` of hidden causes, or
-    ``NoEffects``. The new state, as a plain tuple, and ``pauses`` are returned.
+    ``NoEffects``. The new state, as a plain tuple, ``pauses`` and what the last sample of the
+    current ended with are returned.
     """
     phases = windings(motor)
     for k in range(len(commands)):
         held = effects_at(effects, k)
-        x, total, pauses = advance_sample(
+        x, sample, pauses = advance_sample(
             c,
             *plant_at(held, motor, mech, phases),
             held,
@@ -231,12 +238,14 @@ def advance(
             steps,
             dt,
             lag,
+            sampling,
+            sample,
         )
         last_command = commands[k]
         last_load = loads[k]
-        current[k] = total / steps
+        current[k] = sample / sampling.divisor
         position[k] = x.theta_b * mech.tau
         speed[k] = x.omega
     # Not the NamedTuple itself: to return one, numba runs Python code, and an interrupt during it
     # (Ctrl-C) crashes the process.
-    return x[:], pauses
+    return x[:], pauses, sample

@@ -13,7 +13,7 @@ from ema_core.wording import unknown_name
 
 
 class Sensors:
-    """Sensors between the actuator and its telemetry.
+    """Sensors between the actuator and its telemetry; columns that are not measured stay empty.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Sensors:
         """Return the measured block."""
         if self._misreading is not None:
             block = self._misreading.read(block)
-        if self._current_noise > 0.0:
+        if self._current_noise > 0.0 and "current" not in block.missing:
             noise = self._rng.normal(0.0, self._current_noise, len(block))
             block = replace(block, current=block.current + noise)
         rounded = {
@@ -87,6 +87,8 @@ class Misreading:
         columns = {}
         for name in COLUMNS:
             column = getattr(block, name)
+            if name in block.missing:
+                continue
             if f"{name}_delay" in values:
                 longest = math.ceil(self._causes[f"{name}_delay"].value / h) + 1
                 column = self._delayed(name, column, values[f"{name}_delay"] / h, longest)

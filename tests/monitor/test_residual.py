@@ -82,9 +82,12 @@ def test_rows_are_taken_one_by_one():
         assert together[i, j] == pytest.approx(band_limited(rows[i, j], H), rel=1e-12, abs=1e-15)
 
 
-def test_a_period_longer_than_the_band_leaves_the_means_of_neighbours():
+def test_samples_as_long_as_the_band_are_left_as_they_are():
+    """At 1 kHz neighbours are averaged; from 1.5 ms on a sample is itself the mean over a band."""
     row = np.random.default_rng(0).normal(size=50)
-    assert band_limited(row, 4e-3) == pytest.approx((row[:-1] + row[1:]) / 2, rel=1e-12)
+    assert band_limited(row, 1e-3) == pytest.approx((row[:-1] + row[1:]) / 2, rel=1e-12)
+    assert np.array_equal(band_limited(row, 2e-3), row)
+    assert np.array_equal(band_limited(np.stack([row, -row]), 5e-3), np.stack([row, -row]))
 
 
 def test_rms_of_a_whole_sine_is_its_amplitude_over_root_two():

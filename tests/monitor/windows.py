@@ -54,4 +54,5 @@ def refused(reason: str) -> Estimate:
 
 def fitness_for(name: str, window: Window, calibration: Calibration) -> Fitness:
     """Return a distance from a window with the scatter of a calibration."""
-    return FITNESS[name](window, calibration.parameters, calibration.reference(window).scatter)
+    scatter = calibration.reference(window).scatter
+    return FITNESS[name](window, calibration.parameters, scatter, calibration.acquisition)

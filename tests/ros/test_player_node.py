@@ -334,7 +334,7 @@ def test_type_of_another_version_is_not_played(graph: Graph, bag: Path, monkeypa
         if name == "std_msgs/msg/Header":
             raise ValueError(f"the recorded {name} is not the installed one: old there, new here")
 
-    monkeypatch.setattr(playable, "check_schema", check)
+    monkeypatch.setattr(playable, "to_installed", check)
     other = bag.with_name("other.mcap")
     with BagWriter(other) as writer:
         writer.add_topic("/ema/text", String, STREAM)

@@ -23,7 +23,7 @@ import ema_interfaces.msg
 from ema_interfaces.msg import FaultEstimate, TelemetryBlock
 from ema_recording.message_type import definition, message_class, type_hash, type_name
 from ema_recording.qos import offered_qos, offered_qos_profiles
-from ema_recording.schema import check_schema, schema_text
+from ema_recording.schema import schema_text, to_installed
 
 OWN_TYPES = [
     item
@@ -99,11 +99,11 @@ def test_contained_types_come_once_and_depth_first():
 
 def test_installed_schema_passes_by_hash_and_by_fields():
     text = schema_text(TELEMETRY)
-    check_schema(TELEMETRY, text, type_hash(TELEMETRY))
-    check_schema(TELEMETRY, "", type_hash(TELEMETRY))
-    check_schema(TELEMETRY, text, "")
+    to_installed(TELEMETRY, text, type_hash(TELEMETRY))
+    to_installed(TELEMETRY, "", type_hash(TELEMETRY))
+    to_installed(TELEMETRY, text, "")
     bare = "\n".join(line.partition("#")[0].rstrip() for line in text.splitlines())
-    check_schema(TELEMETRY, bare.replace("MSG: std_msgs/", "MSG: std_msgs/msg/"), "")
+    to_installed(TELEMETRY, bare.replace("MSG: std_msgs/", "MSG: std_msgs/msg/"), "")
 
 
 @pytest.mark.parametrize("recorded_hash", ["", "RIHS01_" + "0" * 64])
@@ -120,7 +120,7 @@ def test_other_fields_are_refused_by_name(old: str, new: str, told: str, recorde
     text = schema_text(TELEMETRY)
     assert old in text
     with pytest.raises(ValueError, match=f"recorded {TELEMETRY} is not the installed one.*{told}"):
-        check_schema(TELEMETRY, text.replace(old, new), recorded_hash)
+        to_installed(TELEMETRY, text.replace(old, new), recorded_hash)
 
 
 def test_other_order_is_refused():
@@ -128,12 +128,12 @@ def test_other_order_is_refused():
     friction = next(line for line in lines if line.startswith("float64 friction"))
     lines.append(lines.pop(lines.index(friction)))
     with pytest.raises(ValueError, match="the same fields in another order"):
-        check_schema("ema_interfaces/msg/FaultVector", "".join(lines), "")
+        to_installed("ema_interfaces/msg/FaultVector", "".join(lines), "")
 
 
 def test_other_hash_alone_is_refused():
     with pytest.raises(ValueError, match=r"RIHS01_0+ there, RIHS01_[0-9a-f]+ here"):
-        check_schema(TELEMETRY, schema_text(TELEMETRY), "RIHS01_" + "0" * 64)
+        to_installed(TELEMETRY, schema_text(TELEMETRY), "RIHS01_" + "0" * 64)
 
 
 @pytest.mark.parametrize("ask", [message_class, definition, type_hash, schema_text])

@@ -14,7 +14,7 @@ from ema_sim.motor import GAP_REACH, sector_at, windings
 from ema_sim.reference import DT, advance_sample
 
 from .reference_twin import ReferenceTwin
-from .trajectories import step
+from .trajectories import MEAN, step
 
 # Both round differently, by some 1e-13 A and N.m, and mostly damp what differs; but the first
 # comparison of a current with its band that falls the other way moves a phase by 0.04 A and sets
@@ -130,7 +130,7 @@ def test_sample_equals_its_steps(case):
     for first in range(0, STEPS, long):
         knots = 0.8e-3 * (first / STEPS), 0.8e-3 * ((first + long) / STEPS)
         rise = (knots[1] - knots[0]) / long
-        rest = noise, first, 10, long, DT, lag
+        rest = noise, first, 10, long, DT, lag, MEAN, 0.0
         plain = NO_EFFECTS, NO_PAUSES
         y, total, _ = advance_sample(*plant, phases, *plain, y, knots[0], rise, 0.02, 1e-5, *rest)
         summed = 0.0

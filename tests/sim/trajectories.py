@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ema_core.dynamics import lag_factor
+from ema_core.acquisition import Acquisition
+from ema_core.dynamics import current_sampling, lag_factor
 from ema_core.parameters import (
     ControlConstants,
     MechanicalConstants,
@@ -16,6 +17,9 @@ from ema_sim.motor import windings
 from ema_sim.reference import DT, State, advance_sample
 
 Signal = float | Callable[[float], float]
+
+MEAN = current_sampling(Acquisition(), 1, DT)
+"""A sample of the current is the sum over its steps."""
 
 _ROW = [(name, float) for name in State._fields]
 
@@ -34,7 +38,8 @@ def step(
     """State after a sample of one step; what is not held in it is found anew."""
     plant = control, motor, mechanics, windings(motor), NO_EFFECTS, NO_PAUSES
     held = np.array([disturbance])
-    return advance_sample(*plant, state, command, 0.0, load, 0.0, held, 0, 1, 1, dt, lag)[0]
+    rest = held, 0, 1, 1, dt, lag, MEAN, 0.0
+    return advance_sample(*plant, state, command, 0.0, load, 0.0, *rest)[0]
 
 
 def run(

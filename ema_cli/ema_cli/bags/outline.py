@@ -30,12 +30,15 @@ class Outline:
         Parameters
         ----------
         block
-            Samples; infinite ones are not drawn.
+            Samples; infinite ones, and columns that are not measured, are not drawn.
         """
         stamps_ns = block.stamps_ns
         if not self._step_ns:
             self._start_ns, self._step_ns = block.stamp_ns, 2e9 * block.sample_period
-        rows = np.stack([getattr(block, name) for name in COLUMNS], axis=1)
+        rows = np.full((len(block), len(COLUMNS)), np.nan)
+        for number, name in enumerate(COLUMNS):
+            if name not in block.missing:
+                rows[:, number] = getattr(block, name)
         rows[~np.isfinite(rows)] = np.nan
         # A quarter of the first step later, so that rounded stamps do not fall into the one before.
         late_ns = stamps_ns - (self._start_ns - 0.5e9 * block.sample_period)

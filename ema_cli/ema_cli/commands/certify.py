@@ -6,6 +6,7 @@ import sys
 import click
 
 from ema_cli.bench_options import (
+    acquisition_options,
     actuator_option,
     calibration_option,
     command_option,
@@ -32,6 +33,7 @@ from ema_monitor.design.certifying import certify as certify_test
 @command_option
 @figures_option
 @sample_rate_option
+@acquisition_options
 @current_noise_option
 @resolutions_option
 @true_values_option
@@ -58,6 +60,9 @@ def certify(
     shape,
     figures,
     sample_rate,
+    sample_current,
+    current_filter,
+    no_speed,
     current_noise,
     resolutions,
     true_values,
@@ -79,7 +84,9 @@ def certify(
                 raise ValueError(unknown_name("fault", name, COMPONENTS))
             if not sigma > 0.0:
                 raise ValueError(f"--require: {name} = {sigma:g}: expected more than 0")
-        description = described(actuator_file, sample_rate)
+        description = described(
+            actuator_file, sample_rate, sample_current, current_filter, no_speed
+        )
         command = command_from(shape, merged(figures, "--command-set"))
         if warning := command.travel_warning(description.parameters):
             click.echo(f"warning: {warning}", err=True)

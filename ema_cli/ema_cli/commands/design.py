@@ -9,6 +9,7 @@ import click
 
 from ema_cli.bags.output_path import require_free
 from ema_cli.bench_options import (
+    acquisition_options,
     actuator_option,
     calibration_option,
     current_noise_option,
@@ -65,6 +66,7 @@ class WantedSigmas(Assignments):
     "without it those of the thesis's chirp.",
 )
 @sample_rate_option
+@acquisition_options
 @current_noise_option
 @resolutions_option
 @true_values_option
@@ -88,6 +90,9 @@ def design(
     longest,
     wanted,
     sample_rate,
+    sample_current,
+    current_filter,
+    no_speed,
     current_noise,
     resolutions,
     true_values,
@@ -107,7 +112,9 @@ def design(
         if output.suffix not in (".yaml", ".yml"):
             raise ValueError(f"{output}: expected a name that ends in .yaml")
         require_free(output, [actuator_file] if actuator_file else [], force=force)
-        description = described(actuator_file, sample_rate)
+        description = described(
+            actuator_file, sample_rate, sample_current, current_filter, no_speed
+        )
         limits = MotionLimits.within(
             description.parameters,
             travel=travel,

@@ -14,7 +14,7 @@ from ema_core.wording import counted
 from ema_recording.message_type import message_class
 from ema_recording.qos import joint_offer, recorded_qos
 from ema_recording.reader import Bag, Topic
-from ema_recording.schema import check_schema
+from ema_recording.schema import to_installed
 
 
 @click.command()
@@ -41,14 +41,15 @@ def recover(bag: Path, output: Path, force: bool) -> None:
             for name in names:
                 topic = damaged.topics[name]
                 whole.add_topic(name, message_class(topic.type_name), _offer(name, topic))
+            upgrades = {name: to_installed(*damaged.topics[name].identity) for name in names}
             total, written = sum(damaged.topics[name].count for name in names), 0
             messages = damaged.raw_messages(names)
             for item in progress.track(messages, total=total, description="recovering"):
                 if stop:
                     raise click.Abort
-                whole.write_serialized(
-                    item.topic, item.message, item.log_time_ns, item.publish_time_ns
-                )
+                upgrade = upgrades[item.topic]
+                message = upgrade(item.message) if upgrade else item.message
+                whole.write_serialized(item.topic, message, item.log_time_ns, item.publish_time_ns)
                 written += 1
     if damaged.damage:
         click.echo(f"{bag}: {damaged.damage}", err=True)
@@ -58,7 +59,7 @@ def recover(bag: Path, output: Path, force: bool) -> None:
 def _offer(name: str, topic: Topic) -> QoSProfile:
     """Return what is noted of a topic that can be written anew."""
     try:
-        check_schema(topic.type_name, topic.schema, topic.type_hash)
+        to_installed(*topic.identity)
         offers = recorded_qos(topic.qos)
     except ValueError as error:
         raise ValueError(f"topic {name}: {error}") from error

@@ -11,12 +11,14 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from ema_cli.bench_options import (
+    acquisition_options,
     actuator_option,
     command_option,
     current_noise_option,
     described,
     figures_option,
     resolutions_option,
+    sample_rate_option,
     true_values_option,
 )
 from ema_cli.command_file import command_from
@@ -61,6 +63,8 @@ _STREAM_OF_FAULTS: Final = 1_000_000  # beyond those that the bench spawns of th
 @figures_option
 @true_values_option
 @actuator_option
+@sample_rate_option
+@acquisition_options
 @click.option("--serial-number", help="Serial number in the description.")
 @click.option("--load", default=0.0, help="External torque, motor shaft [N.m].")
 @click.option(
@@ -93,6 +97,10 @@ def simulate(
     figures,
     true_values,
     actuator_file,
+    sample_rate,
+    sample_current,
+    current_filter,
+    no_speed,
     serial_number,
     load,
     noise_gain,
@@ -110,7 +118,9 @@ def simulate(
     if draws_faults and faults:
         raise click.UsageError("--random-faults and --fault exclude each other")
     with one_clear_line():
-        description = described(actuator_file)
+        description = described(
+            actuator_file, sample_rate, sample_current, current_filter, no_speed
+        )
         if serial_number is not None:
             description = replace(description, serial_number=serial_number)
         bench = ActuatorBench(

@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
 from ema_core.files import complete_file
 from ema_core.parameters import ActuatorParameters, FieldOrientedParameters
@@ -102,6 +103,8 @@ class Calibration:
     law_offset
         By how much the position is too high for the control law when healthy [rad]; NaN when that
         is unknown.
+    acquisition
+        How the telemetry of the windows was acquired.
 
     Raises
     ------
@@ -127,6 +130,7 @@ class Calibration:
     windows: int
     travel_ratio: float = math.nan
     law_offset: float = math.nan
+    acquisition: Acquisition = field(default_factory=Acquisition)
 
     def __post_init__(self) -> None:
         for name in ("actuator_id", "serial_number", "form"):
@@ -196,7 +200,9 @@ class Calibration:
             one.name
             for one in unit_priors(self.parameters, travel or 1.0, self.form)
             # Without a command nothing is known of the travel by which that one is judged.
-            if sigma[one.name] > _LEARNED * one.sigma and (travel or one.name != "load_stiffness")
+            if sigma[one.name] > _LEARNED * one.sigma
+            and (travel or one.name != "load_stiffness")
+            and not one.name.startswith(tuple(f"{name}_" for name in self.acquisition.missing))
         )
 
     @property
@@ -220,7 +226,7 @@ class Calibration:
 
     def model(self) -> MonitorModel:
         """Return the monitor model of this unit."""
-        return MonitorModel(self.parameters, self.form, self.dt, self.unit)
+        return MonitorModel(self.parameters, self.form, self.dt, self.unit, self.acquisition)
 
     def of_any_motion(self) -> "Calibration":
         """Return what holds under any command: all but the correction under the calibrated one."""
@@ -302,6 +308,10 @@ class Calibration:
             if name not in self._unused
             and not np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0)
         ]
+        if description.acquisition != self.acquisition:
+            reasons.append(
+                f"the actuator has {description.acquisition}, the calibration {self.acquisition}"
+            )
         return "; ".join(reasons)
 
     def shape_mismatch(self, window: Window) -> str:
@@ -317,7 +327,7 @@ class Calibration:
                 f"the sample period is {window.sample_period:g} s, the calibration's "
                 f"{self.sample_period:g} s"
             )
-        return ""
+        return self.acquisition.contradiction(window.telemetry.missing)
 
     def save(self, path: Path) -> None:
         """Write the calibration to a YAML file.
@@ -384,6 +394,7 @@ class Calibration:
             if not isinstance(content["unit"], dict):
                 raise ValueError(f"unit = {content['unit']!r}: expected deviations by name")
             content["unit"] = Deviations(**content["unit"])
+            content["acquisition"] = Acquisition(**content.get("acquisition", {}))
             return cls(**content)
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{path} is a damaged calibration: {error}") from error
@@ -399,9 +410,11 @@ class Calibration:
             del content["parameters"][name]
         for name in _SCATTERS:
             content[name] = float(getattr(self, name))
+        if self.acquisition == Acquisition():
+            # So that files without it keep their identity.
+            del content["acquisition"]
         for name in ("travel_ratio", "law_offset"):
             if math.isnan(content[name]):
-                # So that files without it keep their identity.
                 del content[name]
         return content
 

@@ -32,11 +32,11 @@ def column_defect(window: Window, expected: Response) -> str:
     measured = window.telemetry
     travel = window.command - window.command[0]
     moves = window.moves
-    pairs = {
-        "position": (measured.position - measured.position[0], travel),
-        "speed": (measured.speed[1:], expected.speed[0]),
-        "current": (measured.current[1:] * moves, expected.current[0] * moves),
-    }
+    pairs = {"position": (measured.position - measured.position[0], travel)}
+    if len(measured.speed):
+        pairs["speed"] = (measured.speed[1:], expected.speed[0])
+    if len(measured.current):
+        pairs["current"] = (measured.current[1:] * moves, expected.current[0] * moves)
     for name, (row, model) in pairs.items():
         h = window.sample_period
         factors = {1.0: ""} | _KNOWN_FACTORS[name]

@@ -73,19 +73,23 @@ def calibrate(
     Raises
     ------
     ValueError
-        When there is no window, one has no excitation or another sample period than the first,
-        the unit deviates impossibly far from its description, or there is no such model of its
-        drive.
+        When there is no window, one has no excitation, another sample period than the first or
+        other columns than the description says, the unit deviates impossibly far from its
+        description, or there is no such model of its drive.
     """
     description = description or ActuatorDescription()
     form = form_of(description.drive, form)
     if not windows:
         raise ValueError("calibration needs at least one healthy window, got none")
-    first = windows[0]
+    first, acquisition = windows[0], description.acquisition
     h = first.sample_period
     groups: list[list[int]] = []
     for number, window in enumerate(windows):
-        if reason := window.excitation_defect() or _unlike(window, first):
+        if reason := (
+            acquisition.contradiction(window.telemetry.missing)
+            or window.excitation_defect()
+            or _unlike(window, first)
+        ):
             raise ValueError(f"window {number}: {reason}")
         for group in groups:
             if shift_if_same(window.command, windows[group[0]].command) is not None:
@@ -97,7 +101,7 @@ def calibrate(
     dt = h / math.ceil(h / FORMS[form] - 1e-6)
     parameters = description.parameters
     by_command = [_Group(windows, group) for group in groups]
-    nominal = MonitorModel(parameters, form, dt)
+    nominal = MonitorModel(parameters, form, dt, acquisition=acquisition)
     for group in by_command:
         if reason := column_defect(group[0], _healthy_response(group[0], nominal)):
             raise ValueError(f"the windows are not those of such a healthy actuator: {reason}")
@@ -126,6 +130,7 @@ def calibrate(
         model_rms=model_rms,
         model_speed_rms=model_speed_rms,
         windows=len(windows),
+        acquisition=acquisition,
         **_relations(windows, parameters),
     )
 
@@ -170,9 +175,8 @@ def _missed(
     for window in windows:
         response = _healthy_response(window, model)
         shift = shift_between(window.command, command)
-        measured = (window.current, window.telemetry.speed[1:])
-        rows = zip(measured, response, strict=True)
-        yield np.array([weights * moved(row - one[0], -shift) for row, one in rows])
+        rows = window.missed(response.current[0], response.speed[0], model.parameters.tau)
+        yield np.array([weights * moved(row, -shift) for row in rows])
 
 
 def _mean_missed(
@@ -214,6 +218,8 @@ class _UnitProblem:
         self._weights = _weights(groups)
         self._h = groups[0][0].sample_period
         self._stiffness = speed_weight(parameters)
+        # Nothing is missed of a current that is not measured.
+        self._current_weight = float(nominal.acquisition.current != "none")
         travel = max(group[0].excitation for group in groups)
         self.priors = unit_priors(parameters, travel, nominal.form)
         self._columns = [NAMES.index(one.name) for one in self.priors]
@@ -320,7 +326,7 @@ class _UnitProblem:
     def _in_band(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return current and speed, ``(2, n)``, in their band as one row [A]."""
         current, speed = band_limited(rows, self._h)
-        return np.concatenate([current, self._stiffness * speed])
+        return np.concatenate([self._current_weight * current, self._stiffness * speed])
 
 
 def _fit_unit(groups: Sequence[Sequence[Window]], nominal: MonitorModel) -> UnitFit:

@@ -122,13 +122,17 @@ class Certificate:
         title = (
             f"{self.actuator_id} ({self.serial_number}): {self.duration:.3g} s of command, "
             f"travel {1e3 * self.travel:.1f} mrad, {1.0 / self.sample_period:.6g} samples/s, "
-            f"scatter of a healthy window {self.healthy_rms:.4f} A and "
-            f"{self.healthy_speed_rms:.4f} rad/s"
+            f"scatter of a healthy window {_scatter(self.healthy_rms, 'A')} and "
+            f"{_scatter(self.healthy_speed_rms, 'rad/s')}"
         )
         parts = [title, _fault_table(self.faults), *_summary(self.faults, self.causes)]
         if self.repeated:
             parts += ["", _repeated_table(self.repeated)]
         return "\n".join(parts)
+
+
+def _scatter(value: float, unit: str) -> str:
+    return f"{value:.4f} {unit}" if math.isfinite(value) else f"unknown [{unit}]"
 
 
 def _fault_table(faults: Sequence[FaultProspect]) -> str:

@@ -24,7 +24,8 @@ from ema_monitor.design.rehearsal import (
 from ema_monitor.design.states import Recorder, present
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import identify
-from ema_monitor.model.deviations import HIDDEN_CAUSES, Prior, hidden_causes
+from ema_monitor.model.deviations import HIDDEN_CAUSES, Prior
+from ema_monitor.model.measured import expected_causes
 
 CERTIFIED_WINDOWS = REHEARSED_WINDOWS + len(HIDDEN_CAUSES)
 """How many windows a certificate takes."""
@@ -91,7 +92,9 @@ def certificate_of(
                 calibration,
             ),
         )
-        for cause in hidden_causes(description.parameters, window.excitation)
+        for cause in expected_causes(
+            description.parameters, window.excitation, (), window.telemetry.missing
+        )
     ]
     repeated = ()
     if repetitions:

@@ -20,8 +20,8 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> str:
 
     The motor stands still for a tenth of the window although position and speed loop want nearly
     the current limit (M1), even at half their gain. Where that current flows the shaft is blocked;
-    where it does not, a phase is open or a switch dead. A speed loop with other than a proportional
-    gain is not judged.
+    where it does not, a phase is open or a switch dead; where the current is not measured, it is
+    any of these. A speed loop with other than a proportional gain is not judged.
 
     Parameters
     ----------
@@ -33,12 +33,22 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> str:
     p, t = parameters, window.telemetry
     if p.GAI != 0.0 or p.GAD != 0.0:
         return ""
+    speed = t.speed
+    if not len(speed):
+        speed = np.concatenate([[window.initial_speed(p.tau)], window.speed(p.tau)])
     error = np.clip(0.5 * p.G_prop * (t.command - t.position), -p.omega_max, p.omega_max)
-    wanted = np.abs(np.clip(p.GAP * (error - t.speed) / p.k_t, -p.I_max, p.I_max))
-    stands = (np.abs(t.speed) < _STANDSTILL * p.omega_max) & (wanted > _AT_LIMIT * p.I_max)
+    wanted = np.abs(np.clip(p.GAP * (error - speed) / p.k_t, -p.I_max, p.I_max))
+    stands = (np.abs(speed) < _STANDSTILL * p.omega_max) & (wanted > _AT_LIMIT * p.I_max)
     if np.mean(stands) < _STANDING:
         return ""
     amount = float(np.median(wanted[stands]))
+    open_circuit = f"{CAUSE_BY_NAME['dead_switch'].label} or {CAUSE_BY_NAME['open_phase_a'].label}"
+    if not len(t.current):
+        return (
+            f"{CAUSE_BY_NAME['jam'].label}, {open_circuit}, B or C: the motor stands still "
+            f"although the speed loop wants {amount:.1f} A; the current, which would tell, is not "
+            "measured"
+        )
     flows = float(np.median(np.abs(t.current[stands])))
     if flows > _FLOWS * amount:
         return (
@@ -46,7 +56,7 @@ def drive_defect(window: Window, parameters: ActuatorParameters) -> str:
             "the shaft is blocked"
         )
     return (
-        f"{CAUSE_BY_NAME['dead_switch'].label} or {CAUSE_BY_NAME['open_phase_a'].label}, B or C: "
+        f"{open_circuit}, B or C: "
         f"the motor stands still, and of the {amount:.1f} A that the speed loop wants {flows:.1f} "
         "A flow"
     )

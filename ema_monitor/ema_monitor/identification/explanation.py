@@ -235,7 +235,10 @@ class Explainer:
     ) -> tuple[Linearisation, NDArray[np.bool_]] | None:
         """Return the explanation with the components of a trial, None where that is no better."""
         point = self._descended(starts, trial)
-        found, shown = self._reduced(self._objective.linearise(point, trial), trial)
+        there = self._objective.linearise(point, trial)
+        if not np.all(np.isfinite(there.jacobian)):
+            return None  # two phases without turns: the model has no finite response
+        found, shown = self._reduced(there, trial)
         more = components(shown) - components(kept)
         if self._evidence.against(found, at) >= -price(more):
             return None
@@ -276,11 +279,14 @@ class Explainer:
         cost, point, trials = np.inf, starts[0], starts
         for _ in range(_MOST_STEPS):
             costs = np.sum(objective.residuals(trials) ** 2, axis=1)
+            costs[np.isnan(costs)] = np.inf
             lowest = int(np.argmin(costs))
             if costs[lowest] >= (1.0 - _CONVERGED) * cost:
                 break
             cost, point = costs[lowest], trials[lowest]
             at = self._objective.linearise(point, free)
+            if not np.all(np.isfinite(at.jacobian)):
+                break
             target = refitted(point, point, at.residuals, at.jacobian, free)
             trials = point + _STEPS[:, None] * (target - point)
         return point

@@ -9,6 +9,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.acquisition import Acquisition
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.model.monitor_model import Response
 from ema_monitor.windows.band import BAND_CORRELATION, band_limited, band_samples, rms, speed_weight
@@ -17,6 +18,8 @@ from ema_monitor.windows.window import Window
 _SLOW_SHARE = 0.5
 _ROBUST_SCALE = 2.0
 _UNKNOWN_SCATTER = 0.05
+# What means over 1 ms scatter by, of the half-band, with a noisy sensor of the current.
+_MEAN_SCATTER = 0.08
 _GOOD_COST = 3.0
 
 
@@ -47,7 +50,11 @@ class Fitness(Protocol):
     weights: NDArray[np.float64]
 
     def __init__(
-        self, window: Window, parameters: ActuatorParameters, scatter: tuple[float, float]
+        self,
+        window: Window,
+        parameters: ActuatorParameters,
+        scatter: tuple[float, float],
+        acquisition: Acquisition,
     ) -> None: ...
 
     def residuals(self, expected: Response) -> NDArray[np.float64]:
@@ -79,19 +86,36 @@ class BandLimited:
         Of the actuator.
     scatter
         Rms of the residual of current and speed when healthy [A, rad/s]: they set the scale.
+    acquisition
+        How the telemetry is acquired. A current that is not measured does not count, and an
+        instantaneous one, of which the ripple of the PWM is the most part, only as much as its mean
+        would: what the model misses is then weighed as where it is seen better, in the speed.
     """
 
     def __init__(
-        self, window: Window, parameters: ActuatorParameters, scatter: tuple[float, float]
+        self,
+        window: Window,
+        parameters: ActuatorParameters,
+        scatter: tuple[float, float],
+        acquisition: Acquisition,
     ) -> None:
         self._h = h = window.sample_period
-        speed = window.telemetry.speed[1:]
-        self._measured = band_limited(np.stack([window.current, speed]), h)
         of_current, of_speed = scatter
+        stiffness = speed_weight(parameters)
+        self._current_weight = 1.0
+        if acquisition.current == "none":
+            # Its row is 0. What the speed scatters by sets the scale.
+            self._current_weight, of_current = 0.0, stiffness * of_speed
         if not np.isfinite(of_current):
             of_current = _UNKNOWN_SCATTER * parameters.h_b
+        if acquisition.current == "instantaneous":
+            self._current_weight = min(1.0, _MEAN_SCATTER * parameters.h_b / of_current)
+            of_current *= self._current_weight
+        nothing = np.zeros(len(window))
+        measured = window.missed(nothing, nothing, parameters.tau)
+        speed = measured[1]
+        self._measured = band_limited(measured, h)
         self._scale = _ROBUST_SCALE * of_current
-        stiffness = speed_weight(parameters)
         excess = stiffness * of_speed / of_current
         self._stiffness = stiffness / max(1.0, excess) if np.isfinite(excess) else stiffness
         magnitude = np.abs(self._measured[1])
@@ -101,7 +125,8 @@ class BandLimited:
         self.good_cost = _GOOD_COST * of_current**2 * h * len(window)
         self.noise = BAND_CORRELATION * self.spacing * of_current**2
         excess = self._stiffness * of_speed / of_current
-        both = 1.0 + excess**2 if np.isfinite(excess) else 2.0
+        measures_current = float(self._current_weight > 0.0)
+        both = measures_current + (excess**2 if np.isfinite(excess) else 1.0)
         self.effective = both * float(np.sum(self.weights**2)) / BAND_CORRELATION
 
     def residuals(self, expected: Response) -> NDArray[np.float64]:
@@ -115,7 +140,8 @@ class BandLimited:
         current, speed = self._measured
         distance = np.concatenate(
             [
-                (current - band_limited(expected.current, self._h)) * self.weights,
+                (current - band_limited(expected.current, self._h))
+                * (self._current_weight * self.weights),
                 (speed - band_limited(expected.speed, self._h)) * self.weights * self._stiffness,
             ],
             axis=-1,
@@ -147,7 +173,11 @@ class TotalLeastSquares:
     """
 
     def __init__(
-        self, window: Window, parameters: ActuatorParameters, scatter: tuple[float, float]
+        self,
+        window: Window,
+        parameters: ActuatorParameters,
+        scatter: tuple[float, float],
+        acquisition: Acquisition,
     ) -> None:
         h = window.sample_period
         self._measured = window.current
@@ -166,7 +196,11 @@ class LeastSquares:
     """Difference of the current, sample by sample (eq. 6.3 of the thesis times the period)."""
 
     def __init__(
-        self, window: Window, parameters: ActuatorParameters, scatter: tuple[float, float]
+        self,
+        window: Window,
+        parameters: ActuatorParameters,
+        scatter: tuple[float, float],
+        acquisition: Acquisition,
     ) -> None:
         self._measured = window.current
         self.spacing, self.good_cost = window.sample_period, 0.0

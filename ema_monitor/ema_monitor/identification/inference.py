@@ -76,7 +76,12 @@ class Inference:
         if settings.fitness == DEFAULT_FITNESS:
             causes = before.causes(calibration.parameters, window)
             if calibration.form in LEARNS_UNIT and settings.parsimonious:
-                causes = expected_causes(calibration.parameters, window.excitation, window.measured)
+                causes = expected_causes(
+                    calibration.parameters,
+                    window.excitation,
+                    window.measured,
+                    window.telemetry.missing,
+                )
         self._before = before
         self._fitted = before.fitted(window)
         self._measured = {one.name: one for one in window.measured}
@@ -270,9 +275,7 @@ class Inference:
             Response at the two, ``(2, n)`` each.
         """
         window = self._window
-        missed = np.array(
-            [window.current - expected.current, window.telemetry.speed[1:] - expected.speed]
-        )
+        missed = window.missed(*expected, self._calibration.parameters.tau)
         squares = band_limited(missed, window.sample_period) ** 2
         # Ordinary motion dwells, where neither model nor fit says what current flows.
         weights = self._objective.weights**2 if self._before.nuisances else None

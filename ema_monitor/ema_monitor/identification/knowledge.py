@@ -118,7 +118,9 @@ class Before(NamedTuple):
 
     def causes(self, parameters: ActuatorParameters, window: Window) -> tuple[Prior, ...]:
         """Return these with what may be expected of them in a window."""
-        suspects = expected_causes(parameters, window.excitation, window.measured)
+        suspects = expected_causes(
+            parameters, window.excitation, window.measured, window.telemetry.missing
+        )
         names = self.fitted(window)
         return tuple(one for one in suspects if one.name in names)
 

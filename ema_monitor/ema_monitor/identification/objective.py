@@ -162,7 +162,9 @@ class Objective:
         # Laying one command over another takes time: once an objective.
         self._knows, self._corrections, self.scatter = calibration.reference(window)
         self._model = calibration.model()
-        self._fitness = FITNESS[fitness](window, calibration.parameters, self.scatter)
+        self._fitness = FITNESS[fitness](
+            window, calibration.parameters, self.scatter, calibration.acquisition
+        )
         self._coordinates = Coordinates(window.play, cartesian, causes)
         self.hidden_causes = causes
         self._columns = [COLUMNS.index(one.name) for one in causes]

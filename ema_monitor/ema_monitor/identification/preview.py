@@ -46,7 +46,8 @@ class Motion(NamedTuple):
     def of(cls, stretch: Window, load: float) -> Self:
         """Return that of a stretch under a load."""
         telemetry = stretch.telemetry
-        rows = band_limited(np.array([telemetry.position, telemetry.speed]), stretch.sample_period)
+        speed = telemetry.speed if len(telemetry.speed) else np.gradient(telemetry.position)
+        rows = band_limited(np.array([telemetry.position, speed]), stretch.sample_period)
         scale = np.array([np.ptp(rows[0]), np.max(np.abs(rows[1]))])
         return cls(rows.T, np.maximum(scale, 1e-12), load)
 
@@ -103,7 +104,12 @@ class Preview(NamedTuple):
         faults
             Where they are judged, ``(8,)``.
         """
-        suspects = expected_causes(calibration.parameters, stretch.excitation, stretch.measured)
+        suspects = expected_causes(
+            calibration.parameters,
+            stretch.excitation,
+            stretch.measured,
+            stretch.telemetry.missing,
+        )
         [load] = causes = tuple(one for one in suspects if one.name in NUISANCES)
         objective = Objective(stretch, calibration, causes=causes)
         points = np.tile(objective.encode(faults), (_LOADS, 1))

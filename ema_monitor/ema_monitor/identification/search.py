@@ -231,13 +231,30 @@ class Identification:
             return defect, []
         if reason := calibration.shape_mismatch(window) or window.excitation_defect():
             return reason, []
+        if not len(window.current) and self._settings.fitness != DEFAULT_FITNESS:
+            return (
+                f"the current is not measured: fitness {self._settings.fitness} compares currents "
+                f"only, use {DEFAULT_FITNESS}",
+                [],
+            )
         mismatch = calibration.unit_mismatch(self._description)
         if mismatch and not self._force:
             return f"the calibration does not fit: {mismatch}", []
-        return "", [f"forced although {mismatch}"] if mismatch else []
+        caveats = [f"forced although {mismatch}"] if mismatch else []
+        return "", [*_consequences(window), *caveats]
 
     def _refuse(self, reason: str) -> Estimate:
         return refusal(self._window, self._calibration, self._settings, reason)
+
+
+def _consequences(window: Window) -> list[str]:
+    """Return in words what it means that columns are not measured."""
+    meanings = {
+        "current": "the current is not measured: what the speed does not show is not known",
+        "speed": "the speed is not measured: that of the shaft behind the play, by the position, "
+        "takes its place",
+    }
+    return [meanings[name] for name in window.telemetry.missing]
 
 
 def identify(

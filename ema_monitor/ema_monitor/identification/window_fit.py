@@ -31,9 +31,11 @@ class WindowFit:
     command, position
         Commanded and measured user angle [rad].
     current, estimated_current
-        Measured equivalent current and that of the model at the estimate [A].
+        Measured equivalent current, ``(0,)`` where it is not measured, and that of the model at the
+        estimate [A].
     speed, estimated_speed
-        Measured motor speed and that of the model at the estimate [rad/s].
+        Measured motor speed and that of the model at the estimate [rad/s]; where the speed is not
+        measured, both are that of the fast shaft behind the play, the former by the position.
     """
 
     period: float
@@ -96,18 +98,15 @@ def window_fit(window: Window, estimate: Estimate, calibration: Calibration) -> 
         expected = expected_signals(window, estimate, calibration)
         current, speed = expected.current[0], expected.speed[0]
     recorded = window.telemetry
-    rows = np.stack(
-        [
-            recorded.command[1:],
-            recorded.position[1:],
-            window.current,
-            current,
-            recorded.speed[1:],
-            speed,
-        ]
+    rows = (
+        recorded.command[1:],
+        recorded.position[1:],
+        window.current,
+        current,
+        window.speed(calibration.parameters.tau),
+        speed,
     )
     each = -(-len(window) // MOST_VALUES)
-    whole = len(window) // each * each
-    means = rows[:, :whole].reshape(len(rows), -1, each).mean(axis=2)
+    means = [row[: len(row) // each * each].reshape(-1, each).mean(axis=1) for row in rows]
     h = window.sample_period
     return WindowFit(each * h, 0.5 * (each + 1) * h, *means)

@@ -62,6 +62,9 @@ N_DEVIATIONS: Final = len(NAMES)
 N_SENSOR: Final = 6
 """How many deviations, the last ones, are those of sensors: they do not change the motion."""
 
+SENSOR_ERRORS: Final = ("offset", "gain", "delay")
+"""What the sensor of a column may have, after the name of the column."""
+
 READINGS: Final = ("command_delay", "position_offset", "position_gain")
 """Hidden causes of the columns that tell the model what moves the actuator, and where it begins."""
 

@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 
 from ema_core._jit import kernel
 from ema_core.dynamics import (
+    CurrentSampling,
     clip,
     follow_in_play,
     next_speed_of_lanes,
@@ -123,6 +124,8 @@ def run_lanes(
     steps,
     dt,
     lag,
+    sampling: CurrentSampling,
+    of_shaft,
     current_correction,
     speed_correction,
     current,
@@ -134,7 +137,9 @@ def run_lanes(
     added. Constants that differ between individuals are arrays ``(n_lanes,)``, as are the initial
     positions: ``play``, of the motor within the backlash in half-widths, and ``position_0`` [rad],
     of the user shaft. ``command`` is ``(n + 1,)``, its first value that at the start. The initial
-    state of the motor is ``speed_0`` [rad/s] and ``current_0`` [A].
+    state of the motor is ``speed_0`` [rad/s] and ``current_0`` [A]. ``sampling`` makes the samples
+    of the current. With ``of_shaft``, the speed is the mean one of the fast shaft behind the play
+    over a sample, else that of the motor at its end.
     """
     c, drive, mech = load(control, first), load(drive_of_lanes, first), load(mechanics, first)
     shaft = load(shaft_of_lanes, first)
@@ -155,8 +160,10 @@ def run_lanes(
     equivalent = equivalent_current(drive, position_in_cycle(drive, theta_m), I)
     lag_1, lag_2, lag_3 = equivalent, equivalent, equivalent
     proportional = c.GAI == 0.0 and c.GAD == 0.0
+    sample = broadcast(current_0)
     for k in range(current.shape[1]):
-        total = broadcast(0.0)
+        sample *= sampling.carry
+        before = x.theta_b
         slope = (command[k + 1] - command[k]) / steps
         for j in range(steps):
             position = position_in_cycle(drive, x.theta_m)
@@ -170,6 +177,7 @@ def run_lanes(
             lag_1 += lag * (equivalent_current(drive, position, x.I) - lag_1)
             lag_2 += lag * (lag_1 - lag_2)
             lag_3 += lag * (lag_2 - lag_3)
-            total += lag_3
-        store(current, first, k, total / steps + current_correction[k])
-        store(speed, first, k, x.omega + speed_correction[k])
+            sample = sampling.keep * sample + sampling.gain * lag_3
+        store(current, first, k, sample / sampling.divisor + current_correction[k])
+        omega = (x.theta_b - before) / (steps * dt) if of_shaft else x.omega
+        store(speed, first, k, omega + speed_correction[k])

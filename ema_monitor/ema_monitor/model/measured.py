@@ -1,6 +1,6 @@
 """Hidden causes that are measured: what is known of them in a window, and with which sigma."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Final, Protocol
 
 import numpy as np
@@ -13,6 +13,7 @@ from ema_core.wording import as_identifier, counted, unknown_name
 from ema_monitor.model.deviations import (
     COLUMNS,
     HIDDEN_CAUSES,
+    SENSOR_ERRORS,
     Prior,
     hidden_causes,
 )
@@ -75,7 +76,10 @@ def measured_causes_of(texts: Iterable[str]) -> tuple[CauseEstimate, ...]:
 
 
 def expected_causes(
-    parameters: ActuatorParameters, travel: float, measured: tuple[CauseEstimate, ...]
+    parameters: ActuatorParameters,
+    travel: float,
+    measured: tuple[CauseEstimate, ...],
+    missing: Collection[str] = (),
 ) -> tuple[Prior, ...]:
     """Return all hidden causes that the model knows, with what may be expected of them.
 
@@ -87,11 +91,14 @@ def expected_causes(
         As of `hidden_causes`.
     measured
         What was measured, checked.
+    missing
+        Columns that are not measured: their sensors can have no error.
     """
     by_name = {one.name: one for one in measured}
     return tuple(
         _around(by_name[one.name], one) if one.name in by_name else one
         for one in hidden_causes(parameters, travel)
+        if one.name not in [f"{column}_{error}" for column in missing for error in SENSOR_ERRORS]
     )
 
 

@@ -6,8 +6,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ema_core.acquisition import Acquisition
 from ema_core.current_loop import current_loop
-from ema_core.dynamics import lag_factor
+from ema_core.dynamics import current_sampling, lag_factor
 from ema_core.faults import degrade, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
 from ema_core.simd import LANES
@@ -39,7 +40,12 @@ LEARNS_UNIT: Final = ("fast", "field_oriented")
 
 
 class Response(NamedTuple):
-    """Mean current over each sample and speed at its end, ``(m, n)`` each [A, rad/s]."""
+    """Samples of current and speed, ``(m, n)`` each [A, rad/s].
+
+    The current is sampled as that of the telemetry. The speed is that of the motor at the end of a
+    sample; where it is not measured, it is the mean one over the sample of the fast shaft behind
+    the play, as the position gives it.
+    """
 
     current: NDArray[np.float64]
     speed: NDArray[np.float64]
@@ -60,6 +66,8 @@ class MonitorModel:
         Integration step [s], by default that of the form.
     unit
         In what the unit deviates from them; only the fast form has a lift.
+    acquisition
+        How the telemetry is acquired; by default the current is averaged and all is measured.
 
     Raises
     ------
@@ -73,6 +81,7 @@ class MonitorModel:
         form: str = "fast",
         dt: float | None = None,
         unit: Deviations | None = None,
+        acquisition: Acquisition | None = None,
     ) -> None:
         if form not in FORMS:
             raise ValueError(f"monitor form {form!r} is unknown; known: {', '.join(FORMS)}")
@@ -82,6 +91,7 @@ class MonitorModel:
         if not 0.0 < self.dt <= 1e-3:
             raise ValueError(f"monitor step dt = {self.dt:g} s is outside (0, 0.001] s")
         self.unit = unit or Deviations()
+        self.acquisition = acquisition or Acquisition()
         self._plant = constants(parameters)
         self._loop = current_loop(parameters)
 
@@ -142,9 +152,9 @@ class MonitorModel:
         else:
             drive = field_oriented_constants(motor, self._loop, self.dt, d.loop_delay)
         steps, lag = self.steps(window.sample_period), lag_factor(self.dt)
+        sampling = current_sampling(self.acquisition, steps, self.dt)
         play_of_lane = np.full(m, play, dtype=np.float64)[lane_of]
-        start = window.telemetry
-        first = float(start.position[0]) if position is None else position
+        first = float(window.telemetry.position[0]) if position is None else position
         first_of_lane = np.full(m, first, dtype=np.float64)[lane_of]
         current, speed = np.empty((2, len(lane_of), len(window)))
         of_sensors = own[:m, -N_SENSOR:]
@@ -164,11 +174,13 @@ class MonitorModel:
                 group * LANES,
                 window.command,
                 first_of_lane,
-                float(start.speed[0]),
-                float(start.current[0]),
+                window.initial_speed(self.parameters.tau),
+                window.initial_current,
                 steps,
                 self.dt,
                 lag,
+                sampling,
+                not self.acquisition.speed,
                 current_correction,
                 speed_correction,
                 current,
@@ -184,7 +196,7 @@ class MonitorModel:
 
     def of_unit(self, unit: Deviations) -> "MonitorModel":
         """Return the model of another unit of the same parameters."""
-        return MonitorModel(self.parameters, self.form, self.dt, unit)
+        return MonitorModel(self.parameters, self.form, self.dt, unit, self.acquisition)
 
     def steps(self, sample_period: float) -> int:
         """Return the number of integration steps per sample.

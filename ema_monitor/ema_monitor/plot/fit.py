@@ -79,11 +79,15 @@ def plot_fit(
     halves: Any = figure.subfigures(2, 1, height_ratios=(sum(_HEIGHTS[:-1]), _HEIGHTS[-1]))
     signals, bars = halves
     panels = list(signals.subplots(4, 1, sharex=True, height_ratios=_HEIGHTS[:-1]))
-    measured = Response(window.current, window.telemetry.speed[1:])
+    measured = Response(window.current, window.speed(calibration.parameters.tau))
     for number, unit in enumerate(("A", "rad/s")):
         own = panels[2 * number : 2 * number + 2]
         _draw_signal(own, t, window.sample_period, measured[number], modelled[number])
-        for axes, quantity in zip(own, (Response._fields[number], "residual"), strict=True):
+        column = Response._fields[number]
+        if column in window.telemetry.missing:
+            remark = {"current": "not measured", "speed": "by the position"}[column]
+            own[0].set_title(remark, loc="right", fontsize="small")
+        for axes, quantity in zip(own, (column, "residual"), strict=True):
             axes.set_ylabel(f"{quantity} [{unit}]")
     panels[-1].set_xlabel(
         "time since the " + ("start [s]" if since_ns is None else "first sample [s]")
@@ -108,15 +112,17 @@ def _draw_signal(
     measured: NDArray[np.float64],
     modelled: NDArray[np.float64],
 ) -> None:
-    """Draw a signal beside that of the model, and what is left below it."""
+    """Draw a signal beside that of the model, and what is left below it, if it is measured."""
     both, rest = panels
-    both.plot(t, measured, **_MEASURED)
+    if len(measured):
+        both.plot(t, measured, **_MEASURED)
+        residual = measured - modelled[0]
+        rest.plot(t, residual, **_RESIDUAL)
+        smooth, half = band_limited(residual, period), band_samples(len(t), period)
+        at = t if len(smooth) == len(t) else t[half::half][: len(smooth)]
+        rest.plot(at, smooth, **_SMOOTH)
     both.plot(t, modelled[1], **_HEALTHY)
     both.plot(t, modelled[0], **_FITTED)
-    residual = measured - modelled[0]
-    rest.plot(t, residual, **_RESIDUAL)
-    smooth, half = band_limited(residual, period), band_samples(len(t), period)
-    rest.plot(t[half::half][: len(smooth)], smooth, **_SMOOTH)
     for axes in panels:
         tidy(axes)
 

@@ -14,6 +14,9 @@ BAND_S: Final = 2e-3
 BAND_CORRELATION: Final = 4.0
 """How many values of a band-limited residual count as one that is independent [-]."""
 
+# From this share of the smoothing window on, a sample itself is as good as its mean with the next.
+_LONG_SAMPLE = 0.75
+
 
 def band_samples(n: int, sample_period: float) -> int:
     """Return how many samples lie between two values of a band-limited row of ``n`` samples."""
@@ -34,8 +37,11 @@ def band_limited(rows: NDArray[np.float64], sample_period: float) -> NDArray[np.
     -------
     numpy.ndarray
         Means under Hann windows of ``BAND_S``, each begun where the one before is half over,
-        ``(..., n_band)``; samples at the end that fill no window are left out.
+        ``(..., n_band)``; samples at the end that fill no window are left out. Of samples longer
+        than three quarters of it, these themselves.
     """
+    if sample_period > _LONG_SAMPLE * BAND_S:
+        return rows
     half = band_samples(rows.shape[-1], sample_period)
     hann = 1.0 - np.cos(np.pi * (np.arange(2 * half) + 0.5) / half)
     hann /= np.sum(hann)

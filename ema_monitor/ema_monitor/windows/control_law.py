@@ -38,9 +38,10 @@ def law_offset(window: Window, parameters: ActuatorParameters) -> LawOffset | No
     Returns
     -------
     LawOffset or None
-        None where the drive has another law, or too little of the window is within its limits.
+        None where the drive has another law, too little of the window is within its limits, or
+        current or speed is not measured.
     """
-    if parameters.GAI != 0.0 or parameters.GAD != 0.0:
+    if parameters.GAI != 0.0 or parameters.GAD != 0.0 or window.telemetry.missing:
         return None
     telemetry, h = window.telemetry, window.sample_period
     rows = np.stack([telemetry.command, telemetry.position, telemetry.current, telemetry.speed])

@@ -24,6 +24,7 @@ _REACH_S: Final = 1.0
 # resolution and noise of a position sensor; what the motor may turn back is no play to speak of.
 _CONTACT: Final = 1e-4
 _TURNED_BACK: Final = 2e-6
+_LATEST_S: Final = 0.01
 
 
 class StretchTrigger(WindowTrigger):
@@ -114,12 +115,17 @@ class StretchTrigger(WindowTrigger):
         """Return the motor's place in its play at a sample, None when it is not known.
 
         The motor drives the shaft behind its play: where both have moved one way last, they touch.
+        Where the speed is not measured, they do so while the shaft moves: it does not by itself.
         """
         h = self._blocks[-1].sample_period
         held = join(self._blocks_from(index - round(_REACH_S / h)))
         stop = index - held.first_index + 1
         reach = slice(max(0, stop - round(_REACH_S / h)), stop)
+        position = held.position[reach]
+        by_shaft = play_after(position, _CONTACT, _CONTACT / 2.0)
+        if not len(held.speed):
+            latest = np.ptp(position[-1 - max(1, round(_LATEST_S / h)) :])
+            return by_shaft if latest > _CONTACT else None
         turned = self._tau * h * np.cumsum(held.speed[reach])
         by_motor = play_after(turned, _CONTACT, _TURNED_BACK)
-        by_shaft = play_after(held.position[reach], _CONTACT, _CONTACT / 2.0)
         return by_motor if by_motor == by_shaft else None

@@ -40,8 +40,10 @@ def travel_ratio(window: Window, parameters: ActuatorParameters) -> TravelRatio 
     Returns
     -------
     TravelRatio or None
-        None where the window has too little motion.
+        None where the window has too little motion, or the speed is not measured.
     """
+    if not len(window.telemetry.speed):
+        return None
     h, telemetry = window.sample_period, window.telemetry
     turned = np.concatenate(
         [[0.0], np.cumsum(h * (telemetry.speed[1:] + telemetry.speed[:-1]) / 2.0)]

@@ -322,6 +322,11 @@ def _break_between(last: Telemetry, block: Telemetry) -> str:
         return (
             f"the sample period changed from {last.sample_period:g} s to {block.sample_period:g} s"
         )
+    if block.missing != last.missing:
+        return (
+            f"{_columns(block.missing)} measured from index {block.first_index} on, "
+            f"{_columns(last.missing)} before"
+        )
     expected = last.first_index + len(last)
     if block.first_index > expected:
         return (
@@ -336,6 +341,10 @@ def _break_between(last: Telemetry, block: Telemetry) -> str:
             f"{block.first_index}"
         )
     return ""
+
+
+def _columns(missing: tuple[str, ...]) -> str:
+    return f"no {' and no '.join(missing)}" if missing else "all columns"
 
 
 def _not_finite(block: Telemetry) -> str:

@@ -22,6 +22,7 @@ SMOOTHED_S: Final = 4e-3
 """Over how long the speed is averaged that weights samples [s]."""
 
 _REST: Final = 2e-4
+_INITIAL_S: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,58 @@ class Window:
 
     @property
     def current(self) -> NDArray[np.float64]:
-        """Measured equivalent current after the start, ``(n,)`` [A]."""
+        """Measured equivalent current after the start, ``(n,)`` [A]; empty if not measured."""
         return self.telemetry.current[1:]
+
+    @property
+    def initial_current(self) -> float:
+        """Measured current at the start [A]; 0 where it is not measured."""
+        return float(self.telemetry.current[0]) if len(self.telemetry.current) else 0.0
+
+    def speed(self, tau: float) -> NDArray[np.float64]:
+        """Return the speed after the start, ``(n,)`` [rad/s].
+
+        It is that of the motor at the end of each sample. Where it is not measured, it is the mean
+        one over the sample of the fast shaft behind the play, by the position.
+
+        Parameters
+        ----------
+        tau
+            Gear ratio of the actuator [-].
+        """
+        if len(self.telemetry.speed):
+            return self.telemetry.speed[1:]
+        return np.diff(self.telemetry.position) / (tau * self.sample_period)
+
+    def initial_speed(self, tau: float) -> float:
+        """Return the speed of the motor at the start [rad/s].
+
+        Parameters
+        ----------
+        tau
+            Gear ratio of the actuator [-]; it counts where the speed is not measured.
+        """
+        if len(self.telemetry.speed):
+            return float(self.telemetry.speed[0])
+        n = min(max(2, round(_INITIAL_S / self.sample_period)), len(self))
+        return float(np.mean(self.speed(tau)[:n]))
+
+    def missed(
+        self, current: NDArray[np.float64], speed: NDArray[np.float64], tau: float
+    ) -> NDArray[np.float64]:
+        """Return what a response misses of current and speed, ``(2, ..., n)`` [A, rad/s].
+
+        Nothing is missed of a current that is not measured.
+
+        Parameters
+        ----------
+        current, speed
+            The response, ``(..., n)`` each [A, rad/s].
+        tau
+            Gear ratio of the actuator [-].
+        """
+        of_current = self.current - current if len(self.current) else np.zeros_like(current)
+        return np.stack([of_current, self.speed(tau) - speed])
 
     @property
     def sample_period(self) -> float:
@@ -104,7 +155,7 @@ class Window:
         It is ``|omega| / hypot(|omega|, omega_rms / 2)`` with the speed averaged over some
         milliseconds, 0 where the command dwells, scaled to a mean square of 1.
         """
-        speed = self.telemetry.speed[1:]
+        speed = self.speed(1.0)  # of any scale
         n = max(1, round(SMOOTHED_S / self.sample_period))
         smooth = np.convolve(np.abs(speed), np.ones(n) / n, mode="same")
         slow = 0.5 * math.sqrt(float(np.mean(speed**2)))
@@ -119,6 +170,6 @@ class Window:
                 f"no excitation: the command travels {travel:.3g} rad, at least {MIN_TRAVEL:g} rad "
                 "is needed"
             )
-        if not np.any(self.telemetry.speed[1:]):
+        if not np.any(self.speed(1.0)):
             return "no excitation: the motor stands still although the command moves"
         return ""

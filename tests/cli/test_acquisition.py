@@ -1,0 +1,54 @@
+"""Telemetry acquired in other ways, from `ema simulate` to the estimate."""
+
+from pathlib import Path
+
+import pytest
+
+from ema_core.acquisition import Acquisition
+from ema_recording.reader import Bag
+from ema_recording.telemetry import read_telemetry
+
+WAYS = {
+    "filtered": ["--sample-current", "filtered", "--current-filter", "1e-3"],
+    "blind": ["--sample-current", "none", "--no-speed"],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", WAYS)
+def test_from_simulation_to_estimate(way: str, tmp_path: Path, ema):
+    options = ["--sample-rate", "1000", *WAYS[way]]
+    healthy, case, unit = (tmp_path / name for name in ("h.mcap", "c.mcap", "u.yaml"))
+    assert ema("simulate", *options, "--cycles", "6", "-o", healthy).exit_code == 0
+    assert ema("calibrate", healthy, "-o", unit).exit_code == 0
+    fault = ["--fault", "friction=0.3"]
+    assert ema("simulate", *options, *fault, "-o", case).exit_code == 0
+    [description] = read_telemetry(Bag(case)).descriptions
+    expected = (
+        Acquisition("filtered", 1e-3) if way == "filtered" else Acquisition("none", 0.0, False)
+    )
+    assert description.acquisition == expected
+    found = ema("estimate", case, "--calibration", unit)
+    assert found.exit_code == 0
+    assert "friction" in found.output
+    assert ("not measured" in found.output) == (way == "blind")
+    assert ema("info", case).exit_code == 0
+    assert ema("plot", case, "-o", tmp_path / "case.png").exit_code == 0
+    picture = tmp_path / "window.png"
+    result = ema("plot", case, "--window", "0", "--calibration", unit, "-o", picture)
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--sample-current", "filtered"], "a filtered current needs a time constant above 0"),
+        (["--sample-current", "mean", "--current-filter", "1e-3"], "any other 0"),
+        (["--sample-rate", "300"], "--sample-rate 300 Hz"),
+    ],
+)
+def test_impossible_acquisitions_are_refused(options: list[str], told: str, tmp_path: Path, ema):
+    result = ema("simulate", *options, "-o", tmp_path / "x.mcap")
+    assert result.exit_code != 0
+    assert told in result.output
+    assert not (tmp_path / "x.mcap").exists()
