@@ -19,6 +19,7 @@ import prognosis_tables
 import startup
 import targets
 import trust
+import unknown_drive
 from rich.console import Console
 from tables import target_table
 from targets import Row
@@ -101,6 +102,7 @@ def main() -> None:
         "trust": trust.rows,
         "design": design.rows,
         "ordinary_motion": ordinary_motion.rows,
+        "unknown_drive": unknown_drive.rows,
         "kernels": kernel_rows,
         "live": live_rows,
         "fleet": fleet_rows,
