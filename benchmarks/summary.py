@@ -20,6 +20,7 @@ import sampling
 import startup
 import targets
 import trust
+import unknown_drive
 from rich.console import Console
 from tables import target_table
 from targets import Row
@@ -103,6 +104,7 @@ def main() -> None:
         "sampling": sampling.rows,
         "design": design.rows,
         "ordinary_motion": ordinary_motion.rows,
+        "unknown_drive": unknown_drive.rows,
         "kernels": kernel_rows,
         "live": live_rows,
         "fleet": fleet_rows,

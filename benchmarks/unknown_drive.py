@@ -1,6 +1,6 @@
 """What a monitor shows of a drive whose controller is unknown (docs/identification.md, M40 to M46).
 
-    python benchmarks/unknown_drive.py [--json FILE] [--quick]
+    python benchmarks/unknown_drive.py [--json FILE] [--quick] [--fast N] [--slow N]
 
 At 1 kHz: friction, backlash and loss of torque per ampere under the thesis's chirp, of units of the
 reference plant and of foreign ones (`foreign`), with and without a measured speed. Slow records of
@@ -8,7 +8,7 @@ reference plant and of foreign ones (`foreign`), with and without a measured spe
 healthy units called healthy, and what a load hides said to be hidden.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -257,9 +257,13 @@ def show(console: Console, figures: dict[str, Any]) -> None:
 @click.command()
 @click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--quick", is_flag=True, help="A quarter of everything.")
-def main(output: Path | None, quick: bool) -> None:
+@click.option("--fast", type=int, help="How many units at 1 kHz of each plant.")
+@click.option("--slow", type=int, help="How many units in slow records.")
+def main(output: Path | None, quick: bool, fast: int | None, slow: int | None) -> None:
     """Print the tables and write the JSON file."""
     sizes = Sizes.quick() if quick else Sizes()
+    given = {"fast": fast, "slow": slow}
+    sizes = replace(sizes, **{name: count for name, count in given.items() if count is not None})
     run_benchmark(lambda progress: measure(progress, sizes), show, output, 140)
 
 

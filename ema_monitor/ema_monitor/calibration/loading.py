@@ -41,7 +41,7 @@ def load_calibration(path: Path) -> AnyCalibration:
 
 
 def calibrate_unit(
-    windows: Sequence[Window], description: ActuatorDescription, form: str = "fast"
+    windows: Sequence[Window], description: ActuatorDescription, form: str | None = None
 ) -> AnyCalibration:
     """Calibrate on healthy windows of one actuator, as its drive wants it.
 

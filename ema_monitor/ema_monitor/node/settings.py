@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ema_core.quantity import check_quantities, quantity, text
-from ema_monitor.identification.combination import CombinationSettings
 from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.windows.measurements import MAX_AGE_S
 
 

@@ -1,23 +1,23 @@
 """Calibrating a unit whose drive is unknown, on healthy motion (M44)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.unknown_drive.balance import Balance
 from ema_monitor.unknown_drive.columns import has_speed
 from ema_monitor.unknown_drive.fitting import Fit, Prior, fit
-from ema_monitor.unknown_drive.priors import load_sigmas, taken_for_known_loads
+from ema_monitor.unknown_drive.priors import Known, load_sigmas, taken_for_known_loads
 from ema_monitor.unknown_drive.terms import BASIC, OF_CURRENT, columns_of, ripples
 from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 from ema_monitor.windows.window import Window
 
 _KNEE: Final = 0.15
+_KNEE_WITHOUT_SPEED: Final = 0.2
 _FEWEST_ROWS: Final = 30
 _LEAST_NOISE: Final = 1e-4
 _SMALL: Final = 0.1
@@ -51,7 +51,10 @@ def calibrate_unknown(
         )
     if not windows:
         raise ValueError("calibration needs at least one healthy window, got none")
-    knee = _KNEE * float(np.percentile(np.concatenate([_sizes(one) for one in windows]), 95.0))
+    # One window after the other: they may be read when needed.
+    strong = [float(np.percentile(np.abs(one.current), 95.0)) for one in windows]
+    share = _KNEE if description.acquisition.speed else _KNEE_WITHOUT_SPEED
+    knee = share * float(np.median(strong))
     if not knee > 0.0:
         raise ValueError("the current is 0 throughout the healthy windows: is it measured?")
     balances, known = [], []
@@ -65,7 +68,7 @@ def calibrate_unknown(
                 f"first one {h:g} s"
             )
         balances.append(Balance.of(window.telemetry, description, knee))
-        known.append(window)
+        known.append(taken_for_known_loads(window, description.parameters))
     rows = sum(int(np.count_nonzero(one.weight)) for one in balances)
     if rows < _FEWEST_ROWS:
         raise ValueError(
@@ -117,12 +120,8 @@ def motion_defect(window: Window, description: ActuatorDescription) -> str:
     return ""
 
 
-def _sizes(window: Window) -> NDArray[np.float64]:
-    return np.abs(window.current)
-
-
 def _fit(
-    balances: Sequence[Balance], windows: Iterable[Window], parameters: ActuatorParameters
+    balances: Sequence[Balance], loads: Sequence[Known], parameters: ActuatorParameters
 ) -> Fit:
     """Fit the terms, without knowing anything of the unit."""
     groups = ripples(parameters.P)
@@ -137,7 +136,6 @@ def _fit(
     sigma[2] = usual / fastest
     sigma[3] = 0.5 * usual
     sigma[4] = 3e-3
-    loads = [taken_for_known_loads(one, parameters) for one in windows]
     spreads = load_sigmas(parameters, balances)
     prior = Prior(
         np.zeros(size),

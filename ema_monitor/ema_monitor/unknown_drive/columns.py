@@ -10,7 +10,7 @@ from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 
 _SPAN_S: Final = 2e-3
-_SPAN_WITHOUT_SPEED_S: Final = 5e-3
+_SPAN_WITHOUT_SPEED_S: Final = 3e-3
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ import numpy as np
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry, join
 from ema_monitor.windows.trigger import (
+    LEAST_REST,
     Defect,
     Refusal,
     TriggerSettings,
@@ -69,7 +70,7 @@ class StretchTrigger(WindowTrigger):
     def _scan(self, block: Telemetry) -> list[Window | Refusal | Defect]:
         """Follow the command through a block, sample by sample."""
         h = block.sample_period
-        rest_samples = max(1, round(self.settings.rest_s / h))
+        rest_samples = max(LEAST_REST, round(self.settings.rest_s / h))
         window_samples = max(1, round(self.settings.window_s / h))
         every, longest = max(1, round(_EVERY_S / h)), round(WAIT_S / h)
         threshold = self.settings.threshold

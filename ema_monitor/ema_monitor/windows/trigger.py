@@ -29,6 +29,9 @@ ANY_MOTION: Final = "any_motion"
 INDEX_WENT_BACK: Final = "the sample index went back"
 """How the reason begins where blocks are out of their order, as those of two publishers are."""
 
+LEAST_REST: Final = 2
+"""Equal samples that make a rest at least, however slow they come."""
+
 _RATE_TOLERANCE: Final = 0.01
 
 
@@ -203,7 +206,7 @@ class WindowTrigger:
     def _scan(self, block: Telemetry) -> list[Window | Refusal | Defect]:
         """Follow the command through a block, sample by sample."""
         h = block.sample_period
-        rest_samples = max(1, round(self.settings.rest_s / h))
+        rest_samples = max(LEAST_REST, round(self.settings.rest_s / h))
         window_samples = max(1, round(self.settings.window_s / h))
         threshold = self.settings.threshold
         events: list[Window | Refusal | Defect] = []
