@@ -102,7 +102,8 @@ def guess_topics(topics: ByName[str, str], joints: ByName[str, list[str]]) -> Gu
     topics
         Types by topic.
     joints
-        Names of the joints by topic of type ``sensor_msgs/msg/JointState``.
+        Names of the joints by topic of type ``sensor_msgs/msg/JointState``, the one that moves
+        most first.
 
     Raises
     ------
@@ -121,12 +122,14 @@ def guess_topics(topics: ByName[str, str], joints: ByName[str, list[str]]) -> Gu
     joint = joints[topic][0]
     others = [name for name in joints[topic] if name != joint] + states[1:]
     if others:
-        remarks.append(f"joint {joint!r} on {topic} is a guess; others: {', '.join(others)}")
+        remarks.append(
+            f"joint {joint!r} on {topic} is a guess, it moves most; others: {', '.join(others)}"
+        )
 
     def of(kind: Any, source: str, **more: Any) -> Any:
-        return kind(source=source, topic=topic, joint=joint, **more)
+        return kind(source=source, topic=topic, **more)
 
-    command = _command_topic(topics, joint)
+    command = _command_topic(topics)
     if command is None:
         raise ValueError(
             f"no topic seems to be the command; topics: {listed}: write a mapping by "
@@ -263,16 +266,16 @@ def _phases_remark(phases: dict[str, str]) -> list[str]:
     ]
 
 
-def _command_topic(topics: ByName[str, str], joint: str) -> AngleSource | None:
+def _command_topic(topics: ByName[str, str]) -> AngleSource | None:
     ranked = sorted(topics, key=lambda name: "command" not in kinds_of(name))
     for name in ranked:
         kind = topics[name]
         if kind == "control_msgs/msg/JointTrajectoryControllerState":
-            return AngleSource(source="reference.positions", topic=name, joint=joint)
+            return AngleSource(source="reference.positions", topic=name)
         if kind == "control_msgs/msg/SingleDOFStateStamped":
             return AngleSource(source="dof_state.reference", topic=name)
         if kind == "trajectory_msgs/msg/JointTrajectory":
-            return AngleSource(source="points", topic=name, joint=joint)
+            return AngleSource(source="points", topic=name)
         if kind in _NUMBER_TYPES:
             return AngleSource(source=_NUMBER_TYPES[kind], topic=name, between="hold")
     return None

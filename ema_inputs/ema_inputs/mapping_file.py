@@ -12,7 +12,6 @@ from ema_inputs.mapping import (
     Clock,
     CurrentSource,
     Mapping,
-    Source,
     SpeedSource,
     Table,
 )
@@ -55,7 +54,7 @@ def mapping_text(mapping: Mapping) -> str:
     for item in fields(Mapping):
         value = getattr(mapping, item.name)
         if item.name in SECTIONS:
-            section = {} if value is None else _shown(value, mapping.joint)
+            section = {} if value is None else _shown(value)
             if section:
                 content[item.name] = section
         elif value:
@@ -63,14 +62,12 @@ def mapping_text(mapping: Mapping) -> str:
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
 
 
-def _shown(section: Any, joint: str) -> dict[str, Any]:
+def _shown(section: Any) -> dict[str, Any]:
     words = {}
     for item in fields(section):
         value = getattr(section, item.name)
         default = item.default if item.default is not MISSING else None
         told = item.name in ("unit", "shaft", "sampling", "kind") and hasattr(section, "topic")
-        if item.name == "joint" and value == joint:
-            continue
         if value != default or told:
             words[item.name] = list(value) if isinstance(value, tuple) else value
     return words
@@ -93,7 +90,7 @@ def mapping_from(content: Any) -> Mapping:
         if name not in known:
             raise ValueError(unknown_name("entry", str(name), known))
         if name in SECTIONS and section is not None:
-            given[name] = _section(name, section, joint)
+            given[name] = _section(name, section)
         elif name not in SECTIONS:
             given[name] = section
     if not isinstance(joint, str):
@@ -105,7 +102,7 @@ def mapping_from(content: Any) -> Mapping:
     return Mapping(**given)
 
 
-def _section(name: str, section: Any, joint: str) -> Any:
+def _section(name: str, section: Any) -> Any:
     kind = SECTIONS[name]
     known = [item.name for item in fields(kind)]
     if isinstance(section, str):
@@ -119,8 +116,6 @@ def _section(name: str, section: Any, joint: str) -> Any:
         values[key] = _number(value) if key in ("scale", "offset", "filter_time") else value
     if "phases" in values and not _is_texts(values["phases"]):
         raise ValueError(f"{name}: phases = {values['phases']!r}: expected a list of sources")
-    if issubclass(kind, Source) and values.get("topic") and joint:
-        values.setdefault("joint", joint)
     try:
         return kind(**values)
     except ValueError as error:

@@ -154,12 +154,12 @@ def test_drive_of_odrive_is_the_telemetry_but_for_its_stamps(telemetry, tmp_path
 
 def test_mapping_of_a_bag_is_guessed(telemetry, tmp_path):
     with OtherBag(tmp_path / "bag") as bag:
-        other_makes.write_controller_states(bag, telemetry)
         other_makes.write_joint_states(bag, telemetry)
     guess = InputFile(tmp_path / "bag").guess(FLAP)
-    assert any("joint 'other' on /joint_states is a guess" in item for item in guess.remarks)
-    assert guess.mapping.command is not None
-    assert guess.mapping.command.source in ("data[0]", "reference.positions")
+    assert guess.mapping == joint_states(clock="header")
+    words = "\n".join(guess.remarks)
+    assert "joint 'flap' on /joint_states is a guess, it moves most; others: other" in words
+    assert "command.source data[1]: of all elements the position follows it" in words
 
 
 @pytest.mark.parametrize(
