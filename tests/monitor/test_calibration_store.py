@@ -7,6 +7,7 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.loading import AnyCalibration
 from ema_monitor.calibration.store import CalibrationStore
 
 FLAP = ActuatorDescription()
@@ -22,7 +23,7 @@ def of_unit(description: ActuatorDescription) -> Calibration:
     )
 
 
-def identity(calibration: Calibration | str) -> str:
+def identity(calibration: AnyCalibration | str) -> str:
     assert isinstance(calibration, Calibration), calibration
     return calibration.calibration_id
 

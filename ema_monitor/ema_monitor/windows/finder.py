@@ -25,9 +25,6 @@ _MANY_MOTIONS: Final = 3
 _LEAST_SAMPLES: Final = 500
 _LONGEST_STRETCH_S: Final = 100.0
 
-_LEAST_SAMPLES: Final = 500
-_LONGEST_STRETCH_S: Final = 100.0
-
 
 @dataclass(frozen=True)
 class Segment:
