@@ -164,8 +164,9 @@ def _agreement(samples: Samples) -> float:
     """Return how well the position follows the command, from 0 to 1."""
     if "command" not in samples.raw:
         return 0.0
-    pair = np.stack([samples.raw["command"], samples.raw["position"]])
-    pair = pair[:, np.all(np.isfinite(pair), axis=0)]
-    if pair.shape[1] < 2 or np.any(np.ptp(pair, axis=1) == 0.0):
+    command, position = samples.raw["command"], samples.raw["position"]
+    known = np.isfinite(command) & np.isfinite(position)
+    command, position = command[known], position[known]
+    if len(command) < 2 or np.ptp(command) == 0.0 or np.ptp(position) == 0.0:
         return 0.0
-    return abs(float(np.corrcoef(pair)[0, 1]))
+    return abs(float(np.corrcoef(command, position)[0, 1]))

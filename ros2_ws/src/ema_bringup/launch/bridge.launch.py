@@ -1,59 +1,45 @@
-"""Telemetry of an actuator from the topics of another make, beside a monitor.
+"""A monitor, and its telemetry from the topics of another make.
 
 ros2 launch ema_bringup bridge.launch.py mapping_file:=/path/mapping.yaml
 """
 
+import sys
+from pathlib import Path
+
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
-from launch_ros.substitutions import FindPackageShare
+
+sys.path.insert(0, str(Path(__file__).parent))
+import ema_launch_arguments as ema
+
+_FILES = ("mapping_file", "actuator_file")
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the node, with its arguments."""
-    config = PathJoinSubstitution([FindPackageShare("ema_bringup"), "config"])
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                "namespace",
-                default_value="/ema",
-                description="namespace of the bridge, and of the telemetry it publishes",
-            ),
-            DeclareLaunchArgument(
-                "mapping_file",
-                default_value="",
-                description="mapping of topics to telemetry; empty: as in the parameter file",
-            ),
-            DeclareLaunchArgument(
-                "actuator_file",
-                default_value="",
-                description="description of the actuator; empty: as in the parameter file",
-            ),
-            DeclareLaunchArgument(
-                "params_file",
-                default_value=PathJoinSubstitution([config, "bridge.yaml"]),
-                description="parameter file of the bridge",
-            ),
-            OpaqueFunction(function=_bridge),
-        ]
-    )
+    """Return the nodes, with their arguments."""
+    arguments = [
+        *ema.common_arguments(),
+        DeclareLaunchArgument(
+            "mapping_file",
+            default_value=ema.AS_CONFIGURED,
+            description="mapping of topics to telemetry",
+        ),
+        DeclareLaunchArgument(
+            "actuator_file",
+            default_value=ema.AS_CONFIGURED,
+            description="description of the actuator, which the bridge publishes",
+        ),
+        *ema.parameter_files("bridge", "monitor"),
+    ]
+    check = ema.check_arguments(__file__, arguments)
+    return LaunchDescription([*arguments, check, OpaqueFunction(function=_nodes)])
 
 
-def _bridge(context: LaunchContext) -> list[Node]:
-    """Return the bridge; an empty argument does not override the parameter file."""
-    files = {
-        name: value
-        for name in ("mapping_file", "actuator_file")
-        if (value := LaunchConfiguration(name).perform(context))
-    }
+def _nodes(context: LaunchContext) -> list[Node]:
+    given = {name: ema.value_of(context, name) for name in _FILES}
+    chosen = {name: value for name, value in given.items() if value != ema.AS_CONFIGURED}
     return [
-        Node(
-            package="ema_inputs",
-            executable="bridge_node",
-            name="bridge",
-            namespace=LaunchConfiguration("namespace"),
-            parameters=[LaunchConfiguration("params_file"), *([files] if files else [])],
-            output="screen",
-        )
+        ema.node(context, "bridge", "ema_inputs", parameters=chosen),
+        ema.monitor(context),
     ]
