@@ -123,7 +123,11 @@ class Certificate:
             f"{self.actuator_id} ({self.serial_number}): {self.duration:.3g} s of command, "
             f"travel {1e3 * self.travel:.1f} mrad, {1.0 / self.sample_period:.6g} samples/s, "
             f"scatter of a healthy window {self.healthy_rms:.4f} A and "
-            f"{self.healthy_speed_rms:.4f} rad/s"
+            + (
+                f"{self.healthy_speed_rms:.4f} rad/s"
+                if math.isfinite(self.healthy_speed_rms)
+                else "none in speed"
+            )
         )
         parts = [title, _fault_table(self.faults), *_summary(self.faults, self.causes)]
         if self.repeated:
