@@ -99,8 +99,9 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python prognosis_plots.py
 	$(activate) && cd benchmarks && python summary.py
 
-bench-peers: setup ## identification and optimizers beside those of others; 10 minutes
+bench-peers: setup ## identification, optimizers and a drive beside those of others; 10 minutes
 	tools/peers.sh python benchmarks/peers.py --json benchmarks/peers.json
+	tools/peers.sh python benchmarks/drive_peer.py --json benchmarks/drive_peer.json
 	tools/peers.sh python benchmarks/optimizer_peers.py \
 	    --json benchmarks/optimizer_peers.json
 

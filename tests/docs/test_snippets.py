@@ -2,7 +2,8 @@
 
 Blocks of ``python`` in a document run one after the other, and so do blocks of ``sh``, in a folder
 of their own. A block of ``text`` after one is its output, figures to a few per cent; a line that
-ends in ``...`` shows its beginning. ``<!-- not run: reason -->`` before a block leaves it out.
+ends in ``...`` shows its beginning. ``<!-- not run: reason -->`` before a block leaves it out, and
+``<!-- long: reason -->`` leaves it to the tests marked so.
 """
 
 import contextlib
@@ -21,7 +22,8 @@ DOCUMENTS = [
     *(f"docs/{n}.md" for n in ("python", "command-line", "your-actuator", "inputs")),
 ]
 BLOCK = re.compile(
-    r"(?P<mark><!-- not run: [^\n]+ -->\n)?^```(?P<kind>python|sh|text)\n(?P<text>.*?)^```$",
+    r"(?P<mark><!-- (?:not run|long): [^\n]+ -->\n)?"
+    r"^```(?P<kind>python|sh|text)\n(?P<text>.*?)^```$",
     re.DOTALL | re.MULTILINE,
 )
 FIGURE = re.compile(r"-?\d+(?:\.\d+)?")
@@ -34,14 +36,15 @@ class Snippet(NamedTuple):
     output: str
 
 
-def snippets(document: Path, kind: str) -> list[Snippet]:
+def snippets(document: Path, kind: str, *, with_long: bool = False) -> list[Snippet]:
     """Return the blocks of a kind that are run, each with the output that the document shows."""
     text = document.read_text(encoding="utf-8")
     found: list[Snippet] = []
     is_run = False
     for match in BLOCK.finditer(text):
         if match["kind"] != "text":
-            is_run = match["mark"] is None and match["kind"] == kind
+            is_long = (match["mark"] or "").startswith("<!-- long")
+            is_run = match["kind"] == kind and (match["mark"] is None or (with_long and is_long))
             if is_run:
                 line = text.count("\n", 0, match.start()) + 1
                 found.append(Snippet(line, kind, match["text"], ""))
@@ -98,7 +101,21 @@ LONG = "docs/command-line.md"
     "name", [pytest.param(n, marks=pytest.mark.long if n == LONG else ()) for n in DOCUMENTS]
 )
 def test_shell_commands_in_the_document_do_what_it_shows(workplace, name):
-    for snippet in snippets(ROOT / name, "sh"):
+    run_shell(name, snippets(ROOT / name, "sh"))
+
+
+@pytest.mark.long
+def test_long_shell_commands_do_what_the_document_shows(workplace):
+    """With those before them, whose files they need."""
+    name = "docs/your-actuator.md"
+    found = snippets(ROOT / name, "sh", with_long=True)
+    assert len(found) > len(snippets(ROOT / name, "sh"))
+    run_shell(name, found)
+
+
+def run_shell(name: str, found: list[Snippet]) -> None:
+    """Run blocks one after the other and compare their outputs."""
+    for snippet in found:
         done = subprocess.run(
             ["bash", "-euc", snippet.text], capture_output=True, text=True, check=False
         )
