@@ -190,6 +190,7 @@ def test_play_is_known_where_the_shaft_moves_although_the_speed_is_not_measured(
     settings = TriggerSettings(windows="any_motion")
     description = ActuatorDescription(sample_period=1e-3, acquisition=Acquisition(speed=False))
     events = WindowFinder(settings, description).feed(simulate(description=description))
-    plays = [one.window.play for one in events if isinstance(getattr(one, "window", None), Window)]
+    windows = [one.window for one in events if isinstance(one, Segment)]
+    plays = [window.play for window in windows if isinstance(window, Window)]
     assert plays
     assert plays[0] in (-1.0, 1.0)

@@ -3,6 +3,7 @@
 import re
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import pytest
 from mcap.reader import make_reader
@@ -60,6 +61,7 @@ def old_bag(tmp_path: Path) -> Path:
         writer, channels = Writer(sink), {}
         writer.start("ros2")
         for kind, channel, message in make_reader(stream).iter_messages():
+            assert kind is not None
             is_older = kind.name == DESCRIPTION_TYPE
             if channel.topic not in channels:
                 text = older_text().encode() if is_older else kind.data
@@ -73,7 +75,7 @@ def old_bag(tmp_path: Path) -> Path:
             data = message.data
             if is_older:
                 description = current.deserialize_cdr(data, DESCRIPTION_TYPE)
-                kind_of_old = store.types[DESCRIPTION_TYPE]
+                kind_of_old: Any = store.types[DESCRIPTION_TYPE]
                 # Constants are in capitals.
                 names = [item.name for item in fields(kind_of_old) if not item.name.isupper()]
                 assert not set(names) & set(ADDED)
