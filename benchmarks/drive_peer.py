@@ -24,11 +24,11 @@ from typing import Any, Final
 
 import click
 import numpy as np
-from motulator.common.control import PWM
-from motulator.common.utils import abc2complex
-from motulator.drive import model
-from motulator.drive.control.sm import CurrentController
-from motulator.drive.utils import SynchronousMachinePars
+from motulator.common.control import PWM  # pyright: ignore[reportMissingImports]
+from motulator.common.utils import abc2complex  # pyright: ignore[reportMissingImports]
+from motulator.drive import model  # pyright: ignore[reportMissingImports]
+from motulator.drive.control.sm import CurrentController  # pyright: ignore[reportMissingImports]
+from motulator.drive.utils import SynchronousMachinePars  # pyright: ignore[reportMissingImports]
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
