@@ -61,3 +61,7 @@ class Acquisition:
             if (name in missing) != (name in self.missing)
         ]
         return "; ".join(reasons)
+
+
+USUAL: Final = Acquisition()
+"""The current's mean over a sample, and all measured."""

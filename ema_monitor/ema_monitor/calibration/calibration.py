@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from ema_core.acquisition import Acquisition
+from ema_core.acquisition import USUAL, Acquisition
 from ema_core.description import ActuatorDescription
 from ema_core.files import complete_file
 from ema_core.parameters import ActuatorParameters, FieldOrientedParameters
@@ -130,7 +130,7 @@ class Calibration:
     windows: int
     travel_ratio: float = math.nan
     law_offset: float = math.nan
-    acquisition: Acquisition = field(default_factory=Acquisition)
+    acquisition: Acquisition = USUAL
 
     def __post_init__(self) -> None:
         for name in ("actuator_id", "serial_number", "form"):
@@ -410,7 +410,7 @@ class Calibration:
             del content["parameters"][name]
         for name in _SCATTERS:
             content[name] = float(getattr(self, name))
-        if self.acquisition == Acquisition():
+        if self.acquisition == USUAL:
             # So that files without it keep their identity.
             del content["acquisition"]
         for name in ("travel_ratio", "law_offset"):
