@@ -26,6 +26,7 @@ NODES: Final = {
 
 _CLASSES: Final = {
     "actuator": ("ema_sim.actuator_node", "ActuatorNode"),
+    "bridge": ("ema_inputs.bridge_node", "BridgeNode"),
     "monitor": ("ema_monitor.node.monitor_node", "MonitorNode"),
     "recorder": ("ema_recording.recorder_node", "RecorderNode"),
     "player": ("ema_recording.player_node", "PlayerNode"),
