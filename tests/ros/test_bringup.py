@@ -148,7 +148,7 @@ LAUNCH_FILES = {
 }
 COMMON = (
     *("namespace", "use_sim_time", "history_folder", "calibration_file"),
-    *("log_level", "respawn", "autostart", "monitor_params"),
+    *("log_level", "respawn", "autostart"),
 )
 
 
