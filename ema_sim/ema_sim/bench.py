@@ -118,7 +118,7 @@ class ActuatorBench:
             acquisition=description.acquisition,
             noise_gain=self.settings.noise_gain,
             rng=current_rng,
-            drive=description.drive,
+            drive=self._drive,
         )
         self._block_samples = max(1, round(self.settings.block_s / description.sample_period))
         self._next_cycle = 0
@@ -221,12 +221,16 @@ class ActuatorBench:
         """Hidden causes of the next cycle, by name."""
         return dict(self._causes)
 
+    @property
+    def _drive(self) -> str:
+        """The simulated drive; six-step commutation stands for one that nobody knows."""
+        drive = self.description.drive
+        return "six_step" if drive == "unknown" else drive
+
     def compile_kernels(self) -> None:
         """Compile the kernels of the simulation, or load them from the cache."""
         h = self.description.sample_period
-        trial = SimulatedActuator(
-            self._actuator.parameters, sample_period=h, drive=self.description.drive
-        )
+        trial = SimulatedActuator(self._actuator.parameters, sample_period=h, drive=self._drive)
         trial.causes = self._causes
         trial.advance([0.0])
 
@@ -282,7 +286,7 @@ class ActuatorBench:
         trial = SimulatedActuator(
             self._actuator.parameters,
             sample_period=self.description.sample_period,
-            drive=self.description.drive,
+            drive=self._drive,
         )
         trial.causes = causes
         trial.faults = faults
