@@ -31,6 +31,7 @@ def test_defaults_are_possible_and_fields_carry_what_documents_them():
         "range": (20.0, 300.0),
         "description": "temperature inside",
         "usual": None,
+        "shown": None,
     }
     assert metadata["mode"]["choices"] == ("fan", "grill")
     assert metadata["notes"] == {}

@@ -42,7 +42,8 @@ def test_health_is_known_again_after_a_restart_without_a_new_test(
     with monitor(given) as session:
         mount(session, FLAP)
         [health] = session.until(session.healths)
-        expected.events = []
+        assert [event.kind for event in health.events] == ["restart"]
+        expected.events = health.events
         assert plain(health) == plain(expected)
         session.until_status("flap health", "", bytes([health.level]))
         [life] = session.statuses("flap health")[-1:]

@@ -75,7 +75,10 @@ WRONG: dict[str, tuple[Callable[[Telemetry], Messages], list[str]]] = {
     "period of 0": (lambda b: with_period(b, 0.0), ["sample_period = 0.0 s", "outside"]),
     "NaN period": (lambda b: with_period(b, np.nan), ["sample_period = nan s", "outside"]),
     "short column": (lambda b: with_column(b, "current", 499), ["current 499", "command 500"]),
-    "no column": (lambda b: with_column(b, "speed", 0), ["speed 0", "one length"]),
+    "no column": (
+        lambda b: with_column(b, "speed", 0),
+        ["no speed measured from index", "all columns before"],
+    ),
     "no samples": (empty, ["command 0", "one length of at least 1"]),
     "time": (lambda b: stamped_s_later(b, -10.0), ["time ran backwards by"]),
     # Mean of the stamps in the window over that of the blocks: 0.5 s + 0.4 s over 0.5 s.

@@ -92,8 +92,9 @@ def test_contained_types_come_once_and_depth_first():
     assert titles == [
         "MSG: ema_interfaces/FaultHealth",
         "MSG: ema_interfaces/RemainingUsefulLife",
-        "MSG: std_msgs/Header",
+        "MSG: ema_interfaces/UnitEvent",
         "MSG: builtin_interfaces/Time",
+        "MSG: std_msgs/Header",
     ]
 
 
