@@ -51,6 +51,9 @@ def calibrate_unknown(
         )
     if not windows:
         raise ValueError("calibration needs at least one healthy window, got none")
+    for number, window in enumerate(windows):
+        if reason := motion_defect(window, description):
+            raise ValueError(f"window {number}: {reason}")
     # One window after the other: they may be read when needed.
     strong = [float(np.percentile(np.abs(one.current), 95.0)) for one in windows]
     share = _KNEE if description.acquisition.speed else _KNEE_WITHOUT_SPEED
@@ -60,8 +63,6 @@ def calibrate_unknown(
     balances, known = [], []
     h = windows[0].sample_period
     for number, window in enumerate(windows):
-        if reason := motion_defect(window, description):
-            raise ValueError(f"window {number}: {reason}")
         if abs(window.sample_period / h - 1.0) > 1e-6:
             raise ValueError(
                 f"window {number}: the sample period is {window.sample_period:g} s, that of the "
@@ -107,7 +108,11 @@ def calibrate_unknown(
 def motion_defect(window: Window, description: ActuatorDescription) -> str:
     """Return why nothing can be told from the motion of a window; empty when something can."""
     telemetry = window.telemetry
+    if not len(telemetry.current):
+        return "drive = unknown needs a measured current, and the telemetry has none"
     measured = has_speed(telemetry, description)
+    if measured != description.acquisition.speed:
+        return "the speed is not measured, although the description says so"
     moves = np.any(telemetry.speed) if measured else np.ptp(telemetry.position) > 0.0
     if not moves:
         flows = float(np.median(np.abs(telemetry.current)))

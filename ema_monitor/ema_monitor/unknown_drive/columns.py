@@ -69,8 +69,9 @@ class Columns:
 
 
 def has_speed(telemetry: Telemetry, description: ActuatorDescription) -> bool:
-    """Return whether the speed is measured."""
-    return description.acquisition.speed and bool(np.all(np.isfinite(telemetry.speed)))
+    """Return whether the speed is measured: the description says so, and the column is filled."""
+    speed = telemetry.speed
+    return description.acquisition.speed and bool(len(speed)) and bool(np.all(np.isfinite(speed)))
 
 
 def _integral(speed: NDArray[np.float64], h: float) -> NDArray[np.float64]:

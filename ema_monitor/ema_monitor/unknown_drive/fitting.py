@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_monitor.unknown_drive.balance import Balance
-from ema_monitor.unknown_drive.terms import BASIC
 
 _LAG_S: Final = 8e-3
 _FEWEST_LAGS: Final = 2
@@ -42,9 +41,6 @@ class Fit:
     ----------
     values, covariance
         Of the terms that were fitted; others are at the mean of their prior, with variance 0.
-    pull
-        How the terms follow the mean that the prior has of the current without torque, ``(terms,)``
-        [-]: where the motion does not tell it from friction, friction follows it.
     loads, load_covariances
         Load [A] and stiffness [A/rad] of each balance, ``(balances, 2)`` and ``(balances, 2, 2)``.
     rms, rms_before
@@ -57,7 +53,6 @@ class Fit:
 
     values: NDArray[np.float64]
     covariance: NDArray[np.float64]
-    pull: NDArray[np.float64]
     loads: NDArray[np.float64]
     load_covariances: NDArray[np.float64]
     rms: float
@@ -105,9 +100,6 @@ def fit(balances: Sequence[Balance], prior: Prior, fitted: NDArray[np.bool_], no
     values[chosen] += step
     covariance = np.zeros((len(values), len(values)))
     covariance[np.ix_(chosen, chosen)] = inverse @ meat @ inverse
-    pull = np.zeros(len(values))
-    of_dead = chosen == BASIC.index("dead_current")
-    pull[chosen] = inverse[:, of_dead] @ (scale / prior.sigma[chosen][of_dead]) ** 2
     rows = sum(int(np.count_nonzero(one.weight)) for one in balances)
     power = sum(float(r @ r) for r in left)
     total = max(sum(float(np.sum(one.weight**2)) for one in balances), 1e-12)
@@ -115,7 +107,6 @@ def fit(balances: Sequence[Balance], prior: Prior, fitted: NDArray[np.bool_], no
     return Fit(
         values,
         covariance,
-        pull,
         np.array([mean for mean, _ in loads]),
         np.array([spread for _, spread in loads]),
         float(np.sqrt(power / total)),

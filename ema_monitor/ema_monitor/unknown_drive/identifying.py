@@ -30,12 +30,15 @@ NOT_SEEN: Final = (
 """What this form never tells."""
 
 _SIGNIFICANT: Final = 2.68
+_CERTAIN: Final = 4.0
 _LOSS_MISMATCH: Final = 4e-3
 _LOSS_WITHOUT_SPEED: Final = 7e-3
 _FRICTION_MISMATCH: Final = (4e-3, 0.015)
 _FRICTION_WITHOUT_SPEED: Final = (6e-3, 0.03)
-_BACKLASH_MISMATCH: Final = 1.5e-3
-_BACKLASH_WITHOUT_SPEED: Final = 4e-3
+_BACKLASH_MISMATCH: Final = (1.5e-3, 0.0)
+_BACKLASH_WITHOUT_SPEED: Final = (4e-3, 0.01)
+_BACKLASH_OF_SLOW_RECORDS: Final = (8e-3, 0.12)
+_SLOW_S: Final = 4e-3
 _ECCENTRICITY_MISMATCH: Final = (0.02, 0.06)
 _LOAD_HIDES: Final = 0.4
 _FEWEST_ROWS: Final = 12
@@ -184,16 +187,15 @@ def _fitted(
     variance += (_LOSS_MISMATCH if unit.speed_measured else _LOSS_WITHOUT_SPEED) ** 2
     for one in (inertia, constant):
         variance += one.sigma**2 if one else 0.0
-    # Friction is a torque where the torque per ampere is known, else a current.
+    # What makes no torque is the same in both: where this motion knows it better, so is the
+    # healthy friction. Friction is a torque where the torque per ampere is known, else a current.
+    f_0 += unit.friction_pull * (found.values[3] - unit.terms[3])
     level = f / f_0 * (J_0 / J * heavier if is_learned else 1.0)
-    slope = np.array([-1.0 / J if is_learned else 0.0, 1.0 / f])
-    relative = slope @ found.covariance[:2, :2] @ slope
-    relative += (unit.friction_sigma / f_0) ** 2
+    slope = np.zeros(len(found.values))
+    slope[[0, 1, 3]] = -1.0 / J if is_learned else 0.0, 1.0 / f, -unit.friction_pull / f_0
+    relative = slope @ found.covariance @ slope + (unit.friction_sigma / f_0) ** 2
     if is_learned:
         relative += unit.covariance[0, 0] / J_0**2
-    # What makes no torque is the same in both, however well it is known.
-    common = found.pull[1] / f - unit.friction_pull / f_0
-    relative += common**2 * unit.covariance[3, 3]
     if not is_learned:
         relative += USUAL_TORQUE_CHANGE**2
     floor, share = _FRICTION_MISMATCH if unit.speed_measured else _FRICTION_WITHOUT_SPEED
@@ -222,8 +224,12 @@ def _backlash(balances: Sequence[Balance], unit: UnknownDriveUnit) -> tuple[floa
     width = float(weights @ [one.width for one in plays] / weights.sum())
     sigma = math.hypot(float(weights.sum() ** -0.5), unit.play_sigma)
     span = 99.0 * unit.parameters.BLK
-    mismatch = _BACKLASH_MISMATCH if unit.speed_measured else _BACKLASH_WITHOUT_SPEED
-    return (width - unit.play) / span, math.hypot(sigma / span, mismatch)
+    value = (width - unit.play) / span
+    floor, share = _BACKLASH_MISMATCH
+    if not unit.speed_measured:
+        is_slow = unit.sample_period > _SLOW_S
+        floor, share = _BACKLASH_OF_SLOW_RECORDS if is_slow else _BACKLASH_WITHOUT_SPEED
+    return value, math.hypot(sigma / span, math.hypot(floor, share * value))
 
 
 class _Conclusion:
@@ -287,7 +293,7 @@ class _Conclusion:
         sigma = m.loss_sigma * self._widening
         change = m.found.values[0] / self._unit.terms[0] - 1.0
         in_amperes = (m.found.values[1] / self._unit.terms[1] - 1.0) / 2.0
-        if m.loss > _SIGNIFICANT * sigma and friction < -_SIGNIFICANT * friction_sigma:
+        if m.loss > _CERTAIN * sigma and friction < -_CERTAIN * friction_sigma:
             # Torque was lost and friction as well: that is more inertia instead.
             self._instead("inertia", change, sigma / max(1.0 - m.loss, 0.1))
             return in_amperes, friction_sigma

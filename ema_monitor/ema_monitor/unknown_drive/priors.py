@@ -72,7 +72,8 @@ def prior_of(
     if "viscous_friction" in measured:
         sigma[2] = max(measured["viscous_friction"].sigma * abs(unit.terms[2]), 1e-9)
         mean[2] *= 1.0 + measured["viscous_friction"].value
-    sigma[3] = 0.3 * abs(unit.terms[3]) + 0.01 * friction
+    changed = 0.3 * abs(unit.terms[3]) + 0.01 * friction
+    sigma[3] = math.hypot(changed, math.sqrt(unit.covariance[3, 3]))
     sigma[4] = _LATER_S
     groups = ripples(unit.parameters.P)
     where = columns_of(groups)

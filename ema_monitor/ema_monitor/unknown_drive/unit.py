@@ -23,7 +23,7 @@ from ema_monitor.windows.window import Window
 FORMAT: Final = "unknown_drive_1"
 """Of the file."""
 
-LEARNED: Final = 0.03
+LEARNED: Final = 0.08
 """Relative standard deviation up to which the torque per ampere counts as known [-]."""
 
 _USED: Final = ("tau", "P", "BLK")
