@@ -3,14 +3,13 @@
 import array
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from rclpy.context import Context
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -32,7 +31,7 @@ from ema_sim import simulate
 
 from ..waiting import wait_for
 from .graph import Graph
-from .spinning import end, fail, made
+from .spinning import fail
 
 ROBOT = Path(__file__).with_name("robot.py")
 STATES = "/joint_states"
@@ -148,22 +147,27 @@ class Session:
         return next(item for item in self.bridge.tasks() if item.name == name)
 
 
-def make_bridge(context: Context, path: Path, **more: Any) -> BridgeNode:
-    given = {"mapping_file": str(path), "learn_s": 0.1, **more}
-    overrides = [Parameter(name, value=value) for name, value in given.items()]
-    return made(BridgeNode, context=context, parameter_overrides=overrides)
+@pytest.fixture
+def make_bridge(make_node) -> Callable[[Path], BridgeNode]:
+    """Make a bridge with a mapping; it is ended after what serves it."""
+
+    def make(path: Path) -> BridgeNode:
+        given = {"mapping_file": str(path), "learn_s": 0.1}
+        overrides = [Parameter(name, value=value) for name, value in given.items()]
+        return make_node(kind=BridgeNode, parameter_overrides=overrides)
+
+    return make
 
 
 @pytest.fixture
-def session(context, make_node, spin, mapping_file) -> Iterator[Session]:
+def session(context, make_node, make_bridge, spin, mapping_file) -> Session:
     """A bridge that is up, with a mapping of JointState and Float64."""
     command = {"topic": "/command", "source": "data", "between": "hold"}
-    bridge = make_bridge(context, mapping_file(command=command))
+    bridge = make_bridge(mapping_file(command=command))
     other = make_node("other")
     spin(NodeExecutor(fail, context=context), bridge, other)
     assert bridge.bring_up()
-    yield Session(bridge, other)
-    end(bridge)
+    return Session(bridge, other)
 
 
 def test_joint_states_become_telemetry_with_its_description(session):
@@ -198,17 +202,16 @@ def test_defect_withholds_telemetry_and_is_named_in_the_status(session):
     session.publish_until(lambda: session.bridge.tasks()[1].level != ERROR, "the end of it")
 
 
-def test_topic_that_nobody_publishes_is_named(context, make_node, spin, mapping_file):
-    bridge = make_bridge(context, mapping_file())
+def test_topic_that_nobody_publishes_is_named(context, make_bridge, spin, mapping_file):
+    bridge = make_bridge(mapping_file())
     spin(NodeExecutor(fail, context=context), bridge)
     assert bridge.bring_up()
     [task, _] = bridge.tasks()
     assert (task.level, task.message) == (WARN, "nobody publishes /joint_states, /command")
-    end(bridge)
 
 
-def test_topic_of_another_type_is_named(context, make_node, spin, mapping_file):
-    bridge, other = make_bridge(context, mapping_file()), make_node("other")
+def test_topic_of_another_type_is_named(context, make_node, make_bridge, spin, mapping_file):
+    bridge, other = make_bridge(mapping_file()), make_node("other")
     other.create_publisher(Float64, STATES, 10)
     spin(NodeExecutor(fail, context=context), bridge, other)
     assert bridge.bring_up()
@@ -217,7 +220,6 @@ def test_topic_of_another_type_is_named(context, make_node, spin, mapping_file):
         "topic /joint_states is published as std_msgs/msg/Float64: expected "
         "sensor_msgs/msg/JointState" in bridge.tasks()[0].message
     )
-    end(bridge)
 
 
 @pytest.mark.parametrize(
@@ -231,9 +233,10 @@ def test_topic_of_another_type_is_named(context, make_node, spin, mapping_file):
         ({"command": None}, "neither of command and error given"),
     ],
 )
-def test_mapping_that_cannot_work_is_refused_with_the_reason(context, mapping_file, changes, words):
-    bridge = make_bridge(context, mapping_file(**changes))
+def test_mapping_that_cannot_work_is_refused_with_the_reason(
+    make_bridge, mapping_file, changes, words
+):
+    bridge = make_bridge(mapping_file(**changes))
     assert not bridge.bring_up()
     assert bridge.state == "unconfigured"
     assert words in bridge._refused
-    end(bridge)
