@@ -6,6 +6,7 @@ The name of the cache folder therefore contains a digest of all sources that may
 
 import hashlib
 import importlib.util
+import logging
 import os
 from collections.abc import Callable
 from functools import cache
@@ -14,6 +15,8 @@ from typing import Any
 
 import numba
 from numba import config
+
+from ema_core.kernel_cache import KernelCache
 
 _KERNEL_PACKAGES = ("ema_core", "ema_sim", "ema_monitor")
 
@@ -32,20 +35,39 @@ def _cache_folder() -> str:
     return str(Path(root) / f"kernels-{digest.hexdigest()[:16]}")
 
 
+def _cache_of(function: Callable[..., Any]) -> KernelCache:
+    """Return the cache of a kernel; RuntimeError when it cannot be in the folder of all kernels."""
+    found = KernelCache(function)
+    if not Path(found.cache_path).is_relative_to(_cache_folder()):
+        # Elsewhere it would go stale when a kernel changes that this one calls.
+        raise RuntimeError(found.cache_path)
+    return found
+
+
 def kernel() -> Callable[[Callable[..., Any]], Any]:
     """Return the decorator that compiles a kernel.
 
     Kernels divide by zero according to IEEE 754, release the interpreter lock, never raise and are
-    cached on disk.
+    cached on disk where that is possible.
     """
 
     def compile_kernel(function: Callable[..., Any]) -> Any:
         # pyright does not see the options, which numba sets from the environment.
         shared_folder = config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
         config.CACHE_DIR = _cache_folder()  # pyright: ignore[reportAttributeAccessIssue]
+        compiled = numba.njit(error_model="numpy", nogil=True)(function)
         try:
-            return numba.njit(error_model="numpy", nogil=True, cache=True)(function)
+            compiled._cache = _cache_of(function)
+        except RuntimeError:
+            _log_once(f"{_cache_folder()} cannot be written: kernels are compiled at each start")
         finally:
             config.CACHE_DIR = shared_folder  # pyright: ignore[reportAttributeAccessIssue]
 
+        return compiled
+
     return compile_kernel
+
+
+@cache
+def _log_once(text: str) -> None:
+    logging.getLogger(__name__).warning(text)

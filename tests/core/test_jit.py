@@ -90,35 +90,74 @@ print(scaled(1.0), sum(scaled.stats.cache_hits.values()))
 """
 
 
-@pytest.mark.slow
-def test_kernel_sees_a_change_of_its_callee_in_another_file(tmp_path):
-    """What numba's own cache would miss. A process each, as modules and digest are kept in one."""
-    folder = tmp_path / "ema_monitor"
-    folder.mkdir()
-    (folder / "__init__.py").write_text("")
-    (folder / "outer.py").write_text(OUTER)
-    environment = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)]),
-        "PYTHONDONTWRITEBYTECODE": "1",
-        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
-    }
+class Kernels:
+    """A package with a kernel that calls one of another file, run in processes of their own."""
 
-    def run(factor: float) -> list[float]:
-        (folder / "inner.py").write_text(INNER.format(factor=factor))
+    def __init__(self, root: Path) -> None:
+        self.folder = root / "ema_monitor"
+        self.cache = root / "cache"
+        self.folder.mkdir()
+        (self.folder / "__init__.py").write_text("")
+        (self.folder / "outer.py").write_text(OUTER)
+        self._environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(root), *filter(None, sys.path)]),
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "NUMBA_CACHE_DIR": str(self.cache),
+        }
+
+    def run(self, factor: float = 2.0) -> tuple[list[float], str]:
+        """Return result and number of cache hits, and what was logged."""
+        (self.folder / "inner.py").write_text(INNER.format(factor=factor))
         done = subprocess.run(
             [sys.executable, "-c", "import ema_monitor.outer"],
-            env=environment,
+            env=self._environment,
             capture_output=True,
             text=True,
             check=True,
             timeout=100,
         )
-        return [float(word) for word in done.stdout.split()]
+        return [float(word) for word in done.stdout.split()], done.stderr
 
-    assert run(2.0) == [2.0, 0.0]
-    assert run(2.0) == [2.0, 1.0]  # unchanged: not compiled again
-    assert run(3.0) == [3.0, 0.0]
+    def files(self, suffix: str) -> list[Path]:
+        """The files of the cache of the kernel that is called."""
+        return [item for item in self.cache.rglob(f"*{suffix}") if "scaled" in item.name]
+
+
+@pytest.fixture
+def kernels(tmp_path: Path) -> Kernels:
+    return Kernels(tmp_path)
+
+
+@pytest.mark.slow
+def test_kernel_sees_a_change_of_its_callee_in_another_file(kernels):
+    """What numba's own cache would miss. A process each, as modules and digest are kept in one."""
+    assert kernels.run(2.0) == ([2.0, 0.0], "")
+    assert kernels.run(2.0) == ([2.0, 1.0], "")  # unchanged: not compiled again
+    assert kernels.run(3.0) == ([3.0, 0.0], "")
+
+
+@pytest.mark.slow
+def test_damaged_files_of_the_cache_are_named_and_made_anew(kernels):
+    kernels.run()
+    [index], [data] = kernels.files(".nbi"), kernels.files(".nbc")
+    whole = data.read_bytes()
+    middle = len(whole) // 2
+    changed = whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :]
+    for path, damaged in ((index, index.read_bytes()[:40]), (data, changed), (data, b"")):
+        path.write_bytes(damaged)
+        result, log = kernels.run()
+        assert result == [2.0, 0.0]
+        assert f"{path} is damaged: the kernel is compiled anew" in log
+    assert kernels.run() == ([2.0, 1.0], "")
+
+
+@pytest.mark.slow
+def test_kernels_are_compiled_where_nothing_can_be_cached(kernels):
+    kernels.cache.write_text("no folder")
+    result, log = kernels.run()
+    assert result == [2.0, 0.0]
+    assert log.count("cannot be written: kernels are compiled at each start") == 1
 
 
 def test_kernels_divide_by_zero_as_floats_do():
