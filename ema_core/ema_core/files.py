@@ -1,5 +1,7 @@
-"""Files that are written completely or not at all."""
+"""Files that are written completely or not at all, and read when they can be."""
 
+import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,8 +24,33 @@ def complete_file(path: Path) -> Iterator[Path]:
     partial = path.with_name(f"{path.name}.partial")
     try:
         yield partial
+        with partial.open("rb") as written:
+            os.fsync(written.fileno())  # else a loss of power may leave the new name with nothing
         partial.replace(path)
     except OSError as error:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     finally:
         partial.unlink(missing_ok=True)
+
+
+def read_regular_file(path: Path, most_bytes: int) -> bytes:
+    """Return the content of a file; neither a pipe nor a device is waited for.
+
+    Raises
+    ------
+    ValueError
+        When it is not a regular file, or larger than ``most_bytes``.
+    OSError
+        When it cannot be read.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise ValueError(f"{path} is not a regular file")
+        with os.fdopen(os.dup(descriptor), "rb") as file:
+            content = file.read(most_bytes + 1)
+    finally:
+        os.close(descriptor)
+    if len(content) > most_bytes:
+        raise ValueError(f"{path} is larger than {most_bytes:,} bytes")
+    return content

@@ -7,6 +7,7 @@ from typing import Any, Final
 import yaml
 
 from ema_core.wording import unknown_name
+from ema_core.yaml_file import load_yaml
 from ema_inputs.mapping import (
     AngleSource,
     Clock,
@@ -37,11 +38,9 @@ def load_mapping(path: Path) -> Mapping:
         When the file cannot be read or is no mapping; the message names the file.
     """
     try:
-        content = yaml.safe_load(path.expanduser().read_text(encoding="utf-8"))
+        content = load_yaml(path.expanduser())
     except OSError as error:
         raise ValueError(f"mapping file {path} cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not a YAML file: {error}") from error
     try:
         return mapping_from(content)
     except (TypeError, ValueError) as error:

@@ -4,12 +4,11 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import unknown_name
+from ema_core.yaml_file import load_yaml
 
 _NAMES = (
     *("actuator_id", "serial_number", "model", "sample_period", "drive"),
@@ -34,11 +33,9 @@ def load_description(path: Path) -> ActuatorDescription:
         impossible.
     """
     try:
-        content = yaml.safe_load(path.expanduser().read_text())
+        content = load_yaml(path.expanduser())
     except OSError as error:
         raise ValueError(f"actuator file {path} cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not a YAML file: {error}") from error
     if not isinstance(content, dict):
         raise ValueError(f"{path}: expected a mapping with {', '.join(_NAMES)}")
     for name in content:

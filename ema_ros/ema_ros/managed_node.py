@@ -17,6 +17,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.lifecycle.publisher import LifecyclePublisher
 from rclpy.qos import QoSProfile
 
+from ema_ros import topics
 from ema_ros.entities import destroy_entities, entities_of
 from ema_ros.peers import Peers, nodes_alive, nodes_in_touch
 from ema_ros.rclpy_private import (
@@ -26,7 +27,6 @@ from ema_ros.rclpy_private import (
     wrap_change_state,
 )
 from ema_ros.status import ERROR, OK, WARN, Task, status_message
-from ema_ros.topics import NAMESPACE
 
 _REPORT_S: Final = 1.0
 _AUTOSTART: Final = "autostart"
@@ -55,7 +55,7 @@ class ManagedNode(LifecycleNode):
     """
 
     def __init__(self, name: str, **kwargs: Any) -> None:
-        super().__init__(name, **{"namespace": NAMESPACE, **kwargs})
+        super().__init__(name, **{"namespace": topics.NAMESPACE, **kwargs})
         self.finished = threading.Event()
         self.stopping = threading.Event()
         self.exit_code = 0
@@ -118,6 +118,31 @@ class ManagedNode(LifecycleNode):
         """Destroy the node and its state machine."""
         super().destroy_node()
         release_state_machine(self)
+
+    def create_service(
+        self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **kwargs: Any
+    ) -> Any:
+        """Return a new service that answers every request, with the reason where it fails.
+
+        Parameters
+        ----------
+        srv_type, srv_name, kwargs
+            As of ``rclpy.node.Node.create_service``.
+        callback
+            As there; whatever it raises becomes ``message`` of a response without success.
+        """
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            except Exception as error:
+                if not hasattr(response, "message"):
+                    raise  # a service of rclpy itself
+                self.get_logger().error(f"{srv_name} failed: {error!r}\n{traceback.format_exc()}")
+                return srv_type.Response(message=f"failed: {error!r}")
+
+        kwargs = {"qos_profile": topics.SERVICE, **kwargs}
+        return super().create_service(srv_type, srv_name, answer, **kwargs)
 
     def add_publisher(
         self, message_class: Any, topic: str, qos: QoSProfile, *, quiet: bool = False

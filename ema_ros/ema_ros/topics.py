@@ -52,6 +52,9 @@ LATCHED_BY_MANY: Final = QoSProfile(
 """For subscriptions to latched topics, which may have a publisher for each actuator."""
 
 STREAM: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+SERVICE: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+"""For requests: beyond ten at once the usual depth would leave some without an answer."""
+
 STATE: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 ACTUATOR_TOPICS: Final = {

@@ -232,3 +232,16 @@ def test_missing_parameter_is_refused_by_name(refused, content):
     """It must not quietly become that of the built-in actuator."""
     parameters = {key: value for key, value in content["parameters"].items() if key != "R_s"}
     assert "R_s" in refused({**content, "parameters": parameters})
+
+
+def test_change_by_hand_is_permitted_and_logged(content, calibration, tmp_path, caplog):
+    path = tmp_path / "changed.yaml"
+    path.write_text(yaml.safe_dump({**content, "windows": 7}))
+    changed = Calibration.load(path)
+    assert changed.windows == 7
+    told = f"it was calibration {calibration.calibration_id} and is {changed.calibration_id}"
+    assert told in caplog.text
+    caplog.clear()
+    changed.save(path)
+    Calibration.load(path)
+    assert not caplog.text

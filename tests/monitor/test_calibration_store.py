@@ -1,5 +1,6 @@
 """Each unit has its own calibration, from where the setting says."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -78,12 +79,65 @@ def test_new_calibration_is_stored_and_used_for_its_unit_only(tmp_path: Path):
 
 
 def test_call_says_where_else_setting_else_own_folder(tmp_path: Path):
-    setting = f"{tmp_path}/set/{{actuator_id}}.yaml"
-    store = CalibrationStore(setting, tmp_path / "own")
+    setting, own = f"{tmp_path}/set/{{actuator_id}}.yaml", tmp_path / "own"
+    store = CalibrationStore(setting, own)
     assert kept(store, FLAP, SHIPPED, "") == tmp_path / "set" / "flap.yaml"
-    called = f"{tmp_path}/called/{{serial_number}}.yaml"
-    assert kept(store, FLAP, SHIPPED, called) == tmp_path / "called" / "SIM-0001.yaml"
-    assert CalibrationStore("", tmp_path).load(FLAP, called)[1].name == "SIM-0001.yaml"
+    called = "called/{serial_number}.yaml"
+    assert kept(store, FLAP, SHIPPED, called) == own / "called" / "SIM-0001.yaml"
+    assert CalibrationStore("", own).load(FLAP, called)[1].name == "SIM-0001.yaml"
+    assert CalibrationStore("", own).load(FLAP, f"{own}/{called}")[1].name == "SIM-0001.yaml"
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        "../up.yaml",
+        "/etc/calibration.yaml",
+        "~/calibration.yaml",
+        "~nouser/calibration.yaml",
+        "link/calibration.yaml",
+        ".bashrc",
+        "nul\0.yaml",
+        "long" * 2000 + ".yaml",
+    ],
+)
+def test_call_names_files_of_the_own_folder_alone(file: str, tmp_path: Path):
+    own = tmp_path / "own"
+    own.mkdir()
+    (own / "link").symlink_to(tmp_path)
+    store = CalibrationStore("", own)
+    for act in (store.prepare, store.load):
+        with pytest.raises((ValueError, OSError)):
+            act(FLAP, file)
+    assert [item.name for item in tmp_path.rglob("*")] == ["own", "link"]
+
+
+@pytest.mark.parametrize("content", ["export PATH=", "windows: many", ""])
+def test_what_is_no_calibration_is_not_replaced(content: str, tmp_path: Path):
+    file = tmp_path / "other.yaml"
+    file.write_text(content)
+    store = CalibrationStore("", tmp_path)
+    with pytest.raises(ValueError, match=r"other\.yaml is there, is no calibration"):
+        store.prepare(FLAP, "other.yaml")
+    SHIPPED.save(file)
+    assert store.prepare(FLAP, "other.yaml") == file
+
+
+def test_neither_pipe_nor_device_is_loaded(tmp_path: Path):
+    os.mkfifo(tmp_path / "pipe.yaml")
+    (tmp_path / "zero.yaml").symlink_to("/dev/zero")
+    store = CalibrationStore("", tmp_path)
+    with pytest.raises(ValueError, match="is not a regular file"):
+        store.load(FLAP, "pipe.yaml")
+    with pytest.raises(ValueError, match="inside"):
+        store.load(FLAP, "zero.yaml")
+    with pytest.raises(ValueError, match="is no calibration"):
+        store.prepare(FLAP, "pipe.yaml")
+
+
+def test_setting_with_the_home_of_nobody_is_refused(tmp_path: Path):
+    with pytest.raises(ValueError, match=r"calibration_file = '~nouser/c\.yaml'"):
+        CalibrationStore("~nouser/c.yaml", tmp_path)
 
 
 @pytest.mark.slow
@@ -120,12 +174,20 @@ def test_calibration_that_is_loaded_must_be_of_the_unit(tmp_path: Path):
     assert path == file
     assert identity(store.of(RUDDER)) == calibration.calibration_id
     with pytest.raises(FileNotFoundError, match="nowhere"):
-        store.load(RUDDER, str(tmp_path / "nowhere.yaml"))
+        store.load(RUDDER, "nowhere.yaml")
     assert identity(store.of(RUDDER)) == calibration.calibration_id
 
 
 @pytest.mark.parametrize(
-    "file", ["{serial}.yaml", "{0}", "{", "{actuator_id!x}", "{actuator_id.name}"]
+    "file",
+    [
+        "{serial}.yaml",
+        "{0}",
+        "{",
+        "{actuator_id!x}",
+        "{actuator_id.name}",
+        "{actuator_id:>3000000000}",
+    ],
 )
 def test_other_names_in_braces_are_refused(file: str, tmp_path: Path):
     with pytest.raises(ValueError, match=r"calibration_file = .*actuator_id"):

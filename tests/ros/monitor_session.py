@@ -37,8 +37,6 @@ from .spinning import end, made, ros_context, spinning, wait_for_match
 START_NS = 1_700_000_000_000_000_000
 FLAP = ActuatorDescription()
 CYCLE = build_cycle(THESIS_CHIRP, FLAP.sample_period)
-# As many as the process of the node has.
-THREADS = 8
 
 
 class Source:

@@ -16,18 +16,23 @@ from ema_interfaces.msg import FaultEstimate
 from ema_interfaces.srv import Calibrate
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.optimizers import ALGORITHMS
+from ema_ros import topics
 
 from ..waiting import DEADLINE_S, wait_for
 from .goals import Goal
-from .monitor_session import FLAP, THREADS, MonitorSession, Source, corrupted, in_window, monitor
+from .monitor_session import FLAP, MonitorSession, Source, corrupted, in_window, monitor
 
 NAME = "/ema/monitor/calibrate"
+# At once: more than the node has threads, and than the usual depth of a service.
+_GOALS = 50
 
 
 @pytest.fixture(scope="module")
-def session() -> Iterator[MonitorSession]:
+def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MonitorSession]:
     """A monitor that has identified one window of an actuator with friction."""
-    with monitor({"calibration_timeout_s": 1.0}) as running:
+    folder = tmp_path_factory.mktemp("calibrations")
+    settings = {"calibration_timeout_s": 1.0, "calibration_folder": str(folder)}
+    with monitor(settings) as running:
         running.describe()
         running.feed(Source(friction=0.3).cycle())
         assert running.next_estimate().valid
@@ -154,11 +159,15 @@ def test_many_goals_that_wait_do_not_keep_telemetry_out():
     with monitor() as session:
         session.describe()
         session.until_status("flap telemetry", "no telemetry so far")
-        client = ActionClient(session.probe, IdentifyFaults, "/ema/monitor/identify_faults")
+        client = ActionClient(
+            session.probe,
+            IdentifyFaults,
+            "/ema/monitor/identify_faults",
+            goal_service_qos_profile=topics.SERVICE,
+        )
         wait_for(client.server_is_ready, "the action")
-        # More than the node has threads.
         goal = IdentifyFaults.Goal(next_window=True, budget=617)
-        sent = [client.send_goal_async(goal) for _ in range(THREADS + 2)]
+        sent = [client.send_goal_async(goal) for _ in range(_GOALS)]
         wait_for(lambda sent=sent: all(item.done() for item in sent), "answers")
         answers = [item.result() for item in sent]
         assert [item is not None and item.accepted for item in answers].count(True) == 2
@@ -187,7 +196,8 @@ def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
     file = f"{tmp_path}/{{actuator_id}}_{{serial_number}}.yaml"
     own = tmp_path / "flap_SIM-0001.yaml"
     source = Source()
-    with monitor({"calibration_file": file}) as session:
+    settings = {"calibration_file": file, "calibration_folder": str(tmp_path)}
+    with monitor(settings) as session:
         session.describe()
         session.feed(source.cycle())
         refused = session.next_estimate()
@@ -216,7 +226,7 @@ def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
         assert (estimate.valid, estimate.calibration_id) == (True, calibration.calibration_id)
 
         Calibration.builtin().save(tmp_path / "shipped.yaml")
-        answer = calibrate(session, load=True, file=f"{tmp_path}/shipped.yaml")
+        answer = calibrate(session, load=True, file="shipped.yaml")
         assert answer.success, answer.message
         assert answer.calibration_id == Calibration.builtin().calibration_id
         assert "not learned from the healthy windows: viscous friction" in answer.message
@@ -224,10 +234,11 @@ def test_calibration_is_made_stored_used_and_loaded(tmp_path: Path):
         assert session.next_estimate().calibration_id == answer.calibration_id
 
 
-def test_calibration_that_does_not_come_about_says_why(session: MonitorSession, tmp_path: Path):
-    other = tmp_path / "other.yaml"
+def test_calibration_that_does_not_come_about_says_why(session: MonitorSession):
+    folder = session.node._store._own_folder
+    other = folder / "other.yaml"
     replace(Calibration.builtin(), serial_number="SIM-0002").save(other)
-    wrong = tmp_path / "wrong.yaml"
+    wrong = folder / "wrong.yaml"
     wrong.write_text("windows: many")
     for request, text in (
         ({"windows": 0}, "windows = 0"),
@@ -235,7 +246,10 @@ def test_calibration_that_does_not_come_about_says_why(session: MonitorSession, 
         ({"windows": 1, "actuator_id": "rudder"}, "'rudder' is not monitored"),
         ({"load": True, "file": str(other)}, "SIM-0002"),
         ({"load": True, "file": str(wrong)}, str(wrong)),
-        ({"load": True, "file": f"{tmp_path}/nowhere.yaml"}, "No such file"),
+        ({"load": True, "file": "nowhere.yaml"}, "No such file"),
+        ({"load": True, "file": "/dev/zero"}, "parameter calibration_folder"),
+        ({"windows": 1, "file": "~nouser/x"}, "parameter calibration_folder"),
+        ({"windows": 1, "file": "wrong.yaml"}, "is no calibration and is not replaced"),
         ({"load": True, "file": "/{which}.yaml"}, "{which}"),
     ):
         answer = calibrate(session, **request)
@@ -244,14 +258,14 @@ def test_calibration_that_does_not_come_about_says_why(session: MonitorSession, 
 
 
 def test_calibration_that_cannot_be_stored_is_not_half_used(tmp_path: Path):
-    (tmp_path / "folder.yaml").mkdir()
     source = Source()
-    with monitor() as session:
+    with monitor({"calibration_folder": str(tmp_path)}) as session:
         session.describe()
         session.until_status("flap telemetry", "no telemetry so far")
-        request = Calibrate.Request(windows=1, file=f"{tmp_path}/folder.yaml")
+        request = Calibrate.Request(windows=1, file="folder.yaml")
         future = session.start(Calibrate, NAME, request)
         until_waited_for(session)
+        (tmp_path / "folder.yaml").mkdir()
         session.feed(source.cycle())
         answer = session.result(future)
         session.next_estimate()
@@ -259,6 +273,18 @@ def test_calibration_that_cannot_be_stored_is_not_half_used(tmp_path: Path):
         used = session.next_estimate().calibration_id != Calibration.builtin().calibration_id
         # "whether the monitor now uses the calibration"
         assert answer.success == used, answer.message
+
+
+def test_request_that_fails_unexpectedly_is_answered(session: MonitorSession, monkeypatch):
+    def fail(*_: Any) -> None:
+        raise OverflowError("too large")
+
+    monkeypatch.setattr(session.node._store, "load", fail)
+    answer = calibrate(session, load=True, file="x.yaml")
+    assert (answer.success, answer.message) == (False, "failed: OverflowError('too large')")
+    monkeypatch.setattr(session.node._calls, "_identify_for", fail)
+    _, result = Goal(session).result()
+    assert (result.success, result.message) == (False, "failed: OverflowError('too large')")
 
 
 @pytest.mark.parametrize("call", ["calibrate", "identify"])

@@ -1,7 +1,5 @@
 """Calibration of the monitor model with healthy windows of a unit, and its file."""
 
-import hashlib
-import json
 import math
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
@@ -10,15 +8,15 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from ema_core.acquisition import USUAL, Acquisition
 from ema_core.description import ActuatorDescription
-from ema_core.files import complete_file
 from ema_core.parameters import ActuatorParameters, FieldOrientedParameters
 from ema_core.wording import counted
+from ema_core.yaml_file import load_yaml
 from ema_monitor.calibration.alignment import moved, shift_if_same
+from ema_monitor.calibration.files import identity_of, log_if_changed, write_calibration
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import FORMS_OF_DRIVES, MonitorModel, Response
 from ema_monitor.windows.window import Window
@@ -173,8 +171,7 @@ class Calibration:
     @cached_property
     def calibration_id(self) -> str:
         """Identity of the content: the same figures give the same name."""
-        text = json.dumps(self._as_mapping(), sort_keys=True)
-        return f"{self.serial_number}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
+        return identity_of(self.serial_number, self._as_mapping())
 
     def __str__(self) -> str:
         known = f"{self.healthy_rms:.4f} A" if math.isfinite(self.healthy_rms) else "unknown"
@@ -337,11 +334,7 @@ class Calibration:
         path
             File to write; an existing one is replaced only once the new one is complete.
         """
-        content = yaml.safe_dump(
-            self._as_mapping(), sort_keys=False, default_flow_style=None, width=96
-        )
-        with complete_file(path) as partial:
-            partial.write_text(content)
+        write_calibration(path, self._as_mapping(), self.calibration_id)
 
     @classmethod
     @cache
@@ -371,18 +364,31 @@ class Calibration:
         OSError
             When it cannot be read.
         """
-        try:
-            content = yaml.load(
-                path.read_text(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-            )
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise ValueError(f"{path} is not a YAML file: {error}") from error
+        return cls.of_content(path, load_yaml(path))
+
+    @classmethod
+    def of_content(cls, path: Path, content: Any) -> "Calibration":
+        """Return the calibration that a file holds.
+
+        Parameters
+        ----------
+        path
+            The file, for the messages.
+        content
+            What it holds, in plain values.
+
+        Raises
+        ------
+        ValueError
+            When that is no calibration; the message names file and defect.
+        """
         if not isinstance(content, dict) or content.get("format") != _FORMAT:
             raise ValueError(
                 f"{path} is not a calibration of format {_FORMAT}; "
                 "make it anew with `ema calibrate`"
             )
-        content.pop("format")
+        content = {name: value for name, value in content.items() if name != "format"}
+        made_as = content.pop("calibration_id", None)
         try:
             given = content["parameters"]
             content["parameters"] = ActuatorParameters().replace(given)
@@ -395,9 +401,11 @@ class Calibration:
                 raise ValueError(f"unit = {content['unit']!r}: expected deviations by name")
             content["unit"] = Deviations(**content["unit"])
             content["acquisition"] = Acquisition(**content.get("acquisition", {}))
-            return cls(**content)
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            loaded = cls(**content)
+        except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{path} is a damaged calibration: {error}") from error
+        log_if_changed(path, made_as, loaded.calibration_id)
+        return loaded
 
     def _as_mapping(self) -> dict[str, Any]:
         content = {"format": _FORMAT, **asdict(self)}
@@ -427,5 +435,5 @@ def _unused_by(form: str) -> tuple[str, ...]:
 def _numbers(name: str, values: Any) -> NDArray[np.float64]:
     try:
         return np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         raise ValueError(f"{name} is not made of numbers") from None

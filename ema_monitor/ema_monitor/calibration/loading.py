@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
-
-import yaml
 
 from ema_core.description import ActuatorDescription
+from ema_core.yaml_file import load_yaml
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.files import log_if_changed
 from ema_monitor.calibration.fit import calibrate
 from ema_monitor.unknown_drive.calibrating import calibrate_unknown
 from ema_monitor.unknown_drive.unit import FORMAT, UnknownDriveUnit
@@ -27,17 +26,15 @@ def load_calibration(path: Path) -> AnyCalibration:
     OSError
         When it cannot be read.
     """
-    with path.open("rb") as file:
-        is_unknown_drive = file.readline().strip() == f"format: {FORMAT}".encode()
-    if not is_unknown_drive:
-        return Calibration.load(path)
+    content = load_yaml(path)
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        return Calibration.of_content(path, content)
     try:
-        content: dict[str, Any] = yaml.load(
-            path.read_text(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-        )
-        return UnknownDriveUnit.of_mapping(content)
-    except (AttributeError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:
+        loaded = UnknownDriveUnit.of_mapping(content)
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} is a damaged calibration: {error}") from error
+    log_if_changed(path, content.get("calibration_id"), loaded.calibration_id)
+    return loaded
 
 
 def calibrate_unit(

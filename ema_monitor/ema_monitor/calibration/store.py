@@ -1,11 +1,16 @@
 """Calibrations of the monitored actuators, and where they are stored."""
 
+import re
 from pathlib import Path
+from typing import Final
 from urllib.parse import quote
 
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.files import is_calibration_file
 from ema_monitor.calibration.loading import AnyCalibration, load_calibration
+
+_SUFFIXES: Final = (".yaml", ".yml")
 
 
 class CalibrationStore:
@@ -17,19 +22,20 @@ class CalibrationStore:
         Where calibrations are: ``{actuator_id}`` and ``{serial_number}`` in it stand for those of
         the actuator. Empty: the shipped calibration of the built-in actuator is used.
     own_folder
-        Where new ones are stored when neither ``file`` nor the call says where.
+        The folder in which a call may name a file, and where new ones are stored when neither
+        ``file`` nor the call says where.
 
     Raises
     ------
     ValueError
-        When ``file`` holds other names in braces.
+        When ``file`` holds other names in braces, or a home that does not exist.
     """
 
     def __init__(self, file: str, own_folder: Path) -> None:
         self._file = file
         self._own_folder = own_folder
         self._in_use: dict[tuple[str, str], AnyCalibration] = {}
-        self._path(file, ActuatorDescription())
+        self._set_path(ActuatorDescription())
 
     def of(self, description: ActuatorDescription) -> AnyCalibration | str:
         """Return the calibration of an actuator, or why there is none.
@@ -44,7 +50,7 @@ class CalibrationStore:
             if not self._file:
                 self._in_use[key] = Calibration.builtin()
                 return self._in_use[key]
-            path = self._path(self._file, description)
+            path = self._set_path(description)
             try:
                 self._in_use[key] = load_calibration(path)
             except FileNotFoundError:
@@ -63,7 +69,7 @@ class CalibrationStore:
         description
             The actuator.
         file
-            The file; empty for the usual place.
+            The file, in the own folder; empty for the usual place.
 
         Returns
         -------
@@ -73,7 +79,7 @@ class CalibrationStore:
         Raises
         ------
         ValueError
-            When it is no calibration, or not of this unit; the one in use stays.
+            When it is no calibration, not of this unit, or elsewhere; the one in use stays.
         OSError
             When it cannot be read.
         """
@@ -92,15 +98,17 @@ class CalibrationStore:
         description
             The actuator.
         file
-            Where to store it; empty for the usual place.
+            Where to store it, in the own folder; empty for the usual place.
 
         Raises
         ------
         ValueError
-            When ``file`` holds other names in braces than ``__init__`` allows, or the folder
-            cannot be made.
+            When ``file`` is elsewhere or holds other names in braces than ``__init__`` allows,
+            when what is there is no calibration, or when the folder cannot be made.
         """
         path = self._place(description, file)
+        if path.exists() and not is_calibration_file(path):
+            raise ValueError(f"{path} is there, is no calibration and is not replaced")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -137,24 +145,47 @@ class CalibrationStore:
         self._in_use[description.actuator_id, description.serial_number] = calibration
 
     def _place(self, description: ActuatorDescription, file: str) -> Path:
-        if file or self._file:
-            return self._path(file or self._file, description)
+        if file:
+            return self._called_path(file, description)
+        if self._file:
+            return self._set_path(description)
         name = f"calibration_{description.actuator_id}_{description.serial_number}.yaml"
         return self._own_folder / _as_file_name(name)
 
-    @staticmethod
-    def _path(file: str, description: ActuatorDescription) -> Path:
-        names = {
-            "actuator_id": _as_file_name(description.actuator_id),
-            "serial_number": _as_file_name(description.serial_number),
-        }
+    def _set_path(self, description: ActuatorDescription) -> Path:
+        """Return the path by the setting, which may be anywhere."""
         try:
-            return Path(file.format_map(names)).expanduser()
-        except (AttributeError, KeyError, IndexError, ValueError) as error:
+            return Path(_filled(self._file, description)).expanduser()
+        except (RuntimeError, ValueError) as error:
+            raise ValueError(f"calibration_file = {self._file!r}: {error}") from error
+
+    def _called_path(self, file: str, description: ActuatorDescription) -> Path:
+        """Return the path that a call names, which any node of the graph can make."""
+        try:
+            path = (self._own_folder / _filled(file, description)).resolve()
+        except (OSError, RuntimeError, ValueError) as error:
+            raise ValueError(f"file = {file!r}: {error}") from error
+        is_inside = path.is_relative_to(self._own_folder.resolve())
+        if not is_inside or path.suffix not in _SUFFIXES or file.startswith("~"):
             raise ValueError(
-                f"calibration_file = {file!r}: expected a path, in which {{actuator_id}} and "
-                "{serial_number} may stand"
-            ) from error
+                f"file = {file!r}: expected a name that ends in {' or '.join(_SUFFIXES)}, inside "
+                f"{self._own_folder} (parameter calibration_folder)"
+            )
+        return path
+
+
+def _filled(path: str, description: ActuatorDescription) -> str:
+    """Return a path with the names of an actuator in the places of their braces."""
+    names = {
+        "actuator_id": _as_file_name(description.actuator_id),
+        "serial_number": _as_file_name(description.serial_number),
+    }
+    plain = re.sub(r"\{(\w*)\}", lambda found: "" if found[1] in names else found[0], path)
+    if "{" in plain or "}" in plain:
+        raise ValueError(
+            "expected a path, in which {actuator_id} and {serial_number} may stand in braces"
+        )
+    return re.sub(r"\{(\w+)\}", lambda found: names[found[1]], path)
 
 
 def _as_file_name(name: str) -> str:

@@ -2,6 +2,7 @@
 
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -27,6 +28,7 @@ from ema_monitor.node.unit import Unit
 from ema_monitor.node.units import Units
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
+from ema_ros import topics
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.faults import faults_to_message
 from ema_ros.settings import LiveSettings
@@ -91,6 +93,9 @@ class MonitorCalls:
             self._identify,
             goal_callback=self._accept_or_reject,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
+            goal_service_qos_profile=topics.SERVICE,
+            result_service_qos_profile=topics.SERVICE,
+            cancel_service_qos_profile=topics.SERVICE,
         )
 
     @property
@@ -227,6 +232,9 @@ class MonitorCalls:
             self._identify_for(goal, result)
         except ValueError as error:
             result.message = str(error)
+        except Exception as error:
+            result.message = f"failed: {error!r}"
+            self._log.error(f"identify_faults {result.message}\n{traceback.format_exc()}")
         finally:
             self._free_goals.release()
         if not result.estimate.algorithm:

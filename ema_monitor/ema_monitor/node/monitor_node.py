@@ -94,7 +94,7 @@ class MonitorNode(ManagedNode):
     def configure(self) -> None:
         """Read the files, and create what publishes and serves."""
         files = read(self, Files)
-        self._store = CalibrationStore(files.calibration_file, folder_of("$ROS_HOME/ema"))
+        self._store = CalibrationStore(files.calibration_file, folder_of(files.calibration_folder))
         described = load_description(Path(files.actuator_file)) if files.actuator_file else None
         message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
         self._estimates = self.add_publisher(message_class, topics.FAULT_ESTIMATE, qos)

@@ -26,6 +26,10 @@ class Files:
         "calibration file; {actuator_id} and {serial_number} in the path are replaced by those of "
         "the actuator; empty: the shipped calibration of the built-in actuator",
     )
+    calibration_folder: str = text(
+        "$ROS_HOME/ema",
+        "folder of the calibrations that ~/calibrate makes or loads by a name of its request",
+    )
     actuator_file: str = text("", "description of an actuator that publishes none; empty: none")
     history_folder: str = text(
         "$ROS_HOME/ema/history",

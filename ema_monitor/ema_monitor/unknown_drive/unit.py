@@ -1,7 +1,5 @@
 """Calibration of a unit whose drive is unknown: its healthy current balance, and its file (M44)."""
 
-import hashlib
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -10,13 +8,12 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
-from ema_core.files import complete_file
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
+from ema_monitor.calibration.files import identity_of, write_calibration
 from ema_monitor.unknown_drive.terms import BASIC, columns_of, ripples
 from ema_monitor.windows.window import Window
 
@@ -109,8 +106,7 @@ class UnknownDriveUnit:
     @cached_property
     def calibration_id(self) -> str:
         """Identity of the content: the same figures give the same name."""
-        text = json.dumps(self._as_mapping(), sort_keys=True)
-        return f"{self.serial_number}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"
+        return identity_of(self.serial_number, self._as_mapping())
 
     def __str__(self) -> str:
         J, f = self.terms[:2]
@@ -207,11 +203,7 @@ class UnknownDriveUnit:
 
     def save(self, path: Path) -> None:
         """Write the calibration to a YAML file; an existing one is replaced once it is complete."""
-        content = yaml.safe_dump(
-            self._as_mapping(), sort_keys=False, default_flow_style=None, width=96
-        )
-        with complete_file(path) as partial:
-            partial.write_text(content)
+        write_calibration(path, self._as_mapping(), self.calibration_id)
 
     @classmethod
     def of_mapping(cls, content: Mapping[str, Any]) -> Self:
@@ -222,7 +214,11 @@ class UnknownDriveUnit:
         ValueError, KeyError, TypeError
             When it describes none.
         """
-        values = {name: value for name, value in content.items() if name != "format"}
+        values = {
+            name: value
+            for name, value in content.items()
+            if name not in ("format", "calibration_id")
+        }
         values["parameters"] = ActuatorParameters().replace(values["parameters"])
         for name in ("terms", "covariance"):
             values[name] = np.array(values[name], dtype=np.float64)

@@ -1,0 +1,97 @@
+"""YAML files of bounded size, without what a reader would not see: a key twice, a huge number."""
+
+import re
+from itertools import chain
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from ema_core.files import read_regular_file
+
+MOST_BYTES: Final = 64_000_000
+"""Size of a file that is read."""
+
+_MOST_VALUES: Final = 5_000_000
+_LARGEST: Final = 2**63
+_DEEPEST: Final = 200
+_Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Loader(_Base):
+    """Refuses a key that is given twice, and whole numbers beyond 64 bits."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        seen = set()
+        for key, _ in node.value:
+            if key.value == "<<" or not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.value in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"{key.value} is given twice", key.start_mark
+                )
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+    def construct_bounded(self, node: Any) -> int:
+        """Return a whole number."""
+        digits = len(node.value)
+        value = self.construct_yaml_int(node) if digits < 100 else _LARGEST
+        if not -_LARGEST <= value < _LARGEST:
+            text = node.value if digits < 30 else f"a number of {digits} digits"
+            raise yaml.constructor.ConstructorError(
+                None, None, f"{text}: expected at most 64 bits", node.start_mark
+            )
+        return value
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_bounded)
+
+
+def load_yaml(path: Path) -> Any:
+    """Return what a YAML file holds, in plain values.
+
+    Raises
+    ------
+    ValueError
+        When it is no regular file, too large or no YAML; the message names file and defect.
+    OSError
+        When it cannot be read.
+    """
+    content = read_regular_file(path, MOST_BYTES)
+    try:
+        if _is_nested_deeply(content):
+            raise ValueError("it is nested too deeply")
+        loaded = yaml.load(content.decode(), Loader=_Loader)
+        if _holds_too_much(loaded):
+            raise ValueError(f"it stands for more than {_MOST_VALUES:,} values")
+    except (yaml.YAMLError, ValueError) as error:
+        raise ValueError(f"{path} is not a YAML file: {error}") from error
+    return loaded
+
+
+def _is_nested_deeply(content: bytes) -> bool:
+    """Return whether the loader, which calls itself, might use up its stack, and the process."""
+    depth = deepest = 0
+    for bracket in re.finditer(rb"[\[\]{}]", content):
+        depth += 1 if bracket[0] in b"[{" else -1
+        deepest = max(deepest, depth)
+    lines = content.splitlines()
+    indented = max((len(line) - len(line.lstrip(b" -?:")) for line in lines), default=0)
+    return max(deepest, indented) > _DEEPEST
+
+
+def _holds_too_much(content: Any) -> bool:
+    """Return whether there are too many values; a value counts wherever it is referred to."""
+    count, level = 0, [content]
+    while level:
+        parts = [
+            value.values() if isinstance(value, dict) else value
+            for value in level
+            if isinstance(value, dict | list)
+        ]
+        count += sum(map(len, parts))
+        if count > _MOST_VALUES:
+            return True
+        level = list(chain.from_iterable(parts))
+    return False
