@@ -7,6 +7,8 @@ import pytest
 
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
+from ema_monitor.windows import finder as finder_module
+from ema_monitor.windows import trigger as trigger_module
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
@@ -213,3 +215,53 @@ def test_command_that_never_rests_is_named_with_what_counts_as_rest():
     too_little = WindowFinder(replace(SETTINGS, windows="any_motion"), FLAP)
     fed(too_little, stream(1e-2 * np.tile(CYCLE, 4)))
     assert "the command never travels" in too_little.obstacle
+
+
+def kept_samples(finder: WindowFinder) -> tuple[int, int]:
+    """Number of blocks that a finder keeps, and of their samples."""
+    kept = finder._trigger._blocks if finder._trigger else list(finder._undescribed)
+    return len(kept), sum(map(len, kept))
+
+
+@pytest.mark.parametrize("description", [None, FLAP])
+def test_what_is_kept_is_bounded_whatever_the_period(monkeypatch, description):
+    for module in (finder_module, trigger_module):
+        monkeypatch.setattr(module, "MOST_SAMPLES", 5000)
+        monkeypatch.setattr(module, "MOST_BLOCKS", 70)
+    finder = WindowFinder(SETTINGS, description)
+    # Equal stamps, so that none is too old: 20,000 samples, in blocks of 100 and of 1.
+    telemetry = stream(np.zeros(20_000))
+    for block in blocks(telemetry, 100):
+        finder.feed(replace(block, stamp_ns=START_NS) if description is None else block)
+    count, samples = kept_samples(finder)
+    assert count <= 70
+    assert samples <= 5000 + 100
+    for block in blocks(stream(np.zeros(500), 20_001), 1):
+        finder.feed(block)
+    assert kept_samples(finder)[0] <= 71
+    # And windows are found as ever.
+    for block in blocks(cycles(2, 20_501), 100):
+        finder.feed(block)
+    if description is None:
+        finder.describe(FLAP)
+    assert finder.windows == 2
+
+
+def test_period_at_which_a_window_would_take_all_memory_is_named():
+    finder = WindowFinder(SETTINGS, FLAP)
+    block = replace(stream(np.zeros(100)), sample_period=1e-9)
+    event = [item for _ in range(3) for item in finder.feed(block)][-1]
+    assert isinstance(event, Defect)
+    assert "sample_period = 1e-09 s: a window of 0.05 s would have 50,000,000 samples" in (
+        event.reason
+    )
+    assert kept_samples(finder)[0] == 0
+    assert len(found_in(fed(finder, cycles(1)))) == 1
+
+
+def test_window_of_too_many_blocks_is_refused_and_the_next_one_found(monkeypatch):
+    monkeypatch.setattr(trigger_module, "MOST_BLOCKS", 300)
+    finder = WindowFinder(SETTINGS, FLAP)
+    events = fed(finder, cycles(1), 1)
+    assert "more than 300 blocks" in events[0].window.reason
+    assert isinstance(found_in(fed(finder, cycles(1, 901)))[0].window, Window)

@@ -14,6 +14,8 @@ from ema_monitor.windows.stretches import StretchTrigger
 from ema_monitor.windows.trigger import (
     ANY_MOTION,
     LOOKBACK_S,
+    MOST_BLOCKS,
+    MOST_SAMPLES,
     Defect,
     Refusal,
     TriggerSettings,
@@ -91,6 +93,7 @@ class WindowFinder:
         self._samples = 0
         self._settings = settings
         self._undescribed: deque[Telemetry | Defect] = deque()
+        self._undescribed_samples = 0
         self._trigger: WindowTrigger | None = None
         self._last: Telemetry | None = None
         self._period_reported = False
@@ -156,6 +159,7 @@ class WindowFinder:
         self._trigger = _trigger(description, self._settings)
         self._period_reported = False
         undescribed, self._undescribed = self._undescribed, deque()
+        self._undescribed_samples = 0
         for item in undescribed:
             if isinstance(item, Defect):
                 events += self._number([self._trigger.interrupt(item.stamp_ns, item.reason)])
@@ -230,8 +234,14 @@ class WindowFinder:
         """Keep an item until the description is known, and drop those that are too old."""
         self._undescribed.append(item)
         oldest_ns = item.stamp_ns - round(LOOKBACK_S * 1e9)
-        while self._undescribed[0].stamp_ns < oldest_ns:
-            self._undescribed.popleft()
+        self._undescribed_samples += len(item) if isinstance(item, Telemetry) else 0
+        while self._undescribed and (
+            self._undescribed[0].stamp_ns < oldest_ns
+            or self._undescribed_samples > MOST_SAMPLES
+            or len(self._undescribed) > MOST_BLOCKS
+        ):
+            dropped = self._undescribed.popleft()
+            self._undescribed_samples -= len(dropped) if isinstance(dropped, Telemetry) else 0
 
     def _scan(self, block: Telemetry) -> list[Segment | Defect]:
         if self._trigger is None or self.description is None:

@@ -20,6 +20,12 @@ from ema_monitor.windows.window import Window
 LOOKBACK_S: Final = 10.0
 """How much telemetry is kept, to determine how a window was approached [s]."""
 
+MOST_SAMPLES: Final = 2_000_000
+"""How many samples are kept at most, whatever their period."""
+
+MOST_BLOCKS: Final = 50_000
+"""How many blocks are kept at most, however few samples each has."""
+
 TEST_CYCLE: Final = "test_cycle"
 """Windows that begin when the command leaves its rest, each identified by itself."""
 
@@ -157,13 +163,26 @@ class WindowTrigger:
         events: list[Window | Refusal | Defect] = []
         if self._blocks and (reason := _break_between(self._blocks[-1], block)):
             events.append(self.interrupt(block.stamp_ns, reason))
-        if reason := _not_finite(block):
+        if reason := _not_finite(block) or self._too_many(block):
             events.append(self.interrupt(block.stamp_ns, reason))
             return events
         self._blocks.append(block)
         events += self._scan(block)
         self._forget()
         return events
+
+    def _too_many(self, block: Telemetry) -> str:
+        """Return why a window would take more memory than there may be; empty when it does not."""
+        samples = round(self.settings.window_s / block.sample_period)
+        if samples > MOST_SAMPLES // 2:
+            return (
+                f"sample_period = {block.sample_period:g} s: a window of "
+                f"{self.settings.window_s:g} s would have {samples:,} samples, expected at most "
+                f"{MOST_SAMPLES // 2:,}"
+            )
+        if len(self._blocks) >= MOST_BLOCKS and self._is_needed(self._blocks[0]):
+            return f"the window is made of more than {MOST_BLOCKS:,} blocks"
+        return ""
 
     def finish(self) -> list[Refusal]:
         """Return the refusal of a window that the end of the telemetry cut off, if there is one."""
@@ -274,11 +293,19 @@ class WindowTrigger:
     def _forget(self) -> None:
         """Drop blocks that are too old to matter."""
         last = self._blocks[-1]
-        oldest = last.first_index - round(LOOKBACK_S / last.sample_period)
-        if self._start is not None:
-            oldest = self._start - round(LOOKBACK_S / last.sample_period)
-        while self._blocks[0].first_index + len(self._blocks[0]) < oldest:
-            self._blocks.pop(0)
+        kept = min(round(LOOKBACK_S / last.sample_period), MOST_SAMPLES // 2)
+        oldest = (last.first_index if self._start is None else self._start) - kept
+        count = 0
+        while self._blocks[count].first_index + len(self._blocks[count]) < oldest:
+            count += 1
+        beyond = len(self._blocks) - MOST_BLOCKS
+        while count < beyond and not self._is_needed(self._blocks[count]):
+            count += 1
+        del self._blocks[:count]
+
+    def _is_needed(self, block: Telemetry) -> bool:
+        """Return whether a block holds a part of the window that is open."""
+        return self._start is not None and block.first_index + len(block) > self._start
 
 
 def play_after(command: NDArray[np.float64], travel: float, tolerance: float) -> float | None:
