@@ -14,10 +14,12 @@ setup(
         "ema_core",
         "ema_monitor",
         "ema_ros",
+        "lz4>=4.3,<5",
         "mcap>=1.2,<2",
         "numpy>=1.26,<3",
         "pyyaml>=6,<7",
         "rosbags>=0.11,<0.12",
+        "zstandard>=0.22,<1",
     ],
     python_requires=">=3.11",
     data_files=[

@@ -1,4 +1,4 @@
-"""Bags of any make as series: MCAP by our own reader, sqlite3 and compressed ones by rosbags."""
+"""Bags of any make as series: MCAP by our own reader, sqlite3 by rosbags."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -13,7 +13,10 @@ from ema_core.wording import unknown_name
 from ema_inputs.mapping import Mapping
 from ema_inputs.series import Collector, Series
 from ema_recording.metadata import METADATA_FILE
+from ema_recording.packed import PACKED_SUFFIX
 from ema_recording.reader import Bag
+
+_PACKED_MCAP = f".mcap{PACKED_SUFFIX}"
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ class BagTopic:
 
 def is_bag(path: Path) -> bool:
     """Return whether a path looks like a bag: a folder, or a file of a storage of rosbag2."""
-    return path.is_dir() or path.suffix in (".mcap", ".db3")
+    return path.is_dir() or path.suffix in (".mcap", ".db3") or path.name.endswith(_PACKED_MCAP)
 
 
 class AnyBag:
@@ -53,7 +56,7 @@ class AnyBag:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._bag: Bag | None = None
-        if _is_plain_mcap(path):
+        if _is_mcap(path):
             self._bag = Bag(path)
             self.topics = {
                 name: BagTopic(topic.type_name, topic.count)
@@ -142,7 +145,7 @@ def bag_series(bag: AnyBag, mapping: Mapping) -> tuple[dict[str, Series], str]:
     return found, collector.problem()
 
 
-def _is_plain_mcap(path: Path) -> bool:
+def _is_mcap(path: Path) -> bool:
     if path.is_file() or not path.exists():
         return path.suffix != ".db3"
     metadata = path / METADATA_FILE
@@ -152,9 +155,6 @@ def _is_plain_mcap(path: Path) -> bool:
 
     try:
         information = yaml.safe_load(metadata.read_text(encoding="utf-8"))
-        information = information["rosbag2_bagfile_information"]
-        return information["storage_identifier"] == "mcap" and (
-            information["compression_mode"].lower() in ("", "none")
-        )
-    except (yaml.YAMLError, LookupError, TypeError, AttributeError, UnicodeDecodeError):
+        return information["rosbag2_bagfile_information"]["storage_identifier"] == "mcap"
+    except (yaml.YAMLError, LookupError, TypeError, UnicodeDecodeError):
         return True  # the reader of MCAP says what is wrong

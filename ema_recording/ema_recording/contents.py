@@ -5,12 +5,12 @@ import struct
 import zlib
 from collections import Counter
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Schema, Statistics
 
+from ema_recording.packed import check_compression
 from ema_recording.records import (
     MAGIC,
     DamageError,
@@ -63,47 +63,46 @@ class Contents:
     damage: list[str] = field(default_factory=list)
 
 
-def read_contents(path: Path) -> Contents:
+def read_contents(file: BinaryIO) -> Contents:
     """Find out what a file holds.
 
     Parameters
     ----------
-    path
+    file
         An MCAP file; it may be cut off anywhere.
 
     Raises
     ------
     ValueError
-        When the file is empty or not an MCAP file.
+        When the file is empty, not an MCAP file, or has chunks that are compressed in a way that
+        is not read here.
     """
-    with path.open("rb") as file:
-        size = file.seek(0, io.SEEK_END)
-        if size == 0:
-            raise ValueError(f"{path} is empty: expected an MCAP file")
-        file.seek(0)
-        begin = file.read(len(MAGIC))
-        if not MAGIC.startswith(begin):
-            raise ValueError(f"{path} is not an MCAP file: it begins with {begin!r}")
-        summary = _read_summary(file, size)
-        indexed = _indexed(summary) if summary else None
-        return indexed or _read_through(file, size, index_is_whole=summary is not None)
+    size = file.seek(0, io.SEEK_END)
+    if size == 0:
+        raise ValueError("is empty: expected an MCAP file")
+    file.seek(0)
+    begin = file.read(len(MAGIC))
+    if not MAGIC.startswith(begin):
+        raise ValueError(f"is not an MCAP file: it begins with {begin!r}")
+    summary = _read_summary(file, size)
+    indexed = _indexed(summary) if summary else None
+    return indexed or _read_through(file, size, index_is_whole=summary is not None)
 
 
-def read_messages(path: Path, stretch: Stretch) -> list[StoredMessage]:
-    """Read the messages of a stretch, in the order of the file.
+def read_messages(file: BinaryIO, stretch: Stretch) -> list[StoredMessage]:
+    """Read the messages of a stretch of a file, in their order there.
 
     Raises
     ------
     DamageError
         When it is not whole.
     """
-    with path.open("rb") as file:
-        return [
-            parse_message(record.content)
-            for outer in read_records(file, stretch.offset, stretch.stop)
-            for record in unpack(outer)
-            if record.opcode == Opcode.MESSAGE
-        ]
+    return [
+        parse_message(record.content)
+        for outer in read_records(file, stretch.offset, stretch.stop)
+        for record in unpack(outer)
+        if record.opcode == Opcode.MESSAGE
+    ]
 
 
 def _read_summary(file: BinaryIO, size: int) -> bytes | None:
@@ -135,6 +134,7 @@ def _indexed(summary: bytes) -> Contents | None:
                 statistics = parse(Statistics, record.content)
             elif record.opcode == Opcode.CHUNK_INDEX:
                 chunk = parse(ChunkIndex, record.content)
+                check_compression(chunk.compression)
                 stretch = Stretch(
                     chunk.chunk_start_offset,
                     chunk.chunk_start_offset + chunk.chunk_length,

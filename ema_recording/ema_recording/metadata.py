@@ -12,6 +12,8 @@ from typing import Any
 
 import yaml
 
+from ema_recording.packed import PACKED_SUFFIX
+
 METADATA_FILE = "metadata.yaml"
 _ROOT = "rosbag2_bagfile_information"
 _VERSION = 9  # of Jazzy: QoS as mappings in words
@@ -30,36 +32,54 @@ class TopicInformation:
     count: int = 0
 
 
+@dataclass
+class FileInformation:
+    """Metadata of a file: its name, log times of its first and last message [ns], their number."""
+
+    name: str
+    start_ns: int = NEVER_NS
+    end_ns: int = 0
+    count: int = 0
+
+    def add(self, log_time_ns: int) -> None:
+        """Count a message."""
+        self.start_ns = min(self.start_ns, log_time_ns)
+        self.end_ns = max(self.end_ns, log_time_ns)
+        self.count += 1
+
+    def extent(self) -> dict[str, Any]:
+        """Return start, duration and number of messages as rosbag2 has them."""
+        return {
+            "starting_time": {"nanoseconds_since_epoch": self.start_ns},
+            "duration": {"nanoseconds": max(self.end_ns - self.start_ns, 0)},
+            "message_count": self.count,
+        }
+
+
 def bag_information(
-    file_name: str,
+    files: Sequence[FileInformation],
     topics: Sequence[TopicInformation],
-    start_ns: int,
-    end_ns: int,
     custom_data: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, Any]:
-    """Return rosbag2's metadata of a recording of one file.
+    """Return rosbag2's metadata of a recording.
 
     Parameters
     ----------
-    start_ns, end_ns
-        Log times of the first and last message [ns]; ``NEVER_NS`` and 0 without any.
+    files
+        Its files so far.
     custom_data
         Texts by name.
     """
-    count = sum(topic.count for topic in topics)
-
-    def extent() -> dict[str, Any]:
-        # Built anew for each use: YAML would write a second use as a reference.
-        return {
-            "duration": {"nanoseconds": max(end_ns - start_ns, 0)},
-            "starting_time": {"nanoseconds_since_epoch": start_ns},
-            "message_count": count,
-        }
-
+    whole = FileInformation(
+        "",
+        min((file.start_ns for file in files), default=NEVER_NS),
+        max((file.end_ns for file in files), default=0),
+        sum(file.count for file in files),
+    )
     return {
         "version": _VERSION,
         "storage_identifier": "mcap",
-        **extent(),
+        **whole.extent(),
         "topics_with_message_count": [
             {
                 "topic_metadata": {
@@ -75,8 +95,8 @@ def bag_information(
         ],
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [file_name],
-        "files": [{"path": file_name, **extent()}],
+        "relative_file_paths": [file.name for file in files],
+        "files": [{"path": file.name, **file.extent()} for file in files],
         "custom_data": dict(custom_data) or None,
         "ros_distro": os.environ.get("ROS_DISTRO", ""),
     }
@@ -123,34 +143,70 @@ def folder_contents(folder: Path) -> FolderContents:
     ValueError
         When the recording is stored or compressed in a way that is not read here.
     """
-    present = sorted(folder.glob("*.mcap"))
+    present = _files_in(folder)
     try:
         text = (folder / METADATA_FILE).read_text(encoding="utf-8")
         information = yaml.safe_load(text)[_ROOT]
-        storage, mode = information["storage_identifier"], information["compression_mode"]
-        listed = [folder / Path(name).name for name in information["relative_file_paths"]]
+        storage, mode = information["storage_identifier"], information["compression_mode"].lower()
+        listed = [str(name) for name in information["relative_file_paths"]]
         message_count = int(information["message_count"])
+        packing = information["compression_format"] if mode not in ("", "none") else ""
     except FileNotFoundError:
         return _without_metadata(folder, present, f"no {METADATA_FILE}: not closed")
-    except (yaml.YAMLError, UnicodeDecodeError, LookupError, TypeError, ValueError) as error:
+    except (
+        yaml.YAMLError,
+        UnicodeDecodeError,
+        LookupError,
+        TypeError,
+        ValueError,
+        AttributeError,
+    ) as error:
         reason = f"{METADATA_FILE} cannot be read ({type(error).__name__})"
         return _without_metadata(folder, present, reason)
     if storage != "mcap":
         raise ValueError(f"{folder}: storage is {storage!r}, expected 'mcap'")
-    if mode.lower() not in ("", "none"):
+    if mode not in ("", "none", "message", "file") or packing not in ("", "zstd"):
         raise ValueError(
-            f"{folder}: compressed by {mode}, expected MCAP's own compression or none; rewrite it "
-            "by `ros2 bag convert -i BAG -o FILE`, with `output_bags: [{uri: NEW, all: true}]` in "
-            "FILE, and record with `--storage-preset-profile zstd_fast`, which does so within MCAP"
+            f"{folder}: compressed by {packing!r} in mode {mode!r}, expected 'zstd' in mode "
+            "'message' or 'file', or none; rewrite it by `ros2 bag convert -i BAG -o FILE`, with "
+            "`output_bags: [{uri: NEW, all: true}]` in FILE"
         )
-    files = [path for path in listed if path.exists()]
-    missing = [path.name for path in listed if path not in files]
-    if not files:
+    wanted = [Path(name).name.removesuffix(PACKED_SUFFIX) for name in listed]
+    missing = [name for name in wanted if name not in present]
+    if not wanted or len(missing) == len(wanted):
         raise FileNotFoundError(f"{folder}: {', '.join(missing)} of the recording missing")
-    return FolderContents(files, message_count, [f"{name} is missing" for name in missing])
+    # The last file is listed when it is closed.
+    later = [name for name in present if _is_later(name, wanted[-1])]
+    damage = [f"{name} is missing" for name in missing]
+    damage += [f"{name} is not in {METADATA_FILE}: not closed" for name in later]
+    files = [present[name] for name in (*wanted, *later) if name in present]
+    return FolderContents(files, message_count, damage)
 
 
-def _without_metadata(folder: Path, present: list[Path], reason: str) -> FolderContents:
+def _files_in(folder: Path) -> dict[str, Path]:
+    """Return the MCAP files in a folder by their names when they are not compressed, in order.
+
+    One that is there also in compressed form was not compressed to its end, or unpacked by hand.
+    """
+    found = {
+        path.name.removesuffix(PACKED_SUFFIX): path
+        for pattern in (f"*.mcap{PACKED_SUFFIX}", "*.mcap")
+        for path in folder.glob(pattern)
+    }
+    return {name: found[name] for name in sorted(found, key=lambda name: (len(name), name))}
+
+
+def _is_later(name: str, last: str) -> bool:
+    """Return whether a file of a split recording comes after another one, by its number."""
+    stem, separator, number = name.removesuffix(".mcap").rpartition("_")
+    last_stem, _, last_number = last.removesuffix(".mcap").rpartition("_")
+    numbers = [item for item in (number, last_number) if item.isdecimal()]
+    if not separator or stem != last_stem or len(numbers) < 2:
+        return False
+    return int(number) > int(last_number)
+
+
+def _without_metadata(folder: Path, present: dict[str, Path], reason: str) -> FolderContents:
     if not present:
         raise FileNotFoundError(f"{folder} is not a recording: {reason}, and no .mcap file")
-    return FolderContents(present, None, [reason])
+    return FolderContents(list(present.values()), None, [reason])

@@ -19,6 +19,7 @@ from mcap.stream_reader import StreamReader
 from ema_core.wording import counted
 from ema_recording.contents import Contents, Stretch, read_contents, read_messages
 from ema_recording.message_type import is_installed
+from ema_recording.packed import PackedError, StoredFiles, is_packed, unpack_message
 from ema_recording.records import DamageError
 from ema_recording.schema import decoder, schema_text, to_installed
 
@@ -74,8 +75,9 @@ class Place(NamedTuple):
 class Bag:
     """A recording: one ``.mcap`` file, or a folder as ``ros2 bag record`` makes it.
 
-    A file that was not closed, is cut off or lost its index is read through once when the
-    recording is opened. Any file is checked as it is read. Chunks are taken whole or not at all.
+    Messages and files that rosbag2 compressed are unpacked as they are read. A file that was not
+    closed, is cut off or lost its index is read through once when the recording is opened. Any
+    file is checked as it is read. Chunks are taken whole or not at all.
 
     Attributes
     ----------
@@ -97,6 +99,7 @@ class Bag:
         self.path = Path(path)
         self._damage: dict[str, None] = {}
         self._files: dict[Path, Contents] = {}
+        self._stored = StoredFiles()
         if not self.path.exists():
             raise FileNotFoundError(f"{self.path}: there is no such recording")
         if self.path.is_dir():
@@ -113,7 +116,8 @@ class Bag:
         """Programs that wrote the files, with their versions; empty where a file does not say."""
         names = set()
         for path in self._files:
-            with path.open("rb") as file, suppress(McapError, StopIteration, struct.error):
+            with self._stored.open(path) as file, suppress(McapError, StopIteration, struct.error):
+                file.seek(0)
                 names.add(getattr(next(StreamReader(file).records), "library", ""))
         return sorted(names - {""})
 
@@ -229,7 +233,11 @@ class Bag:
             self._note(self.path, [f"{promised}, {found} are there"])
 
     def _open_file(self, path: Path) -> None:
-        contents = self._files[path] = read_contents(path)
+        with self._stored.open(path) as file:
+            try:
+                contents = self._files[path] = read_contents(file)
+            except ValueError as error:
+                raise ValueError(f"{path} {error}") from error
         self._note(path, contents.damage)
 
     def _note(self, path: Path, findings: Iterable[str]) -> None:
@@ -342,12 +350,21 @@ class Bag:
     ) -> Iterator[Recorded]:
         channels = self._files[path].channels
         try:
-            messages = read_messages(path, stretch)
+            with self._stored.open(path) as file:
+                messages = read_messages(file, stretch)
         except DamageError as error:
             self._note(path, [f"the chunk at byte {stretch.offset} is lost: {error}"])
             return
         for number, log_time_ns, publish_time_ns, data in messages:
             channel = channels.get(number)
-            if channel is not None and channel.topic in chosen:
-                type_name = chosen[channel.topic].type_name
-                yield Recorded(channel.topic, type_name, data, log_time_ns, publish_time_ns)
+            if channel is None or channel.topic not in chosen:
+                continue
+            topic = chosen[channel.topic]
+            if topic.encoding == "cdr" and is_packed(data):
+                try:
+                    data = unpack_message(data)
+                except PackedError as error:
+                    lost = f"topic {channel.topic}: a compressed message is lost: {error}"
+                    self._note(path, [lost])
+                    continue
+            yield Recorded(channel.topic, topic.type_name, data, log_time_ns, publish_time_ns)

@@ -9,7 +9,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk
-from mcap.stream_reader import get_chunk_data_stream
+
+from ema_recording.packed import PackedError, unpack_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
@@ -98,14 +99,13 @@ def unpack(record: McapRecord) -> list[McapRecord]:
     ------
     DamageError
         When the chunk cannot be unpacked or its checksum is wrong.
+    UnknownCompressionError
+        When it is compressed in a way that is not read here.
     """
     if record.opcode != Opcode.CHUNK:
         return [record]
-    chunk = parse(Chunk, record.content)
     try:
-        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-    except Exception as error:  # each decompressor has errors of its own
+        data = unpack_chunk(parse(Chunk, record.content))
+    except PackedError as error:
         raise DamageError(str(error)) from error
-    if length != chunk.uncompressed_size:
-        raise DamageError(f"{length} bytes where {chunk.uncompressed_size} were packed")
-    return list(read_records(io.BytesIO(stream.read(length)), 0, length))
+    return list(read_records(io.BytesIO(data), 0, len(data)))

@@ -103,7 +103,7 @@ def _upgrade(
     name: str, recorded_text: str, lacking: dict[str, bool | int | float | str]
 ) -> Callable[[bytes], bytes]:
     """Return what adds the fields that a recorded type lacks to its messages."""
-    decode, store = decoder(name, recorded_text), _store(name, schema_text(name))
+    decode, store = decoder(name, recorded_text), typestore(name, schema_text(name))
     installed = store.types[name]
     # Constants are attributes, too: only fields are passed on.
     recorded = _field_lists(name, recorded_text)[name.replace("/msg/", "/")]
@@ -166,7 +166,7 @@ def decoder(type_name: str, schema: str) -> Callable[[bytes], Any]:
     ValueError
         When the definition cannot be read; the function, when a message is none of the type.
     """
-    store = _store(type_name, schema)
+    store = typestore(type_name, schema)
 
     def decode(data: bytes) -> Any:
         try:
@@ -183,7 +183,8 @@ def decoder(type_name: str, schema: str) -> Callable[[bytes], Any]:
     return decode
 
 
-def _store(type_name: str, schema: str) -> Typestore:
+def typestore(type_name: str, schema: str) -> Typestore:
+    """Return a store of a type and of all that it contains; ValueError if it cannot be read."""
     # One for each: two recordings may have different versions of a type.
     store = Typestore()
     try:

@@ -387,8 +387,11 @@ def test_folder_without_good_metadata_gives_its_files(metadata, told: str, tmp_p
     ("change", "told"),
     [
         ({"storage_identifier": "sqlite3"}, "storage is 'sqlite3', expected 'mcap'"),
-        ({"compression_mode": "FILE"}, "compressed by FILE, expected"),
-        ({"compression_mode": "MESSAGE"}, "`ros2 bag convert"),
+        (
+            {"compression_mode": "FILE", "compression_format": "lz4"},
+            "compressed by 'lz4' in mode 'file', expected 'zstd' .* `ros2 bag convert",
+        ),
+        ({"compression_mode": "CHUNK", "compression_format": "zstd"}, "in mode 'chunk', expected"),
     ],
 )
 def test_other_storage_is_refused(change: dict, told: str, tmp_path: Path):

@@ -1,0 +1,94 @@
+"""One MCAP file of a recording that is being written."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcap.writer import CompressionType, Writer
+
+from ema_core import __version__
+from ema_recording.metadata import (
+    FileInformation,
+    TopicInformation,
+    serialized_metadata,
+)
+
+COMPRESSION = {"zstd": CompressionType.ZSTD, "none": CompressionType.NONE}
+"""How chunks are compressed, by name."""
+
+
+@dataclass
+class RecordedType:
+    """A topic as it is written to each file: its metadata, schema and offered QoS as YAML."""
+
+    information: TopicInformation
+    schema: str
+    offered_qos: str
+
+
+class BagFile:
+    """One MCAP file.
+
+    Attributes
+    ----------
+    information
+        Its name, and the extent of what is in it.
+    """
+
+    def __init__(self, path: Path, compression: str, chunk_bytes: int) -> None:
+        self.path = path
+        self.information = FileInformation(path.name)
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._file = path.open("xb")
+        self._mcap = Writer(self._file, chunk_bytes, COMPRESSION[compression])
+        self._mcap.start(profile="ros2", library=f"ema_recording {__version__}")
+        self._mcap.flush()
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far, without the chunk that is being gathered."""
+        return self._file.tell()
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether it is closed."""
+        return self._file.closed
+
+    def add_topic(self, topic: RecordedType) -> None:
+        """Add a topic that messages follow of."""
+        name = topic.information.type_name
+        if name not in self._schemas:
+            self._schemas[name] = self._mcap.register_schema(name, "ros2msg", topic.schema.encode())
+        self._channels[topic.information.name] = self._mcap.register_channel(
+            topic.information.name,
+            "cdr",
+            self._schemas[name],
+            {
+                "offered_qos_profiles": topic.offered_qos,
+                "topic_type_hash": topic.information.type_hash,
+            },
+        )
+
+    def write(
+        self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int, n: int
+    ) -> None:
+        """Write a message, the ``n``-th of its topic."""
+        channel = self._channels[topic]
+        self._mcap.add_message(channel, log_time_ns, data, publish_time_ns, n % 2**32)
+        self.information.add(log_time_ns)
+
+    def flush(self) -> None:
+        """Hand everything written so far to the operating system."""
+        self._mcap.flush()
+
+    def close(self, information: dict[str, Any]) -> None:
+        """Write metadata and index, and close."""
+        with self._file:
+            record = {"serialized_metadata": serialized_metadata(information)}
+            self._mcap.add_metadata("rosbag2", record)
+            self._mcap.finish()
+
+    def abandon(self) -> None:
+        """Close a file that could not be written."""
+        self._file.close()
