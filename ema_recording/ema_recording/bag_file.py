@@ -50,11 +50,6 @@ class BagFile:
         """Bytes written so far, without the chunk that is being gathered."""
         return self._file.tell()
 
-    @property
-    def is_closed(self) -> bool:
-        """Whether it is closed."""
-        return self._file.closed
-
     def add_topic(self, topic: RecordedType) -> None:
         """Add a topic that messages follow of."""
         name = topic.information.type_name
