@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -11,11 +10,13 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 
-from ema_core.quantity import check_quantities, flag, quantity, text
 from ema_core.wording import counted
 from ema_recording.recorded_topic import RecordedTopic
-from ema_recording.writer import BagWriter
+from ema_recording.recorder_settings import RecorderSettings
+from ema_recording.recording import Recording
+from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 from ema_ros.settings import WHILE_UNCONFIGURED, LiveSettings
@@ -25,24 +26,6 @@ _DISCOVERY_S: Final = 0.2
 _BESIDES_NAMESPACE: Final = ("/diagnostics", "/clock")
 
 
-@dataclass(frozen=True)
-class RecorderSettings:
-    """Where and how to record; fixed while a bag is open."""
-
-    output: str = text(
-        "",
-        "bag to write: a name ending in .mcap is one file, any other a folder; "
-        "empty: ema_<UTC date and time> in the working folder",
-    )
-    overwrite: bool = flag(False, "replace an existing bag")
-    flush_s: float = quantity(
-        0.5, "s", 0.01, 60.0, "longest time between writes; a killed recorder loses that much"
-    )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
-
 class RecorderNode(ManagedNode):
     """Records what is published, as it is received.
 
@@ -50,6 +33,10 @@ class RecorderNode(ManagedNode):
     names relative to the namespace. By default everything in the namespace is recorded, and
     /diagnostics and /clock. /rosout and /parameter_events, which belong to all that runs in the
     domain, and hidden topics have to be chosen.
+
+    With ``snapshot_duration`` it keeps what it receives for so long, and writes it to a file of its
+    own when the level of a health or of a status on /diagnostics changes, or when ``~/snapshot``
+    asks for it; what is kept at the end is not written.
 
     While it is inactive it records nothing; activated again, it goes on in the same bag. The bag
     is closed when it is cleaned up.
@@ -71,7 +58,7 @@ class RecorderNode(ManagedNode):
         self._discovering = threading.Lock()  # over the topics
         self._writing = threading.Lock()  # over the bag
         self._recording = False
-        self._bag: BagWriter | None = None
+        self._recorded: Recording | None = None
         self._receiving = MutuallyExclusiveCallbackGroup()  # keeps the order of a topic
         self._discovery = self.create_timer(
             _DISCOVERY_S,
@@ -88,15 +75,18 @@ class RecorderNode(ManagedNode):
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._topics: dict[str, RecordedTopic] = {}
         self._skipped: dict[str, str] = {}
-        self._messages = 0
         self._failure = ""
         output = settings.output or f"ema_{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
         try:
-            self._bag = BagWriter(output, flush_s=settings.flush_s, overwrite=settings.overwrite)
+            own = self.get_fully_qualified_name()
+            self._recorded = Recording(output, settings, own)
         except FileExistsError as error:
             hint = "" if settings.overwrite else "; parameter overwrite (--force) replaces a bag"
             raise FileExistsError(f"parameter output: {error}{hint}") from error
-        self.get_logger().info(f"recording to {self._bag.path}")
+        self._snapshot_service = self.create_service(
+            Trigger, "~/snapshot", self._serve_snapshot, callback_group=WaitingCallbackGroup()
+        )
+        self.get_logger().info(f"recording to {self._recorded.bag.path}")
 
     def activate(self) -> None:
         """Look for topics and record them."""
@@ -116,23 +106,26 @@ class RecorderNode(ManagedNode):
 
     def clean_up(self) -> None:
         """Close the bag."""
+        self.destroy_service(self._snapshot_service)
         with self._writing:
-            bag, self._bag = self._bag, None
-        if bag is None:
+            recorded, self._recorded = self._recorded, None
+        if recorded is None:
             return
+        path = recorded.bag.path
         try:
-            bag.close()
+            recorded.bag.close()
         except OSError as error:
             self.exit_code = 1
             if not self._failure:
-                raise OSError(f"{bag.path}: {error}") from error
-        self.get_logger().info(f"closed {bag.path} with {counted(self._messages, 'message')}")
+                raise OSError(f"{path}: {error}") from error
+        self.get_logger().info(f"closed {path} with {counted(recorded.messages, 'message')}")
 
     def tasks(self) -> list[Task]:
         """Return what is recorded and what is not."""
-        bag = self._bag
-        if bag is None:
+        recorded = self._recorded
+        if recorded is None:
             return []
+        bag, kept = recorded.bag, recorded.kept
         topics = dict(self._topics)
         lost = sum(topic.lost for topic in topics.values())
         gone = [name for name, topic in topics.items() if not topic.has_publisher]
@@ -146,26 +139,40 @@ class RecorderNode(ManagedNode):
             for name, topic in topics.items()
             if topic.incompatible
         ]
+        if kept is not None and kept.is_short:
+            settings = self._settings.value
+            remarks.append(
+                f"max_cache_size = {settings.max_cache_size} B holds {kept.span_s:.3g} of "
+                f"{settings.snapshot_duration:g} s"
+            )
         doing = f"recording {counted(len(topics), 'topic')}" if self._recording else "paused"
         if not topics and not missing:
             remarks.append("nothing is published yet")
         level = ERROR if self._failure else WARN if remarks else OK
         values = {
             "bag": bag.path,
-            "messages": self._messages,
+            "file": bag.file_path.name,
+            "messages": recorded.messages,
             "size [B]": bag.file_path.stat().st_size if bag.file_path.exists() else 0,
             "lost messages": lost,
             "topics": ", ".join(sorted(topics)),
             "publisher gone": ", ".join(gone),
             "not recorded": ", ".join(self._skipped),
         }
+        if kept is not None:
+            values |= {
+                "snapshots": recorded.snapshots,
+                "kept [s]": kept.span_s,
+                "kept [B]": kept.size,
+            }
+            doing += f" for {counted(recorded.snapshots, 'snapshot')} so far"
         message = self._failure or "; ".join([doing, *remarks])
         return [Task("recording", level, message, self.hardware_id, values)]
 
     def _why_fixed(self) -> str:
         if not self.is_configured:
             return ""
-        bag = self._bag.path if self._bag is not None else "a bag"
+        bag = self._recorded.bag.path if self._recorded is not None else "a bag"
         return f"{bag} is open; clean the node up first"
 
     def _refuse_topics(self, parameters: list[Parameter]) -> SetParametersResult:
@@ -195,17 +202,17 @@ class RecorderNode(ManagedNode):
     def _discover(self) -> None:
         """Record topics that are new, and update the publishers of the others."""
         with self._discovering:
-            bag = self._bag
-            if bag is None or not self._recording:
+            recorded = self._recorded
+            if recorded is None or not self._recording:
                 return
-            if bag.failure:
-                self._fail(bag.failure)
+            if recorded.bag.failure:
+                self._fail(recorded.bag.failure)
                 return
             if self._uses_sim_time and not self.get_clock().now().nanoseconds:
                 return  # before simulated time begins there are no log times
             for name, types in self.get_topic_names_and_types():
                 if self._is_wanted(name) and name not in self._topics | self._skipped:
-                    self._add_topic(bag, name, types)
+                    self._add_topic(recorded, name, types)
             self._update_publishers()
             for name, topic in self._topics.items():
                 if topic.subscription is None:
@@ -218,13 +225,13 @@ class RecorderNode(ManagedNode):
                         raw=True,
                     )
 
-    def _add_topic(self, bag: BagWriter, name: str, types: list[str]) -> None:
+    def _add_topic(self, recorded: Recording, name: str, types: list[str]) -> None:
         publishers = self.get_publishers_info_by_topic(name)
         if not publishers:
             return
         try:
             topic = RecordedTopic(types, publishers)
-            bag.add_topic(name, topic.message_class, topic.offer)
+            recorded.add_topic(name, topic.message_class, topic.offer)
         except OSError as error:
             self._fail(error)
         except ValueError as error:
@@ -245,20 +252,38 @@ class RecorderNode(ManagedNode):
             publish_time_ns = information["source_timestamp"] or None
             try:
                 with self._writing:
-                    if self._bag is None or self._failure:
+                    recorded = self._recorded
+                    if recorded is None or self._failure:
                         return
-                    self._bag.write_serialized(name, data, log_time_ns, publish_time_ns)
-                    self._messages += 1
+                    reason = recorded.receive(name, data, log_time_ns, publish_time_ns)
                     topic.count(information["publication_sequence_number"])
+                    if reason:
+                        self.get_logger().info(f"{reason}: {recorded.write_snapshot()}")
             except OSError as error:
                 self._fail(error)
 
         return receive
 
+    def _serve_snapshot(self, _: Any, response: Trigger.Response) -> Trigger.Response:
+        try:
+            with self._writing:
+                if self._recorded is None or self._failure:
+                    raise ValueError(self._failure or "no bag is open")
+                response.message = self._recorded.write_snapshot()
+        except ValueError as error:
+            response.message = str(error)
+        except OSError as error:
+            self._fail(error)
+            response.message = self._failure
+        else:
+            response.success = True
+            self.get_logger().info(f"snapshot on demand: {response.message}")
+        return response
+
     def _fail(self, error: OSError) -> None:
-        if self._failure or self._bag is None:
+        if self._failure or self._recorded is None:
             return
-        self._failure = f"cannot write {self._bag.path}: {error}"
+        self._failure = f"cannot write {self._recorded.bag.path}: {error}"
         self.get_logger().error(self._failure)
         self.exit_code = 1
         self.report()

@@ -379,7 +379,7 @@ def test_recording_what_is_played_gives_the_same_messages(graph: Graph, bag: Pat
     )
     player.trigger_activate()
     assert player.finished.wait(DEADLINE_S)
-    wait_for(lambda: recorder._messages == 102, "all messages")
+    wait_for(lambda: recorder._recorded.messages == 102, "all messages")
     recorder.trigger_shutdown()
     first, again = Bag(bag), Bag(tmp_path / "again")
     for topic in topics:

@@ -493,8 +493,8 @@ def test_write_error_is_an_error_in_the_status(graph: Graph, tmp_path: Path):
     recorder = graph.recorder(tmp_path / "flight", topics=["text"])
     assert recorder.bring_up()
     wait_for_match(recorder, publisher)
-    assert recorder._bag is not None
-    recorder._bag.failure = OSError(28, "No space left on device")
+    assert recorder._recorded is not None
+    recorder._recorded.bag.failure = OSError(28, "No space left on device")
     assert recorder.finished.wait(DEADLINE_S)
     assert task(recorder).level == ERROR
     assert "No space left on device" in task(recorder).message

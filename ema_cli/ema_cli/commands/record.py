@@ -25,12 +25,38 @@ from ema_cli.processes.bringup import assignments_of, ros_arguments
     "/clock.",
 )
 @click.option("--force", is_flag=True, help="Replace an existing bag.")
-def record(output: Path | None, topics: tuple[str, ...], force: bool) -> None:
-    """Record telemetry, estimates and health until Ctrl-C."""
+@click.option("--max-bag-size", type=int, metavar="BYTES", help="Begin the next file at this size.")
+@click.option(
+    "--max-bag-duration", type=float, metavar="SECONDS", help="Begin the next file after this time."
+)
+@click.option(
+    "--snapshot-duration",
+    type=float,
+    metavar="SECONDS",
+    help="Keep this much in memory, and write it when a level changes, or by service ~/snapshot.",
+)
+@click.option(
+    "--max-cache-size",
+    type=int,
+    metavar="BYTES",
+    help="Memory for a snapshot, 100 MiB by default.",
+)
+def record(
+    output: Path | None,
+    topics: tuple[str, ...],
+    force: bool,
+    **limits: float | None,
+) -> None:
+    """Record telemetry, estimates and health until Ctrl-C.
+
+    A bag in several files is a folder. Each file begins with what is latched (descriptions, service
+    lives, health), so that it can be read alone.
+    """
     parameters = {
         "output": None if output is None else str(output),
         "topics": list(topics) or None,
         "overwrite": force or None,
+        **limits,
     }
     with one_clear_line():
         arguments = ros_arguments("recorder", assignments=assignments_of(parameters))
