@@ -88,7 +88,8 @@ class Recording:
             return ""
         for item in self.kept.append(Kept(topic, data, log_time_ns, publish_time_ns)):
             self.bag.note_state(item.topic, item.data, item.publish_time_ns or item.log_time_ns)
-        return self._changes.find(message_class, data)
+        change = self._changes.find(message_class, data)
+        return change if len(self.kept) else ""
 
     def write_snapshot(self) -> str:
         """Write what is kept to a file of its own, and say what was written.

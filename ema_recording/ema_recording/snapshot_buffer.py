@@ -41,6 +41,10 @@ class SnapshotBuffer:
         self.size = 0
         self.is_short = False
 
+    def __len__(self) -> int:
+        """Return how many messages are kept."""
+        return len(self._kept)
+
     @property
     def span_s(self) -> float:
         """Time from the first to the last message [s]."""

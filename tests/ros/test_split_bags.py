@@ -58,7 +58,9 @@ def fill(writer: BagWriter) -> None:
         block.position.frombytes(values.tobytes())
         writer.write("/ema/telemetry", block, number * STEP_NS)
         if number == N // 2:
-            writer.write("/ema/usage", Usage(actuator_id="left", flight_hours=2.0), number * STEP_NS)
+            writer.write(
+                "/ema/usage", Usage(actuator_id="left", flight_hours=2.0), number * STEP_NS
+            )
 
 
 def information(folder: Path) -> dict:

@@ -1,0 +1,241 @@
+"""The recorder writes files of bounded size, or the seconds before something happened."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.context import Context
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from ema_interfaces.msg import (
+    ActuatorDescription,
+    FaultEstimate,
+    Health,
+    HealthSummary,
+    TelemetryBlock,
+)
+from ema_recording.level_changes import LevelChanges
+from ema_recording.metadata import METADATA_FILE
+from ema_recording.reader import Bag
+from ema_recording.recorder_settings import RecorderSettings
+from ema_recording.recording import Recording
+from ema_recording.snapshot_buffer import Kept, SnapshotBuffer
+from ema_ros.status import WARN
+
+from ..waiting import wait_for
+from .spinning import wait_for_match
+from .test_recorder_node import LATCHED, STREAM, Graph, recorded, task
+
+S = 10**9
+
+
+@pytest.fixture
+def graph(context: Context) -> Iterator[Graph]:
+    graph = Graph(context)
+    yield graph
+    graph.close()
+
+
+def status(name: str, level: int) -> DiagnosticStatus:
+    return DiagnosticStatus(name=name, level=bytes([level]))
+
+
+def health(level: int, actuator: str = "flap") -> Health:
+    return Health(actuator_id=actuator, level=level)
+
+
+def kept_text(number: int, time_ns: int) -> Kept:
+    return Kept("/t", str(number).encode(), time_ns, None)
+
+
+def test_buffer_reaches_back_for_its_duration():
+    buffer = SnapshotBuffer(2.0, 10**6)
+    gone = [item for n in range(50) for item in buffer.append(kept_text(n, n * S // 10))]
+    assert [int(item.data) for item in gone] == list(range(29))
+    assert buffer.span_s == 2.0
+    assert not buffer.is_short
+    assert [int(item.data) for item in buffer.take()] == list(range(29, 50))
+    assert (len(buffer), buffer.size, buffer.span_s) == (0, 0, 0.0)
+
+
+def test_buffer_is_bounded_in_bytes_and_says_so():
+    buffer = SnapshotBuffer(1000.0, 5000)
+    for number in range(1000):
+        buffer.append(Kept("/t", bytes(800), number * S, None))
+        assert buffer.size <= 5000
+    assert buffer.is_short
+    assert len(buffer) == 5
+    assert len(buffer.append(Kept("/t", bytes(10_000), 0, None))) == 6
+    assert (len(buffer), buffer.size) == (0, 0)
+
+
+def test_clock_that_is_set_back_makes_nothing_old():
+    buffer = SnapshotBuffer(1.0, 10**6)
+    for time_ns in (100 * S, 5 * S, 5 * S + S // 2):
+        assert buffer.append(kept_text(0, time_ns)) == []
+
+
+def test_first_level_is_no_change_and_own_statuses_do_not_count():
+    changes = LevelChanges("/ema/recorder")
+
+    def find(message: Any) -> str:
+        return changes.find(type(message), serialize_message(message))
+
+    assert find(health(Health.OK)) == ""
+    assert find(health(Health.OK)) == ""
+    assert find(health(Health.WARN, "left")) == ""
+    assert find(health(Health.WARN)) == "health of flap from OK to WARN"
+    assert find(HealthSummary(actuator_id="flap", level=Health.WARN)) == ""
+    assert find(HealthSummary(actuator_id="flap", level=Health.ERROR)) == (
+        "health of flap from WARN to ERROR"
+    )
+    assert find(String(data="no level")) == ""
+    names = ("/ema/monitor: flap health", "/ema/recorder: recording", "/ema/recorder_2: peers")
+    for level, told in ((0, ""), (1, [names[0], names[2]])):
+        array = DiagnosticArray(status=[status(name, level) for name in names])
+        found = find(array)
+        assert found == (", ".join(f"{name} from OK to WARN" for name in told) if told else "")
+
+
+def test_snapshot_begins_with_what_held_before_it(tmp_path: Path):
+    settings = RecorderSettings(output="flight", snapshot_duration=1.0)
+    recording = Recording(str(tmp_path / "flight"), settings, "/ema/recorder")
+    recording.add_topic("/ema/actuator_description", ActuatorDescription, LATCHED)
+    recording.add_topic("/ema/telemetry", TelemetryBlock, STREAM)
+    recording.add_topic("/ema/health", Health, LATCHED)
+    recording.add_topic("/ema/fault_estimate", FaultEstimate, STREAM)
+
+    def receive(name: str, message: Any, time_ns: int) -> str:
+        return recording.receive(f"/ema/{name}", serialize_message(message), time_ns, None)
+
+    receive("actuator_description", ActuatorDescription(actuator_id="flap"), 0)
+    estimate = FaultEstimate(actuator_id="flap", calibration_id="made_in_may")
+    receive("fault_estimate", estimate, 0)
+    receive("health", health(Health.OK), 0)
+    for number in range(50):
+        block = TelemetryBlock(actuator_id="flap", first_index=number)
+        assert receive("telemetry", block, number * S // 10) == ""
+    assert receive("health", health(Health.WARN), 5 * S) == "health of flap from OK to WARN"
+    recording.write_snapshot()
+    with pytest.raises(ValueError, match="nothing was received since the last snapshot"):
+        recording.write_snapshot()
+    receive("telemetry", TelemetryBlock(actuator_id="flap", first_index=50), 6 * S)
+    recording.write_snapshot()
+    receive("telemetry", TelemetryBlock(actuator_id="flap", first_index=51), 7 * S)
+    recording.bag.close()
+
+    assert sorted(path.name for path in (tmp_path / "flight").iterdir()) == [
+        "flight_0.mcap",
+        "flight_1.mcap",
+        METADATA_FILE,
+    ]
+    first, second = (
+        [
+            (item.topic.removeprefix("/ema/"), getattr(item.message, "first_index", None))
+            for item in Bag(tmp_path / "flight" / f"flight_{number}.mcap").messages()
+        ]
+        for number in range(2)
+    )
+    held = [("actuator_description", None), ("health", None)]
+    assert first == [*held, *(("telemetry", n) for n in range(40, 50)), ("health", None)]
+    assert second == [*held, ("telemetry", 50)]
+    levels = [
+        item.message.level
+        for number in range(2)
+        for item in Bag(tmp_path / "flight" / f"flight_{number}.mcap").messages(["/ema/health"])
+    ]
+    assert levels == [Health.OK, Health.WARN, Health.WARN]
+    text = (tmp_path / "flight" / METADATA_FILE).read_text()
+    assert "calibration_id of flap: made_in_may" in text
+
+
+def test_recorder_writes_when_a_level_changes_and_on_demand(graph: Graph, tmp_path: Path):
+    source = graph.node()
+    text = source.create_publisher(String, "text", STREAM)
+    output = source.create_publisher(Health, "health", LATCHED)
+    recorder = graph.recorder(
+        tmp_path / "flight", topics=["text", "health"], snapshot_duration=1000.0
+    )
+    assert recorder.bring_up()
+    wait_for_match(recorder, text, output)
+    output.publish(health(Health.OK))
+    for number in range(20):
+        text.publish(String(data=str(number)))
+    wait_for(lambda: recorder._recorded and len(recorder._recorded.kept or ()) == 21, "all of it")
+    assert task(recorder).values["messages"] == 0
+    output.publish(health(Health.WARN))
+    recorded(recorder, 22)
+    assert task(recorder).values["snapshots"] == 1
+    client = source.create_client(Trigger, "recorder/snapshot")
+    assert client.wait_for_service(10.0)
+
+    def snapshot() -> Trigger.Response:
+        future = client.call_async(Trigger.Request())
+        wait_for(future.done, "the answer")
+        answer = future.result()
+        assert answer is not None
+        return answer
+
+    assert snapshot().message == "nothing was received since the last snapshot"
+    text.publish(String(data="20"))
+    wait_for(lambda: task(recorder).values["kept [B]"], "the message")
+    answer = snapshot()
+    assert answer.success
+    assert answer.message == f"1 messages of 0.000 s to {tmp_path / 'flight' / 'flight_1.mcap'}"
+    text.publish(String(data="never written"))
+    wait_for(lambda: task(recorder).values["kept [B]"], "the message")
+    recorder.trigger_shutdown()
+    bag = Bag(tmp_path / "flight")
+    assert [item.message.data for item in bag.messages(["/ema/text"])] == [
+        str(number) for number in range(21)
+    ]
+    assert bag.damage == ""
+
+
+def test_cache_that_is_too_small_is_told(graph: Graph, tmp_path: Path):
+    text = graph.node().create_publisher(String, "text", STREAM)
+    recorder = graph.recorder(
+        tmp_path / "flight", topics=["text"], snapshot_duration=1000.0, max_cache_size=100_000
+    )
+    assert recorder.bring_up()
+    wait_for_match(recorder, text)
+    for number in range(12):
+        text.publish(String(data=str(number) * 10_000))
+    wait_for(lambda: "max_cache_size = 100000 B holds" in task(recorder).message, "the remark")
+    assert task(recorder).level == WARN
+    assert int(task(recorder).values["kept [B]"]) <= 100_000
+
+
+def test_recorder_splits_its_bag(graph: Graph, tmp_path: Path):
+    text = graph.node().create_publisher(String, "text", STREAM)
+    recorder = graph.recorder(tmp_path / "flight", topics=["text"], max_bag_duration=0.001)
+    assert recorder.bring_up()
+    wait_for_match(recorder, text)
+    for number in range(3):
+        text.publish(String(data=str(number)))
+        recorded(recorder, number + 1)
+    recorder.trigger_shutdown()
+    bag = Bag(tmp_path / "flight")
+    assert [item.message.data for item in bag.messages()] == ["0", "1", "2"]
+    assert len(list((tmp_path / "flight").glob("*.mcap"))) == 3
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"max_bag_size": 5}, "max_bag_size = 5 B: expected 0 or at least 100000 B"),
+        (
+            {"output": "a.mcap", "max_bag_size": 10**6},
+            "output = 'a.mcap' is one file: expected a folder, .* as max_bag_size = 1e.06 makes",
+        ),
+        ({"output": "a.mcap", "snapshot_duration": 5.0}, "as snapshot_duration = 5 makes several"),
+        ({"max_cache_size": 5}, "max_cache_size = 5 B is outside"),
+    ],
+)
+def test_impossible_settings_are_refused(settings: dict, told: str):
+    with pytest.raises(ValueError, match=told):
+        RecorderSettings(**settings)
