@@ -4,6 +4,7 @@ from typing import Final
 
 from sensor_msgs.msg import JointState
 
+from ema_core.wording import unknown_name
 from ema_interfaces.msg import (
     ActuatorDescription,
     FaultVectorStamped,
@@ -35,7 +36,9 @@ _ACTUATOR_TYPES: Final = frozenset(
 )
 
 
-def playable_topics(bag: Bag, *, actuator_only: bool) -> tuple[dict[str, Topic], dict[str, str]]:
+def playable_topics(
+    bag: Bag, *, actuator_only: bool, wanted: set[str] | None = None
+) -> tuple[dict[str, Topic], dict[str, str]]:
     """Return the topics to play, and why others are not, by name.
 
     Parameters
@@ -44,15 +47,22 @@ def playable_topics(bag: Bag, *, actuator_only: bool) -> tuple[dict[str, Topic],
         The bag.
     actuator_only
         Whether only those of the actuator are wanted.
+    wanted
+        Full names of those that are wanted; all when None.
 
     Raises
     ------
     ValueError
-        When there is none to play; the message has the reasons.
+        When there is none to play, with the reasons, or one that is wanted is not in the bag.
     """
     playable: dict[str, Topic] = {}
     refused: dict[str, str] = {}
+    for name in sorted(wanted or ()):
+        if name not in bag.topics:
+            raise ValueError(f"{bag.path}: {unknown_name('topic', name, bag.topics)}")
     for name, topic in bag.topics.items():
+        if wanted is not None and name not in wanted:
+            continue
         excluded = actuator_only and topic.type_name not in _ACTUATOR_TYPES
         if not topic.count or name == CLOCK or topic.type_name == _OWN or excluded:
             continue

@@ -73,6 +73,21 @@ class Playback:
         self.reached_ns = time_ns
         self._tick(time_ns)
 
+    def step(self, count: int, stop: threading.Event) -> int:
+        """Play the next messages at once, while nothing else is played.
+
+        Returns
+        -------
+        int
+            How many there were; fewer than ``count`` at the end, or when ``stop`` is set.
+        """
+        played = 0
+        while self._next is not None and played < count and not stop.is_set():
+            self._tick(self._next.log_time_ns)
+            self._publish_next(self._next)
+            played += 1
+        return played
+
     def run(self, stop: threading.Event) -> bool:
         """Play on from where it stands.
 
@@ -96,9 +111,12 @@ class Playback:
                     return False
             if stop.is_set():
                 return False
-            self.reached_ns = self._next.log_time_ns
-            self._publish(self._next)
-            self.played += 1
-            self._next = next(self._messages, None)
+            self._publish_next(self._next)
         self._tick(self.reached_ns)
         return True
+
+    def _publish_next(self, item: Recorded) -> None:
+        self.reached_ns = item.log_time_ns
+        self._publish(item)
+        self.played += 1
+        self._next = next(self._messages, None)

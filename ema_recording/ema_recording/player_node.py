@@ -2,82 +2,59 @@
 
 import threading
 import traceback
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Final
 
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as SteadyClock
 from rclpy.clock_type import ClockType
-from rclpy.duration import Duration
-from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.time import Time
-from rosgraph_msgs.msg import Clock
 
-from ema_core.quantity import check_quantities, flag, quantity, text
 from ema_core.wording import counted
-from ema_interfaces.msg import (
-    PlaybackState,
-    TelemetryBlock,
-)
-from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
-from ema_recording.latched import LatchedIndex
-from ema_recording.message_type import message_class, type_name
-from ema_recording.playable import CLOCK, playable_topics
-from ema_recording.playback import Playback
-from ema_recording.qos import recorded_qos, replay_qos
-from ema_recording.reader import Bag, Recorded, Topic
-from ema_recording.schema import to_installed
+from ema_interfaces.msg import PlaybackState
+from ema_interfaces.srv import BurstPlayback, SeekPlayback, SetPlaybackRate
+from ema_recording.passes import Passes
+from ema_recording.played_bag import PlayedBag
+from ema_recording.player_outputs import PlayerOutputs
+from ema_recording.player_settings import PlayerSettings
 from ema_recording.steering import Steering
+from ema_recording.topic_names import topic_names
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 from ema_ros.settings import declare, read
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_ros.status import ERROR, OK, WARN, Task
 
-_TELEMETRY: Final = type_name(TelemetryBlock)
-_SHARED_TOPICS: Final = frozenset(("/diagnostics", "/rosout", "/parameter_events", "/tf"))
-_POLL_S: Final = 0.05
 _STATE_S: Final = 0.5
-_LATCHED_S: Final = 0.2
-_SETTLE_S: Final = 1.0  # a subscription learns of its match after the publisher
-_ACKNOWLEDGE_S: Final = 5.0
-
-
-@dataclass(frozen=True)
-class PlayerSettings:
-    """What to play, and how fast."""
-
-    bag: str = text("", "bag to play: a file or a folder")
-    rate: float = quantity(1.0, "-", 0.01, 100.0, "playback rate")
-    actuator_only: bool = flag(
-        False, "play the topics of the actuator only, for a monitor to diagnose"
-    )
-    wait_s: float = quantity(
-        5.0, "s", 0.0, 3600.0, "timeout for a subscriber of each telemetry topic"
-    )
-    clock_rate_hz: float = quantity(100.0, "Hz", 1.0, 1000.0, "rate of /clock")
-    stay: bool = flag(False, "stay at the end of the bag, for a seek, instead of ending")
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 class PlayerNode(ManagedNode):
     """Plays a bag, message by message in its order, and the time on ``/clock``.
 
-    Parameters of the node are the fields of ``PlayerSettings``.
+    Parameters of the node are the fields of ``PlayerSettings`` and ``topics``: full names, or names
+    relative to the namespace.
 
     While it is inactive the recorded time stands still. It has done its work at the end of the
-    bag, when all reliable subscriptions have acknowledged every message, unless it is to stay.
+    bag, when all reliable subscriptions have acknowledged every message, unless it is to stay or to
+    begin again. A new pass is a jump back in time, told on ``/clock`` and in the state like a seek.
 
-    While it is active it can be paused, resumed, moved and played at another rate by services; a
+    While it is active it can be paused, stepped, moved and played at another rate by services; a
     seek publishes what is latched at the new time first. ``playback_state`` tells how it stands.
     """
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("player", **kwargs)
         declare(self, PlayerSettings)
+        self.declare_parameter(
+            "topics",
+            [""],
+            ParameterDescriptor(
+                description="topics to play; empty: all",
+                read_only=True,
+                dynamic_typing=True,
+            ),
+        )
         self._stop = threading.Event()
         self._worker: threading.Thread | None = None
         self._steered = threading.RLock()  # over start and stop of the worker
@@ -92,46 +69,34 @@ class PlayerNode(ManagedNode):
     def configure(self) -> None:
         """Open the bag and create the publishers of what is in it."""
         self._settings = read(self, PlayerSettings)
-        if not self._settings.bag:
-            raise ValueError("parameter bag is empty: expected the path of a recording")
-        self._bag = Bag(self._settings.bag)
-        topics, self._not_played = playable_topics(
-            self._bag, actuator_only=self._settings.actuator_only
-        )
-        for name, reason in self._not_played.items():
+        self._played = PlayedBag(self._settings, topic_names(self))
+        for name, reason in self._played.remarks.items():
             self.get_logger().warning(f"{name} is not played: {reason}")
-        self._upgrades = {name: to_installed(*topic.identity) for name, topic in topics.items()}
-        self._total = sum(topic.count for topic in topics.values())
-        self._outputs: dict[str, Publisher] = {}
-        try:
-            self._playback = Playback(
-                self._bag.raw_messages(topics),
-                self._settings.rate,
-                1.0 / self._settings.clock_rate_hz,
-                self._publish,
-                self._publish_clock,
-            )
-        except ValueError as error:
-            raise ValueError(f"{self._bag.path}: {error}; {self._bag.damage}") from error
+        for name, reason in self._played.odd_offers.items():
+            self.get_logger().warning(f"{name} is played as a reliable stream: {reason}")
         self._warn_of_damage("")
-        latched = []
-        for name, topic in topics.items():
-            offer = self._offer(name, topic)
-            self._outputs[name] = self.create_publisher(message_class(topic.type_name), name, offer)
-            if offer.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-                latched.append(name)
-        self._latched = LatchedIndex(self._bag, latched)
-        clock_qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._clock_output = self.create_publisher(Clock, CLOCK, clock_qos)
-        telemetry = [name for name, topic in topics.items() if topic.type_name == _TELEMETRY]
-        self._awaited = telemetry
-        self._is_awaited = True
+        self._outputs = PlayerOutputs(self, self._played)
+        self._passes = Passes(
+            self._played,
+            self._outputs,
+            self._settings,
+            self._set_phase,
+            self._warn,
+            lambda: self._publish_state(jumped=True),
+        )
+        self._playback = self._passes.playback
         self._failure = ""
         self._phase = "ready"
-        self._status = PlaybackState.PLAYING
+        paused, playing = PlaybackState.PAUSED, PlaybackState.PLAYING
+        self._status = paused if self._settings.start_paused else playing
         acts = {
             "pause": self._pause,
             "resume": self._resume,
+            "toggle_paused": self._toggle_paused,
+            "is_paused": self._is_paused,
+            "play_next": self._play_next,
+            "burst": self._burst,
+            "get_rate": self._get_rate,
             "set_rate": self._set_rate,
             "seek": self._seek,
         }
@@ -151,37 +116,30 @@ class PlayerNode(ManagedNode):
     def clean_up(self) -> None:
         """Destroy the publishers and services."""
         self._steering.close()
-        for publisher in (*self._outputs.values(), self._clock_output):
-            self.destroy_publisher(publisher)
+        self._outputs.close()
 
     def tasks(self) -> list[Task]:
         """Return how far the bag is played, and what is wrong."""
-        playback, bag = self._playback, self._bag
+        playback, played = self._playback, self._played
+        bag = played.bag
         remarks = [f"{bag.path.name} is damaged: {bag.damage}"] if bag.damage else []
-        remarks += [f"{name}: not played, {why}" for name, why in self._not_played.items()]
-        for name in (*self._outputs, CLOCK):
-            others = self._other_publishers(name)
-            if others and name not in _SHARED_TOPICS:
-                remarks.append(f"{name}: also published by {', '.join(others)}")
+        remarks += [f"{name}: not played, {why}" for name, why in played.remarks.items()]
+        for name, others in self._outputs.others().items():
+            remarks.append(f"{name}: also published by {', '.join(others)}")
+        remarks += self._outputs.live_monitors()
         values = {
             "bag": bag.path,
             "rate [-]": playback.rate,
             "played": playback.played,
-            "messages": self._total,
+            "messages": played.count,
+            "pass": self._passes.number,
             "position [s]": (playback.reached_ns - playback.start_ns) / 1e9,
-            "topics": ", ".join(sorted(self._outputs)),
-            "not played": ", ".join(self._not_played),
+            "topics": ", ".join(sorted(played.topics)),
+            "not played": ", ".join(played.remarks),
         }
         level = ERROR if self._failure else WARN if remarks else OK
         message = self._failure or "; ".join([self._phase, *remarks])
         return [Task("playback", level, message, self.hardware_id, values)]
-
-    def _offer(self, name: str, topic: Topic) -> QoSProfile:
-        try:
-            return replay_qos(recorded_qos(topic.qos))
-        except ValueError as error:
-            self.get_logger().warning(f"{name} is played as a reliable stream: {error}")
-            return replay_qos(())
 
     def _start(self) -> None:
         """Play in a thread of its own."""
@@ -197,6 +155,7 @@ class PlayerNode(ManagedNode):
 
     def _halt(self) -> None:
         """Stop before the next message."""
+        self._stop.set()  # also of a burst, which holds the lock
         with self._steered:
             self._stop.set()
             if self._worker is not None:
@@ -214,10 +173,45 @@ class PlayerNode(ManagedNode):
         with self._steered:
             self._check_active()
             if self._status == PlaybackState.ENDED:
-                raise ValueError(f"{self._bag.path} is at its end: seek first")
+                raise ValueError(f"{self._played.bag.path} is at its end: seek first")
             if self._status == PlaybackState.PAUSED:
                 self._status = PlaybackState.PLAYING
                 self._go_on()
+
+    def _toggle_paused(self, request: Any) -> None:
+        with self._steered:
+            is_playing = self._status == PlaybackState.PLAYING
+            (self._pause if is_playing else self._resume)(request)
+
+    def _is_paused(self, _: Any) -> Mapping[str, Any]:
+        plays = self._status == PlaybackState.PLAYING and self.state == "active"
+        return {"paused": not plays}
+
+    def _play_next(self, _: Any) -> None:
+        self._step(1)
+
+    def _burst(self, request: BurstPlayback.Request) -> Mapping[str, Any]:
+        if not request.num_messages:
+            raise ValueError("num_messages = 0: expected at least 1")
+        return {"success": True, "actually_burst": self._step(request.num_messages)}
+
+    def _step(self, count: int) -> int:
+        """Play the next messages while it is paused, and return how many there were."""
+        with self._steered:
+            self._check_active()
+            if self._status == PlaybackState.PLAYING:
+                raise ValueError("the player plays: pause it first")
+            self._stop = threading.Event()
+            self._passes.begin()
+            played = self._playback.step(count, self._stop)
+            if not played:
+                raise ValueError(f"{self._played.bag.path} is at its end: seek first")
+            self._set_phase(f"paused after {counted(self._playback.played, 'message')}")
+            self._publish_state()
+            return played
+
+    def _get_rate(self, _: Any) -> Mapping[str, Any]:
+        return {"rate": self._playback.rate}
 
     def _set_rate(self, request: SetPlaybackRate.Request) -> None:
         settings = replace(self._settings, rate=request.rate)  # checks it
@@ -228,28 +222,22 @@ class PlayerNode(ManagedNode):
             self._go_on()
 
     def _seek(self, request: SeekPlayback.Request) -> None:
-        time_ns, (start_ns, end_ns) = stamp_from_message(request.time), self._bounds()
-        if not start_ns <= time_ns <= end_ns:
-            raise ValueError(
-                f"time = {time_ns / 1e9:.3f} s is outside {self._bag.path}, "
-                f"[{start_ns / 1e9:.3f}, {end_ns / 1e9:.3f}] s"
-            )
+        time_ns = stamp_from_message(request.time)
+        self._played.check_time(time_ns)
         with self._steered:
             self._check_active()
             self._halt()
             try:
-                latched = self._latched.before(time_ns)
-                self._playback.go_to(time_ns, self._bag.raw_messages(self._outputs, time_ns))
+                latched = self._played.latched_before(time_ns)
+                self._playback.go_to(time_ns, self._played.messages(time_ns))
             except (OSError, ValueError):
                 self._go_on()  # from where it was
                 raise
+            self._passes.skip_begin()
             if self._status == PlaybackState.ENDED:
                 self._status = PlaybackState.PAUSED
             self._publish_state(jumped=True)
-            for item in latched:
-                # The publisher keeps one message: that of one actuator at a time.
-                self._outputs[item.topic].wait_for_all_acked(Duration(seconds=_LATCHED_S))
-                self._publish(item)
+            self._outputs.publish_latched(latched)
             if self._status == PlaybackState.PLAYING:
                 self._start()
 
@@ -259,48 +247,31 @@ class PlayerNode(ManagedNode):
         if self.finished.is_set():
             raise ValueError("the player has ended")
 
-    def _bounds(self) -> tuple[int, int]:
-        """Return log times of the first and last message [ns]."""
-        start_ns = self._playback.start_ns
-        return start_ns, max(start_ns, self._bag.end_ns or 0)
-
     def _publish_progress(self) -> None:
         if self._status == PlaybackState.PLAYING:
             self._publish_state()
 
     def _publish_state(self, *, jumped: bool = False) -> None:
-        start_ns, end_ns = self._bounds()
         self._steering.publish(
             PlaybackState(
-                bag=str(self._bag.path),
+                bag=str(self._played.bag.path),
                 status=self._status,
                 rate=self._playback.rate,
-                start=stamp_to_message(start_ns),
-                end=stamp_to_message(end_ns),
+                start=stamp_to_message(self._played.start_ns),
+                end=stamp_to_message(self._played.end_ns),
                 position=stamp_to_message(self._playback.reached_ns),
                 jumped=jumped,
             )
         )
 
-    def _publish(self, item: Recorded) -> None:
-        upgrade = self._upgrades[item.topic]
-        self._outputs[item.topic].publish(upgrade(item.message) if upgrade else item.message)
-
-    def _publish_clock(self, stamp_ns: int) -> None:
-        self._clock_output.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
-
     def _work(self, stop: threading.Event) -> None:
-        damage = self._bag.damage
+        damage = self._played.bag.damage
         try:
-            if self._is_awaited:
-                self._wait_for_subscribers(stop)
-            if stop.is_set():
-                return
-            self._set_phase(f"playing at rate {self._playback.rate:g}")
-            if self._playback.run(stop):
-                self._finish(stop)
-            else:
-                self._set_phase(f"paused after {counted(self._playback.played, 'message')}")
+            if self._passes.run(stop):
+                self._status = PlaybackState.ENDED
+                self._publish_state()
+                if not self._settings.stay:
+                    self.finished.set()
         except Exception as error:
             self.get_logger().error(traceback.format_exc())
             self._failure = f"cannot play on: {error!r}"
@@ -309,68 +280,18 @@ class PlayerNode(ManagedNode):
             self.finished.set()
         self._warn_of_damage(damage)
 
-    def _wait_for_subscribers(self, stop: threading.Event) -> None:
-        """Wait for subscriptions, at most as long as the settings say."""
-        waits = round(self._settings.wait_s / _POLL_S)
-        if self._missing() and waits:
-            self._set_phase(f"waiting for a subscriber of {self._missing()}")
-        while waits and self._missing() and not stop.wait(_POLL_S):
-            waits -= 1
-        if stop.is_set():
-            return
-        if missing := self._missing():
-            self.get_logger().warning(
-                f"no subscriber of {missing} after {self._settings.wait_s:g} s: starting"
-            )
-        else:
-            stop.wait(_SETTLE_S)
-        self._is_awaited = False
-
-    def _missing(self) -> str:
-        """Return the topics without a subscription that is waited for, in words."""
-        subscribed = {
-            name for name, publisher in self._outputs.items() if publisher.get_subscription_count()
-        }
-        if self._awaited:
-            return ", ".join(name for name in self._awaited if name not in subscribed)
-        return "" if subscribed else f"any of {', '.join(self._outputs)}"
-
-    def _finish(self, stop: threading.Event) -> None:
-        played = f"played {counted(self._playback.played, 'message')} of {self._bag.path}"
-        waits = round(_ACKNOWLEDGE_S / _POLL_S)
-        pending = list(self._outputs.items())
-        while pending and waits and not stop.is_set():
-            publisher = pending[-1][1]
-            if publisher.wait_for_all_acked(Duration(seconds=_POLL_S)):
-                pending.pop()
-            else:
-                waits -= 1
-        if pending:
-            names = ", ".join(name for name, _ in pending)
-            self.get_logger().warning(f"not all messages on {names} are acknowledged")
-        if stop.is_set():
-            return
-        self._status = PlaybackState.ENDED
-        self._set_phase(played)
-        self._publish_state()
-        if not self._settings.stay:
-            self.finished.set()
-
     def _warn_of_damage(self, known: str) -> None:
-        if self._bag.damage != known:
-            self.get_logger().warning(f"{self._bag.path.name} is damaged: {self._bag.damage}")
+        bag = self._played.bag
+        if bag.damage != known:
+            self.get_logger().warning(f"{bag.path.name} is damaged: {bag.damage}")
+
+    def _warn(self, words: str) -> None:
+        self.get_logger().warning(words)
 
     def _set_phase(self, phase: str) -> None:
         self._phase = phase
         self.get_logger().info(phase)
         self.report()
-
-    def _other_publishers(self, name: str) -> list[str]:
-        """Return the other nodes that publish a topic."""
-        sources = [item.node_name for item in self.get_publishers_info_by_topic(name)]
-        if self.get_name() in sources:
-            sources.remove(self.get_name())
-        return sorted(set(sources))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -16,6 +16,7 @@ from ema_core.wording import counted
 from ema_recording.recorded_topic import RecordedTopic
 from ema_recording.recorder_settings import RecorderSettings
 from ema_recording.recording import Recording
+from ema_recording.topic_names import topic_names
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
@@ -71,7 +72,7 @@ class RecorderNode(ManagedNode):
     def configure(self) -> None:
         """Begin the bag."""
         settings = self._settings.value
-        self._wanted = self._wanted_topics()
+        self._wanted = topic_names(self)
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._topics: dict[str, RecordedTopic] = {}
         self._skipped: dict[str, str] = {}
@@ -180,16 +181,6 @@ class RecorderNode(ManagedNode):
         if reason and any(item.name == "topics" for item in parameters):
             return SetParametersResult(successful=False, reason=f"topics: {reason}")
         return SetParametersResult(successful=True)
-
-    def _wanted_topics(self) -> set[str] | None:
-        """Return the full names of the chosen topics; None where there is no choice."""
-        names = self.get_parameter("topics").value
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise ValueError(f"parameter topics = {names!r}: expected a list of names")
-        try:
-            return {self.resolve_topic_name(name) for name in names if name} or None
-        except RuntimeError as error:
-            raise ValueError(f"parameter topics = {names!r}: {error}") from error
 
     def _is_wanted(self, name: str) -> bool:
         if self._wanted is not None:

@@ -1,29 +1,44 @@
-"""Services by which a playback is paused, sped up and moved, and the state that tells of it."""
+"""Services that pause, step, speed up and move a playback, and the state that tells of it.
 
-from collections.abc import Callable
+They have the names of rosbag2's player and the fields of its requests; their types are our own,
+whose answers say why something is refused.
+"""
+
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from ema_interfaces.msg import PlaybackState
-from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
+from ema_interfaces.srv import (
+    BurstPlayback,
+    GetPlaybackRate,
+    IsPlaybackPaused,
+    SeekPlayback,
+    SetPlaybackRate,
+)
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.topics import LATCHED, PLAYBACK_STATE
 
-Act = Callable[[Any], None]
-"""Does what a request asks; ValueError or OSError when that is not possible."""
+Act = Callable[[Any], Mapping[str, Any] | None]
+"""Does what a request asks, and gives fields of the answer; ValueError or OSError if impossible."""
 
 _KINDS: Final = {
     "pause": Trigger,
     "resume": Trigger,
+    "toggle_paused": Trigger,
+    "is_paused": IsPlaybackPaused,
+    "play_next": Trigger,
+    "burst": BurstPlayback,
+    "get_rate": GetPlaybackRate,
     "set_rate": SetPlaybackRate,
     "seek": SeekPlayback,
 }
 
 
 class Steering:
-    """Services ``~/pause``, ``~/resume``, ``~/set_rate``, ``~/seek``, and ``playback_state``.
+    """The services ``~/pause`` and so on, and ``playback_state``.
 
     Parameters
     ----------
@@ -56,11 +71,14 @@ class Steering:
     def _answerer(self, act: Act) -> Callable[[Any, Any], Any]:
         def answer(request: Any, response: Any) -> Any:
             try:
-                act(request)
+                fields = act(request)
             except (OSError, ValueError) as error:
                 response.message = str(error)
-            else:
-                response.success = True
+                return response
+            if fields is None:
+                fields = {"success": True}
+            for name, value in fields.items():
+                setattr(response, name, value)
             return response
 
         return answer

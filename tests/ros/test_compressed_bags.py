@@ -93,12 +93,15 @@ def test_unpacked_files_leave_nothing_behind_and_are_bounded_together(
     monkeypatch.setattr(tempfile, "tempdir", str(temporary))
     monkeypatch.setattr(packed, "_KEPT_BYTES", paths[0].stat().st_size + 1)
     bag = Bag(folder)
-    for item, expected in zip(bag.messages(), written, strict=True):
-        assert (item.topic, item.message.data, item.log_time_ns) == expected
+    read = 0
+    for item in bag.messages():
+        assert (item.topic, item.message.data, item.log_time_ns) == written[read]
         assert len(bag._stored._unpacked) == 1
         assert not any(temporary.iterdir()), "not even while it is read"
+        read += 1
+    assert read == len(written)
     opened = len(os.listdir("/proc/self/fd"))
-    del bag, item
+    del bag
     assert len(os.listdir("/proc/self/fd")) == opened - 1
 
 

@@ -245,7 +245,7 @@ def test_telemetry_is_waited_for_in_particular(graph: Graph, tmp_path: Path):
     texts_heard = graph.listen(String, "text", STREAM)
     player = graph.player(tmp_path / "b")
     assert player.bring_up()
-    (text,) = (item for item in player._outputs.values() if item.topic == "/ema/text")
+    (text,) = (item for item in player._outputs.publishers.values() if item.topic == "/ema/text")
     wait_for(text.get_subscription_count, "the other subscriber")
     assert task(player).message == "waiting for a subscriber of /ema/telemetry"
     assert not texts_heard
@@ -283,10 +283,10 @@ def test_only_what_an_actuator_sends_is_played_on_demand(graph: Graph, tmp_path:
             writer.write(name, kind(), START_NS)
     player = graph.player(tmp_path / "b", actuator_only=True)
     assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
-    assert set(player._outputs) == set(actuator)
+    assert set(player._outputs.publishers) == set(actuator)
     everything = graph.player(tmp_path / "b")
     assert everything.trigger_configure() == TransitionCallbackReturn.SUCCESS
-    assert set(everything._outputs) == set(actuator | monitor)
+    assert set(everything._outputs.publishers) == set(actuator | monitor)
 
 
 def test_deactivated_player_pauses(graph: Graph, bag: Path):
@@ -349,7 +349,7 @@ def test_type_of_another_version_is_not_played(graph: Graph, bag: Path, monkeypa
         writer.write("/ema/header", Header(), 0)
         writer.write("/ema/text", String(), 0)
     assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
-    assert set(player._outputs) == {"/ema/text"}
+    assert set(player._outputs.publishers) == {"/ema/text"}
     assert "/ema/header: not played, the recorded" in task(player).message
 
 
@@ -374,7 +374,7 @@ def test_recording_what_is_played_gives_the_same_messages(graph: Graph, bag: Pat
     recorder = graph.managed(RecorderNode, output=str(tmp_path / "again"), topics=topics)
     assert recorder.bring_up()
     wait_for(
-        lambda: all(item.get_subscription_count() for item in player._outputs.values()),
+        lambda: all(item.get_subscription_count() for item in player._outputs.publishers.values()),
         "the recorder",
     )
     player.trigger_activate()

@@ -159,12 +159,10 @@ def test_one_file_cannot_be_split(tmp_path: Path):
     with pytest.raises(ValueError, match=r"flight.mcap is one file: expected a folder"):
         BagWriter(tmp_path / "flight.mcap", max_bytes=1_000_000)
     assert not any(tmp_path.iterdir())
-    for settings, told in (
-        ({"max_bytes": -1}, "max_bytes = -1 B"),
-        ({"max_duration_s": float("nan")}, "max_duration_s = nan s"),
-    ):
-        with pytest.raises(ValueError, match=told):
-            BagWriter(tmp_path / "flight", **settings)
+    with pytest.raises(ValueError, match="max_bytes = -1 B"):
+        BagWriter(tmp_path / "flight", max_bytes=-1)
+    with pytest.raises(ValueError, match="max_duration_s = nan s"):
+        BagWriter(tmp_path / "flight", max_duration_s=float("nan"))
 
 
 @pytest.mark.slow

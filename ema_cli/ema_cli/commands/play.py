@@ -13,6 +13,18 @@ from ema_cli.processes.bringup import assignments_of, ros_arguments
 @click.argument("bag", type=click.Path(path_type=Path))
 @click.option("--rate", type=float, help="Seconds played in a second, 1 by default.")
 @click.option(
+    "--start-offset", type=float, metavar="SECONDS", help="Begin so long after the bag's start."
+)
+@click.option("--playback-duration", type=float, metavar="SECONDS", help="Play so much of the bag.")
+@click.option("--loop", is_flag=True, help="Begin again at the end, until Ctrl-C.")
+@click.option("--start-paused", is_flag=True, help="Wait at the beginning to be resumed.")
+@click.option(
+    "--topic",
+    "topics",
+    multiple=True,
+    help="Topic to play, full name or relative to /ema; by default all.",
+)
+@click.option(
     "--only-actuator",
     is_flag=True,
     help="Play what the actuator sent and no estimates, so that a monitor diagnoses it anew.",
@@ -22,16 +34,28 @@ from ema_cli.processes.bringup import assignments_of, ros_arguments
     is_flag=True,
     help="Stay at the end, so that the dashboard can go back, until Ctrl-C.",
 )
-def play(bag: Path, rate: float | None, only_actuator: bool, stay: bool) -> None:
+def play(
+    bag: Path,
+    rate: float | None,
+    start_offset: float | None,
+    playback_duration: float | None,
+    topics: tuple[str, ...],
+    only_actuator: bool,
+    **flags: bool,
+) -> None:
     """Play BAG, and the time on /clock.
 
-    The dashboard (ema up dashboard) pauses it, goes to other times and changes the rate.
+    The dashboard (ema up dashboard) pauses it, goes to other times and changes the rate; services
+    of the player do so too, and play message by message.
     """
     parameters = {
         "bag": str(bag),
         "rate": rate,
+        "start_offset": start_offset,
+        "playback_duration": playback_duration,
+        "topics": list(topics) or None,
         "actuator_only": only_actuator or None,
-        "stay": stay or None,
+        **{name: value or None for name, value in flags.items()},
     }
     with one_clear_line():
         arguments = ros_arguments("player", assignments=assignments_of(parameters))

@@ -190,7 +190,7 @@ def test_a_player_that_stays_at_the_end_can_be_moved_back(session, bag):
 
 def test_a_recorded_state_of_a_playback_is_not_played(session, bag):
     replay = Replay(session, bag)
-    assert "/ema/playback_state" not in replay.player._outputs
+    assert "/ema/playback_state" not in replay.player._outputs.publishers
     assert all(state.bag == str(bag) for state in replay.states)
 
 

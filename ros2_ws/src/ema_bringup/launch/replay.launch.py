@@ -25,6 +25,15 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument("bag", description="bag to play: a file or a folder"),
         DeclareLaunchArgument("rate", default_value="1.0", description="playback rate"),
         DeclareLaunchArgument(
+            "start_offset", default_value="0.0", description="where to begin, from the start [s]"
+        ),
+        DeclareLaunchArgument(
+            "playback_duration", default_value="0.0", description="how much to play; 0: all [s]"
+        ),
+        DeclareLaunchArgument(
+            "loop", default_value="false", description="true: begin again at the end"
+        ),
+        DeclareLaunchArgument(
             "end", default_value="true", description="false: stay when the diagnosis is complete"
         ),
         *ema.common_arguments(),
@@ -35,11 +44,14 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _nodes(context: LaunchContext) -> list[Any]:
-    rate = ema.value_of(context, "rate")
-    try:
-        played = {"bag": ema.value_of(context, "bag"), "rate": float(rate)}
-    except ValueError as error:
-        raise RuntimeError(f"rate:={rate}: expected a number") from error
+    played: dict[str, Any] = {"bag": ema.value_of(context, "bag")}
+    for name in ("rate", "start_offset", "playback_duration"):
+        value = ema.value_of(context, name)
+        try:
+            played[name] = float(value)
+        except ValueError as error:
+            raise RuntimeError(f"{name}:={value}: expected a number") from error
+    played["loop"] = ema.flag_of(context, "loop")
     ends = ema.flag_of(context, "end")
     command = [
         PathJoinSubstitution([FindPackagePrefix("ema_cli"), "lib", "ema_cli", "ema"]),
