@@ -263,8 +263,16 @@ def test_files_of_ones_own_actuator_override_the_parameter_file_only_when_given(
 def test_replay_runs_in_simulated_time_and_plays_the_actuator_only():
     nodes = nodes_of("replay.launch.py", bag="4711", rate="4")
     assert own_of(nodes["monitor"]) == {"use_sim_time": True}
+    part = {"start_offset": 0.0, "playback_duration": 0.0, "loop": False}
     played = {"bag": "4711", "rate": 4.0, "actuator_only": True}
-    assert own_of(nodes["player"]) == {**played, "stay": False}
+    assert own_of(nodes["player"]) == {**played, **part, "stay": False}
+    part = {"start_offset": "2", "playback_duration": "1.5", "loop": "true"}
+    player = own_of(nodes_of("replay.launch.py", bag="4711", **part)["player"])
+    assert {name: player[name] for name in part} == {
+        "start_offset": 2.0,
+        "playback_duration": 1.5,
+        "loop": True,
+    }
     nodes = nodes_of("replay.launch.py", bag="worn", end="false")
     assert own_of(nodes["player"])["stay"] is True
     with pytest.raises(RuntimeError, match="rate:=fast: expected a number"):

@@ -39,7 +39,9 @@ KINDS = [kind for _, kind in inspect.getmembers(ema_interfaces.msg, inspect.iscl
 def record(path: Path, **settings) -> BagWriter:
     """Write numbered telemetry of a second, with descriptions and usage of two actuators."""
     with ExitStack() as stack:
-        writer = stack.enter_context(BagWriter(path, chunk_bytes=2000, **settings))
+        # Chunks end by size alone, whatever the time that this takes.
+        settings = {"chunk_bytes": 2000, "flush_s": 1000.0} | settings
+        writer = stack.enter_context(BagWriter(path, **settings))
         fill(writer)
         stack.pop_all()
     return writer
@@ -142,7 +144,7 @@ KILLED = """
 import os, sys
 from pathlib import Path
 from tests.ros.test_split_bags import record
-record(Path(sys.argv[1]), max_duration_s=0.25, flush_s=1000.0).flush()
+record(Path(sys.argv[1]), max_duration_s=0.25).flush()
 os._exit(9)
 """
 
