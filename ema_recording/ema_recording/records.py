@@ -15,6 +15,7 @@ from ema_recording.packed import PackedError, unpack_chunk
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+_MOST_BYTES = 1 << 30
 
 
 class DamageError(Exception):
@@ -40,7 +41,7 @@ class StoredMessage(NamedTuple):
 
 
 def read_records(file: BinaryIO, start: int, stop: int) -> Iterator[McapRecord]:
-    """Read the records between two offsets.
+    """Read the records between two offsets; attachments have no content here.
 
     Raises
     ------
@@ -57,9 +58,17 @@ def read_records(file: BinaryIO, start: int, stop: int) -> Iterator[McapRecord]:
         if opcode == 0:
             raise DamageError("no record begins there")
         end = offset + _HEAD.size + length
-        content = file.read(length) if end <= stop else b""
-        if len(content) < length:
+        if end > stop:
             raise DamageError(f"a record of {length} bytes is cut off")
+        if opcode == Opcode.ATTACHMENT:  # of any size, and not wanted
+            file.seek(end)
+            content = b""
+        elif length > _MOST_BYTES:
+            raise DamageError(f"a record of {length} bytes, expected at most {_MOST_BYTES}")
+        else:
+            content = file.read(length)
+            if len(content) < length:
+                raise DamageError(f"a record of {length} bytes is cut off")
         yield McapRecord(offset, end, opcode, content)
         offset = end
 

@@ -14,7 +14,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from ema_recording import packed
+from ema_recording import packed, records
 from ema_recording.reader import Bag
 
 from . import compressed
@@ -212,3 +212,31 @@ def test_unknown_compression_of_chunks_is_refused_with_the_remedy(tmp_path: Path
         path.write_bytes(damaged)
         with pytest.raises(ValueError, match=r"mcap has chunks compressed by 'lzo', .*`mcap"):
             Bag(path)
+
+
+def test_record_that_is_too_large_is_not_read_and_an_attachment_is_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path = tmp_path / "flight.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE, chunk_size=1)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(STRING, "ros2msg", b"string data\n")
+        channel = writer.register_channel("/t", "cdr", schema)
+        for number in range(3):
+            text = b"x" * (5000 if number == 1 else 10)
+            size = struct.pack("<I", len(text) + 1)
+            writer.add_message(channel, number, b"\0\1\0\0" + size + text + b"\0", number)
+            if not number:
+                writer.add_attachment(0, 0, "video", "video/mp4", bytes(10_000))
+        writer.finish()
+    content = path.read_bytes()
+    assert len(as_read(Bag(path))) == 3
+    monkeypatch.setattr(records, "_MOST_BYTES", 2000)
+    bag = Bag(path)
+    assert len(as_read(bag)) == 2
+    assert "bytes, expected at most 2000" in bag.damage
+    path.write_bytes(content[:-1])  # read through
+    bag = Bag(path)
+    assert len(as_read(bag)) == 1
+    assert "bytes, expected at most 2000" in bag.damage
