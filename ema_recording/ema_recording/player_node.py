@@ -71,9 +71,9 @@ class PlayerNode(ManagedNode):
         self._settings = read(self, PlayerSettings)
         self._played = PlayedBag(self._settings, topic_names(self))
         for name, reason in self._played.remarks.items():
-            self.get_logger().warning(f"{name} is not played: {reason}")
+            self._warn(f"{name} is not played: {reason}")
         for name, reason in self._played.odd_offers.items():
-            self.get_logger().warning(f"{name} is played as a reliable stream: {reason}")
+            self._warn(f"{name} is played as a reliable stream: {reason}")
         self._warn_of_damage("")
         self._outputs = PlayerOutputs(self, self._played)
         self._passes = Passes(
@@ -124,9 +124,7 @@ class PlayerNode(ManagedNode):
         bag = played.bag
         remarks = [f"{bag.path.name} is damaged: {bag.damage}"] if bag.damage else []
         remarks += [f"{name}: not played, {why}" for name, why in played.remarks.items()]
-        for name, others in self._outputs.others().items():
-            remarks.append(f"{name}: also published by {', '.join(others)}")
-        remarks += self._outputs.live_monitors()
+        remarks += self._outputs.remarks()
         values = {
             "bag": bag.path,
             "rate [-]": playback.rate,
@@ -283,7 +281,7 @@ class PlayerNode(ManagedNode):
     def _warn_of_damage(self, known: str) -> None:
         bag = self._played.bag
         if bag.damage != known:
-            self.get_logger().warning(f"{bag.path.name} is damaged: {bag.damage}")
+            self._warn(f"{bag.path.name} is damaged: {bag.damage}")
 
     def _warn(self, words: str) -> None:
         self.get_logger().warning(words)

@@ -88,16 +88,16 @@ class PlayerOutputs:
                 waits -= 1
         return [name for name, _ in pending]
 
-    def others(self) -> dict[str, list[str]]:
-        """Return the other nodes that publish a topic that is played, by topic."""
-        found = {}
+    def remarks(self) -> list[str]:
+        """Return who else publishes what is played, and who should not listen, in words."""
+        found = []
         for name in (*self.publishers, CLOCK):
             sources = [item.node_name for item in self._node.get_publishers_info_by_topic(name)]
             if self._node.get_name() in sources:
                 sources.remove(self._node.get_name())
             if sources and name not in _SHARED_TOPICS:
-                found[name] = sorted(set(sources))
-        return found
+                found.append(f"{name}: also published by {', '.join(sorted(set(sources)))}")
+        return found + self.live_monitors()
 
     def live_monitors(self) -> list[str]:
         """Return which nodes estimate from what is played and do not follow its time, in words.
