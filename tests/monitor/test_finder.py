@@ -265,3 +265,14 @@ def test_window_of_too_many_blocks_is_refused_and_the_next_one_found(monkeypatch
     events = fed(finder, cycles(1), 1)
     assert "more than 300 blocks" in events[0].window.reason
     assert isinstance(found_in(fed(finder, cycles(1, 901)))[0].window, Window)
+
+
+@pytest.mark.parametrize("first_index", [2**53, 2**63 - 450, 2**63, 2**64 - 900])
+def test_window_is_found_wherever_the_running_index_is(first_index: int):
+    late = replace(cycles(1), first_index=first_index)
+    [found] = found_in(fed(WindowFinder(SETTINGS, FLAP), late))
+    [expected] = found_in(fed(WindowFinder(SETTINGS, FLAP), cycles(1)))
+    assert isinstance(found.window, Window)
+    assert found.window.telemetry.first_index - first_index == (
+        expected.window.telemetry.first_index - 1
+    )

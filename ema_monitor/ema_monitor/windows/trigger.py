@@ -273,8 +273,9 @@ class WindowTrigger:
         offset = start - held[0].first_index
         telemetry = join(held).part(offset, offset + samples + 1)
         stamps = np.array([block.stamp_ns for block in held])
-        indices = np.array([block.first_index for block in held])
-        inside = (indices >= start) & (indices <= start + samples)
+        # From the start: a running index may be beyond what an array of integers holds.
+        indices = np.array([block.first_index - start for block in held])
+        inside = (indices >= 0) & (indices <= samples)
         if np.count_nonzero(inside) > 1:
             period = np.ptp(stamps[inside]) * 1e-9 / np.ptp(indices[inside])
             if abs(period / telemetry.sample_period - 1.0) > _RATE_TOLERANCE:
