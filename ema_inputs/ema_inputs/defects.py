@@ -74,6 +74,7 @@ def find_defects(
     if motion is None:
         return found
     found += _frozen(columns, motion)
+    found += _frozen_for_a_while(columns, stamps_ns)
     frozen = {item.name for item in found}
     found += _wrong_factors(motion, mapping, description, frozen)
     if not any(item.is_error for item in found):
@@ -90,8 +91,14 @@ def find_defects(
     return found
 
 
-def stream_defects(losses: Losses, rebuilt: int) -> list[Defect]:
-    """Return what is wrong with the stamps and the completeness of samples."""
+def stream_defects(losses: Losses, rebuilt: int, *, of_table: bool = False) -> list[Defect]:
+    """Return what is wrong with the stamps and the completeness of samples.
+
+    Parameters
+    ----------
+    of_table
+        Whether they are rows of a table, which have no arrival.
+    """
     found = []
     n = max(losses.samples, 1)
     if losses.lost:
@@ -112,7 +119,12 @@ def stream_defects(losses: Losses, rebuilt: int) -> list[Defect]:
                 bad > _MANY * n,
                 f"the time goes back {counted(losses.jumps, 'time')} and stands still "
                 f"{counted(losses.repeated, 'time')} in {counted(n, 'sample')}",
-                "is clock.source the right one? clock: {source: arrival} rebuilds the stamps"
+                "is clock.source the right one? "
+                + (
+                    "Rows have to be in the order of time"
+                    if of_table
+                    else "clock: {source: arrival} rebuilds the stamps"
+                )
                 if bad > _MANY * n
                 else "samples that repeat a stamp are left out, and no window spans a jump",
             )
@@ -122,7 +134,7 @@ def stream_defects(losses: Losses, rebuilt: int) -> list[Defect]:
             Defect(
                 "not_finite",
                 losses.missing > 0.5 * n,
-                f"{counted(losses.missing, 'sample')} of {n} have a value that is not a finite "
+                f"{losses.missing} of {counted(n, 'sample')} have a value that is not a finite "
                 "number",
                 "they are left out; a column that is mostly empty should not be mapped",
             )
@@ -202,6 +214,51 @@ def _frozen(columns: dict[str, NDArray[np.float64]], motion: Motion) -> Iterator
             "moves",
             remedy,
         )
+
+
+def _frozen_for_a_while(
+    columns: dict[str, NDArray[np.float64]], stamps_ns: NDArray[np.int64]
+) -> Iterator[Defect]:
+    """Yield columns that stop changing while another moves to and fro."""
+    position, speed = columns["position"], columns["speed"]
+    if np.nanmax(position) - np.nanmin(position) < _LEAST_TRAVEL:
+        return
+    others: dict[str, NDArray[np.float64]] = {
+        name: position for name in ("command", "speed", "current")
+    }
+    if len(speed):
+        seconds = np.diff(stamps_ns, prepend=stamps_ns[0]) * 1e-9
+        others["position"] = np.cumsum(np.nan_to_num(speed) * seconds)
+    for name, angle in others.items():
+        values = columns[name]
+        if not len(values):
+            continue
+        first, last = _longest_run(values)
+        if last - first == len(values):
+            continue
+        part = angle[first:last]
+        part = part[np.isfinite(part)]
+        if not len(part) or not np.isfinite(values[first]):
+            continue
+        # One way alone may be a steady motion, of which a coarse column sees nothing.
+        rise = np.max(part - np.minimum.accumulate(part))
+        fall = np.max(np.maximum.accumulate(part) - part)
+        if min(rise, fall) > _FROZEN_SHARE * (np.nanmax(angle) - np.nanmin(angle)):
+            yield Defect(
+                f"{name}_frozen",
+                True,
+                f"{name} is {values[first]:g} in {counted(last - first, 'sample')} in a row, from "
+                f"the {first + 1}th on, while {'speed' if name == 'position' else 'position'} goes "
+                "to and fro",
+                "the source has stopped there: leave that part out",
+            )
+
+
+def _longest_run(values: NDArray[np.float64]) -> tuple[int, int]:
+    """Return begin and end of the longest run of equal values."""
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0.0) + 1, [len(values)]])
+    longest = int(np.argmax(np.diff(edges)))
+    return int(edges[longest]), int(edges[longest + 1])
 
 
 def _wrong_factors(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
+from ema_core.wording import counted
 from ema_inputs.conversion import convert
 from ema_inputs.factors import explain
 from ema_inputs.joining import Samples
@@ -21,7 +22,7 @@ from ema_inputs.mapping import (
     Table,
 )
 from ema_inputs.motion import Motion
-from ema_inputs.naming import kinds_of, unit_in_name, unit_of
+from ema_inputs.naming import kinds_of, unit_in_name, unit_of, words_of
 from ema_inputs.tables import Columns
 from ema_inputs.units import ANGLES, CURRENTS, SPEEDS, TIMES_NS, TORQUES
 
@@ -57,15 +58,25 @@ def guess_columns(columns: Columns) -> Guess:
     kinds = {name: kinds_of(name) for name in unused}
     taken: dict[str, str] = {}
     for quantity, without in (
+        ("position", {"command", "error", "speed"}),
         ("error", {"speed", "current"}),
         ("command", {"speed", "current", "error"}),
-        ("position", {"command", "error", "speed"}),
         ("speed", {"command", "error"}),
         ("current", {"command", "error"}),
     ):
-        for name, found in kinds.items():
-            if quantity in found and not found & without and name not in taken.values():
-                taken.setdefault(quantity, name)
+        able = [
+            name
+            for name, found in kinds.items()
+            if quantity in found and not found & without and name not in taken.values()
+        ]
+        if able:
+            # Where a table has several joints, what has the words of the position is of its joint.
+            taken[quantity] = max(able, key=lambda name: _shared(name, taken.get("position", "")))
+            able.remove(taken[quantity])
+        if able:
+            remarks.append(
+                f"{quantity} {taken[quantity]!r} is a guess; others: {', '.join(map(repr, able))}"
+            )
     phases = {
         kind: name for name, found in kinds.items() for kind in found if kind.startswith("phase_")
     }
@@ -77,7 +88,7 @@ def guess_columns(columns: Columns) -> Guess:
     if missing:
         raise ValueError(
             f"{columns.path}: no column seems to be the {' or the '.join(missing)}; columns: "
-            f"{', '.join(columns.values)}: write a mapping by hand, its command may be any of them"
+            f"{', '.join(columns.values)}: write a mapping by hand"
         )
     sources: dict[str, Any] = {}
     for quantity, name in taken.items():
@@ -206,8 +217,11 @@ def _clock(columns: Columns, remarks: list[str]) -> tuple[Clock, list[str]]:
     named = [name for name in names if name in columns.dates or "time" in kinds_of(name)]
     growing = [name for name in (named or names) if _grows(columns.values[name])]
     if not growing:
-        remarks.append("no column seems to be the time: give clock.rate_hz, here 1000 as a guess")
-        return Clock(rate_hz=1000.0), names
+        why = "no column seems to be the time"
+        if named:
+            why = f"column {named[0]!r} {_disorder(columns.values[named[0]])}"
+        remarks.append(f"{why}: give clock.rate_hz, here 1000 as a guess")
+        return Clock(rate_hz=1000.0), [name for name in names if name not in named]
     name = growing[0]
     unit = unit_of(columns.units.get(name, "")) or unit_in_name(name)
     if unit not in TIMES_NS:
@@ -226,6 +240,18 @@ def _grows(values: NDArray[Any]) -> bool:
     return float(np.mean(np.diff(finite) > 0)) > 0.9
 
 
+def _disorder(values: NDArray[Any]) -> str:
+    """Return why times that do not grow are no clock."""
+    finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+    if len(finite) < 2 or np.ptp(finite) == 0:
+        return "never changes and is no clock"
+    back = int(np.count_nonzero(np.diff(finite) < 0))
+    return (
+        f"goes back {counted(back, 'time')} in {counted(len(finite), 'row')} and is no clock (sort "
+        "the rows by it, if they have lost their order)"
+    )
+
+
 def _unit_of_times(values: NDArray[Any]) -> str:
     finite = values[np.isfinite(values)].astype(float)
     step = float(np.median(np.diff(finite)))
@@ -234,6 +260,10 @@ def _unit_of_times(values: NDArray[Any]) -> str:
         if abs(finite[-1]) > least and 1e4 < step * TIMES_NS[unit] < 1e9:
             return unit
     return next((unit for least, unit in _STEPS if step > least), "s")
+
+
+def _shared(name: str, other: str) -> int:
+    return len(words_of(name) & words_of(other))
 
 
 def _source(quantity: str, name: str, unit: str, remarks: list[str]) -> Source:

@@ -102,7 +102,7 @@ def import_series(
             f"none of {losses.samples} samples has a finite value in all of {', '.join(filled)}"
         )
     defects = [
-        *stream_defects(losses, rebuilt),
+        *stream_defects(losses, rebuilt, of_table=mapping.is_table),
         *find_defects(columns, stamps, mapping, described),
     ]
     first_ns = min(int(run.stamps_ns[0]) for run in runs)

@@ -6,6 +6,7 @@ from typing import Final
 
 from ema_core.acquisition import CURRENT_SAMPLINGS, Acquisition
 from ema_core.quantity import check_quantities, quantity, text
+from ema_core.wording import unknown_name
 from ema_inputs.field_path import FieldPath
 from ema_inputs.units import ANGLES, CURRENTS, SPEEDS, TIMES_NS, TORQUES
 
@@ -33,6 +34,16 @@ CLOCKS: Final = ("header", "sent", "arrival")
 
 QUANTITIES: Final = ("position", "command", "error", "speed", "current")
 """Entries of a mapping that name a source."""
+
+DEFECTS: Final = (
+    *("current_zero", "command_frozen", "position_frozen", "speed_frozen", "current_frozen"),
+    *("position_unit", "command_unit", "speed_unit", "current_unit"),
+    *("position_sign_reversed", "command_sign_reversed", "speed_sign_reversed"),
+    *("current_sign_reversed", "position_shaft", "command_shaft", "speed_shaft"),
+    *("position_scale", "command_scale", "speed_scale", "drive_of_i_q", "gear_ratio"),
+    *("command_position", "current_size", "not_finite", "time_not_monotonic"),
+)
+"""Names of the defects that are errors, which a mapping can accept."""
 
 _SIGNS: Final = (-1, 1)
 
@@ -196,8 +207,8 @@ class Mapping:
     Raises
     ------
     ValueError
-        When the position, or command and error, are missing or contradict each other, or sources
-        are partly columns and partly topics.
+        When the position, or command and error, are missing or contradict each other, sources
+        are partly columns and partly topics, or a name to accept is not that of a defect.
     """
 
     position: AngleSource
@@ -212,6 +223,9 @@ class Mapping:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "accept", tuple(self.accept))
+        for name in self.accept:
+            if name not in DEFECTS:
+                raise ValueError(f"accept: {unknown_name('defect', name, DEFECTS)}")
         if (self.command is None) == (self.error is None):
             given = "neither" if self.command is None else "both"
             raise ValueError(

@@ -70,5 +70,10 @@ def kinds_of(name: str) -> set[str]:
     return found
 
 
+def words_of(name: str) -> set[str]:
+    """Return the words of a name without its unit in brackets, in small letters."""
+    return set(_words(_BRACKETS.sub(" ", name)))
+
+
 def _words(name: str) -> list[str]:
     return [word.lower() for word in _SPLIT.split(name) if word]

@@ -172,6 +172,8 @@ def _read_parquet(path: Path) -> pd.DataFrame:
 
 def _read_csv(path: Path, table: Table) -> tuple[pd.DataFrame, dict[str, str], Table]:
     encoding, lines = _first_lines(path)
+    if not any(line.strip() for line in lines):
+        raise ValueError(f"{path} is empty: expected lines of numbers below a line of names")
     separator, decimal = _style(path, lines, table)
     names, units, first = _head(lines, separator, decimal)
     try:
@@ -202,7 +204,7 @@ def _first_lines(path: Path) -> tuple[str, list[str]]:
             lines = data.decode(encoding).splitlines()
         except UnicodeDecodeError:
             continue
-        if not any(line.strip() for line in lines) or "\0" in data.decode(encoding):
+        if "\0" in data.decode(encoding):
             break
         return encoding, lines
     raise ValueError(f"{path} is not a text file: expected CSV, Parquet (.parquet) or a bag")

@@ -61,6 +61,18 @@ def test_nothing_is_wrong_with_what_is_right(found):
         ({"position": 1 / TAU}, "position_shaft", "motor was", "position: {shaft: motor}"),
         ({"speed": 0.8}, "gear_ratio", "the description has 1/500", "tau: 0.0025"),
         ({"command": 0.25}, "command_position", "3.9", "command: {scale: 3.9"),
+        (
+            {"speed": lambda x: np.where(np.arange(len(x)) < 900, x, x[900])},
+            "speed_frozen",
+            "in 800 samples in a row, from the 901th on",
+            "leave that part out",
+        ),
+        (
+            {"current": lambda x: np.where(np.arange(len(x)) < 900, x, x[900])},
+            "current_frozen",
+            "while position goes to and fro",
+            "leave that part out",
+        ),
         ({"position": np.nan}, "not_finite", "any of 1700", "choose another source"),
     ],
 )
@@ -163,11 +175,14 @@ def test_losses_and_stamps_are_named_with_their_number():
     found = {item.name: item for item in stream_defects(losses, 6)}
     assert "3 samples of 1003 missing in 2 places" in found["lost_samples"].text
     assert "goes back 1 time and stands still 4 times" in found["time_not_monotonic"].text
-    assert "5 samples of 1000" in found["not_finite"].text
+    assert "5 of 1000 samples" in found["not_finite"].text
     assert "6 stamps of 1000 rebuilt" in found["stamps_rebuilt"].text
     assert not any(item.is_error for item in found.values())
     [mostly] = stream_defects(Losses(samples=100, repeated=90), 0)
     assert mostly.is_error
+    assert "rebuilds the stamps" in mostly.remedy
+    [rows] = stream_defects(Losses(samples=100, jumps=50), 0, of_table=True)
+    assert rows.remedy == "is clock.source the right one? Rows have to be in the order of time"
 
 
 def test_parameters_of_the_description_are_those_of_the_checks(found):

@@ -122,3 +122,38 @@ def test_effort_that_never_changes_is_taken_as_not_measured(guessed):
 def test_table_without_a_command_is_refused_with_its_columns(guessed):
     with pytest.raises(ValueError, match=r"no column seems to be the command.*columns: t, pos"):
         guessed(t=("t", 1.0), pos=("p", 1.0))
+
+
+def test_columns_of_two_joints_are_not_mixed_and_the_choice_is_said(guessed):
+    found = guessed(
+        t=("t", 1.0),
+        right_command=("c", 0.5),
+        left_pos=("p", 1.0),
+        left_command=("c", 1.0),
+        right_pos=("p", 0.5),
+    )
+    mapping = found.mapping
+    assert (mapping.position.source, mapping.command.source) == ("left_pos", "left_command")
+    assert "position 'left_pos' is a guess; others: 'right_pos'" in found.remarks
+    assert "command 'left_command' is a guess; others: 'right_command'" in found.remarks
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: 0.0 * t, "column 'time [s]' never changes and is no clock"),
+        (lambda t: t.sample(frac=1.0, random_state=1).to_numpy(), "goes back"),
+    ],
+)
+def test_time_that_is_no_clock_is_named(telemetry, tmp_path, change, words):
+    frame = pd.DataFrame(
+        {
+            "time [s]": change(pd.Series(telemetry.stamps_ns * 1e-9)),
+            "position": telemetry.position,
+            "command": telemetry.command,
+        }
+    )
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    found = InputFile(tmp_path / "a.csv").guess(FLAP)
+    assert found.mapping.clock.source == ""
+    assert any(words in item for item in found.remarks), found.remarks

@@ -48,7 +48,8 @@ def test_there_is_an_example_for_each_source_of_the_documents():
         ({"current": {"source": "i", "sampling": "filtered"}}, "current_filter = 0 s"),
         ({"clock": {}}, "clock without source and rate_hz"),
         ({"clock": {"source": "t", "unit": "min"}}, "clock: unit = 'min' is unknown"),
-        ({"accept": "lost_samples"}, "expected a list of names of defects"),
+        ({"accept": "current_zero"}, "expected a list of names of defects"),
+        ({"accept": ["curent_zero"]}, "unknown defect 'curent_zero'; did you mean 'current_zero'?"),
     ],
 )
 def test_wrong_entry_is_refused_by_name_and_value(mapped, change, words):

@@ -74,7 +74,7 @@ def test_empty_cells_are_no_numbers_and_texts_no_columns(tmp_path):
 
 @pytest.mark.parametrize("text", ["", "hello\nworld\n", "\0\1\2\3"])
 def test_what_is_no_table_is_refused(tmp_path, text):
-    with pytest.raises(ValueError, match=r"a\.csv is not a t"):
+    with pytest.raises(ValueError, match=r"a\.csv is (not a t|empty)"):
         read_columns(written(tmp_path / "a.csv", text))
 
 

@@ -157,9 +157,10 @@ def _comment(lines: list[str]) -> None:
 def _facts(imported: Imported) -> list[str]:
     """Return rate, losses and ranges in lines."""
     rate, losses = imported.rate, imported.losses
+    by = "the stamps" if imported.mapping.clock.source else "clock.rate_hz"
     kept = "as they are" if rate.is_regular else "interpolated on their stamps"
     lines = [
-        f"{counted(losses.samples, 'sample')}, {1.0 / rate.measured_period:.6g} Hz by the stamps, "
+        f"{counted(losses.samples, 'sample')}, {1.0 / rate.measured_period:.6g} Hz by {by}, "
         f"taken as {1.0 / rate.period:.6g} Hz; jitter {1e6 * rate.jitter:.3g} us: {kept}",
         f"lost {losses.lost} in {counted(losses.gaps, 'gap')}, {counted(losses.pauses, 'pause')}, "
         f"{counted(losses.jumps, 'jump')} of the clock, {losses.repeated} repeated, "
