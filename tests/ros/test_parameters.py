@@ -66,3 +66,35 @@ def test_what_is_live_says_why_a_value_is_refused(parameters, name: str):
             assert not answer.successful, item
             assert item in answer.reason
         node.destroy_node()
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_what_is_dumped_of_a_node_starts_one_of_the_same_parameters(name: str, tmp_path: Path):
+    """As `ros2 param dump` writes it: dots in names are levels, PyYAML's defaults."""
+
+    def values_of(*arguments: str) -> dict[str, Any]:
+        with ros_context(arguments=["--ros-args", *arguments]) as context:
+            node = node_class(name)(context=context)
+            try:
+                names = node.list_parameters([], 0).names
+                return {item: node.get_parameter(item).value for item in names}
+            finally:
+                node.destroy_node()
+
+    # Small and large numbers, which YAML 1.1 reads as texts where they have no point.
+    changed = {
+        "monitor": {"threshold_urad": 1e-06, "longest_s": 1e5, "limits.gain": 0.31},
+        "actuator": {"block_s": 0.001, "growth.friction.rate": 1e-05, "hours_per_cycle": 100.0},
+    }.get(name, {})
+    before = values_of(*(word for k, v in changed.items() for word in ("-p", f"{k}:={v!r}")))
+    assert changed.items() <= before.items()
+    tree: dict[str, Any] = {}
+    for key, value in before.items():
+        *levels, last = key.split(".")
+        part = tree
+        for level in levels:
+            part = part.setdefault(level, {})
+        part[last] = value
+    file = tmp_path / "dumped.yaml"
+    file.write_text(yaml.dump({f"/ema/{name}": {"ros__parameters": tree}}))
+    assert values_of("--params-file", str(file)) == before
