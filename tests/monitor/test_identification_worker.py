@@ -19,6 +19,8 @@ from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.node import worker as identification_worker
 from ema_monitor.node.settings import WindowSettings
 from ema_monitor.node.worker import IdentificationWorker
+from ema_monitor.prognosis.advisory import Costs
+from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -48,7 +50,9 @@ class Published:
         return IdentificationWorker(
             lambda _: "no calibration",
             lambda _: None,
-            lambda: WindowSettings(self.search, CombinationSettings()),
+            lambda: WindowSettings(
+                self.search, CombinationSettings(), PrognosisSettings(), Costs(), 2
+            ),
             self._publish,
             self._report,
             self._log,

@@ -30,4 +30,4 @@ def test_change_is_taken_when_it_is_confirmed(
         changes.append(one.add(level, confirmations))
         seen.append(one.level)
     assert seen == filtered
-    assert changes == [False, *(a != b for a, b in pairwise(filtered))]
+    assert changes == [True, *(a != b for a, b in pairwise(filtered))]

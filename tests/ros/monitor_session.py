@@ -44,6 +44,10 @@ class Source:
 
     def __init__(self, *, stamp_ns: int = START_NS, **faults: float) -> None:
         self._actuator = SimulatedActuator(stamp_ns=stamp_ns)
+        self.set(**faults)
+
+    def set(self, **faults: float) -> None:
+        """Set the faults of the cycles to come; others are healthy."""
         self._actuator.faults = fault_vector(faults)
 
     def cycle(self, size: int = 500) -> list[Telemetry]:

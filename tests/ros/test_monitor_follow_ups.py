@@ -118,7 +118,7 @@ def test_history_is_limited_to_the_latest_tests(session: MonitorSession):
 
 def test_the_oldest_that_wait_are_dropped_and_counted():
     begun, may_go_on, done = threading.Event(), threading.Event(), []
-    follow_ups = FollowUps(Mock(), Mock(), Mock(), Mock(), Mock())
+    follow_ups = FollowUps(Mock(), Mock(), Mock(), Mock())
 
     def wait() -> None:
         begun.set()

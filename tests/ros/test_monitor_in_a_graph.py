@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile
 from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, STALE, WARN
 from ema_interfaces.msg import Health, HealthSummary, Usage
-from ema_interfaces.srv import ForgetActuator, PredictRemainingLife
+from ema_interfaces.srv import Calibrate, ForgetActuator, PredictRemainingLife
 from ema_monitor.node.summary import summary_of, unknown_estimate
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros import topics
@@ -19,7 +19,7 @@ from ema_ros.description import description_to_message
 from ema_ros.telemetry import telemetry_to_message
 
 from ..waiting import wait_for
-from .monitor_session import FLAP, MonitorSession, Source, in_window, monitor
+from .monitor_session import FLAP, START_NS, MonitorSession, Source, in_window, monitor
 
 DEFAULT_QOS = QoSProfile(depth=10)
 
@@ -102,12 +102,14 @@ def test_actuator_is_forgotten_with_all_that_it_publishes_and_comes_anew(session
 
 def test_settings_that_change_in_a_window_hold_together_from_the_next_one(session):
     session.describe()
-    source = Source()
+    source = Source(friction=0.2)
     blocks = source.cycle()
     middle = in_window(blocks)
     session.feed(blocks[:middle])
     session.until(lambda: session.node._units["flap"].finder.is_open)
     changes = {"window_s": 0.4, "algorithm": "pso", "budget": 700}
+    # Of the health and the advice, too: the window that is open is judged as it is identified.
+    changes |= {"limits.friction": 0.1, "costs.unit": "guineas"}
     assert all(r.successful for r in session.set_parameter_values(changes))
     session.feed([*blocks[middle:], *source.cycle()])
     first, second = session.next_estimate(), session.next_estimate()
@@ -118,6 +120,10 @@ def test_settings_that_change_in_a_window_hold_together_from_the_next_one(sessio
     ]
     assert lengths == pytest.approx([0.5, 0.4], abs=1e-6)
     assert [item.algorithm for item in (first, second)] == ["least_squares", "pso"]
+    session.until(lambda: len(session.healths()) > 1 and len(session.received(topics.ADVICE)) > 1)
+    # Friction of 0.2 is far from the limit that it has by default, and beyond the new one.
+    assert [item.health_index > 0.0 for item in session.healths()[:2]] == [True, False]
+    assert [item.cost_unit for item in session.received(topics.ADVICE)[:2]] == ["", "guineas"]
 
 
 def test_setting_that_no_motion_satisfies_is_named_in_the_status():
@@ -141,6 +147,36 @@ def test_log_tells_of_the_first_telemetry_and_what_is_refused(session, capfd):
     assert "flap: window 0 has no valid estimate: gap of" in said
     assert "flap: first telemetry" in said
     assert "[INFO]" in said
+
+
+def test_log_has_a_line_for_a_calibration_and_for_each_change_of_level(tmp_path, capfd):
+    given = {"calibration_file": str(tmp_path / "flap.yaml"), "level_confirmations": 2}
+    said = ""
+
+    def lines(text: str) -> list[str]:
+        nonlocal said
+        said += capfd.readouterr().err
+        return [line for line in said.splitlines() if "[INFO]" in line and text in line]
+
+    with monitor(given) as session:
+        session.describe()
+        calibrate = Calibrate.Request(windows=1)
+        answer = session.start(Calibrate, "/ema/monitor/calibrate", calibrate)
+        wait_for(lambda: lines("flap: calibration is requested"), "the request")
+        session.feed(Source().cycle())
+        assert session.result(answer).success
+        wait_for(lambda: lines("calibration: made of 1 window"), "the calibration")
+        # Once the calibration is there: nothing is known, fine, and at the limit as confirmed.
+        source = Source(stamp_ns=START_NS + 10_000_000_000)
+        session.next_estimate()
+        for friction in (0.0, 0.9, 0.9):
+            source.set(friction=friction)
+            session.feed(source.cycle())
+            session.next_estimate()
+        changes = ("flap: health STALE -> OK", "flap: health OK -> ERROR: friction")
+        wait_for(lambda: all(map(lines, changes)), "the changes of level")
+    assert [len(lines(text)) for text in ("calibration: made of", *changes)] == [1, 1, 1], said
+    assert "has to name it" not in said
 
 
 def test_answer_without_a_prediction_has_no_figures(session):

@@ -117,6 +117,10 @@ class CalibrationStore:
             ) from error
         return path
 
+    def is_used_again(self, description: ActuatorDescription, path: Path) -> bool:
+        """Return whether a file is that which an actuator's calibration is read from at a start."""
+        return bool(self._file) and path == self._path(self._file, description)
+
     def keep(
         self, description: ActuatorDescription, calibration: AnyCalibration, path: Path
     ) -> None:

@@ -142,9 +142,12 @@ class MonitorCalls:
                 self._store.keep(description, calibration, path)
                 known = "; taken for known: " if (taken := taken_for_known(windows)) else ""
                 response.message = (
-                    f"made of {counted(len(windows), 'window')}{known}{taken} and stored in {path};"
-                    " calibration_file has to name it for it to be used after a restart"
+                    f"made of {counted(len(windows), 'window')}{known}{taken} and stored in {path}"
                 )
+                if not self._store.is_used_again(description, path):
+                    response.message += (
+                        "; calibration_file has to name it for it to be used after a restart"
+                    )
             if calibration.not_learned:
                 words = ", ".join(name.replace("_", " ") for name in calibration.not_learned)
                 response.message += f"; not learned from the healthy windows: {words}"

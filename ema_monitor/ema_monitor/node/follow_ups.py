@@ -44,8 +44,6 @@ class FollowUps:
         Gives the calibration of an actuator, or why there is none.
     write_assessment
         Keeps in the history of a unit what was found after its latest test.
-    costs
-        Gives the costs that an advice rests on.
     log_error
         Called with the traceback of a failure.
 
@@ -60,13 +58,11 @@ class FollowUps:
         add_publisher: Callable[[str], LifecyclePublisher],
         calibration_of: Callable[[ActuatorDescription], AnyCalibration | str],
         write_assessment: Callable[[ActuatorDescription], None],
-        costs: Callable[[], Costs],
         log_error: Callable[[str], object],
     ) -> None:
         self._add_publisher = add_publisher
         self._calibration_of = calibration_of
         self._write_assessment = write_assessment
-        self._costs = costs
         self._log_error = log_error
         self._publishers: dict[tuple[str, str], LifecyclePublisher] = {}
         self._queue: deque[Job] = deque()
@@ -114,10 +110,12 @@ class FollowUps:
                 self._changed.notify()
             thread.join(_JOIN_S)
 
-    def follow_health(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
-        """Publish what follows from a health that has been published."""
+    def follow_health(
+        self, description: ActuatorDescription, forecaster: Forecaster, costs: Costs
+    ) -> None:
+        """Publish what follows from a health that has been published; an advice rests on costs."""
         self._add(lambda: self._publish_forecast(description, forecaster))
-        self._add(lambda: self._publish_advice(description, forecaster))
+        self._add(lambda: self._publish_advice(description, forecaster, costs))
         self._add(lambda: self._write_assessment(description))
 
     def follow_estimate(self, segment: Segment, estimate: Estimate) -> None:
@@ -131,9 +129,11 @@ class FollowUps:
         message = forecast_to_message(forecaster, description)
         self._publish(topics.HEALTH_FORECAST, message)
 
-    def _publish_advice(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
-        costs, outlook = self._costs(), forecaster.outlook
-        message = advice_to_message(advise(forecaster, costs), outlook, costs.unit, description)
+    def _publish_advice(
+        self, description: ActuatorDescription, forecaster: Forecaster, costs: Costs
+    ) -> None:
+        advice, outlook = advise(forecaster, costs), forecaster.outlook
+        message = advice_to_message(advice, outlook, costs.unit, description)
         self._publish(topics.ADVICE, message)
 
     def _publish_fit(

@@ -4,8 +4,9 @@
 class LevelFilter:
     """A level of health that changes once several estimates in a row say so.
 
-    The first level is taken at once, and what lies between two levels is no detour: estimates that
-    differ from the level to the same side confirm each other, and the last of them is taken.
+    The first level is taken at once and is a change. What lies between two levels is no detour:
+    estimates that differ from the level to the same side confirm each other, and the last of them
+    is taken.
 
     Attributes
     ----------
@@ -29,7 +30,7 @@ class LevelFilter:
         """
         if self.level is None:
             self.level = level
-            return False
+            return True
         side = (level > self.level) - (level < self.level)
         if side * self._differing < 0:
             self._differing = 0

@@ -86,7 +86,6 @@ class MonitorNode(ManagedNode):
             self._add_latched_publisher,
             self._calibration_of,
             self._prognosis.write_assessment,
-            lambda: self._costs.value,
             lambda text: self.get_logger().error(text),
         )
         self._is_active = False
@@ -209,7 +208,13 @@ class MonitorNode(ManagedNode):
             self.report()
 
     def _window_settings(self) -> WindowSettings:
-        return WindowSettings(self._search.value, self._combining.value)
+        return WindowSettings(
+            self._search.value,
+            self._combining.value,
+            self._prognosis.settings,
+            self._costs.value,
+            self._operation.value.level_confirmations,
+        )
 
     def _telemetry_sources(self) -> list[str]:
         """Return the full name of the node of each publisher of telemetry."""
@@ -272,17 +277,17 @@ class MonitorNode(ManagedNode):
     def _publish_estimate(self, segment: Segment, estimate: Estimate) -> None:
         self._estimates.publish(estimate_to_message(estimate, segment.number, segment.description))
         now_ns, actuator_id = self._now_ns(), segment.description.actuator_id
+        settings = segment.settings or self._window_settings()
         # Without the lock: telemetry must not wait for a prognosis.
-        outlook = self._prognosis.record(segment, estimate)
+        outlook = self._prognosis.record(segment, estimate, settings.prognosis)
         try:
-            confirmations = self._operation.value.level_confirmations
-            self._units.record(segment, estimate, outlook, now_ns, confirmations)
+            self._units.record(segment, estimate, outlook, now_ns, settings.level_confirmations)
         except Exception as error:
             # The estimate is published: the window must not be refused in addition.
             reason = self._prognosis.report_failure(actuator_id, error, "publishing health")
             self._units.add_defect(actuator_id, reason)
         if outlook is not None:
-            self._follow(segment.description, outlook)
+            self._follow(segment.description, outlook, settings.costs)
         self._follow_ups.follow_estimate(segment, estimate)
         if not estimate.valid:
             self._warn(
@@ -296,17 +301,19 @@ class MonitorNode(ManagedNode):
             if unit is None or not self._is_active:
                 return
             period_s = self._operation.value.expected_period_s
-            is_published = unit.resume(description, outlook, period_s, self._now_ns())
-        if is_published:
-            self._follow(description, outlook)
+            change = unit.resume(description, outlook, period_s, self._now_ns())
+        if change:
+            self.get_logger().info(f"{description.actuator_id}: {change}")
+        if change is not None:
+            self._follow(description, outlook, self._costs.value)
         self.report()
 
-    def _follow(self, description: ActuatorDescription, outlook: Outlook) -> None:
+    def _follow(self, description: ActuatorDescription, outlook: Outlook, costs: Costs) -> None:
         """Have published what follows from a health that has been published."""
         # Only now: it may wait for a prognosis of another thread, and health must not.
         forecaster = self._prognosis.forecaster(description, outlook)
         if forecaster is not None:
-            self._follow_ups.follow_health(description, forecaster)
+            self._follow_ups.follow_health(description, forecaster, costs)
 
     def _check_staleness(self) -> None:
         if not self._is_active:

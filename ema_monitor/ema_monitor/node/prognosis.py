@@ -264,9 +264,11 @@ class MonitorPrognosis:
             return None
         return entries[-1].estimate if entries else None
 
-    def record(self, segment: Segment, estimate: Estimate) -> Outlook | None:
+    def record(
+        self, segment: Segment, estimate: Estimate, settings: PrognosisSettings
+    ) -> Outlook | None:
         """Record a test; return health and life after it, None when it is not valid."""
-        description, settings = segment.description, self.settings
+        description = segment.description
         try:
             prognostics = self._of(description)
             count = self._histories.counts.latest(_key(description), estimate.end_ns)

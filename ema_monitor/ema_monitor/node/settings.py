@@ -8,6 +8,8 @@ from typing import NamedTuple
 from ema_core.quantity import check_quantities, quantity, text
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
+from ema_monitor.prognosis.advisory import Costs
+from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.windows.measurements import MAX_AGE_S
 
 
@@ -83,10 +85,13 @@ class Operation:
 
 
 class WindowSettings(NamedTuple):
-    """Settings with which a window is identified, or a stretch of ordinary motion combined."""
+    """Settings with which a window is identified, or a stretch combined, and then judged."""
 
     search: SearchSettings
     combining: CombinationSettings
+    prognosis: PrognosisSettings
+    costs: Costs
+    level_confirmations: int
 
 
 def folder_of(text: str) -> Path:

@@ -197,6 +197,7 @@ class Unit:
         return change
 
     def _filter_levels(self, confirmations: int) -> str:
+        """Add the levels of an estimate; return the change of that of health, in words."""
         health, before = self._outlook.health, self._level.level
         for item in (*health.faults, *health.requirements):
             if item.level != STALE:
@@ -204,7 +205,19 @@ class Unit:
         if health.level == STALE or not self._level.add(health.level, confirmations):
             return ""
         what = f": {self._outlook.dominant}" if self._outlook.dominant else ""
-        return f"health {LEVEL_NAMES[before or OK]} -> {LEVEL_NAMES[health.level]}{what}"
+        known = STALE if before is None else before
+        return f"health {LEVEL_NAMES[known]} -> {LEVEL_NAMES[health.level]}{what}"
+
+    def _filter_new_levels(self) -> str:
+        """Take the levels that were unknown so far; return the change of that of health."""
+        if self._level.level is None:
+            return self._filter_levels(1)
+        health = self._outlook.health
+        for item in (*health.faults, *health.requirements):
+            if item.level != STALE and item.name not in self._levels:
+                self._levels[item.name] = LevelFilter()
+                self._levels[item.name].add(item.level, 1)
+        return ""
 
     def reset_health(self, now_ns: int) -> None:
         """Reset the health, as another unit is mounted."""
@@ -221,14 +234,15 @@ class Unit:
         outlook: Outlook,
         expected_period_s: float,
         now_ns: int,
-    ) -> bool:
+    ) -> str | None:
         """Publish the health after the latest test in the history, unless that was done already.
 
         It is published again when the requirements have become known. ``expected_period_s`` is the
-        expected time between valid estimates [s]. Return whether it was published.
+        expected time between valid estimates [s]. Return the change of the level in words, empty
+        when there is none; None when nothing was published.
         """
         if not self._is_mounted(description):
-            return False
+            return None
         before = self._outlook
         if self._assessed is None:
             self._fresh_ns = outlook.stamp_ns
@@ -237,13 +251,14 @@ class Unit:
             or before.health.requirements
             or not outlook.health.requirements
         ):
-            return False
+            return None
         self._assessed, self._outlook = description, outlook
-        self._filter_levels(1)
+        # The same test again confirms nothing; only what was unknown is known now.
+        change = self._filter_new_levels()
         self._stale_published = False
         if self.publish_if_stale(expected_period_s, now_ns) is None:
             self._publish_health()
-        return True
+        return change
 
     def publish_if_stale(self, expected_period_s: float, now_ns: int) -> HealthMessage | None:
         """Publish the health if it has just become stale; return it if it was published."""

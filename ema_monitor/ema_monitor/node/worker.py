@@ -3,6 +3,7 @@
 import threading
 import traceback
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -209,7 +210,8 @@ class IdentificationWorker:
             found = combinations.add(
                 description,
                 self._calibration_of(description),
-                *self._settings_of(segment),
+                self._settings_of(segment).search,
+                self._settings_of(segment).combining,
                 segment.window,
                 previous=self._previous(description),
                 is_stopped=lambda: queue.is_closed,
@@ -229,8 +231,11 @@ class IdentificationWorker:
                 return
             for number, of, estimate in found:
                 self._last_faults.record(of, estimate)
+                of_stretches = replace(
+                    _completed(number, segment.number, of, estimate), settings=segment.settings
+                )
                 try:
-                    self._publish(_completed(number, segment.number, of, estimate), estimate)
+                    self._publish(of_stretches, estimate)
                 except Exception as error:
                     self._log_failure(segment, error)
             self._report_tally(description.actuator_id, combinations.tally(description.actuator_id))
