@@ -43,7 +43,7 @@ def _with_structure(**structure: float) -> Callable[[Calibration, list[Window]],
         model, missed = changed.model(), []
         for window in windows:
             response = model.respond(window, healthy_faults(), window.play or 0.0)
-            shift = shift_between(window.command, changed.command)
+            shift = shift_between(window.command, changed.command, window.telemetry.sample_period)
             measured = (window.current, window.telemetry.speed[1:])
             missed.append(
                 [moved(row - one[0], -shift) for row, one in zip(measured, response, strict=True)]

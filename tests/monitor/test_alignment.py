@@ -15,9 +15,17 @@ CHIRP = 1e-3 * np.sin(2 * np.pi * 15.0 * (np.arange(1000) / 1000.0) ** 2)
 def test_shift_is_found_under_noise(shift):
     command = CHIRP[100 + shift : 800 + shift] + np.random.default_rng(1).normal(0, 1e-6, 700)
     reference = CHIRP[100:800]
-    assert shift_between(command, reference) == shift
+    assert shift_between(command, reference, 1e-4) == shift
     # What is left is the noise.
     assert difference_at(command, reference, shift) == pytest.approx(1e-6, rel=0.1)
+
+
+@pytest.mark.parametrize("shift", [-2, 0, 1])
+def test_few_samples_of_a_slow_stream_are_laid_over_each_other(shift):
+    """Of 100 samples at 200 Hz, shifts of 60 would leave nothing to compare."""
+    slow = CHIRP[::9][:111]
+    command = slow[5 + shift : 105 + shift] + np.random.default_rng(1).normal(0, 1e-4, 100)
+    assert shift_between(command, slow[5:105], 5e-3) == shift
 
 
 def test_moved_row_holds_its_ends():

@@ -105,7 +105,7 @@ def test_window_seen_to_begin_later_or_earlier_is_aligned(calibration, shift):
     own = replace(calibration, command=command[100 : 101 + n])
     rows = (np.zeros(n + 1) for _ in range(3))
     window = Window(Telemetry(0, H, 0, command[100 + shift : 101 + n + shift], *rows), 1.0)
-    assert shift_if_same(window.command, own.command) == shift
+    assert shift_if_same(window.command, own.command, window.telemetry.sample_period) == shift
     # Where both windows have the sample, its correction is that of the same moment.
     expected = own.expect(Response(np.zeros((2, n)), np.zeros((2, n))), window)
     inside = np.arange(max(0, -shift), n - max(0, shift))

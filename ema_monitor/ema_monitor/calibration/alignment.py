@@ -15,25 +15,31 @@ from ema_monitor.windows.band import rms
 COMMAND_TOLERANCE: Final = 5e-3
 """Difference of two commands that count as the same, of their rms [-]."""
 
-MOST_SHIFT: Final = 60
-"""Largest number of samples that two windows may begin apart."""
+MOST_SHIFT_S: Final = 6e-3
+"""Longest time that two windows may begin apart [s]."""
 
+_LEAST_SAMPLES: Final = 2
 
 # Share of the travel: far more than rounding, far less than what a sample moves.
 _SAME: Final = 1e-6
 
 
-def shift_between(command: NDArray[np.float64], reference: NDArray[np.float64]) -> int:
+def shift_between(
+    command: NDArray[np.float64], reference: NDArray[np.float64], sample_period: float
+) -> int:
     """Return how many samples later than a reference a window begins.
 
     Parameters
     ----------
     command, reference
         Commands of the two windows, both ``(n,)`` [rad].
+    sample_period
+        Sample period of both [s].
     """
     if np.max(np.abs(command - reference)) <= _SAME * np.ptp(reference):
         return 0
-    most = min(MOST_SHIFT, (len(command) - 1) // 2)
+    most = max(_LEAST_SAMPLES, round(MOST_SHIFT_S / sample_period))
+    most = min(most, (len(command) - 1) // 2)
     shifts = np.array(sorted(range(-most, most + 1), key=abs))
     # What of the reference has a counterpart at every shift.
     middle = reference[most : len(reference) - most]
@@ -58,7 +64,9 @@ def difference_at(
     return rms(command[: len(command) - shift] - reference[shift:])
 
 
-def shift_if_same(command: NDArray[np.float64], reference: NDArray[np.float64]) -> int | None:
+def shift_if_same(
+    command: NDArray[np.float64], reference: NDArray[np.float64], sample_period: float
+) -> int | None:
     """Return how many samples later than a reference a window of the same command begins.
 
     None where the two commands, one laid over the other, do not count as the same.
@@ -67,10 +75,12 @@ def shift_if_same(command: NDArray[np.float64], reference: NDArray[np.float64]) 
     ----------
     command, reference
         Commands of two windows, of any lengths [rad].
+    sample_period
+        Sample period of both [s].
     """
     if len(command) != len(reference):
         return None
-    shift = shift_between(command, reference)
+    shift = shift_between(command, reference, sample_period)
     is_same = difference_at(command, reference, shift) <= COMMAND_TOLERANCE * rms(reference)
     return shift if is_same else None
 

@@ -270,7 +270,7 @@ class Calibration:
 
         Laying the commands over each other takes a few milliseconds where they are noisy.
         """
-        shift = shift_if_same(window.command, self.command)
+        shift = shift_if_same(window.command, self.command, self.sample_period)
         if shift is None:
             nothing = Response(*np.zeros((2, len(window))))
             return HealthyReference(False, nothing, (self.model_rms, self.model_speed_rms))

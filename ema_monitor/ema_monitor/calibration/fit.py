@@ -92,7 +92,7 @@ def calibrate(
         ):
             raise ValueError(f"window {number}: {reason}")
         for group in groups:
-            if shift_if_same(window.command, windows[group[0]].command) is not None:
+            if shift_if_same(window.command, windows[group[0]].command, h) is not None:
                 group.append(number)
                 break
         else:
@@ -174,7 +174,7 @@ def _missed(
     command = windows[0].command
     for window in windows:
         response = _healthy_response(window, model)
-        shift = shift_between(window.command, command)
+        shift = shift_between(window.command, command, windows[0].telemetry.sample_period)
         rows = window.missed(response.current[0], response.speed[0], model.parameters.tau)
         yield np.array([weights * moved(row, -shift) for row in rows])
 
