@@ -74,21 +74,26 @@ def by_topics(telemetry: Telemetry, description: ActuatorDescription) -> list[Te
         "velocity": telemetry.speed * description.parameters.tau,
         "effort": telemetry.current,
     }
-    late = np.random.default_rng(0).uniform(0.0, _LATEST_S * 1e9, len(telemetry))
+    # A loop publishes late by most of its period, and what it publishes is received later still.
+    rng, h_ns = np.random.default_rng(0), 1e9 * description.sample_period
     stamps = _START_NS + telemetry.stamps_ns
-    arrivals = np.maximum.accumulate(stamps + late.astype(np.int64))
+    sent = stamps + rng.uniform(0.0, 0.8 * h_ns, len(telemetry)).astype(np.int64)
+    delays = rng.uniform(0.0, _LATEST_S * 1e9, len(telemetry)).astype(np.int64)
+    received = np.maximum.accumulate(sent + delays)
     blocks: list[Telemetry] = []
-    for i, (stamp_ns, at) in enumerate(zip(stamps.tolist(), arrivals.tolist(), strict=True)):
+    times = zip(stamps.tolist(), sent.tolist(), received.tolist(), strict=True)
+    for i, (stamp_ns, sent_ns, received_ns) in enumerate(times):
         header = SimpleNamespace(
             stamp=SimpleNamespace(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
         )
         values: dict[str, Any] = {key: [row[i]] if len(row) else [] for key, row in rows.items()}
         state = SimpleNamespace(header=header, name=["flap"], **values)
-        bridge.add(_COMMANDS, SimpleNamespace(data=telemetry.command[i]), at - 1000, at)
-        bridge.add(_STATES, state, at, at)
+        command = SimpleNamespace(data=telemetry.command[i])
+        bridge.add(_COMMANDS, command, sent_ns - 1000, received_ns)
+        bridge.add(_STATES, state, sent_ns, received_ns)
         if i % 10 == 0:
             blocks += bridge.advance()
-    last_ns = int(arrivals[-1]) + 1000
+    last_ns = int(received[-1]) + 1000
     bridge.add(_COMMANDS, SimpleNamespace(data=0.0), last_ns, last_ns)
     blocks += bridge.advance()
     if bridge.description is None or bridge.refused:
