@@ -26,7 +26,7 @@ export class Telemetry {
   /** Add a block; one of another period, or one that goes back in time, starts anew. */
   add(block: TelemetryBlock): void {
     const start = seconds(block.header.stamp);
-    const n = block.current.length;
+    const n = block.position.length;
     if (n === 0 || !(block.sample_period > 0)) return;
     if (block.sample_period !== this.#period || start < this.#end - 1) this.#reset(block, start);
     for (let i = 0; i < n; i++) {
@@ -35,7 +35,8 @@ export class Telemetry {
       const at = slot % this.#count;
       if (slot < this.#first) continue;
       for (let k = 0; k < SIGNALS.length; k++) {
-        const value = block[SIGNALS[k]!][i]!;
+        // A column that is not measured is empty.
+        const value = block[SIGNALS[k]!][i] ?? NaN;
         const [low, high] = [this.#low[k]!, this.#high[k]!];
         if (!(low[at]! <= value)) low[at] = value;
         if (!(high[at]! >= value)) high[at] = value;

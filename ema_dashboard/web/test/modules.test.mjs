@@ -60,6 +60,16 @@ test("thinned telemetry keeps the least and largest value of each slot, and gaps
   assert.ok(time.at(-1) <= 0.02 && time[0] >= -10.02);
 });
 
+test("telemetry without current or speed shows the rest of it", () => {
+  const telemetry = new Telemetry();
+  telemetry.add({ ...block(1000, [5, 6, 7]), current: new Float64Array(), speed: new Float64Array() });
+  assert.ok(!telemetry.isEmpty);
+  const { values } = telemetry.signals();
+  const known = (column) => [...column].filter((value) => !Number.isNaN(value)).length;
+  assert.deepEqual([values.current, values.speed].map(known), [0, 0]);
+  assert.ok(known(values.position) > 0);
+});
+
 test("telemetry that goes back in time starts anew", () => {
   const telemetry = new Telemetry();
   telemetry.add(block(1000, [5, 5, 5]));

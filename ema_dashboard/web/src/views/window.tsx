@@ -36,7 +36,7 @@ function Shown({ estimate, fit }: { estimate?: FaultEstimate; fit?: WindowFit })
       </Empty>
     );
   }
-  if (fit && fit.current.length > 0) return <Signals fit={fit} />;
+  if (fit && fit.position.length > 0) return <Signals fit={fit} />;
   return <Empty>No signals of this window have been received.</Empty>;
 }
 
@@ -100,22 +100,27 @@ function Causes({ title, causes }: { title: string; causes: HiddenCause[] }) {
 
 function Signals({ fit }: { fit: WindowFit }) {
   const built = useMemo(() => {
-    const time = Array.from(fit.current, (_, i) => fit.start + i * fit.period);
+    const time = Array.from(fit.position, (_, i) => fit.start + i * fit.period);
+    // A column that is not measured is empty, and has no residual.
+    const shown = (values: Float32Array) => (values.length ? values : time.map(() => null));
     const rest = (one: Float32Array, other: Float32Array) =>
-      one.length === other.length ? Array.from(one, (value, i) => value - other[i]!) : [];
-    const rms = (values: number[]) =>
-      Math.sqrt(values.reduce((sum, value) => sum + value * value, 0) / values.length);
+      time.map((_, i) => (one.length === other.length ? one[i]! - other[i]! : null));
+    const rms = (values: (number | null)[]) =>
+      Math.sqrt(values.reduce<number>((sum, v) => sum + (v ?? NaN) ** 2, 0) / values.length);
     const current = rest(fit.current, fit.estimated_current);
     const speed = rest(fit.speed, fit.estimated_speed);
     return {
-      current: [time, fit.current, fit.estimated_current],
+      current: [time, shown(fit.current), shown(fit.estimated_current)],
       currentRest: [time, current],
-      speed: [time, fit.speed, fit.estimated_speed],
+      speed: [time, shown(fit.speed), shown(fit.estimated_speed)],
       speedRest: [time, speed],
       angle: [time, fit.command, fit.position],
       rms: { current: rms(current), speed: rms(speed) },
-    } as unknown as Record<string, uPlot.AlignedData> & { rms: { current: number; speed: number } };
+      measured: { current: fit.current.length > 0, speed: fit.speed.length > 0 },
+    } as unknown as Record<string, uPlot.AlignedData> &
+      { rms: { current: number; speed: number }; measured: { current: boolean; speed: boolean } };
   }, [fit]);
+  const note = (isMeasured: boolean) => !isMeasured && <span class="value">not measured</span>;
   const series = (digits: number, names: [string, string]): uPlot.Series[] => [
     { label: names[0], stroke: "data", width: 1.8, points: { show: false }, value: figure(digits) },
     {
@@ -135,7 +140,7 @@ function Signals({ fit }: { fit: WindowFit }) {
   return (
     <div class="plots">
       <figure>
-        <figcaption><strong>current</strong></figcaption>
+        <figcaption><strong>current</strong> {note(built.measured.current)}</figcaption>
         <Plot {...shared} label="Measured current against the monitor's" height={210}
           y="current [A]" series={series(3, pair)} data={built.current!} />
       </figure>
@@ -148,7 +153,7 @@ function Signals({ fit }: { fit: WindowFit }) {
           height={210} y="residual [A]" series={residual(3)} data={built.currentRest!} />
       </figure>
       <figure>
-        <figcaption><strong>speed</strong></figcaption>
+        <figcaption><strong>speed</strong> {note(built.measured.speed)}</figcaption>
         <Plot {...shared} label="Measured motor speed against the monitor's" height={210}
           y="speed [rad/s]" series={series(1, pair)} data={built.speed!} />
       </figure>
