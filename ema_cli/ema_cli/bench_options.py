@@ -88,6 +88,22 @@ def acquisition_options(command: FC) -> FC:
     return command
 
 
+def acquisition_words(
+    sample_rate: float | None,
+    sample_current: str | None,
+    current_filter: float | None,
+    no_speed: bool,
+) -> str:
+    """Return options of rate and acquisition as they are typed, each after a space."""
+    given = {
+        "--sample-rate": sample_rate,
+        "--sample-current": sample_current,
+        "--current-filter": current_filter,
+    }
+    words = [f" {name} {value}" for name, value in given.items() if value is not None]
+    return "".join(words) + (" --no-speed" if no_speed else "")
+
+
 def described(
     actuator_file: Path | None,
     sample_rate: float | None,

@@ -46,6 +46,28 @@ def test_designed_command_gives_the_promised_sigma_on_recorded_tests(ema, tmp_pa
 
 
 @pytest.mark.long
+def test_what_is_to_be_done_next_is_done_with_the_acquisition_of_the_design(
+    ema, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    acquired = ("--sample-rate", "1000", "--sample-current", "filtered", "--current-filter", "2e-4")
+    wish = ("--travel", "0.03", "--current", "15", "--sigma", "friction=0.03,gain=0.02")
+    designed = ema("design", *wish, *acquired, "--no-speed", *NOISE[:2], "-o", "quick.yaml")
+    assert designed.exit_code == 0, designed.output
+    simulate, calibrate, estimate = [
+        line.split()[1:] for line in designed.stdout.splitlines() if line.startswith("  ema ")
+    ]
+    assert ema(*simulate, *NOISE[:2]).exit_code == 0
+    assert ema(*calibrate).exit_code == 0
+    case = [word.replace("healthy", "case") for word in simulate if word not in ("--cycles", "12")]
+    assert ema(*case, *NOISE[:2], "--fault", "friction=0.3").exit_code == 0
+    [found] = json.loads(ema(*estimate, "--json").stdout)
+    assert found["valid"], found
+    # The wish is a standard deviation of 0.03.
+    assert found["faults"]["friction"] == pytest.approx(0.3, abs=0.09)
+
+
+@pytest.mark.long
 def test_impossible_wish_names_fault_best_sigma_and_limit_and_writes_nothing(ema, tmp_path):
     file = tmp_path / "quick.yaml"
     wish = ("--travel", "0.004", "--current", "5", "--longest", "0.15", "--sigma", "gain=0.0008")

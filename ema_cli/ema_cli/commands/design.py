@@ -10,6 +10,7 @@ import click
 from ema_cli.bags.output_path import require_free
 from ema_cli.bench_options import (
     acquisition_options,
+    acquisition_words,
     actuator_option,
     calibration_option,
     current_noise_option,
@@ -155,7 +156,8 @@ def design(
         click.echo(str(certificate))
         click.echo(_in_words(found))
         if found.reached:
-            click.echo(_next_steps(output, found, actuator_file))
+            acquired = acquisition_words(sample_rate, sample_current, current_filter, no_speed)
+            click.echo(_next_steps(output, found, actuator_file, acquired))
     if not found.reached:
         if not as_json:
             click.echo(f"not written: {output}", err=True)
@@ -197,15 +199,18 @@ def _heading(found: Design) -> str:
     return f"A test command of `ema design`. Standard deviations to expect:\n{sigmas}"
 
 
-def _next_steps(output: Path, found: Design, actuator_file: Path | None) -> str:
+def _next_steps(output: Path, found: Design, actuator_file: Path | None, acquired: str) -> str:
+    """Return what to do with the command; ``acquired`` are options of the telemetry."""
     actuator = f" --actuator {actuator_file}" if actuator_file else ""
     window = f" --window-s {found.command.duration:g}"
-    return "\n".join(
-        (
-            f"{output}: next",
-            f"  ema simulate --command {output}{actuator} --cycles 12 -o healthy.mcap",
-            f"  ema calibrate healthy.mcap{window}{actuator} -o calibration.yaml",
-            f"  ema estimate case.mcap{window} --calibration calibration.yaml{actuator}",
-            f"  ema up --params {output}",
-        )
-    )
+    steps = [
+        f"{output}: next",
+        f"  ema simulate --command {output}{actuator}{acquired} --cycles 12 -o healthy.mcap",
+        f"  ema calibrate healthy.mcap{window} -o calibration.yaml",
+        f"  ema estimate case.mcap{window} --calibration calibration.yaml",
+    ]
+    # Nodes know the acquisition by the file of the actuator alone.
+    if not acquired:
+        file = f" -p actuator_file:={actuator_file}" if actuator_file else ""
+        steps.append(f"  ema up --params {output}{file} -p calibration_file:=calibration.yaml")
+    return "\n".join(steps)
