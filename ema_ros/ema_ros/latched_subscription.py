@@ -7,11 +7,13 @@ from typing import Any, Final
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from ema_ros.topics import LATCHED_BY_MANY, STREAM
 
 _REMEMBERED: Final = 1000
+_BEST_EFFORT: Final = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def subscribe_latched(
@@ -21,10 +23,10 @@ def subscribe_latched(
     callback: Callable[[Any], None],
     callback_group: CallbackGroup,
 ) -> list[Subscription]:
-    """Return two subscriptions that together deliver each message once.
+    """Return subscriptions that together deliver each message once.
 
-    A transient local one alone would never hear a publisher of the default quality of service, and
-    a volatile one alone would miss what was latched before.
+    A transient local one alone would never hear a publisher of the default quality of service, a
+    volatile one alone would miss what was latched before, and neither hears best effort.
 
     Parameters
     ----------
@@ -52,5 +54,5 @@ def subscribe_latched(
             callback_group=callback_group,
             event_callbacks=quiet,
         )
-        for qos in (LATCHED_BY_MANY, STREAM)
+        for qos in (LATCHED_BY_MANY, STREAM, _BEST_EFFORT)
     ]

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 from lifecycle_msgs.msg import Transition
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, STALE, WARN
@@ -16,6 +17,7 @@ from ema_monitor.node.summary import summary_of, unknown_estimate
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros import topics
 from ema_ros.description import description_to_message
+from ema_ros.stamps import stamp_to_message
 from ema_ros.telemetry import telemetry_to_message
 
 from ..waiting import wait_for
@@ -47,6 +49,46 @@ def test_publishers_of_the_default_quality_are_heard_once_and_latched_ones_too(s
     session.until_status("input", "ignored: 3 wrong messages")
     latched.publish(Usage(actuator_id="rudder", flight_hours=-4.0))
     session.until_status("input", "ignored: 4 wrong messages")
+    sensor = session.probe.create_publisher(Usage, topics.USAGE, qos_profile_sensor_data)
+    wait_for(sensor.get_subscription_count, "the monitor")
+    # The subscription may learn of its match after the publisher, and nothing is repeated.
+    wait_for(
+        lambda: (
+            sensor.publish(Usage(actuator_id="rudder", flight_hours=-5.0))
+            or "-5" in session.statuses("input")[-1].message
+        ),
+        "what is sent by best effort",
+    )
+
+
+def test_clock_that_jumps_back_and_far_on_is_survived():
+    with monitor({"use_sim_time": True, "expected_period_s": 10.0}) as session:
+        best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        clock = session.probe.create_publisher(Clock, "/clock", best_effort)
+        now = [START_NS]
+
+        def until_it_is(moment_ns: int) -> None:
+            now[0] = moment_ns
+
+            def told() -> bool:
+                clock.publish(Clock(clock=stamp_to_message(now[0])))
+                return session.node.get_clock().now().nanoseconds == now[0]
+
+            wait_for(told, "the clock")
+
+        session.describe()
+        # A replay that begins again, an hour before, and a day on, when all is old.
+        for number, jump_s in enumerate((0, -3600, 86_400)):
+            start_ns = START_NS + jump_s * 1_000_000_000
+            until_it_is(start_ns)
+            if jump_s > 0:
+                session.until(lambda: session.healths()[-1].level == STALE)
+            session.feed(Source(stamp_ns=start_ns).cycle())
+            estimate = session.next_estimate()
+            assert estimate.valid, (number, estimate.reason)
+            session.until(lambda n=number: len(session.healths()) > n)
+            session.until(lambda: session.healths()[-1].level == OK)
+        assert session.node.state == "active"
 
 
 def test_two_publishers_of_one_actuator_are_named(session):
