@@ -119,7 +119,9 @@ class CalibrationStore:
 
     def is_used_again(self, description: ActuatorDescription, path: Path) -> bool:
         """Return whether a file is that which an actuator's calibration is read from at a start."""
-        return bool(self._file) and path == self._path(self._file, description)
+        if not self._file:
+            return False
+        return path.resolve() == self._set_path(description).resolve()
 
     def keep(
         self, description: ActuatorDescription, calibration: AnyCalibration, path: Path
