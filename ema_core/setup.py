@@ -14,6 +14,7 @@ setup(
         "numpy>=1.26,<3",
         "llvmlite>=0.44,<1",
         "numba>=0.61,<1",
+        "pyyaml>=6,<7",
     ],
     python_requires=">=3.11",
     data_files=[

@@ -13,7 +13,6 @@ setup(
     install_requires=[
         "ema_core",
         "numpy>=1.26,<3",
-        "pyyaml>=6,<7",
     ],
     python_requires=">=3.11",
     data_files=[

@@ -147,6 +147,37 @@ def test_torque_constant_and_three_equal_shorts_are_not_told_apart(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("faults", "causes", "alternative"),
+    [
+        (
+            {"short_circuit_a": 0.288, "short_circuit_c": 0.297, "backlash": 0.285},
+            {"torque_constant": -0.096, "supply_voltage": -0.13},
+            ("short circuit B", "torque constant"),
+        ),
+        (
+            {
+                **{"friction": 0.038, "backlash": 0.034, "short_circuit_a": 0.076},
+                **{"short_circuit_b": 0.243, "short_circuit_c": 0.091, "eccentricity": 0.594},
+                **{"eccentricity_phase": 0.77, "gain": 0.712},
+            },
+            {},
+            ("inertia", "short circuit A and short circuit C"),
+        ),
+    ],
+)
+def test_motor_that_is_as_weak_by_equal_shorts_is_not_told_apart_however_far_they_are(
+    simulated, calibration, description, faults, causes, alternative
+):
+    """The wrong one is found, 7 and 9 % off: sigma has to say so."""
+    estimate = identify(simulated(causes, faults), description, calibration)
+    assert (estimate.verdict, alternative in estimate.alternatives) == ("degraded", True)
+    off = np.abs(np.delete(estimate.faults - fault_vector(faults), ECCENTRICITY_PHASE))
+    assert np.max(off) > 0.05
+    assert np.all(off < 3.0 * np.delete(estimate.sigma, ECCENTRICITY_PHASE))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("load", [0.02, -0.05])
 @pytest.mark.parametrize(
     "faults",

@@ -128,7 +128,7 @@ class Evidence:
             )
             for other in self._stand_ins(group, kept, tried):
                 if self.worse(at, including(without, other)) < most:
-                    found.append((self._name(group), self._name(other)))
+                    found.append(self.named(group, other))
                     confused[other] = True
         return confused, found
 
@@ -158,6 +158,10 @@ class Evidence:
         surprise = self._objective.surprise(point)
         of_window = max(cost - self._objective.noise * surprise, 1e-12 * cost)
         return self._objective.effective * float(np.log(of_window)) + surprise
+
+    def named(self, group: list[int], other: list[int]) -> tuple[str, str]:
+        """Return what is kept, and what could stand in for it, in words."""
+        return self._name(group), self._name(other)
 
     def _name(self, group: list[int]) -> str:
         if group == SHORT_CIRCUITS:

@@ -32,12 +32,16 @@ class Explanation:
         Components that could stand in for what is kept, ``(d,)``: they widen the covariance.
     alternatives
         Pairs of what is kept and what could stand in for it, both in words.
+    spread
+        Second moment of the explanations elsewhere that the window does not tell from this one,
+        about the estimate, ``(d, d)``.
     """
 
     at: Linearisation
     kept: NDArray[np.bool_]
     confused: NDArray[np.bool_]
     alternatives: list[tuple[str, str]]
+    spread: NDArray[np.float64]
 
 
 class Precision:
@@ -82,7 +86,7 @@ class Precision:
         if departs or self._objective.is_measured:
             effects = self.effects(at)
         if not np.any(kept & ~self.alone):
-            return self._covarianceincluding(at, self.alone, effects)
+            return self._covarianceincluding(at, self.alone, effects) + explanation.spread
         if np.any(self._causes & self.alone):
             kept = kept | self.alone
         result = self._covarianceincluding(at, kept, effects)
@@ -90,7 +94,7 @@ class Precision:
             if not kept[group[0]]:
                 wider = self._covarianceincluding(at, including(kept, group), effects)
                 result[np.ix_(group, group)] = wider[np.ix_(group, group)]
-        return result
+        return result + explanation.spread
 
     def effects(self, at: Linearisation) -> NDArray[np.float64]:
         """Return what is not known of the unit does to the residuals, ``(r, k)``.
@@ -119,7 +123,7 @@ class Precision:
         total = gained if before is None else before.gained + before.misfit**2 * gained
         known = Knowledge(
             at.point[faults] + step[faults, 0],
-            covariance[faults, faults],
+            covariance[faults, faults] + explanation.spread[faults, faults],
             effects[faults],
             max(1.0, objective.misfit(at.residuals)),
             total,

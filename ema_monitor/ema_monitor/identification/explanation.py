@@ -8,7 +8,8 @@ other places too.
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from typing import Final
 
@@ -39,6 +40,10 @@ MOST_LOSS: Final = 1.1
 DOUBTFUL_SIGMAS: Final = 4.0
 """From this distance from what is usual on, a cause is doubted: other places are looked at, too."""
 
+FAR_EVIDENCE: Final = 40.0
+"""Up to this difference by the linear model an explanation far away is tried."""
+
+_EQUAL = (0.03, 0.1)
 _SEEDED: Final = {
     "load_torque": (-1.5, -1.0, -0.5, 0.5, 1.0, 1.5),
     "command_delay": (1.0, 2.0, 4.0),
@@ -128,7 +133,59 @@ class Explainer:
             at, kept = self._better(self._objective.healthy[None], trial, at, kept) or (at, kept)
             at, kept = self._without_what_cancels(at, kept)
         confused, alternatives = self._evidence.alternatives(at, kept, self._tried)
-        return Explanation(at, kept, confused, alternatives)
+        explanation = Explanation(at, kept, confused, alternatives, np.zeros((len(kept),) * 2))
+        return self._with_weaker_motors(explanation)
+
+    def _with_weaker_motors(self, explanation: Explanation) -> Explanation:
+        """Return an explanation after the others by which the motor is as weak.
+
+        Equal parts of short circuits weaken it as a smaller torque constant does, or a larger
+        inertia and friction; the linear model misses that, as the two are far apart. Where the
+        window does not tell them apart the explanation is less certain, by how far they are.
+        """
+        at, evidence = explanation.at, self._evidence
+        for group, other, starts in self._weaker_motors(explanation):
+            trial = including(excluding(explanation.kept | self._always, group), other)
+            if evidence.worse(at, trial) > FAR_EVIDENCE:
+                continue
+            if not self._can_afford_more:
+                break
+            starts = np.vstack([evidence.predicted(at, trial)[1], starts])
+            there = self._objective.linearise(self._descended(starts, trial), trial)
+            if not np.all(np.isfinite(there.jacobian)):
+                continue
+            worse = evidence.against(there, at)
+            if worse < AMBIGUOUS_EVIDENCE:
+                away = there.point - at.point
+                return replace(
+                    explanation,
+                    alternatives=[*explanation.alternatives, evidence.named(group, other)],
+                    spread=np.outer(away, away) / (1.0 + math.exp(worse / 2.0)),
+                )
+        return explanation
+
+    def _weaker_motors(
+        self, explanation: Explanation
+    ) -> Iterator[tuple[list[int], list[int], NDArray[np.float64]]]:
+        """Yield what may be replaced, by what, and where to begin, ``(m, d)``."""
+        point, kept, confused = explanation.at.point, explanation.kept, explanation.confused
+        shorts = point[SHORT_CIRCUITS]
+        healthy = [phase for phase in SHORT_CIRCUITS if not kept[phase]]
+        if len(healthy) > 1 and not np.any(confused[healthy]):
+            for cause in self._suspects:
+                if kept[cause]:
+                    starts = np.tile(point, (len(_EQUAL), 1))
+                    starts[:, cause] = self._objective.healthy[cause]
+                    starts[:, SHORT_CIRCUITS] = shorts + np.outer(_EQUAL, 1.0 - shorts)
+                    yield [cause], healthy, starts
+        for cause, one in zip(self._causes, self._objective.hidden_causes, strict=True):
+            is_open = self._tried[cause] and not kept[cause] and not confused[cause]
+            if one.name == "torque_constant" and is_open and not healthy:
+                least = float(np.min(shorts))
+                start = point.copy()
+                start[SHORT_CIRCUITS] = 1.0 - (1.0 - shorts) / (1.0 - least)
+                start[cause] = np.clip(0.5 - least / (2.0 * one.reach), 0.0, 1.0)
+                yield [SHORT_CIRCUITS[int(np.argmin(shorts))]], [cause], start[None]
 
     def _worth_trying(self, at: Linearisation) -> NDArray[np.bool_]:
         """Return the components whose derivatives are worth their runs of the model, ``(d,)``.
