@@ -196,7 +196,7 @@ WRONG: dict[str, tuple[Callable[[], MeasuredCauses], str]] = {
 @pytest.mark.parametrize("case", WRONG)
 def test_impossible_measurement_is_named_and_counted(session: MonitorSession, case: str):
     make, said = WRONG[case]
-    before = session.node._units["flap"]._defect_count
+    before = session.node._units["flap"].defect_count
     session.send(topics.MEASURED_CAUSES, make())
     status = session.until_status("flap telemetry", said, WARN)
     assert {item.key: item.value for item in status.values}["defects"] == str(before + 1)

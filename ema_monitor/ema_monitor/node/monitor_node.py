@@ -15,11 +15,13 @@ from ema_monitor.calibration.store import CalibrationStore
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
+from ema_monitor.node.admission import Admission
 from ema_monitor.node.calls import MonitorCalls
 from ema_monitor.node.follow_ups import FollowUps
 from ema_monitor.node.hardware_status import hardware_status, hardware_status_class
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.node.prognosis import MonitorPrognosis
+from ema_monitor.node.selection import Selection, Shard
 from ema_monitor.node.settings import Files, Operation, WindowSettings, folder_of
 from ema_monitor.node.summary import summary_of
 from ema_monitor.node.units import Units
@@ -59,7 +61,16 @@ class MonitorNode(ManagedNode):
         )
         self._health_publishers: dict[str, list[LifecyclePublisher]] = {}
         self._throttle = Throttle(_LOG_PERIOD_S)
+        declare(self, Selection)
+        declare(self, Shard, "shard.")
+        self._admission = Admission(
+            read(self, Selection),
+            read(self, Shard, "shard."),
+            lambda: self._operation.value.most_actuators,
+            self._warn,
+        )
         self._units = Units(
+            self._admission,
             self._trigger.value,
             self._now_ns,
             self._add_publishers,
@@ -110,8 +121,16 @@ class MonitorNode(ManagedNode):
         )
         self._stale_timer = self.create_timer(_STALE_CHECK_S, self._check_staleness)
         self._prognosis.begin(files.history_folder)
+        self._units.expect_listed()
+        if words := self._admission.list_in_words():
+            self.get_logger().info(words)
         if described is not None:
-            self._units.describe(described)
+            reason = self._admission.why_not(described.actuator_id)
+            if reason:
+                name = described.actuator_id
+                self.get_logger().info(f"{name} of actuator_file is not followed: {reason}")
+            else:
+                self._units.describe(described)
 
     def activate(self) -> None:
         """Subscribe, and identify what is received."""
@@ -168,18 +187,17 @@ class MonitorNode(ManagedNode):
 
     def tasks(self) -> list[Task]:
         """Return the status of the actuators, their histories and the identification."""
-        input_level, remarks = self._units.input_status()
         level, message = self._worker.status()
         dropped = self._worker.dropped
         return [
             *self._units.tasks(self._worker.waiting, dropped),
             *self._prognosis.tasks(),
-            Task(
-                "input",
-                input_level,
-                remarks,
+            self._units.input_task(
                 self.hardware_id,
-                {"windows dropped": sum(dropped.values())},
+                {
+                    "windows dropped": sum(dropped.values()),
+                    "refusals dropped": sum(self._worker.unanswered.values()),
+                },
             ),
             Task(
                 "identification",
@@ -316,6 +334,16 @@ class MonitorNode(ManagedNode):
             self.get_logger().warning(f"{health.actuator_id}: {health.reason}")
         if stale:
             self.report()
+        after_s = self._operation.value.forget_after_s
+        for actuator_id in self._units.let_go(after_s):
+            self.get_logger().warning(
+                f"{actuator_id}: silent for more than {after_s:g} s, and let go as most_actuators "
+                f"= {self._operation.value.most_actuators} are followed and others were refused"
+            )
+            try:
+                self._forget(actuator_id)
+            except ValueError as error:  # a client has just had it forgotten
+                self.get_logger().debug(str(error))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -239,6 +239,8 @@ class MonitorPrognosis:
         if not actuator_id:
             self._units.add_defect("", "usage without actuator_id")
             return
+        if self._units.admission.ignores(actuator_id):
+            return
         unit = self._units.get(actuator_id)
         # One that its sender did not stamp was read just now.
         now_ns = self._node.get_clock().now().nanoseconds

@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 from ema_core.description import ActuatorDescription, check_name
-from ema_core.levels import OK, WARN
-from ema_core.wording import counted
 from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.tally import Tally
+from ema_monitor.node.admission import Admission
 from ema_monitor.node.unit import Unit
+from ema_monitor.node.unit_status import unit_tasks
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.measurements import MeasurementLog
@@ -24,16 +24,17 @@ from ema_ros.stamps import stamp_from_message
 from ema_ros.status import Task
 from ema_ros.telemetry import telemetry_from_message
 
-_UNNAMED = "messages without actuator_id"
-_UNKNOWN = "wrong messages of actuators that are not monitored"
 _MOST_MEASUREMENTS = 10_000
+_MOST_NAMED = 10
 
 
 class Units(dict[str, Unit]):
-    """Units by ``actuator_id``, in the order of their first message.
+    """Units by ``actuator_id``: those that are listed, then in the order of their first message.
 
     Parameters
     ----------
+    admission
+        Decides which actuators are followed.
     settings
         When a window begins and how long it is.
     now_ns
@@ -59,6 +60,8 @@ class Units(dict[str, Unit]):
 
     Attributes
     ----------
+    admission
+        Which actuators are followed.
     lock
         Held while units are changed, and while health is published: nothing older may follow the
         health after a test.
@@ -66,6 +69,7 @@ class Units(dict[str, Unit]):
 
     def __init__(
         self,
+        admission: Admission,
         settings: TriggerSettings,
         now_ns: Callable[[], int],
         add_publisher: Callable[[str], Callable[[HealthMessage], None]],
@@ -80,8 +84,7 @@ class Units(dict[str, Unit]):
     ) -> None:
         super().__init__()
         self.lock = threading.RLock()
-        # Wrong messages that belong to none of them: how many of each kind, and the latest.
-        self._unmatched: dict[str, tuple[int, str]] = {}
+        self.admission = admission
         self._settings = settings
         self._now_ns = now_ns
         self._add_publisher = add_publisher
@@ -98,11 +101,36 @@ class Units(dict[str, Unit]):
     def clear(self) -> None:
         """Remove all."""
         super().clear()
-        self._unmatched.clear()
+        self.admission.clear()
         self._measurements.clear()
+
+    def expect_listed(self) -> None:
+        """Add the actuators that are listed, so that one that says nothing is seen.
+
+        Raises
+        ------
+        ValueError
+            When there are more than may be followed.
+        """
+        self.admission.check()
+        for actuator_id in self.admission.listed:
+            self._get_or_add(actuator_id)
+
+    def let_go(self, after_s: float) -> list[str]:
+        """Return which actuators are to be forgotten in favour of those that were refused."""
+        with self.lock:
+            now_ns = self._now_ns()
+            silent_s = {name: unit.silent_s(now_ns) for name, unit in self.items()}
+            chosen = self.admission.to_let_go(silent_s, after_s)
+            for name in chosen:
+                # What its latched topic said comes once: it is kept for its return.
+                self.admission.remember(name, self[name].description)
+            return chosen
 
     def receive_description(self, message: Any) -> None:
         """Apply ``ema_interfaces/msg/ActuatorDescription``, which may be impossible."""
+        if self.admission.ignores(message.actuator_id):
+            return
         try:
             self.describe(description_from_message(message))
         except ValueError as error:
@@ -111,9 +139,11 @@ class Units(dict[str, Unit]):
             self.add_defect(message.actuator_id, reason, is_known=is_name)
 
     def describe(self, description: ActuatorDescription) -> None:
-        """Apply the description of an actuator."""
+        """Apply the description of an actuator, if it is followed."""
         with self.lock:
-            unit = self._get_or_add(description.actuator_id)
+            unit = self._get_or_add(description.actuator_id, description)
+            if unit is None:
+                return
             before = unit.description
             self._handle(unit, unit.finder.describe(description))
             if before is not None and before.serial_number != description.serial_number:
@@ -127,11 +157,17 @@ class Units(dict[str, Unit]):
         if not actuator_id:
             self.add_defect("", "telemetry without actuator_id")
             return
-        if actuator_id not in self and not _is_name(actuator_id):
-            self.add_defect(actuator_id, "telemetry with an impossible actuator_id", is_known=False)
-            return
+        if actuator_id not in self:
+            if not _is_name(actuator_id):
+                reason = "telemetry with an impossible actuator_id"
+                self.add_defect(actuator_id, reason, is_known=False)
+                return
+            if self.admission.ignores(actuator_id):
+                return
         with self.lock:
             unit = self._get_or_add(actuator_id)
+            if unit is None:
+                return
             unit.hear(self._now_ns())
             if not unit.finder.is_open:
                 unit.settings = self._settings_now()
@@ -158,6 +194,8 @@ class Units(dict[str, Unit]):
         actuator_id = message.actuator_id
         if not actuator_id:
             self.add_defect("", "measured causes without actuator_id")
+            return
+        if self.admission.ignores(actuator_id):
             return
         try:
             stamp_ns, measured = measured_from_message(message)
@@ -193,10 +231,7 @@ class Units(dict[str, Unit]):
         with self.lock:
             unit = self.get(actuator_id)
             if unit is None:
-                raise ValueError(
-                    f"actuator_id = {actuator_id!r} is not monitored; monitored: "
-                    f"{', '.join(self) or 'none'}"
-                )
+                raise ValueError(self._not_monitored(actuator_id))
             unit.finder.finish()
             del self[actuator_id]
             self._measurements.forget(actuator_id)
@@ -220,13 +255,11 @@ class Units(dict[str, Unit]):
             Whether the actuator is known, or is from now on.
         """
         with self.lock:
-            if actuator_id and is_known:
-                is_first = self._get_or_add(actuator_id).add_defect(reason)
+            unit = self._get_or_add(actuator_id) if actuator_id and is_known else None
+            if unit is not None:
+                is_first = unit.add_defect(reason)
             else:
-                kind = _UNKNOWN if actuator_id else _UNNAMED
-                number = self._unmatched.get(kind, (0, ""))[0] + 1
-                self._unmatched[kind] = (number, f"{actuator_id!r}: {reason}")
-                is_first = number == 1
+                is_first = self.admission.note_wrong(actuator_id, reason)
         self._warn(f"{actuator_id or 'input'}: {reason}", is_first)
 
     def find(self, actuator_id: str) -> tuple[Unit, ActuatorDescription]:
@@ -243,16 +276,13 @@ class Units(dict[str, Unit]):
             When it is not known, not described, or there is a choice.
         """
         with self.lock:
-            monitored = ", ".join(self) or "none"
             if not actuator_id and len(self) != 1:
                 raise ValueError(
-                    f"actuator_id is empty: expected one of those monitored: {monitored}"
+                    f"actuator_id is empty: expected one of those monitored: {self._in_words()}"
                 )
             unit = self.get(actuator_id or next(iter(self)))
         if unit is None:
-            raise ValueError(
-                f"actuator_id = {actuator_id!r} is not monitored; monitored: {monitored}"
-            )
+            raise ValueError(self._not_monitored(actuator_id))
         if unit.description is None:
             raise ValueError(f"actuator {unit.actuator_id!r} has not been described")
         return unit, unit.description
@@ -302,28 +332,50 @@ class Units(dict[str, Unit]):
             return [
                 task
                 for name, unit in self.items()
-                for task in unit.tasks(waiting, dropped.get(name, 0))
+                for task in unit_tasks(unit, waiting, dropped.get(name, 0))
             ]
 
-    def input_status(self) -> tuple[int, str]:
-        """Return level and message on what is received of all."""
+    def input_task(self, hardware_id: str, counts: Mapping[str, int]) -> Task:
+        """Return the status of what is received of all.
+
+        Parameters
+        ----------
+        hardware_id
+            What it is about.
+        counts
+            What became of the windows of all actuators.
+        """
         with self.lock:
-            remarks = [] if self else ["no message of an actuator so far"]
-            remarks += [
-                f"ignored: {number} {kind}, the latest of {latest}"
-                for kind, (number, latest) in self._unmatched.items()
-            ]
-        if remarks:
-            return WARN, "; ".join(remarks)
-        return OK, f"{counted(len(self), 'actuator')} monitored"
+            level, message = self.admission.status(self)
+            figures = {**counts, **self.admission.figures(self)}
+        return Task("input", level, message, hardware_id, figures)
 
-    def _get_or_add(self, actuator_id: str) -> Unit:
-        if actuator_id not in self:
-            publish, now_ns = self._add_publisher(actuator_id), self._now_ns()
-            unit = Unit(actuator_id, self._settings, publish, now_ns, self._namespace)
-            unit.settings = self._settings_now()
-            self[actuator_id] = unit
-        return self[actuator_id]
+    def _get_or_add(
+        self, actuator_id: str, description: ActuatorDescription | None = None
+    ) -> Unit | None:
+        """Return a unit, None when it is not followed; its description is kept for later then."""
+        if (unit := self.get(actuator_id)) is not None:
+            return unit
+        if not self.admission.has_room(self):
+            self.admission.refuse(actuator_id, description)
+            return None
+        publish, now_ns = self._add_publisher(actuator_id), self._now_ns()
+        unit = Unit(actuator_id, self._settings, publish, now_ns, self._namespace)
+        unit.settings = self._settings_now()
+        unit.is_listed = actuator_id in self.admission.listed
+        self[actuator_id] = unit
+        if (known := self.admission.admit(actuator_id)) is not None and description is None:
+            self.describe(known)
+        return unit
+
+    def _in_words(self) -> str:
+        names = list(self)
+        more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+        return (", ".join(names[:_MOST_NAMED]) or "none") + more
+
+    def _not_monitored(self, actuator_id: str) -> str:
+        reason = self.admission.why_not(actuator_id) or f"monitored: {self._in_words()}"
+        return f"actuator_id = {actuator_id!r} is not monitored; {reason}"
 
     def _restart(self, unit: Unit, settings: TriggerSettings) -> None:
         """Look for the windows of a unit with other settings from now on."""
