@@ -246,8 +246,11 @@ def test_monitors_that_share_the_actuators_have_a_name_a_shard_and_the_file_each
     own.write_text(SHARED_FILE)
     nodes = nodes_of(name, monitors="2", monitor_params=str(own), history_folder="kept")
     first, second = (nodes[f"monitor_{index}"] for index in range(2))
-    assert own_of(first) == {"history_folder": "kept", "shard.index": 0, "shard.count": 2}
-    assert own_of(second)["shard.index"] == 1
+    shared = {"history_folder": "kept", "shard.count": 2}
+    if name == "fleet.launch.py":
+        shared["actuators"] = ["left", "right"]
+    assert own_of(first) == {**shared, "shard.index": 0}
+    assert own_of(second) == {**shared, "shard.index": 1}
     assert first["executable"] == second["executable"] == "monitor_node"
     for node, budget in ((first, 700), (second, 900)):
         arguments = ["--ros-args", "--params-file", str(node["parameters"][0])]
@@ -289,19 +292,16 @@ def test_file_without_a_section_of_the_monitor_is_given_as_it_is(tmp_path):
 
 def test_commands_of_many_actuators_and_monitors_name_each(tmp_path):
     common = Common([parameter_file("simulated")], ["history_folder:=kept"], "/wing")
-    monitors = monitor_commands(2, common, tmp_path)
+    monitors = monitor_commands(2, common, tmp_path, ["left", "right"])
     assert list(monitors) == ["monitor_0", "monitor_1"]
     values, _ = started("monitor", *monitors["monitor_1"][1:])
     shard = (values["shard.index"], values["shard.count"])
     assert (values["history_folder"], shard) == ("kept", (1, 2))
+    assert values["actuators"] == ["left", "right"]
     assert monitors["monitor_1"][-2:] == ["-r", "__node:=monitor_1"]
     actuators = actuator_commands(["left", "right"], common)
     values, _ = started("actuator", *actuators["actuator right"][1:])
-    assert [values[key] for key in ("actuator_id", "serial_number", "seed")] == [
-        "right",
-        "SIM-right",
-        1,
-    ]
+    assert (values["actuator_id"], values["seed"]) == ("right", 1)
     assert "telemetry:=/wing/telemetry" in actuators["actuator right"]
     assert "__ns:=/wing/right" in actuators["actuator right"]
     with pytest.raises(ValueError, match="expected names that differ"):

@@ -37,7 +37,7 @@ def test_one_beyond_the_limit_is_refused_and_followed_once_there_is_room():
     with monitor({"most_actuators": 1}) as session:
         session.describe()
         session.until_status("flap telemetry", "no telemetry so far")
-        session.describe(described("tab"))
+        session.describe_from_a_node_of_its_own(described("tab"))
         blocks = Source().cycle()
         session.feed(blocks[:2], "tab")
         session.until_status(
@@ -59,7 +59,7 @@ def test_silent_actuator_gives_way_to_one_that_was_refused():
         blocks = Source().cycle()
         session.feed(blocks[:2])
         session.until_status("flap telemetry", "")
-        session.describe(described("tab"))
+        session.describe_from_a_node_of_its_own(described("tab"))
         tab = Source().cycle()
 
         def is_followed() -> bool:
@@ -77,7 +77,7 @@ def test_listed_actuators_are_followed_alone_and_one_that_is_silent_is_seen():
     with monitor({"actuators": ["flap", "rudder"]}) as session:
         session.until_status("rudder telemetry", "listed, and nothing is heard", bytes([WARN]))
         blocks = Source().cycle()
-        session.describe(described("tab"))
+        session.describe_from_a_node_of_its_own(described("tab"))
         session.feed(blocks[:2], "tab")
         session.describe()
         session.feed(blocks[:2])
@@ -118,7 +118,7 @@ def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path:
         heard = (topics.TELEMETRY, topics.DESCRIPTION)
         wait_for_match(other, *(session._publishers[name] for name in heard))
         for name in names:
-            session.describe(described(name))
+            session.describe_from_a_node_of_its_own(described(name))
             session.feed(Source().cycle(), name)
         session.until(lambda: all(session.healths(name) for name in names))
         assert [len(session.estimates(name)) for name in names] == [1] * 4
@@ -138,23 +138,4 @@ def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path:
         assert get_history(session, mine).success
         assert get_history(session, theirs, "monitor_1").success
         refused = get_history(session, theirs)
-        assert "not of this monitor, which has shard 0 of 2" in refused.message
-
-
-def test_one_that_floods_starves_no_other():
-    """Its tests come as fast as they are received; each of the others makes one."""
-    with monitor({"waiting_windows": 1}) as session:
-        others = [f"tab_{number}" for number in range(3)]
-        for name in ("flap", *others):
-            session.describe(described(name))
-        source, cycles = Source(), 12
-        for number in range(cycles):
-            session.feed(source.cycle())
-            if number == cycles // 2:
-                for name in others:
-                    session.feed(Source().cycle(), name)
-        session.until(lambda: len(session.estimates()) == cycles)
-        for name in others:
-            assert [estimate.valid for estimate in session.estimates(name)] == [True]
-        assert sum(not estimate.valid for estimate in session.estimates()) > 0
-        session.until(lambda: int(figure(session, "windows dropped")) > 0)
+        assert "it is of shard 1, and this monitor has shard 0 of 2" in refused.message

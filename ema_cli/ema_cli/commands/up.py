@@ -79,13 +79,14 @@ def up(
             if ":=" not in assignment:
                 raise ValueError(f"-p {assignment!r}: expected name:=value")
         names = dict.fromkeys(nodes or ("actuator", "monitor", "dashboard"))
+        fleet = [name.strip() for name in actuators.split(",")] if actuators is not None else []
         if "actuator" in names:
             parameter_files = (parameter_file("simulated"), *parameter_files)
-        elif actuators is not None:
+        elif fleet:
             raise ValueError(f"--actuators {actuators}: expected the node actuator as well")
         common = Common(parameter_files, assignments, namespace)
         if one_process:
-            if monitors > 1 or actuators is not None:
+            if monitors > 1 or fleet:
                 raise ValueError(
                     "--one-process: has one of each node; expected no --actuators, and --monitors 1"
                 )
@@ -97,9 +98,9 @@ def up(
             commands = {}
             for node in names:
                 if node == "monitor":
-                    commands |= monitor_commands(monitors, common, Path(folder))
-                elif node == "actuator" and actuators is not None:
-                    commands |= actuator_commands(actuators.split(","), common)
+                    commands |= monitor_commands(monitors, common, Path(folder), fleet)
+                elif node == "actuator" and fleet:
+                    commands |= actuator_commands(fleet, common)
                 else:
                     commands[node] = [str(program(node)), *ros_arguments(node, **vars(common))]
         for node, command in commands.items():

@@ -21,7 +21,9 @@ class Common:
     namespace: str | None = None
 
 
-def monitor_commands(monitors: int, common: Common, folder: Path) -> dict[str, list[str]]:
+def monitor_commands(
+    monitors: int, common: Common, folder: Path, actuators: Sequence[str] = ()
+) -> dict[str, list[str]]:
     """Return the commands of monitors that share the actuators, by the names of their nodes.
 
     Parameters
@@ -32,8 +34,11 @@ def monitor_commands(monitors: int, common: Common, folder: Path) -> dict[str, l
         What all nodes are given; what its files have for ``monitor`` is for each of them.
     folder
         Where parameter files are written that name a single one.
+    actuators
+        Names of the actuators where they are known, for equal shares.
     """
     commands = {}
+    listed = {"actuators": list(actuators)} if actuators and monitors > 1 else {}
     for index, name in enumerate(monitor_names(monitors)):
         arguments = ros_arguments(
             parameter_files=[
@@ -41,6 +46,7 @@ def monitor_commands(monitors: int, common: Common, folder: Path) -> dict[str, l
                 for file in (parameter_file("monitor"), *common.parameter_files)
             ],
             assignments=[
+                *assignments_of(listed),
                 *common.assignments,
                 *assignments_of(shard_parameters(index, monitors)),
             ],
@@ -66,7 +72,6 @@ def actuator_commands(names: Sequence[str], common: Common) -> dict[str, list[st
     ValueError
         When names are equal, or no names of namespaces.
     """
-    names = [name.strip() for name in names]
     if len(set(names)) < len(names):
         raise ValueError(f"--actuators {','.join(names)}: expected names that differ")
     place = (NAMESPACE if common.namespace is None else common.namespace).rstrip("/")
@@ -78,7 +83,7 @@ def actuator_commands(names: Sequence[str], common: Common) -> dict[str, list[st
             raise ValueError(
                 f"--actuators {name!r}: expected letters, digits and _, as it names a namespace"
             ) from error
-        own = {"actuator_id": name, "serial_number": f"SIM-{name}", "seed": number}
+        own = {"actuator_id": name, "seed": number}
         arguments = ros_arguments(
             "actuator",
             parameter_files=common.parameter_files,

@@ -7,7 +7,7 @@ from typing import Any, Final
 from ema_core.description import ActuatorDescription
 from ema_core.levels import OK, WARN
 from ema_core.wording import counted
-from ema_monitor.node.selection import Selection, Shard
+from ema_monitor.node.selection import Selection, Shard, shard_of
 
 _MOST_REMEMBERED: Final = 100
 _UNNAMED: Final = "messages without actuator_id"
@@ -88,21 +88,26 @@ class Admission:
 
     def why_not(self, actuator_id: str) -> str:
         """Return why an actuator is not to be followed by this monitor; empty when it is."""
-        if not self._shard.has(actuator_id):
-            return f"it is not of this monitor, which has {self._shard}"
-        if self._all_listed and actuator_id not in self.listed:
-            return "it is not listed in the parameter actuators"
-        return ""
+        kind = self._kind(actuator_id)
+        if kind == _OTHER_SHARDS:
+            shard = shard_of(actuator_id, self._shard.count, self._all_listed)
+            return f"it is of shard {shard}, and this monitor has {self._shard}"
+        return "it is not listed in the parameter actuators" if kind == _NOT_LISTED else ""
 
     def ignores(self, actuator_id: str) -> bool:
         """Return whether a message is for others, and count it if so."""
-        if not self._shard.has(actuator_id):
-            self._counts[_OTHER_SHARDS] += 1
-            return True
-        if self._all_listed and actuator_id not in self.listed:
-            self._counts[_NOT_LISTED] += 1
-            return True
-        return False
+        kind = self._kind(actuator_id)
+        if kind:
+            self._counts[kind] += 1
+        return bool(kind)
+
+    def _kind(self, actuator_id: str) -> str:
+        """Return what messages of an actuator are counted as; empty where it is to be followed."""
+        if self._all_listed:
+            if actuator_id in self.listed:
+                return ""
+            return _OTHER_SHARDS if actuator_id in self._all_listed else _NOT_LISTED
+        return "" if self._shard.has(actuator_id) else _OTHER_SHARDS
 
     def has_room(self, followed: Collection[str]) -> bool:
         """Return whether one more can be followed."""

@@ -187,11 +187,15 @@ class MonitorNode(ManagedNode):
 
     def tasks(self) -> list[Task]:
         """Return the status of the actuators, their histories and the identification."""
+        return self._tasks_of()
+
+    def _tasks_of(self, actuator_id: str = "") -> list[Task]:
+        """Return the status of one actuator and of the identification; of each one when empty."""
         level, message = self._worker.status()
         dropped = self._worker.dropped
         return [
-            *self._units.tasks(self._worker.waiting, dropped),
-            *self._prognosis.tasks(),
+            *self._units.tasks(self._worker.waiting, dropped, actuator_id),
+            *self._prognosis.tasks(actuator_id),
             self._units.input_task(
                 self.hardware_id,
                 {
@@ -306,7 +310,8 @@ class MonitorNode(ManagedNode):
             self._warn(
                 f"{actuator_id}: window {segment.number} has no valid estimate: {estimate.reason}"
             )
-        self.report()
+        # Of all of many actuators it would take longer than an identification.
+        self.report(self._tasks_of(actuator_id))
 
     def _resume(self, description: ActuatorDescription, outlook: Outlook) -> None:
         with self._units.lock:
@@ -317,7 +322,7 @@ class MonitorNode(ManagedNode):
             is_published = unit.resume(description, outlook, period_s, self._now_ns())
         if is_published:
             self._follow(description, outlook)
-        self.report()
+        self.report(self._tasks_of(description.actuator_id))
 
     def _follow(self, description: ActuatorDescription, outlook: Outlook) -> None:
         """Have published what follows from a health that has been published."""

@@ -293,8 +293,8 @@ class MonitorPrognosis:
             self.report_failure(description.actuator_id, error, "the forecast")
             return None
 
-    def tasks(self) -> list[Task]:
-        """Return the status of each history."""
+    def tasks(self, only: str = "") -> list[Task]:
+        """Return the status of each history, or of those of one actuator alone."""
         return [
             Task(
                 f"{actuator_id} history",
@@ -304,6 +304,7 @@ class MonitorPrognosis:
                 {"file": prognostics.history.path or "none, in memory only"},
             )
             for (actuator_id, serial_number), prognostics in self._histories.items()
+            if only in ("", actuator_id)
         ]
 
     def _refresh_all(self) -> None:

@@ -1,16 +1,32 @@
 """Which actuators a monitor is to follow: a list, and a share of one or of all."""
 
 import hashlib
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from ema_core.description import check_name
 from ema_core.quantity import check_quantities, quantity, texts
 
 
-def shard_of(actuator_id: str, count: int) -> int:
-    """Return the shard of an actuator, the same in every process, on every machine and at any time.
+def digest_of(actuator_id: str) -> int:
+    """Return a number of an actuator's name: the same in every process, on every machine.
 
-    It is the BLAKE2b digest of 8 bytes of the name in UTF-8, a big-endian number, modulo ``count``.
+    It is the BLAKE2b digest of 8 bytes of the name in UTF-8, as a big-endian number.
+
+    Parameters
+    ----------
+    actuator_id
+        Name of the actuator.
+    """
+    digest = hashlib.blake2b(actuator_id.encode("utf-8", "surrogatepass"), digest_size=8).digest()
+    return int.from_bytes(digest, "big")
+
+
+def shard_of(actuator_id: str, count: int, listed: Collection[str] = ()) -> int:
+    """Return the shard of an actuator, which depends on nothing else.
+
+    It is its number, ``digest_of``, modulo ``count``. Where all are listed they are dealt out in
+    the order of their numbers instead, so that shards differ by one at most.
 
     Parameters
     ----------
@@ -18,9 +34,12 @@ def shard_of(actuator_id: str, count: int) -> int:
         Name of the actuator.
     count
         How many shards there are.
+    listed
+        The actuators, if they are listed.
     """
-    digest = hashlib.blake2b(actuator_id.encode("utf-8", "surrogatepass"), digest_size=8).digest()
-    return int.from_bytes(digest, "big") % count
+    if actuator_id in listed:
+        return sorted(listed, key=lambda name: (digest_of(name), name)).index(actuator_id) % count
+    return digest_of(actuator_id) % count
 
 
 @dataclass(frozen=True)
@@ -44,9 +63,9 @@ class Shard:
                 "monitors share the actuators and the first one is 0"
             )
 
-    def has(self, actuator_id: str) -> bool:
-        """Return whether an actuator is of this share."""
-        return self.count == 1 or shard_of(actuator_id, self.count) == self.index
+    def has(self, actuator_id: str, listed: Collection[str] = ()) -> bool:
+        """Return whether an actuator is of this share, as of ``shard_of``."""
+        return self.count == 1 or shard_of(actuator_id, self.count, listed) == self.index
 
     def __str__(self) -> str:
         return f"shard {self.index} of {self.count}"
@@ -76,4 +95,4 @@ class Selection:
 
     def of(self, shard: Shard) -> tuple[str, ...]:
         """Return those that are listed and of a share."""
-        return tuple(name for name in self.actuators if shard.has(name))
+        return tuple(name for name in self.actuators if shard.has(name, self.actuators))

@@ -318,8 +318,8 @@ class Units(dict[str, Unit]):
             published = [unit.publish_if_stale(expected_period_s, now_ns) for unit in self.values()]
         return [health for health in published if health is not None]
 
-    def tasks(self, waiting: int, dropped: Mapping[str, int]) -> list[Task]:
-        """Return the status of each.
+    def tasks(self, waiting: int, dropped: Mapping[str, int], only: str = "") -> list[Task]:
+        """Return the status of each, or of one alone.
 
         Parameters
         ----------
@@ -327,11 +327,14 @@ class Units(dict[str, Unit]):
             How many windows of all actuators wait.
         dropped
             How many were dropped, by actuator.
+        only
+            Which one; empty for each.
         """
         with self.lock:
+            units = self if not only else {only: self[only]} if only in self else {}
             return [
                 task
-                for name, unit in self.items()
+                for name, unit in units.items()
                 for task in unit_tasks(unit, waiting, dropped.get(name, 0))
             ]
 

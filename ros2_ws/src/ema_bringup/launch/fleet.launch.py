@@ -54,4 +54,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
         )
         for number, name in enumerate(names)
     ]
-    return [*actuators, *ema.monitors(context), ema.node(context, "dashboard", "ema_dashboard")]
+    # Of actuators that are listed, monitors have equal shares.
+    listed = {"actuators": names} if ema.value_of(context, "monitors") != "1" else {}
+    dashboard = ema.node(context, "dashboard", "ema_dashboard")
+    return [*actuators, *ema.monitors(context, **listed), dashboard]
