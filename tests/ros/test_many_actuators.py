@@ -8,6 +8,7 @@ import pytest
 from rclpy.parameter import Parameter
 
 from ema_core.levels import WARN
+from ema_interfaces.msg import Health
 from ema_interfaces.srv import GetHistory
 from ema_monitor.node.monitor_node import MonitorNode
 from ema_monitor.node.selection import shard_of
@@ -117,19 +118,25 @@ def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path:
         assert other.bring_up()
         heard = (topics.TELEMETRY, topics.DESCRIPTION)
         wait_for_match(other, *(session._publishers[name] for name in heard))
+        session.subscribe(Health, topics.HEALTH, topics.LATCHED_BY_MANY, key="all")
         for name in names:
             session.describe_from_a_node_of_its_own(described(name))
             session.feed(Source().cycle(), name)
-        session.until(lambda: all(session.healths(name) for name in names))
+        session.until(lambda: {item.actuator_id for item in session.received("all")} == set(names))
         assert [len(session.estimates(name)) for name in names] == [1] * 4
         followed = [set(node._units) for node in (session.node, other)]
         assert followed == [{n for n in names if shards[n] == shard} for shard in (0, 1)]
         # Each status is of one node, and each unit has a file that one of them writes.
-        said = {s.name for array in session.received("/diagnostics") for s in array.status}
         nodes = {0: "/ema/monitor", 1: "/ema/monitor_1"}
+
+        def said() -> set[str]:
+            return {s.name for array in session.received("/diagnostics") for s in array.status}
+
+        session.until(
+            lambda: {f"{nodes[shards[name]]}: {name} history" for name in names} <= said()
+        )
         for name in names:
-            assert f"{nodes[shards[name]]}: {name} health" in said
-            assert f"{nodes[1 - shards[name]]}: {name} health" not in said
+            assert f"{nodes[1 - shards[name]]}: {name} health" not in said()
             history = session.statuses(f"{name} history")[-1:]
             assert all(status.level == b"\0" for status in history)
         files = sorted(path.name for path in tmp_path.glob("*.sqlite"))
