@@ -124,7 +124,7 @@ def session() -> Iterator[MonitorSession]:
 def live(session: MonitorSession, cycles, messages) -> list[FaultEstimate]:
     for message in messages:
         session.send(topics.MEASURED_CAUSES, message)
-    log = session.node._units._measurements
+    log = session.node._intake._measurements
     wait_for(
         lambda: any(one.value == 0.1 for one in log.at("flap", window_start(3))), "the measurements"
     )

@@ -19,6 +19,7 @@ from ema_monitor.node.admission import Admission
 from ema_monitor.node.calls import MonitorCalls
 from ema_monitor.node.follow_ups import FollowUps
 from ema_monitor.node.hardware_status import hardware_status, hardware_status_class
+from ema_monitor.node.intake import Intake
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.node.prognosis import MonitorPrognosis
 from ema_monitor.node.selection import Selection, Shard
@@ -57,7 +58,7 @@ class MonitorNode(ManagedNode):
         self._costs = LiveSettings(self, Costs, "costs.")
         self._operation = LiveSettings(self, Operation)
         self._trigger = LiveSettings(
-            self, TriggerSettings, on_change=lambda new: self._units.restart(new)
+            self, TriggerSettings, on_change=lambda new: self._intake.restart(new)
         )
         self._health_publishers: dict[str, list[LifecyclePublisher]] = {}
         self._throttle = Throttle(_LOG_PERIOD_S)
@@ -75,13 +76,21 @@ class MonitorNode(ManagedNode):
             self._now_ns,
             self._add_publishers,
             self._note_description,
+            self._warn,
+            self._inform,
+            self._window_settings,
+            self.get_namespace(),
+        )
+        self._intake = Intake(
+            self._units,
+            self._now_ns,
+            self._note_description,
             self._queue_window,
             lambda: self._operation.value.measured_max_age_s,
             self._warn,
-            lambda text: self.get_logger().info(text),
+            self._inform,
             self._window_settings,
             self._telemetry_sources,
-            self.get_namespace(),
         )
         self._prognosis = MonitorPrognosis(self, self._calibration_of, self._units, self._resume)
         declare(self, Files)
@@ -130,7 +139,7 @@ class MonitorNode(ManagedNode):
                 name = described.actuator_id
                 self.get_logger().info(f"{name} of actuator_file is not followed: {reason}")
             else:
-                self._units.describe(described)
+                self._intake.describe(described)
 
     def activate(self) -> None:
         """Subscribe, and identify what is received."""
@@ -147,7 +156,7 @@ class MonitorNode(ManagedNode):
             subscription
             for name, callback in (
                 (topics.USAGE, self._prognosis.receive_usage),
-                (topics.DESCRIPTION, self._units.receive_description),
+                (topics.DESCRIPTION, self._intake.receive_description),
             )
             for subscription in subscribe_latched(self, known[name][0], name, callback, receiving)
         ]
@@ -156,8 +165,8 @@ class MonitorNode(ManagedNode):
                 known[name][0], name, callback, topics.STREAM, callback_group=receiving
             )
             for name, callback in (
-                (topics.MEASURED_CAUSES, self._units.receive_measured),
-                (topics.TELEMETRY, self._units.receive_telemetry),
+                (topics.MEASURED_CAUSES, self._intake.receive_measured),
+                (topics.TELEMETRY, self._intake.receive_telemetry),
             )
         ]
 
@@ -168,7 +177,7 @@ class MonitorNode(ManagedNode):
         for subscription in self._subscriptions_in_use:
             self.destroy_subscription(subscription)
         self._worker.stop()
-        for segment in self._units.finish():
+        for segment in self._intake.finish():
             self._worker.refuse(segment, "")
         self._follow_ups.stop()
 
@@ -183,6 +192,7 @@ class MonitorNode(ManagedNode):
         self._health_publishers.clear()
         self._follow_ups.clear()
         self._units.clear()
+        self._intake.clear()
         self._worker.forget()
 
     def tasks(self) -> list[Task]:
@@ -230,6 +240,9 @@ class MonitorNode(ManagedNode):
         if is_first:
             self.report()
 
+    def _inform(self, text: str) -> None:
+        self.get_logger().info(text)
+
     def _window_settings(self) -> WindowSettings:
         return WindowSettings(self._search.value, self._combining.value)
 
@@ -246,6 +259,7 @@ class MonitorNode(ManagedNode):
             publishers = self._follow_ups.remove_actuator(actuator_id)
             for publisher in (*publishers, *self._health_publishers.pop(actuator_id)):
                 self.destroy_lifecycle_publisher(publisher)
+        self._intake.forget(actuator_id)
         self._worker.forget_actuator(actuator_id)
         self._prognosis.forget(actuator_id)
         self.report()

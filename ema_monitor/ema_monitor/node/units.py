@@ -1,12 +1,10 @@
-"""The actuators that a monitor receives messages of, and the messages that belong to none."""
+"""The actuators that a monitor follows."""
 
 import threading
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from ema_core.description import ActuatorDescription, check_name
+from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.tally import Tally
@@ -15,16 +13,9 @@ from ema_monitor.node.unit import Unit
 from ema_monitor.node.unit_status import unit_tasks
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment
-from ema_monitor.windows.measurements import MeasurementLog
-from ema_monitor.windows.trigger import INDEX_WENT_BACK, Defect, TriggerSettings
-from ema_monitor.windows.window import Window
-from ema_ros.description import description_from_message
-from ema_ros.measured import measured_from_message
-from ema_ros.stamps import stamp_from_message
+from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.status import Task
-from ema_ros.telemetry import telemetry_from_message
 
-_MOST_MEASUREMENTS = 10_000
 _MOST_NAMED = 10
 
 
@@ -35,26 +26,20 @@ class Units(dict[str, Unit]):
     ----------
     admission
         Decides which actuators are followed.
-    settings
+    trigger
         When a window begins and how long it is.
     now_ns
         Gives the time of the node's clock [ns].
     add_publisher
         Gives the publisher of the health of an actuator, by its name; called at its first message.
     describe
-        Called with each description that differs from the one before.
-    queue_window
-        Called with each window, or its refusal.
-    max_age_s
-        Gives the age up to which what was measured holds for a window [s].
+        Called with the description of an actuator that is followed again.
     warn
         Called with what is wrong, and whether the status has to be published at once.
     inform
         Called with what is worth a line in the log.
     settings_now
         Gives the settings that a window which begins now is identified with.
-    sources
-        Gives the nodes that publish telemetry, one name for each publisher.
     namespace
         Namespace of the node, for the status.
 
@@ -62,6 +47,8 @@ class Units(dict[str, Unit]):
     ----------
     admission
         Which actuators are followed.
+    trigger
+        When a window of a new one begins and how long it is.
     lock
         Held while units are changed, and while health is published: nothing older may follow the
         health after a test.
@@ -70,39 +57,31 @@ class Units(dict[str, Unit]):
     def __init__(
         self,
         admission: Admission,
-        settings: TriggerSettings,
+        trigger: TriggerSettings,
         now_ns: Callable[[], int],
         add_publisher: Callable[[str], Callable[[HealthMessage], None]],
         describe: Callable[[ActuatorDescription], None],
-        queue_window: Callable[[Segment], None],
-        max_age_s: Callable[[], float],
         warn: Callable[[str, bool], None],
         inform: Callable[[str], object],
         settings_now: Callable[[], Any],
-        sources: Callable[[], list[str]],
         namespace: str,
     ) -> None:
         super().__init__()
         self.lock = threading.RLock()
         self.admission = admission
-        self._settings = settings
+        self.trigger = trigger
         self._now_ns = now_ns
         self._add_publisher = add_publisher
         self._describe = describe
-        self._queue_window = queue_window
-        self._max_age_s = max_age_s
-        self._measurements = MeasurementLog(_MOST_MEASUREMENTS)
         self._warn = warn
         self._inform = inform
         self._settings_now = settings_now
-        self._sources = sources
         self._namespace = namespace
 
     def clear(self) -> None:
         """Remove all."""
         super().clear()
         self.admission.clear()
-        self._measurements.clear()
 
     def expect_listed(self) -> None:
         """Add the actuators that are listed, so that one that says nothing is seen.
@@ -114,7 +93,7 @@ class Units(dict[str, Unit]):
         """
         self.admission.check()
         for actuator_id in self.admission.listed:
-            self._get_or_add(actuator_id)
+            self.get_or_add(actuator_id)
 
     def let_go(self, after_s: float) -> list[str]:
         """Return which actuators are to be forgotten in favour of those that were refused."""
@@ -126,94 +105,6 @@ class Units(dict[str, Unit]):
                 # What its latched topic said comes once: it is kept for its return.
                 self.admission.remember(name, self[name].description)
             return chosen
-
-    def receive_description(self, message: Any) -> None:
-        """Apply ``ema_interfaces/msg/ActuatorDescription``, which may be impossible."""
-        if self.admission.ignores(message.actuator_id):
-            return
-        try:
-            self.describe(description_from_message(message))
-        except ValueError as error:
-            reason = f"the description is impossible: {error}"
-            is_name = _is_name(message.actuator_id)
-            self.add_defect(message.actuator_id, reason, is_known=is_name)
-
-    def describe(self, description: ActuatorDescription) -> None:
-        """Apply the description of an actuator, if it is followed."""
-        with self.lock:
-            unit = self._get_or_add(description.actuator_id, description)
-            if unit is None:
-                return
-            before = unit.description
-            self._handle(unit, unit.finder.describe(description))
-            if before is not None and before.serial_number != description.serial_number:
-                unit.reset_health(self._now_ns())
-        if before != description:
-            self._describe(description)
-
-    def receive_telemetry(self, message: Any) -> None:
-        """Look for windows in ``ema_interfaces/msg/TelemetryBlock``, which may be impossible."""
-        actuator_id = message.actuator_id
-        if not actuator_id:
-            self.add_defect("", "telemetry without actuator_id")
-            return
-        if actuator_id not in self:
-            if not _is_name(actuator_id):
-                reason = "telemetry with an impossible actuator_id"
-                self.add_defect(actuator_id, reason, is_known=False)
-                return
-            if self.admission.ignores(actuator_id):
-                return
-        with self.lock:
-            unit = self._get_or_add(actuator_id)
-            if unit is None:
-                return
-            unit.hear(self._now_ns())
-            if not unit.finder.is_open:
-                unit.settings = self._settings_now()
-            try:
-                block = telemetry_from_message(message)
-            except ValueError as error:
-                stamp_ns = stamp_from_message(message.header.stamp)
-                events = unit.finder.reject(stamp_ns, str(error))
-            else:
-                events = unit.finder.feed(block)
-            if unit.finder.blocks == 1:
-                self._inform(f"{actuator_id}: first telemetry")
-            self._handle(unit, events)
-            if any(_went_back(event) for event in events):
-                self._look_for_publishers(unit)
-            is_over = any(isinstance(event, Segment) for event in events)
-            if is_over:
-                unit.settings = self._settings_now()
-            if unit.next_trigger is not None and (is_over or not unit.finder.is_open):
-                self._restart(unit, unit.next_trigger)
-
-    def receive_measured(self, message: Any) -> None:
-        """Keep ``ema_interfaces/msg/MeasuredCauses``, which may be impossible."""
-        actuator_id = message.actuator_id
-        if not actuator_id:
-            self.add_defect("", "measured causes without actuator_id")
-            return
-        if self.admission.ignores(actuator_id):
-            return
-        try:
-            stamp_ns, measured = measured_from_message(message)
-            with self.lock:
-                self._measurements.add(actuator_id, stamp_ns, measured)
-        except ValueError as error:
-            # A measurement alone does not make an actuator known.
-            self.add_defect(actuator_id, str(error), is_known=actuator_id in self)
-
-    def restart(self, settings: TriggerSettings) -> None:
-        """Look for windows with other settings; a window that is open is completed first."""
-        with self.lock:
-            self._settings = settings
-            for unit in self.values():
-                if unit.finder.is_open:
-                    unit.next_trigger = settings
-                else:
-                    self._restart(unit, settings)
 
     def forget(self, actuator_id: str) -> None:
         """Forget an actuator.
@@ -234,13 +125,6 @@ class Units(dict[str, Unit]):
                 raise ValueError(self._not_monitored(actuator_id))
             unit.finder.finish()
             del self[actuator_id]
-            self._measurements.forget(actuator_id)
-
-    def finish(self) -> list[Segment]:
-        """End the telemetry of all; return the refusals of the windows that are cut off."""
-        with self.lock:
-            events = [event for unit in self.values() for event in unit.finder.finish()]
-        return [event for event in events if isinstance(event, Segment)]
 
     def add_defect(self, actuator_id: str, reason: str, *, is_known: bool = True) -> None:
         """Record and report a defect.
@@ -255,7 +139,7 @@ class Units(dict[str, Unit]):
             Whether the actuator is known, or is from now on.
         """
         with self.lock:
-            unit = self._get_or_add(actuator_id) if actuator_id and is_known else None
+            unit = self.get_or_add(actuator_id) if actuator_id and is_known else None
             if unit is not None:
                 is_first = unit.add_defect(reason)
             else:
@@ -353,7 +237,7 @@ class Units(dict[str, Unit]):
             figures = {**counts, **self.admission.figures(self)}
         return Task("input", level, message, hardware_id, figures)
 
-    def _get_or_add(
+    def get_or_add(
         self, actuator_id: str, description: ActuatorDescription | None = None
     ) -> Unit | None:
         """Return a unit, None when it is not followed; its description is kept for later then."""
@@ -363,12 +247,13 @@ class Units(dict[str, Unit]):
             self.admission.refuse(actuator_id, description)
             return None
         publish, now_ns = self._add_publisher(actuator_id), self._now_ns()
-        unit = Unit(actuator_id, self._settings, publish, now_ns, self._namespace)
+        unit = Unit(actuator_id, self.trigger, publish, now_ns, self._namespace)
         unit.settings = self._settings_now()
         unit.is_listed = actuator_id in self.admission.listed
         self[actuator_id] = unit
         if (known := self.admission.admit(actuator_id)) is not None and description is None:
-            self.describe(known)
+            unit.finder.describe(known)
+            self._describe(known)
         return unit
 
     def _in_words(self) -> str:
@@ -379,50 +264,3 @@ class Units(dict[str, Unit]):
     def _not_monitored(self, actuator_id: str) -> str:
         reason = self.admission.why_not(actuator_id) or f"monitored: {self._in_words()}"
         return f"actuator_id = {actuator_id!r} is not monitored; {reason}"
-
-    def _restart(self, unit: Unit, settings: TriggerSettings) -> None:
-        """Look for the windows of a unit with other settings from now on."""
-        unit.next_trigger = None
-        events = unit.finder.restart(settings, "the settings of the window changed")
-        # Nothing is wrong where no window is cut off.
-        self._handle(unit, [event for event in events if isinstance(event, Segment)])
-        unit.settings = self._settings_now()
-
-    def _look_for_publishers(self, unit: Unit) -> None:
-        """Name the publishers where an index goes back and forth, as that of two streams does."""
-        if not unit.goes_back_and_forth():
-            return
-        counts = Counter(self._sources())
-        if counts.total() > 1:
-            names = [
-                name if number == 1 else f"{name} ({number})" for name, number in counts.items()
-            ]
-            unit.publishers = ", ".join(sorted(names))
-            self._warn(f"{unit.actuator_id}: several publishers: {unit.publishers}", False)
-
-    def _handle(self, unit: Unit, events: Iterable[Segment | Defect]) -> None:
-        """Queue windows for identification, and report defects."""
-        for event in events:
-            if isinstance(event, Defect):
-                self.add_defect(unit.actuator_id, event.reason)
-                continue
-            if isinstance(event.window, Window):
-                measured = self._measurements.at(
-                    unit.actuator_id, event.window.start_ns, self._max_age_s()
-                )
-                event = replace(event, window=replace(event.window, measured=measured))
-                unit.latest = event
-            self._queue_window(replace(event, settings=unit.settings))
-
-
-def _is_name(actuator_id: str) -> bool:
-    try:
-        check_name("actuator_id", actuator_id)
-    except ValueError:
-        return False
-    return True
-
-
-def _went_back(event: Segment | Defect) -> bool:
-    reason = event.reason if isinstance(event, Defect) else getattr(event.window, "reason", "")
-    return INDEX_WENT_BACK in reason
