@@ -213,8 +213,8 @@ class Observer:
 
     def __init__(self) -> None:
         self.latencies_s: dict[tuple[str, int], float] = {}
-        self.invalid: set[tuple[str, int]] = set()
-        self.reasons: set[str] = set()
+        # Why there is no valid estimate.
+        self.invalid: dict[tuple[str, int], str] = {}
         self.statuses: dict[str, dict[str, str]] = {}
         self._node = rclpy.create_node("observer", namespace="/benchmark")
         self._node.create_subscription(
@@ -238,8 +238,7 @@ class Observer:
         window = (message.actuator_id, message.window)
         self.latencies_s[window] = time.time() - 1e-9 * stamp_from_message(message.window_end)
         if not message.valid:
-            self.invalid.add(window)
-            self.reasons.add(message.reason)
+            self.invalid[window] = message.reason
 
     def _note_status(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -287,14 +286,14 @@ def measure(actuators: int, together: bool, duration_s: float) -> Row:
         windows=len(expected),
         missing=len(expected) - len(latencies_s),
         dropped=int(observer.statuses["/ema/monitor: input"]["windows dropped"]),
-        invalid=len(observer.invalid & expected),
+        invalid=len(observer.invalid.keys() & expected),
         blocks_lost=actuators * bursts * round(TEST_S / BLOCK_S) - sum(heard),
         latency_median_s=float(np.median(latencies_s)),
         latency_95_percent_s=float(np.quantile(latencies_s, 0.95)),
         latency_longest_s=float(np.max(latencies_s)),
         monitor_cores=cores,
         publisher_late_s=late_s,
-        reasons=sorted(observer.reasons),
+        reasons=sorted(set(observer.invalid.values())),
     )
 
 

@@ -8,8 +8,8 @@ share the actuators by the parameter `shard` and write their histories in one fo
 
 For each number of monitors the largest number of actuators is searched, of those given, that is
 followed: no window is dropped or missing, no block lost, and each estimate comes before the next
-test of its actuator. Then twice as many as the first one follows are sent to it for a minute:
-what is dropped, and whether its memory grows.
+test of its actuator, once kernels are compiled and every actuator has had three windows. Then twice
+as many as the first one follows are sent to it: what is dropped, and whether its memory grows.
 
 Prints a table; writes JSON. All run on the same machine: the processor time of what publishes and
 listens is beside that of the monitors.
@@ -39,9 +39,9 @@ from rich.table import Table
 
 from ema_cli.processes.fleet_commands import Common, monitor_commands
 
-_SETTLING: Final = 2
+_SETTLING: Final = 3
 _LAST_S: Final = 10.0
-_BEYOND_BURSTS: Final = 12
+_BEYOND_BURSTS: Final = 9
 _MB: Final = 1e-6
 
 
@@ -53,9 +53,11 @@ class Row:
     ----------
     monitors, actuators
         How many there were.
-    windows, missing, dropped, invalid
+    windows, missing, dropped, refused
         How many windows there were, and how many of them without estimate, given up for later
-        ones, and with an estimate that is not valid, the dropped ones included.
+        ones, and with an estimate that is not valid for another reason.
+    dropped_before
+        How many windows were given up while it settled.
     blocks_lost
         Blocks of telemetry that did not reach their monitor.
     latency_median_s, latency_longest_s
@@ -81,7 +83,8 @@ class Row:
     windows: int
     missing: int
     dropped: int
-    invalid: int
+    refused: int
+    dropped_before: int
     blocks_lost: int
     latency_median_s: float
     latency_longest_s: float
@@ -200,13 +203,11 @@ def measure(monitors: int, actuators: int, bursts: int, tests: list[list[bytes]]
             publisher.kill()
             observer.close()
     heard = expected & observer.latencies_s.keys()
-    valid = heard - observer.invalid
+    valid = heard - observer.invalid.keys()
+    dropped = [key for key, why in observer.invalid.items() if why.startswith("dropped: ")]
+    given_up = len(expected & set(dropped))
     served = [sum((name, number) in valid for number in range(_SETTLING, total)) for name in names]
-    counts = [
-        {key: int(values[key]) for key in ("blocks", "windows dropped")}
-        for values in observer.statuses.values()
-        if "blocks" in values
-    ]
+    blocks = [int(values["blocks"]) for values in observer.statuses.values() if "blocks" in values]
     latencies_s = [observer.latencies_s[key] for key in valid] or [float("nan")]
     sent = actuators * total * round(fleet.TEST_S / fleet.BLOCK_S)
     return Row(
@@ -214,9 +215,10 @@ def measure(monitors: int, actuators: int, bursts: int, tests: list[list[bytes]]
         actuators=actuators,
         windows=len(expected),
         missing=len(expected - heard),
-        dropped=sum(one["windows dropped"] for one in counts),
-        invalid=len(observer.invalid & expected),
-        blocks_lost=sent - sum(one["blocks"] for one in counts),
+        dropped=given_up,
+        refused=len(heard) - len(valid) - given_up,
+        dropped_before=len(dropped) - given_up,
+        blocks_lost=sent - sum(blocks),
         latency_median_s=float(np.median(latencies_s)),
         latency_longest_s=float(np.max(latencies_s)),
         least_served=min(served) / max(1, *served),
@@ -241,13 +243,18 @@ def resident_mb(process: int) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") * _MB
 
 
-def search(monitors: int, numbers: list[int], bursts: int, tests: list[list[bytes]]) -> list[Row]:
-    """Return rows around the largest number that is followed, found by halving."""
-    rows, low, high = [], -1, len(numbers)
-    while high - low > 1:
-        middle = (low + high) // 2
-        rows.append(row := measure(monitors, numbers[middle], bursts, tests))
-        low, high = (middle, high) if row.is_followed else (low, middle)
+def search(
+    monitors: int, numbers: list[int], start: int, bursts: int, tests: list[list[bytes]]
+) -> list[Row]:
+    """Return rows up to and beyond the largest number that is followed, sought from a start on."""
+    place = min(range(len(numbers)), key=lambda i: abs(numbers[i] - start))
+    rows = [measure(monitors, numbers[place], bursts, tests)]
+    step = 1 if rows[0].is_followed else -1
+    while 0 <= place + step < len(numbers):
+        place += step
+        rows.append(measure(monitors, numbers[place], bursts, tests))
+        if rows[-1].is_followed != (step > 0):
+            break
     return sorted(rows, key=lambda row: row.actuators)
 
 
@@ -260,24 +267,29 @@ def followed(rows: list[Row]) -> int:
 @click.option("--monitors", default="1,2,4", show_default=True, help="Numbers of processes.")
 @click.option(
     "--actuators",
-    default="8,16,24,32,48,64,96",
+    default="8,16,32,48,64,96,128",
     show_default=True,
     help="Numbers of them, from the least on.",
 )
 @click.option("--bursts", default=3, show_default=True, help="Tests of each that are measured.")
-@click.option("--beyond/--no-beyond", default=True, help="Send twice as many for a minute.")
+@click.option("--beyond/--no-beyond", default=True, help="Send the first one twice as many.")
 @click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
 def main(monitors: str, actuators: str, bursts: int, beyond: bool, output: Path | None) -> None:
     """Print the table and write the JSON file."""
     rclpy.init()
     tests = [[serialize_message(item) for item in test] for test in fleet.simulated_tests()]
     numbers = sorted(int(number) for number in actuators.split(","))
-    rows = [row for n in monitors.split(",") for row in search(int(n), numbers, bursts, tests)]
-    first = int(monitors.split(",")[0])
-    most = followed([row for row in rows if row.monitors == first])
+    counts = [int(number) for number in monitors.split(",")]
+    rows: list[Row] = []
+    start = numbers[len(numbers) // 2]
+    for count in counts:
+        found = search(count, numbers, start, bursts, tests)
+        start = followed(found) or numbers[0]
+        rows += found
+    most = followed([row for row in rows if row.monitors == counts[0]])
     overload = []
     if beyond and most:
-        overload.append(measure(first, 2 * most, _BEYOND_BURSTS, tests))
+        overload.append(measure(counts[0], 2 * most, _BEYOND_BURSTS, tests))
     rclpy.shutdown()
     columns = [item.name for item in fields(Row)]
     title = f"{fleet.TEST_S:g} s of test in every {fleet.PERIOD_S:g} s of each actuator, in turn"
@@ -287,9 +299,9 @@ def main(monitors: str, actuators: str, bursts: int, beyond: bool, output: Path 
         texts = [f"{value:.3g}" if isinstance(value, float) else str(value) for value in values]
         table.add_row(*texts, "yes" if row.is_followed else "no", end_section=row is rows[-1])
     Console(width=200).print(table)
-    for number in dict.fromkeys(row.monitors for row in rows):
-        most = followed([row for row in rows if row.monitors == number])
-        print(f"{number} monitors: {most} actuators followed")
+    for count in counts:
+        most = followed([row for row in rows if row.monitors == count])
+        print(f"{count} monitors: {most} actuators followed")
     if output:
         kept = {"rows": rows, "beyond": overload}
         content = {
