@@ -29,6 +29,15 @@ def figure(session: MonitorSession, key: str) -> str:
     return next(item.value for item in values if item.key == key)
 
 
+def reports(session: MonitorSession) -> list[set[str]]:
+    """What each report that has the status of the actuator tab is about."""
+    found = [
+        {status.name.removeprefix("/ema/monitor: ") for status in array.status}
+        for array in session.received("/diagnostics")
+    ]
+    return [names for names in found if "tab telemetry" in names and "lifecycle" not in names]
+
+
 def get_history(session: MonitorSession, actuator_id: str, node: str = "monitor"):
     request = GetHistory.Request(actuator_id=actuator_id)
     return session.call(GetHistory, f"/ema/{node}/get_history", request)
@@ -51,6 +60,10 @@ def test_one_beyond_the_limit_is_refused_and_followed_once_there_is_room():
         session.feed(blocks[2:], "tab")
         session.until(lambda: session.estimates("tab"))
         assert set(session.node._units) == {"flap", "tab"}
+        # After its estimate its own status is reported, and that of all once a second.
+        [changed, *_] = session.until(lambda: reports(session))
+        assert {"tab telemetry", "tab history", "input", "identification"} <= changed
+        assert not {"flap telemetry", "lifecycle"} & changed
 
 
 @pytest.mark.slow
