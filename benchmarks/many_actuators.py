@@ -41,7 +41,7 @@ from ema_cli.processes.fleet_commands import Common, monitor_commands
 
 _SETTLING: Final = 3
 _LAST_S: Final = 10.0
-_BEYOND_BURSTS: Final = 9
+_QUEUE_S: Final = 30.0
 _MB: Final = 1e-6
 
 
@@ -191,7 +191,7 @@ def measure(monitors: int, actuators: int, bursts: int, tests: list[list[bytes]]
             observer.listen_until(lambda: not times.empty())
             late_s = times.get()
             expected = {(name, number) for name in names for number in range(_SETTLING, total)}
-            deadline_s = time.time() + _LAST_S
+            deadline_s = time.time() + _QUEUE_S
             observer.listen_until(
                 lambda: expected <= observer.latencies_s.keys() or time.time() > deadline_s
             )
@@ -272,9 +272,14 @@ def followed(rows: list[Row]) -> int:
     help="Numbers of them, from the least on.",
 )
 @click.option("--bursts", default=3, show_default=True, help="Tests of each that are measured.")
-@click.option("--beyond/--no-beyond", default=True, help="Send the first one twice as many.")
+@click.option(
+    "--beyond",
+    default=9,
+    show_default=True,
+    help="Tests of each of twice as many actuators that are sent to the first one; 0: none.",
+)
 @click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
-def main(monitors: str, actuators: str, bursts: int, beyond: bool, output: Path | None) -> None:
+def main(monitors: str, actuators: str, bursts: int, beyond: int, output: Path | None) -> None:
     """Print the table and write the JSON file."""
     rclpy.init()
     tests = [[serialize_message(item) for item in test] for test in fleet.simulated_tests()]
@@ -289,7 +294,7 @@ def main(monitors: str, actuators: str, bursts: int, beyond: bool, output: Path 
     most = followed([row for row in rows if row.monitors == counts[0]])
     overload = []
     if beyond and most:
-        overload.append(measure(counts[0], 2 * most, _BEYOND_BURSTS, tests))
+        overload.append(measure(counts[0], 2 * most, beyond, tests))
     rclpy.shutdown()
     columns = [item.name for item in fields(Row)]
     title = f"{fleet.TEST_S:g} s of test in every {fleet.PERIOD_S:g} s of each actuator, in turn"

@@ -17,7 +17,10 @@ def admission(
 ) -> tuple[Admission, list[str]]:
     said: list[str] = []
     made = Admission(
-        Selection(actuators), shard or Shard(), lambda: most, lambda text, _: said.append(text)
+        Selection(actuators),
+        shard or Shard(),
+        lambda: most,
+        lambda name, text, _: said.append(f"{name}: {text}"),
     )
     return made, said
 

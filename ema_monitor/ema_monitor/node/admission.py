@@ -32,7 +32,7 @@ class Admission:
     most_actuators
         Gives how many actuators are followed at most.
     warn
-        Called with what is wrong, and whether the status has to be published at once.
+        Called as by ``Units``.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Admission:
         selection: Selection,
         shard: Shard,
         most_actuators: Callable[[], int],
-        warn: Callable[[str, bool], None],
+        warn: Callable[[str, str, bool], None],
     ) -> None:
         self.listed = selection.of(shard)
         self._all_listed = selection.actuators
@@ -121,7 +121,8 @@ class Admission:
         self._count(_REFUSED, repr(actuator_id))
         if is_new:
             self._warn(
-                f"{actuator_id}: not followed, as most_actuators = {self._most_actuators()} are",
+                actuator_id,
+                f"not followed, as most_actuators = {self._most_actuators()} are",
                 self._counts[_REFUSED] == 1,
             )
 

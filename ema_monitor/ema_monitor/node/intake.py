@@ -36,7 +36,7 @@ class Intake:
     max_age_s
         Gives the age up to which what was measured holds for a window [s].
     warn
-        Called with what is wrong, and whether the status has to be published at once.
+        Called as by ``Units``.
     inform
         Called with what is worth a line in the log.
     settings_now
@@ -52,7 +52,7 @@ class Intake:
         describe: Callable[[ActuatorDescription], None],
         queue_window: Callable[[Segment], None],
         max_age_s: Callable[[], float],
-        warn: Callable[[str, bool], None],
+        warn: Callable[[str, str, bool], None],
         inform: Callable[[str], object],
         settings_now: Callable[[], Any],
         sources: Callable[[], list[str]],
@@ -189,7 +189,7 @@ class Intake:
                 name if number == 1 else f"{name} ({number})" for name, number in counts.items()
             ]
             unit.publishers = ", ".join(sorted(names))
-            self._warn(f"{unit.actuator_id}: several publishers: {unit.publishers}", False)
+            self._warn(unit.actuator_id, f"several publishers: {unit.publishers}", False)
 
     def _handle(self, unit: Unit, events: Iterable[Segment | Defect]) -> None:
         """Queue windows for identification, and report defects."""

@@ -233,12 +233,12 @@ class MonitorNode(ManagedNode):
             self.get_logger().warning(f"{description.actuator_id}: {remark}")
         self._prognosis.describe(description)
 
-    def _warn(self, text: str, is_first: bool = False) -> None:
-        passed = self._throttle.passed(text, time.monotonic())
+    def _warn(self, actuator_id: str, text: str, is_first: bool = False) -> None:
+        passed = self._throttle.passed(f"{actuator_id or 'input'}: {text}", time.monotonic())
         if passed is not None:
             self.get_logger().warning(passed)
         if is_first:
-            self.report()
+            self.report(self._tasks_of(actuator_id))
 
     def _inform(self, text: str) -> None:
         self.get_logger().info(text)
@@ -297,9 +297,9 @@ class MonitorNode(ManagedNode):
         most_waiting = None if in_sim_time else self._operation.value.waiting_windows
         for dropped in self._worker.add(segment, most_waiting):
             self._warn(
-                f"{dropped.description.actuator_id}: "
+                dropped.description.actuator_id,
                 f"{'stretch' if dropped.is_stretch else 'window'} {dropped.number} is dropped, "
-                f"{self._worker.waiting} wait"
+                f"{self._worker.waiting} wait",
             )
 
     def _calibration_of(self, description: ActuatorDescription) -> AnyCalibration | str:
@@ -321,9 +321,8 @@ class MonitorNode(ManagedNode):
             self._follow(segment.description, outlook)
         self._follow_ups.follow_estimate(segment, estimate)
         if not estimate.valid:
-            self._warn(
-                f"{actuator_id}: window {segment.number} has no valid estimate: {estimate.reason}"
-            )
+            reason = f"window {segment.number} has no valid estimate: {estimate.reason}"
+            self._warn(actuator_id, reason)
         # Of all of many actuators it would take longer than an identification.
         self.report(self._tasks_of(actuator_id))
 

@@ -35,7 +35,8 @@ class Units(dict[str, Unit]):
     describe
         Called with the description of an actuator that is followed again.
     warn
-        Called with what is wrong, and whether the status has to be published at once.
+        Called with the name of an actuator, empty when there is none, what is wrong, and whether
+        its status has to be published at once.
     inform
         Called with what is worth a line in the log.
     settings_now
@@ -61,7 +62,7 @@ class Units(dict[str, Unit]):
         now_ns: Callable[[], int],
         add_publisher: Callable[[str], Callable[[HealthMessage], None]],
         describe: Callable[[ActuatorDescription], None],
-        warn: Callable[[str, bool], None],
+        warn: Callable[[str, str, bool], None],
         inform: Callable[[str], object],
         settings_now: Callable[[], Any],
         namespace: str,
@@ -144,7 +145,7 @@ class Units(dict[str, Unit]):
                 is_first = unit.add_defect(reason)
             else:
                 is_first = self.admission.note_wrong(actuator_id, reason)
-        self._warn(f"{actuator_id or 'input'}: {reason}", is_first)
+        self._warn(actuator_id, reason, is_first)
 
     def find(self, actuator_id: str) -> tuple[Unit, ActuatorDescription]:
         """Return a unit that is described, and its description.
