@@ -291,9 +291,9 @@ def main(monitors: str, actuators: str, bursts: int, beyond: int, output: Path |
         found = search(count, numbers, start, bursts, tests)
         start = followed(found) or numbers[0]
         rows += found
-    most = followed([row for row in rows if row.monitors == counts[0]])
+    most = followed([row for row in rows if row.monitors == counts[0]]) or numbers[0]
     overload = []
-    if beyond and most:
+    if beyond:
         overload.append(measure(counts[0], 2 * most, beyond, tests))
     rclpy.shutdown()
     columns = [item.name for item in fields(Row)]
