@@ -19,7 +19,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from multiprocessing.queues import SimpleQueue
 from pathlib import Path
@@ -31,6 +31,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.serialization import deserialize_message
 from rich.console import Console
 from rich.table import Table
 
@@ -152,13 +153,22 @@ def simulated_tests() -> list[list[TelemetryBlock]]:
     return tests
 
 
-def publish(actuators: int, bursts: int, together: bool, times: "SimpleQueue[float]") -> None:
-    """Publish the tests of all actuators in real time.
+def publish(
+    actuators: int,
+    bursts: int,
+    together: bool,
+    times: "SimpleQueue[float]",
+    monitors: int = 1,
+    simulated: Sequence[Sequence[bytes]] = (),
+) -> None:
+    """Publish the tests of all actuators in real time, once there are as many monitors.
 
     Tells when the first period began [s since the epoch], and in the end how late a block was
-    sent at most [s].
+    sent at most [s]. ``simulated`` has the tests as serialised messages; they are simulated if it
+    is empty.
     """
-    tests = simulated_tests()
+    tests = [[deserialize_message(item, TelemetryBlock) for item in test] for test in simulated]
+    tests = tests or simulated_tests()
     rclpy.init()
     node = rclpy.create_node("fleet", namespace=NAMESPACE)
     message_class, qos = ACTUATOR_TOPICS[DESCRIPTION]
@@ -168,7 +178,7 @@ def publish(actuators: int, bursts: int, together: bool, times: "SimpleQueue[flo
         publisher.publish(description_to_message(unit))
     message_class, qos = ACTUATOR_TOPICS[TELEMETRY]
     telemetry = node.create_publisher(message_class, TELEMETRY, qos)
-    while not telemetry.get_subscription_count():
+    while telemetry.get_subscription_count() < monitors:
         time.sleep(0.05)
     time.sleep(_DISCOVERY_S)
     began_ns, latest_ns = time.time_ns(), 0
@@ -203,8 +213,8 @@ class Observer:
 
     def __init__(self) -> None:
         self.latencies_s: dict[tuple[str, int], float] = {}
-        self.invalid: set[tuple[str, int]] = set()
-        self.reasons: set[str] = set()
+        # Why there is no valid estimate.
+        self.invalid: dict[tuple[str, int], str] = {}
         self.statuses: dict[str, dict[str, str]] = {}
         self._node = rclpy.create_node("observer", namespace="/benchmark")
         self._node.create_subscription(
@@ -228,8 +238,7 @@ class Observer:
         window = (message.actuator_id, message.window)
         self.latencies_s[window] = time.time() - 1e-9 * stamp_from_message(message.window_end)
         if not message.valid:
-            self.invalid.add(window)
-            self.reasons.add(message.reason)
+            self.invalid[window] = message.reason
 
     def _note_status(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -277,14 +286,14 @@ def measure(actuators: int, together: bool, duration_s: float) -> Row:
         windows=len(expected),
         missing=len(expected) - len(latencies_s),
         dropped=int(observer.statuses["/ema/monitor: input"]["windows dropped"]),
-        invalid=len(observer.invalid & expected),
+        invalid=len(observer.invalid.keys() & expected),
         blocks_lost=actuators * bursts * round(TEST_S / BLOCK_S) - sum(heard),
         latency_median_s=float(np.median(latencies_s)),
         latency_95_percent_s=float(np.quantile(latencies_s, 0.95)),
         latency_longest_s=float(np.max(latencies_s)),
         monitor_cores=cores,
         publisher_late_s=late_s,
-        reasons=sorted(observer.reasons),
+        reasons=sorted(set(observer.invalid.values())),
     )
 
 

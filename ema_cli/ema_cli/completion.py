@@ -9,8 +9,9 @@ _COUNTS: Final = ("blocks", "windows", "estimates valid", "estimates invalid")
 class Completion:
     """Whether a player has ended, and the monitor has identified what it played.
 
-    Reports come once a second and on change: two of the same counts in a row after the end, with an
-    estimate for each window, say that nothing is on its way.
+    Reports come once a second and on change, of one monitor or of several that share the actuators:
+    two of the same counts in a row after the end, with an estimate for each window, say of each
+    actuator that nothing is on its way.
 
     Attributes
     ----------
@@ -22,6 +23,9 @@ class Completion:
         self.is_complete = False
         self._has_ended = False
         self._last: dict[str, tuple[str, ...]] = {}
+        # Actuators that were reported, and those of them of which nothing is on its way.
+        self._known: set[str] = set()
+        self._settled: set[str] = set()
 
     def end(self) -> None:
         """Record that the player has ended."""
@@ -30,22 +34,22 @@ class Completion:
             self._last.clear()
 
     def add_report(self, telemetry: Mapping[str, Mapping[str, str]]) -> None:
-        """Add a report of the monitor.
+        """Add a report of a monitor.
 
         Parameters
         ----------
         telemetry
             Values of the status of each actuator's telemetry, by its name.
         """
-        counts = {
-            name: tuple(values.get(key, "") for key in _COUNTS)
-            for name, values in telemetry.items()
-        }
-        if not self._has_ended or not counts:
+        self._known.update(telemetry)
+        if not self._has_ended or not telemetry:
             return
-        is_still = counts == self._last
-        self._last = counts
-        self.is_complete |= is_still and all(
-            int(windows) == int(valid) + int(invalid)
-            for _, windows, valid, invalid in counts.values()
-        )
+        for name, values in telemetry.items():
+            counts = tuple(values.get(key, "") for key in _COUNTS)
+            is_still, self._last[name] = counts == self._last.get(name), counts
+            _, windows, valid, invalid = counts
+            if is_still and int(windows) == int(valid) + int(invalid):
+                self._settled.add(name)
+            else:
+                self._settled.discard(name)
+        self.is_complete |= self._settled >= self._known

@@ -80,14 +80,25 @@ def flag(default: bool, description: str) -> Any:
     return field(default=default, metadata={"flag": True, "description": description})
 
 
+def texts(description: str) -> Any:
+    """Return a dataclass field of any number of texts, none by default.
+
+    Parameters
+    ----------
+    description
+        What they are.
+    """
+    return field(default=(), metadata={"texts": True, "description": description})
+
+
 def check_quantities(instance: Any) -> None:
     """Validate the fields of a frozen dataclass and give each number the type of its default.
 
     Parameters
     ----------
     instance
-        Dataclass with fields made by ``quantity``, ``text`` and ``flag``; other fields are not
-        checked.
+        Dataclass with fields made by ``quantity``, ``text``, ``texts`` and ``flag``; other fields
+        are not checked.
 
     Raises
     ------
@@ -106,6 +117,10 @@ def check_quantities(instance: Any) -> None:
             _check_text(item.name, value, item.metadata["choices"])
         elif "flag" in item.metadata and not isinstance(value, bool):
             raise ValueError(f"{item.name} = {value!r}: expected true or false")
+        elif "texts" in item.metadata and not (
+            isinstance(value, tuple) and all(isinstance(one, str) for one in value)
+        ):
+            raise ValueError(f"{item.name} = {value!r}: expected a list of texts")
 
 
 def hint_of_unit(value: float, unit: str, usual: tuple[float, float] | None) -> str:

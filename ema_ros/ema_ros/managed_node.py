@@ -3,7 +3,7 @@
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from typing import Any, Final, cast
 
@@ -166,11 +166,18 @@ class ManagedNode(LifecycleNode):
             publisher.on_activate(LifecycleState(label=self.state, state_id=0))
         return publisher
 
-    def report(self) -> None:
-        """Publish the status of the node; any thread may call this."""
-        tasks = [self._lifecycle_task(), self._peers.task(self.hardware_id, time.monotonic())]
-        if self._configured:
-            tasks += self.tasks()
+    def report(self, tasks: Sequence[Task] = ()) -> None:
+        """Publish the status of the node; any thread may call this.
+
+        Parameters
+        ----------
+        tasks
+            What has changed, where the rest can wait for the next second; all when empty.
+        """
+        if not tasks:
+            tasks = [self._lifecycle_task(), self._peers.task(self.hardware_id, time.monotonic())]
+            if self._configured:
+                tasks += self.tasks()
         name = self.get_fully_qualified_name()
         message = DiagnosticArray(status=[status_message(name, task) for task in tasks])
         message.header.stamp = self.get_clock().now().to_msg()

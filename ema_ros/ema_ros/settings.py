@@ -38,8 +38,8 @@ def declare(
     Parameters
     ----------
     definition
-        A dataclass whose fields were made by ``quantity``, ``text`` and ``flag``, or an
-        instance of one whose values are the defaults. Other fields are ignored.
+        A dataclass whose fields were made by ``quantity``, ``text``, ``texts`` and ``flag``, or
+        an instance of one whose values are the defaults. Other fields are ignored.
     read_only
         Whether they cannot be changed while the node runs.
     constraint
@@ -198,9 +198,14 @@ class _Parameter:
         return shown[2] if shown else None
 
     def to_node(self, value: Any) -> Any:
+        if "texts" in self.field.metadata:
+            # An empty list has no type in a parameter file.
+            return list(value) or [""]
         return value if self.scale is None else float(f"{value * self.scale:.12g}")
 
     def from_node(self, value: Any) -> Any:
+        if "texts" in self.field.metadata and isinstance(value, list | tuple):
+            return tuple(item for item in value if item != "")
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         return value / self.scale if self.scale is not None and is_number else value
 

@@ -215,7 +215,10 @@ def health_in(bag: Path) -> list[Any]:
     return [item.message for item in found.messages(["/ema/health"])]
 
 
-@pytest.mark.parametrize("options", [(), ("--one-process",)])
+@pytest.mark.parametrize(
+    "options",
+    [(), ("--one-process",), ("--actuators", "left,right", "--monitors", "2")],
+)
 def test_nodes_run_under_one_command_until_ctrl_c(tmp_path, options):
     bag = tmp_path / "bag"
     nodes = ("actuator", "monitor", "recorder")
@@ -224,7 +227,10 @@ def test_nodes_run_under_one_command_until_ctrl_c(tmp_path, options):
     with started(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
         wait_for(lambda: (bag / "bag_0.mcap").exists(), "a bag")
         wait_for(lambda: (bag / "bag_0.mcap").stat().st_size > 100_000, "telemetry in the bag")
-        wait_for(lambda: bool(health_in(bag)), "health in the bag")
+        names = {"left", "right"} if "--actuators" in options else {"flap"}
+        wait_for(
+            lambda: {item.actuator_id for item in health_in(bag)} == names, "health in the bag"
+        )
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0, said
@@ -255,3 +261,11 @@ def test_wrong_usage_is_refused_before_anything_starts(ema):
     result = ema("up", "-p", "rate=2")
     assert result.exit_code == 1
     assert "-p 'rate=2': expected name:=value" in result.stderr
+    for options, reason in (
+        (("--one-process", "--monitors", "2"), "--one-process: has one of each node"),
+        (("--actuators", "left", "monitor"), "--actuators left: expected the node actuator"),
+        (("--actuators", "left,left"), "--actuators left,left: expected names that differ"),
+        (("--actuators", "left wing"), "--actuators 'left wing': expected letters"),
+    ):
+        result = ema("up", *options)
+        assert (result.exit_code, reason in result.stderr) == (1, True), result.stderr

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ema_core.description import ActuatorDescription
-from ema_monitor.node.window_queue import QueueClosedError, WindowQueue
+from ema_monitor.node.window_queue import MOST_REFUSALS, QueueClosedError, WindowQueue
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
@@ -153,3 +153,71 @@ def test_waiting_windows_are_counted_while_others_come_and_go():
     ended.set()
     other.join(5.0)
     assert failures == []
+
+
+def of(actuator_id: str, number: int, window: Window | Refusal = WINDOW) -> Segment:
+    described = replace(ActuatorDescription(), actuator_id=actuator_id)
+    return Segment(number, described, window)
+
+
+def names(items: list[Segment]) -> list[tuple[str, int]]:
+    return [(item.description.actuator_id, item.number) for item in items]
+
+
+def test_actuators_take_turns_so_that_a_busy_one_delays_each_other_by_one_window():
+    queue = WindowQueue()
+    for number in range(4):
+        queue.add(of("busy", number), None)
+    for name in ("a", "b"):
+        for number in range(2):
+            queue.add(of(name, number), None)
+    assert names(drain(queue, 8)) == [
+        *(("busy", 0), ("a", 0), ("b", 0)),
+        *(("busy", 1), ("a", 1), ("b", 1)),
+        *(("busy", 2), ("busy", 3)),
+    ]
+
+
+def test_one_that_floods_is_served_no_less_than_the_others_and_no_more():
+    """It makes ten windows while one is identified: each of the four gets its share."""
+    queue, served = WindowQueue(), []
+    quiet = ("a", "b", "c")
+    for step in range(100):
+        for number in range(10):
+            queue.add(of("busy", 10 * step + number), 2)
+        if step % 4 == 0:
+            for name in quiet:
+                queue.add(of(name, step), 2)
+        while not isinstance((segment := drain(queue, 1)[0]).window, Window):
+            pass
+        served.append(segment.description.actuator_id)
+    assert [served.count(name) for name in ("busy", *quiet)] == [25] * 4
+    assert all(queue.dropped[name] == 0 for name in quiet)
+    # Two wait, and one may be taken from its place.
+    assert queue.dropped["busy"] == 1000 - 25 - 2
+
+
+def test_refusals_that_wait_are_bounded_and_those_given_up_are_counted():
+    queue = WindowQueue()
+    queue.add(of("a", 0), 2)
+    for number in range(1, MOST_REFUSALS + 6):
+        queue.add(of("a", number, REFUSAL), 2)
+    queue.add(of("b", 0), 2)
+    assert (queue.unanswered["a"], queue.dropped["a"]) == (5, 0)
+    left = names(drain(queue, MOST_REFUSALS + 2))
+    # The turn ends with the window, and after as many refusals as may wait.
+    assert left[:3] == [("a", 0), ("b", 0), ("a", 6)]
+    for number in range(2 * MOST_REFUSALS):
+        queue.add(of("a", number, REFUSAL), None)
+    assert queue.unanswered["a"] == 5
+
+
+def test_windows_of_an_actuator_that_is_forgotten_are_let_go():
+    queue = WindowQueue()
+    for number in range(4):
+        queue.add(of("a", number), 2)
+    queue.add(of("b", 0), 2)
+    queue.forget("a")
+    assert (len(queue), queue.dropped) == (1, {"": 2, "b": 0})
+    assert names(drain(queue, 1)) == [("b", 0)]
+    queue.forget("never heard")

@@ -12,6 +12,8 @@ import yaml
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
 from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
+from ema_cli.processes.fleet_commands import Common, actuator_commands, monitor_commands
+from ema_cli.processes.shards import file_for
 from ema_dashboard.dashboard_node import DashboardNode
 from ema_inputs.bridge_node import BridgeNode
 from ema_monitor.node.monitor_node import MonitorNode
@@ -237,6 +239,77 @@ def test_fleet_is_actuators_of_different_names_on_the_topics_of_one_monitor():
         nodes_of("fleet.launch.py", actuators="a,a")
 
 
+@pytest.mark.usefixtures("launch_modules")
+@pytest.mark.parametrize("name", ["fleet.launch.py", "monitor.launch.py"])
+def test_monitors_that_share_the_actuators_have_a_name_a_shard_and_the_file_each(name, tmp_path):
+    own = tmp_path / "own.yaml"
+    own.write_text(SHARED_FILE)
+    nodes = nodes_of(name, monitors="2", monitor_params=str(own), history_folder="kept")
+    first, second = (nodes[f"monitor_{index}"] for index in range(2))
+    shared = {"history_folder": "kept", "shard.count": 2}
+    if name == "fleet.launch.py":
+        shared["actuators"] = ["left", "right"]
+    assert own_of(first) == {**shared, "shard.index": 0}
+    assert own_of(second) == {**shared, "shard.index": 1}
+    assert first["executable"] == second["executable"] == "monitor_node"
+    for node, budget in ((first, 700), (second, 900)):
+        arguments = ["--ros-args", "--params-file", str(node["parameters"][0])]
+        values, given = started("monitor", *arguments, "-r", f"__node:={node['name']}")
+        assert given - values.keys() == set()
+        assert (values["budget"], values["limits.gain"], values["window_s"]) == (budget, 0.2, 0.4)
+    for wrong in ("0", "two"):
+        with pytest.raises(RuntimeError, match=f"monitors:={wrong}: expected a whole number"):
+            nodes_of(name, monitors=wrong)
+
+
+SHARED_FILE = """
+/**/monitor_1:
+  ros__parameters:
+    budget: 900
+/**/monitor:
+  ros__parameters:
+    budget: 700
+    limits: {gain: 0.2}
+ema:
+  monitor:
+    ros__parameters:
+      window_s: 0.4
+/**/actuator:
+  ros__parameters:
+    seed: 1
+"""
+
+
+def test_file_without_a_section_of_the_monitor_is_given_as_it_is(tmp_path):
+    file = tmp_path / "own.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    budget: 700\n")
+    assert file_for("monitor_1", file, tmp_path) == file
+    assert file_for("monitor", parameter_file("monitor"), tmp_path) == parameter_file("monitor")
+    file.write_text("/**/monitor: {ros__parameters: [")
+    with pytest.raises(ValueError, match=r"own\.yaml: expected a parameter file"):
+        file_for("monitor_1", file, tmp_path)
+
+
+def test_commands_of_many_actuators_and_monitors_name_each(tmp_path):
+    common = Common([parameter_file("simulated")], ["history_folder:=kept"], "/wing")
+    monitors = monitor_commands(2, common, tmp_path, ["left", "right"])
+    assert list(monitors) == ["monitor_0", "monitor_1"]
+    values, _ = started("monitor", *monitors["monitor_1"][1:])
+    shard = (values["shard.index"], values["shard.count"])
+    assert (values["history_folder"], shard) == ("kept", (1, 2))
+    assert values["actuators"] == ["left", "right"]
+    assert monitors["monitor_1"][-2:] == ["-r", "__node:=monitor_1"]
+    actuators = actuator_commands(["left", "right"], common)
+    values, _ = started("actuator", *actuators["actuator right"][1:])
+    assert (values["actuator_id"], values["seed"]) == ("right", 1)
+    assert "telemetry:=/wing/telemetry" in actuators["actuator right"]
+    assert "__ns:=/wing/right" in actuators["actuator right"]
+    with pytest.raises(ValueError, match="expected names that differ"):
+        actuator_commands(["a", "a"], common)
+    with pytest.raises(ValueError, match="--actuators 'left wing': expected letters"):
+        actuator_commands(["left wing"], common)
+
+
 def test_own_parameter_file_overrides_that_of_the_simulated_actuators_monitor(tmp_path):
     own = tmp_path / "own.yaml"
     own.write_text("/**/monitor:\n  ros__parameters:\n    history_folder: kept\n")
@@ -352,8 +425,8 @@ def test_aggregator_sorts_every_status_and_leaves_none_over():
             if any(re.fullmatch(regex, f"/ema/{status}") for regex in regexes)
         ]
         for status in (
-            *("monitor: flap health", "monitor: flap short circuit a", "monitor: unit 7 history"),
-            *("monitor: lifecycle", "recorder: recording", "left/actuator: simulation"),
+            *("monitor: flap health", "monitor_1: flap short circuit a", "monitor: unit 7 history"),
+            *("monitor_1: lifecycle", "recorder: recording", "left/actuator: simulation"),
         )
     }
     assert list(found.values()) == [*[["actuators"]] * 3, *[["nodes"]] * 3]

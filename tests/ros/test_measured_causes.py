@@ -124,7 +124,7 @@ def session() -> Iterator[MonitorSession]:
 def live(session: MonitorSession, cycles, messages) -> list[FaultEstimate]:
     for message in messages:
         session.send(topics.MEASURED_CAUSES, message)
-    log = session.node._units._measurements
+    log = session.node._intake._measurements
     wait_for(
         lambda: any(one.value == 0.1 for one in log.at("flap", window_start(3))), "the measurements"
     )
@@ -196,7 +196,7 @@ WRONG: dict[str, tuple[Callable[[], MeasuredCauses], str]] = {
 @pytest.mark.parametrize("case", WRONG)
 def test_impossible_measurement_is_named_and_counted(session: MonitorSession, case: str):
     make, said = WRONG[case]
-    before = session.node._units["flap"]._defect_count
+    before = session.node._units["flap"].defect_count
     session.send(topics.MEASURED_CAUSES, make())
     status = session.until_status("flap telemetry", said, WARN)
     assert {item.key: item.value for item in status.values}["defects"] == str(before + 1)

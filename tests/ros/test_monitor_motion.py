@@ -12,6 +12,7 @@ from ema_monitor import CombinationSettings, identify_motion
 from ema_monitor.identification.estimate import refusal
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.node.unit import Unit
+from ema_monitor.node.unit_status import unit_tasks
 from ema_monitor.prognosis.outlook import unknown_outlook
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal, TriggerSettings
@@ -103,4 +104,4 @@ def test_an_estimate_of_later_motion_ends_a_defect():
     for last, is_open in ((39, True), (40, False)):
         combined = Segment(3, FLAP, Refusal(5, 9, ""), is_stretch=True, last_stretch=last)
         unit.record(combined, estimate, unknown_outlook("no test"), 0)
-        assert ("impossible" in unit.tasks(0)[0].message) == is_open
+        assert ("impossible" in unit_tasks(unit, 0)[0].message) == is_open

@@ -105,6 +105,29 @@ def test_windows_of_many_actuators_that_end_at_once_all_wait(held: threading.Eve
         session.until(lambda: count(session, "input", "windows dropped") == 0)
 
 
+def test_one_that_floods_starves_no_other(held: threading.Event):
+    """It makes a dozen tests while one is identified; the others, of one test, lose none."""
+    others = [f"tab_{i}" for i in range(3)]
+    with monitor({"waiting_windows": 1}) as session:
+        for name in (FLAP.actuator_id, *others):
+            session.describe_from_a_node_of_its_own(replace(FLAP, actuator_id=name))
+        source, blocks = Source(), Source().cycle()
+        session.feed(source.cycle())
+        session.until(lambda: under_identification(session))
+        for name in others[:2]:
+            session.feed(blocks, name)
+        for _ in range(11):
+            session.feed(source.cycle())
+        session.feed(blocks, others[2])
+        session.until(lambda: count(session, "flap telemetry", "windows") == 12)
+        session.until(lambda: count(session, f"{others[2]} telemetry", "windows") == 1)
+        held.set()
+        session.until(lambda: len(session.received("fault_estimate")) == 15)
+        made = [(e.actuator_id, e.window) for e in session.received("fault_estimate") if e.valid]
+        assert made == [("flap", 0), ("tab_0", 0), ("tab_1", 0), ("flap", 11), ("tab_2", 0)]
+        session.until(lambda: count(session, "input", "windows dropped") == 10)
+
+
 def test_none_is_dropped_in_simulated_time(held: threading.Event):
     source = Source()
     with monitor({"waiting_windows": 1, "use_sim_time": True}) as session:

@@ -3,12 +3,14 @@
 import sys
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import click
 
 from ema_cli.errors import UNUSABLE, one_clear_line
 from ema_cli.processes import one_process as together
 from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
+from ema_cli.processes.fleet_commands import Common, actuator_commands, monitor_commands
 from ema_cli.processes.stop_request import ENDING, deferred_signals
 from ema_cli.processes.supervisor import POLL_S, Supervisor
 
@@ -37,6 +39,17 @@ from ema_cli.processes.supervisor import POLL_S, Supervisor
 )
 @click.option("--namespace", help="Namespace of the nodes instead of /ema.")
 @click.option(
+    "--actuators",
+    metavar="NAME,...",
+    help="Names of simulated actuators instead of one, each in a namespace of its own.",
+)
+@click.option(
+    "--monitors",
+    type=click.IntRange(1, 256),
+    default=1,
+    help="Number of monitors that share the actuators, each a process.",
+)
+@click.option(
     "--one-process",
     is_flag=True,
     help="Run the nodes in one process, which takes less memory and one core.",
@@ -46,6 +59,8 @@ def up(
     parameter_files: tuple[Path, ...],
     assignments: tuple[str, ...],
     namespace: str | None,
+    actuators: str | None,
+    monitors: int,
     one_process: bool,
 ) -> None:
     """Run nodes until Ctrl-C: without names, simulated actuator, monitor and dashboard.
@@ -57,28 +72,37 @@ def up(
     with (
         deferred_signals(*ENDING) as stop,
         one_clear_line(),
+        TemporaryDirectory(prefix="ema_up_") as folder,
         Supervisor(_report, "recorder") as processes,
     ):
         for assignment in assignments:
             if ":=" not in assignment:
                 raise ValueError(f"-p {assignment!r}: expected name:=value")
         names = dict.fromkeys(nodes or ("actuator", "monitor", "dashboard"))
+        fleet = [name.strip() for name in actuators.split(",")] if actuators is not None else []
         if "actuator" in names:
             parameter_files = (parameter_file("simulated"), *parameter_files)
-        common = {
-            "parameter_files": parameter_files,
-            "assignments": assignments,
-            "namespace": namespace,
-        }
+        elif fleet:
+            raise ValueError(f"--actuators {actuators}: expected the node actuator as well")
+        common = Common(parameter_files, assignments, namespace)
         if one_process:
+            if monitors > 1 or fleet:
+                raise ValueError(
+                    "--one-process: has one of each node; expected no --actuators, and --monitors 1"
+                )
             # The recorder is the last to end, and records the last messages of the others.
             ordered = sorted(names, key=lambda name: name == "recorder")
             own = [sys.executable, "-m", together.__name__, *ordered]
-            commands = {" and ".join(ordered): [*own, *ros_arguments(*ordered, **common)]}
+            commands = {" and ".join(ordered): [*own, *ros_arguments(*ordered, **vars(common))]}
         else:
-            commands = {
-                node: [str(program(node)), *ros_arguments(node, **common)] for node in names
-            }
+            commands = {}
+            for node in names:
+                if node == "monitor":
+                    commands |= monitor_commands(monitors, common, Path(folder), fleet)
+                elif node == "actuator" and fleet:
+                    commands |= actuator_commands(fleet, common)
+                else:
+                    commands[node] = [str(program(node)), *ros_arguments(node, **vars(common))]
         for node, command in commands.items():
             if not stop:
                 processes.start(node, command)

@@ -1,6 +1,7 @@
 """``ema watch``: the health of a fleet in the terminal."""
 
 import os
+import re
 import threading
 import time
 from typing import Any, Final
@@ -32,6 +33,7 @@ from ema_ros.topics import (
 _DIAGNOSTICS: Final = "/diagnostics"
 _CLOCK: Final = "/clock"
 _BEST_EFFORT: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+_MONITOR: Final = re.compile(r"monitor(_\d+)?")
 _REFRESH_S: Final = 0.25
 _DISCOVERY_S: Final = 3.0
 
@@ -138,11 +140,11 @@ class _Hearing:
 
     def _note_counts(self, message: DiagnosticArray) -> None:
         """Note how many windows the monitor whose report this is has identified."""
-        monitors = tuple(f"{place.rstrip('/')}/monitor: " for place in set(self._places.values()))
+        places = set(self._places.values())
         telemetry = {
             status.name: {pair.key: pair.value for pair in status.values}
             for status in message.status
-            if status.name.startswith(monitors) and status.name.endswith(" telemetry")
+            if _place_of_monitor(status.name) in places and status.name.endswith(" telemetry")
         }
         if telemetry:
             self.completion.add_report(telemetry)
@@ -152,6 +154,15 @@ class _Hearing:
         with self._lock:
             clock_ns = time.time_ns() if self._simulated_ns is None else self._simulated_ns
             return self._fleet.rows(time.monotonic(), clock_ns)
+
+
+def _place_of_monitor(status_name: str) -> str | None:
+    """Return the namespace of the monitor that a status is of; None when it is of none.
+
+    Where monitors share the actuators they are ``monitor_0`` and on.
+    """
+    place, _, name = status_name.partition(": ")[0].rpartition("/")
+    return (place or "/") if _MONITOR.fullmatch(name) else None
 
 
 def _normalised(namespace: str) -> str:
@@ -187,6 +198,6 @@ def _nothing_heard(places: list[str], listener: Listener) -> str:
     others = [place for place in elsewhere if place not in places]
     if others:
         return f"{words}, but on {', '.join(others)}: choose it with --namespace"
-    if any(listener.sees("monitor", place) for place in places):
+    if any(_MONITOR.fullmatch(name) for place in places for name in listener.nodes_in(place)):
         return f"{words}: its monitor waits for a first valid test"
     return f"{words}: is a monitor running there? ROS_DOMAIN_ID and --namespace choose another"

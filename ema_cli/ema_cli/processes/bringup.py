@@ -78,6 +78,7 @@ def ros_arguments(
     parameter_files: Sequence[Path] = (),
     assignments: Sequence[str] = (),
     namespace: str | None = None,
+    remaps: Mapping[str, str] | None = None,
 ) -> list[str]:
     """Return the arguments of a program of nodes: their own parameter files, then what is given.
 
@@ -91,6 +92,8 @@ def ros_arguments(
         Parameters as ``name:=value``, the value in YAML; they override the files.
     namespace
         Namespace instead of ``/ema``.
+    remaps
+        Further names by those that they replace.
 
     Raises
     ------
@@ -102,8 +105,9 @@ def ros_arguments(
         arguments += ["--params-file", str(file)]
     for assignment in assignments:
         arguments += ["-p", assignment]
-    if namespace is not None:
-        arguments += ["-r", f"__ns:={namespace}"]
+    names = {} if namespace is None else {"__ns": namespace}
+    for name, instead in (names | dict(remaps or {})).items():
+        arguments += ["-r", f"{name}:={instead}"]
     return arguments
 
 

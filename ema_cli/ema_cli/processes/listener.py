@@ -57,7 +57,12 @@ class Listener:
 
     def sees(self, node_name: str, namespace: str) -> bool:
         """Return whether a node is in the graph."""
-        return (node_name, namespace) in self._node.get_node_names_and_namespaces()
+        return node_name in self.nodes_in(namespace)
+
+    def nodes_in(self, namespace: str) -> set[str]:
+        """Return the names of the nodes of a namespace that are in the graph."""
+        pairs = self._node.get_node_names_and_namespaces()
+        return {name for name, place in pairs if place == namespace}
 
     def topics_of(self, message_class: type) -> list[str]:
         """Return the topics in the graph on which such messages are published."""

@@ -2,7 +2,7 @@
 
 import threading
 import traceback
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -23,7 +23,7 @@ from ema_ros import topics
 
 _JOIN_S: Final = 5.0
 MOST_WAITING: Final = 400
-"""Number of messages to come beyond which the oldest are dropped: a hundred tests'."""
+"""Number of messages to come beyond which some are dropped: a hundred tests'."""
 
 _TOPICS: Final = (topics.HEALTH_FORECAST, topics.WINDOW_FIT, topics.ADVICE)
 
@@ -33,8 +33,8 @@ Job = Callable[[], None]
 class FollowUps:
     """Publishes what follows from tests, in their order; no window waits for it.
 
-    Where it does not keep up, the oldest are dropped: each is soon replaced by that of a later
-    test, and what is written to a history is written with the next.
+    Where it does not keep up, the oldest of the actuator that has most are dropped: each is soon
+    replaced by that of a later test, and what is written to a history is written with the next.
 
     Parameters
     ----------
@@ -65,7 +65,9 @@ class FollowUps:
         self._write_assessment = write_assessment
         self._log_error = log_error
         self._publishers: dict[tuple[str, str], LifecyclePublisher] = {}
-        self._queue: deque[Job] = deque()
+        self._queue: deque[tuple[str, Job]] = deque()
+        # How many wait, by actuator.
+        self._waiting: Counter[str] = Counter()
         self._changed = threading.Condition()
         self._is_ending = False
         self.dropped = 0
@@ -114,16 +116,20 @@ class FollowUps:
         self, description: ActuatorDescription, forecaster: Forecaster, costs: Costs
     ) -> None:
         """Publish what follows from a health that has been published; an advice rests on costs."""
-        self._add(lambda: self._publish_forecast(description, forecaster))
-        self._add(lambda: self._publish_advice(description, forecaster, costs))
-        self._add(lambda: self._write_assessment(description))
+        actuator_id = description.actuator_id
+        self._add(actuator_id, lambda: self._publish_forecast(description, forecaster))
+        self._add(actuator_id, lambda: self._publish_advice(description, forecaster, costs))
+        self._add(actuator_id, lambda: self._write_assessment(description))
 
     def follow_estimate(self, segment: Segment, estimate: Estimate) -> None:
         """Publish the fit of an estimate that has been published, if it is of one window."""
         if isinstance(segment.window, Window) and not estimate.stretches:
             window, calibration = segment.window, self._calibration_of(segment.description)
             if isinstance(calibration, Calibration):
-                self._add(lambda: self._publish_fit(segment, window, estimate, calibration))
+                self._add(
+                    segment.description.actuator_id,
+                    lambda: self._publish_fit(segment, window, estimate, calibration),
+                )
 
     def _publish_forecast(self, description: ActuatorDescription, forecaster: Forecaster) -> None:
         message = forecast_to_message(forecaster, description)
@@ -148,20 +154,38 @@ class FollowUps:
         if publisher is not None:  # else the actuator is forgotten
             publisher.publish(message)
 
-    def _add(self, job: Job) -> None:
+    def _add(self, actuator_id: str, job: Job) -> None:
         if self._thread is None:
             return
         with self._changed:
-            self._queue.append(job)
-            while len(self._queue) > MOST_WAITING:
-                self._queue.popleft()
-                self.dropped += 1
+            self._queue.append((actuator_id, job))
+            self._waiting[actuator_id] += 1
+            if len(self._queue) > MOST_WAITING:
+                self._drop_one()
             self._changed.notify()
+
+    def _drop_one(self) -> None:
+        """Drop the oldest of the actuator that has most: one that is busy costs the others none."""
+        busiest = max(self._waiting, key=self._waiting.__getitem__)
+        place = next(i for i, (name, _) in enumerate(self._queue) if name == busiest)
+        self._note_gone(busiest)
+        del self._queue[place]
+        self.dropped += 1
+
+    def _note_gone(self, actuator_id: str) -> None:
+        """Note that one less waits of an actuator."""
+        self._waiting[actuator_id] -= 1
+        if not self._waiting[actuator_id]:
+            del self._waiting[actuator_id]
 
     def _next(self) -> Job | None:
         with self._changed:
             self._changed.wait_for(lambda: self._queue or self._is_ending)
-            return self._queue.popleft() if self._queue else None
+            if not self._queue:
+                return None
+            actuator_id, job = self._queue.popleft()
+            self._note_gone(actuator_id)
+            return job
 
     def _run(self) -> None:
         while (job := self._next()) is not None:

@@ -15,11 +15,14 @@ from ema_monitor.calibration.store import CalibrationStore
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
+from ema_monitor.node.admission import Admission
 from ema_monitor.node.calls import MonitorCalls
 from ema_monitor.node.follow_ups import FollowUps
 from ema_monitor.node.hardware_status import hardware_status, hardware_status_class
+from ema_monitor.node.intake import Intake
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.node.prognosis import MonitorPrognosis
+from ema_monitor.node.selection import Selection, Shard
 from ema_monitor.node.settings import Files, Operation, WindowSettings, folder_of
 from ema_monitor.node.summary import summary_of
 from ema_monitor.node.units import Units
@@ -55,22 +58,39 @@ class MonitorNode(ManagedNode):
         self._costs = LiveSettings(self, Costs, "costs.")
         self._operation = LiveSettings(self, Operation)
         self._trigger = LiveSettings(
-            self, TriggerSettings, on_change=lambda new: self._units.restart(new)
+            self, TriggerSettings, on_change=lambda new: self._intake.restart(new)
         )
         self._health_publishers: dict[str, list[LifecyclePublisher]] = {}
         self._throttle = Throttle(_LOG_PERIOD_S)
+        declare(self, Selection)
+        declare(self, Shard, "shard.")
+        self._admission = Admission(
+            read(self, Selection),
+            read(self, Shard, "shard."),
+            lambda: self._operation.value.most_actuators,
+            self._warn,
+        )
         self._units = Units(
+            self._admission,
             self._trigger.value,
             self._now_ns,
             self._add_publishers,
             self._note_description,
+            self._warn,
+            self._inform,
+            self._window_settings,
+            self.get_namespace(),
+        )
+        self._intake = Intake(
+            self._units,
+            self._now_ns,
+            self._note_description,
             self._queue_window,
             lambda: self._operation.value.measured_max_age_s,
             self._warn,
-            lambda text: self.get_logger().info(text),
+            self._inform,
             self._window_settings,
             self._telemetry_sources,
-            self.get_namespace(),
         )
         self._prognosis = MonitorPrognosis(self, self._calibration_of, self._units, self._resume)
         declare(self, Files)
@@ -109,8 +129,16 @@ class MonitorNode(ManagedNode):
         )
         self._stale_timer = self.create_timer(_STALE_CHECK_S, self._check_staleness)
         self._prognosis.begin(files.history_folder)
+        self._units.expect_listed()
+        if words := self._admission.list_in_words():
+            self.get_logger().info(words)
         if described is not None:
-            self._units.describe(described)
+            reason = self._admission.why_not(described.actuator_id)
+            if reason:
+                name = described.actuator_id
+                self.get_logger().info(f"{name} of actuator_file is not followed: {reason}")
+            else:
+                self._intake.describe(described)
 
     def activate(self) -> None:
         """Subscribe, and identify what is received."""
@@ -127,7 +155,7 @@ class MonitorNode(ManagedNode):
             subscription
             for name, callback in (
                 (topics.USAGE, self._prognosis.receive_usage),
-                (topics.DESCRIPTION, self._units.receive_description),
+                (topics.DESCRIPTION, self._intake.receive_description),
             )
             for subscription in subscribe_latched(self, known[name][0], name, callback, receiving)
         ]
@@ -136,8 +164,8 @@ class MonitorNode(ManagedNode):
                 known[name][0], name, callback, topics.STREAM, callback_group=receiving
             )
             for name, callback in (
-                (topics.MEASURED_CAUSES, self._units.receive_measured),
-                (topics.TELEMETRY, self._units.receive_telemetry),
+                (topics.MEASURED_CAUSES, self._intake.receive_measured),
+                (topics.TELEMETRY, self._intake.receive_telemetry),
             )
         ]
 
@@ -148,7 +176,7 @@ class MonitorNode(ManagedNode):
         for subscription in self._subscriptions_in_use:
             self.destroy_subscription(subscription)
         self._worker.stop()
-        for segment in self._units.finish():
+        for segment in self._intake.finish():
             self._worker.refuse(segment, "")
         self._follow_ups.stop()
 
@@ -163,22 +191,26 @@ class MonitorNode(ManagedNode):
         self._health_publishers.clear()
         self._follow_ups.clear()
         self._units.clear()
+        self._intake.clear()
         self._worker.forget()
 
     def tasks(self) -> list[Task]:
         """Return the status of the actuators, their histories and the identification."""
-        input_level, remarks = self._units.input_status()
+        return self._tasks_of()
+
+    def _tasks_of(self, actuator_id: str = "") -> list[Task]:
+        """Return the status of one actuator and of the identification; of each one when empty."""
         level, message = self._worker.status()
         dropped = self._worker.dropped
         return [
-            *self._units.tasks(self._worker.waiting, dropped),
-            *self._prognosis.tasks(),
-            Task(
-                "input",
-                input_level,
-                remarks,
+            *self._units.tasks(self._worker.waiting, dropped, actuator_id),
+            *self._prognosis.tasks(actuator_id),
+            self._units.input_task(
                 self.hardware_id,
-                {"windows dropped": sum(dropped.values())},
+                {
+                    "windows dropped": sum(dropped.values()),
+                    "refusals dropped": sum(self._worker.unanswered.values()),
+                },
             ),
             Task(
                 "identification",
@@ -200,12 +232,15 @@ class MonitorNode(ManagedNode):
             self.get_logger().warning(f"{description.actuator_id}: {remark}")
         self._prognosis.describe(description)
 
-    def _warn(self, text: str, is_first: bool = False) -> None:
-        passed = self._throttle.passed(text, time.monotonic())
+    def _warn(self, actuator_id: str, text: str, is_first: bool = False) -> None:
+        passed = self._throttle.passed(f"{actuator_id or 'input'}: {text}", time.monotonic())
         if passed is not None:
             self.get_logger().warning(passed)
         if is_first:
-            self.report()
+            self.report(self._tasks_of(actuator_id))
+
+    def _inform(self, text: str) -> None:
+        self.get_logger().info(text)
 
     def _window_settings(self) -> WindowSettings:
         return WindowSettings(
@@ -229,6 +264,7 @@ class MonitorNode(ManagedNode):
             publishers = self._follow_ups.remove_actuator(actuator_id)
             for publisher in (*publishers, *self._health_publishers.pop(actuator_id)):
                 self.destroy_lifecycle_publisher(publisher)
+        self._intake.forget(actuator_id)
         self._worker.forget_actuator(actuator_id)
         self._prognosis.forget(actuator_id)
         self.report()
@@ -266,9 +302,9 @@ class MonitorNode(ManagedNode):
         most_waiting = None if in_sim_time else self._operation.value.waiting_windows
         for dropped in self._worker.add(segment, most_waiting):
             self._warn(
-                f"{dropped.description.actuator_id}: "
+                dropped.description.actuator_id,
                 f"{'stretch' if dropped.is_stretch else 'window'} {dropped.number} is dropped, "
-                f"{self._worker.waiting} wait"
+                f"{self._worker.waiting} wait",
             )
 
     def _calibration_of(self, description: ActuatorDescription) -> AnyCalibration | str:
@@ -290,10 +326,10 @@ class MonitorNode(ManagedNode):
             self._follow(segment.description, outlook, settings.costs)
         self._follow_ups.follow_estimate(segment, estimate)
         if not estimate.valid:
-            self._warn(
-                f"{actuator_id}: window {segment.number} has no valid estimate: {estimate.reason}"
-            )
-        self.report()
+            reason = f"window {segment.number} has no valid estimate: {estimate.reason}"
+            self._warn(actuator_id, reason)
+        # Of all of many actuators it would take longer than an identification.
+        self.report(self._tasks_of(actuator_id))
 
     def _resume(self, description: ActuatorDescription, outlook: Outlook) -> None:
         with self._units.lock:
@@ -306,7 +342,7 @@ class MonitorNode(ManagedNode):
             self.get_logger().info(f"{description.actuator_id}: {change}")
         if change is not None:
             self._follow(description, outlook, self._costs.value)
-        self.report()
+        self.report(self._tasks_of(description.actuator_id))
 
     def _follow(self, description: ActuatorDescription, outlook: Outlook, costs: Costs) -> None:
         """Have published what follows from a health that has been published."""
@@ -323,6 +359,16 @@ class MonitorNode(ManagedNode):
             self.get_logger().warning(f"{health.actuator_id}: {health.reason}")
         if stale:
             self.report()
+        after_s = self._operation.value.forget_after_s
+        for actuator_id in self._units.let_go(after_s):
+            self.get_logger().warning(
+                f"{actuator_id}: silent for more than {after_s:g} s, and let go as most_actuators "
+                f"= {self._operation.value.most_actuators} are followed and others were refused"
+            )
+            try:
+                self._forget(actuator_id)
+            except ValueError as error:  # a client has just had it forgotten
+                self.get_logger().debug(str(error))
 
 
 def main(args: list[str] | None = None) -> int:

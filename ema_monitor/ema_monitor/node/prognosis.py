@@ -239,6 +239,8 @@ class MonitorPrognosis:
         if not actuator_id:
             self._units.add_defect("", "usage without actuator_id")
             return
+        if self._units.admission.ignores(actuator_id):
+            return
         unit = self._units.get(actuator_id)
         # One that its sender did not stamp was read just now.
         now_ns = self._node.get_clock().now().nanoseconds
@@ -293,8 +295,8 @@ class MonitorPrognosis:
             self.report_failure(description.actuator_id, error, "the forecast")
             return None
 
-    def tasks(self) -> list[Task]:
-        """Return the status of each history."""
+    def tasks(self, only: str = "") -> list[Task]:
+        """Return the status of each history, or of those of one actuator alone."""
         return [
             Task(
                 f"{actuator_id} history",
@@ -304,6 +306,7 @@ class MonitorPrognosis:
                 {"file": prognostics.history.path or "none, in memory only"},
             )
             for (actuator_id, serial_number), prognostics in self._histories.items()
+            if only in ("", actuator_id)
         ]
 
     def _refresh_all(self) -> None:

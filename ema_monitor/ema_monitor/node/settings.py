@@ -44,7 +44,7 @@ class Files:
 
 @dataclass(frozen=True)
 class Operation:
-    """Window queue, staleness, calibration and measured causes of the monitor.
+    """Number of actuators, window queue, staleness, calibration and measured causes of the monitor.
 
     Raises
     ------
@@ -52,6 +52,16 @@ class Operation:
         When a figure is outside its range; the message names it.
     """
 
+    most_actuators: int = quantity(
+        100, "-", 1, 10_000, "actuators that are followed at most; others are refused and counted"
+    )
+    forget_after_s: float = quantity(
+        3600.0,
+        "s",
+        1.0,
+        1e9,
+        "silence after which an actuator that is not listed may give way to one that was refused",
+    )
     waiting_windows: int = quantity(
         2,
         "-",

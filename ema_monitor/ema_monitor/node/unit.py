@@ -7,8 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from ema_core.description import ActuatorDescription
-from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
-from ema_core.quantity import is_finite_number
+from ema_core.levels import LEVEL_NAMES, OK, STALE
 from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import Estimate
@@ -18,16 +17,7 @@ from ema_monitor.node.messages import health_to_message
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
-from ema_ros.status import (
-    CHECK_FUNCTION,
-    DIAGNOSTICS_ACTIVE,
-    FAILURE,
-    MAINTENANCE_REQUIRED,
-    NORMAL,
-    OFF_SPEC,
-    Task,
-    hardware_name,
-)
+from ema_ros.status import hardware_name
 
 _STALE_PERIODS = 3.0
 _MOST_NAMED = 5
@@ -68,6 +58,17 @@ class Unit:
         Whether its calibration is being measured.
     publishers
         Nodes that publish its telemetry at the same time; empty when there is one.
+    is_listed
+        Whether it is followed as it is listed, heard or not.
+    is_silent
+        Whether no telemetry is received any more.
+    outlook
+        Health and life after the latest valid estimate.
+    valid, invalid, latency_s
+        How many estimates were valid and not, and the age of the latest window's end when its
+        estimate came [s].
+    defect_count
+        How many defects there were.
     """
 
     def __init__(
@@ -86,17 +87,18 @@ class Unit:
         self.next_trigger: TriggerSettings | None = None
         self.is_calibrating = False
         self.publishers = ""
+        self.is_listed = False
         self._namespace = namespace
         self._publish = publish
         self._went_back: deque[int] = deque(maxlen=_BACK_TIMES)
         self._heard_ns = now_ns
-        self._is_silent = False
+        self.is_silent = False
         # What was wrong, and the number of the first window after it.
         self._open_defects: deque[tuple[int, str]] = deque(maxlen=_MOST_NAMED)
-        self._defect_count = 0
-        self._valid = 0
-        self._invalid = 0
-        self._latency_s = float("nan")
+        self.defect_count = 0
+        self.valid = 0
+        self.invalid = 0
+        self.latency_s = float("nan")
         self.reset_health(now_ns)
 
     @property
@@ -116,13 +118,13 @@ class Unit:
         return self._level.level
 
     @property
-    def _defects(self) -> str:
+    def defects(self) -> str:
         """What was wrong since the window of the latest valid estimate; empty when nothing was."""
         return "; ".join(reason for _, reason in self._open_defects)
 
     def hear(self, now_ns: int) -> None:
         """Record that telemetry is received."""
-        self._heard_ns, self._is_silent = now_ns, False
+        self._heard_ns, self.is_silent = now_ns, False
 
     @contextmanager
     def calibrating(self) -> Iterator[None]:
@@ -148,7 +150,7 @@ class Unit:
         is_first = not self._open_defects
         number = self.finder.windows if before_window is None else before_window
         self._open_defects.append((number, reason))
-        self._defect_count += 1
+        self.defect_count += 1
         return is_first
 
     def record(
@@ -177,20 +179,20 @@ class Unit:
         """
         last = segment.number if segment.last_stretch is None else segment.last_stretch
         if outlook is None:
-            self._invalid += 1
+            self.invalid += 1
             self.add_defect(f"window {segment.number}: {estimate.reason}", last + 1)
             return ""
-        self._valid += 1
+        self.valid += 1
         while self._open_defects and self._open_defects[0][0] <= last:
             self._open_defects.popleft()
-        self._latency_s = (now_ns - estimate.end_ns) * 1e-9
+        self.latency_s = (now_ns - estimate.end_ns) * 1e-9
         if not self._is_mounted(segment.description):
             # The unit was replaced while its last window waited.
             self._publish(health_to_message(outlook, segment.description))
             return ""
         self._fresh_ns = now_ns
         self._stale_published = False
-        self._assessed, self._outlook = segment.description, outlook
+        self._assessed, self.outlook = segment.description, outlook
         self.publishers = ""
         change = self._filter_levels(confirmations)
         self._publish_health()
@@ -198,13 +200,13 @@ class Unit:
 
     def _filter_levels(self, confirmations: int) -> str:
         """Add the levels of an estimate; return the change of that of health, in words."""
-        health, before = self._outlook.health, self._level.level
+        health, before = self.outlook.health, self._level.level
         for item in (*health.faults, *health.requirements):
             if item.level != STALE:
                 self._levels.setdefault(item.name, LevelFilter()).add(item.level, confirmations)
         if health.level == STALE or not self._level.add(health.level, confirmations):
             return ""
-        what = f": {self._outlook.dominant}" if self._outlook.dominant else ""
+        what = f": {self.outlook.dominant}" if self.outlook.dominant else ""
         known = STALE if before is None else before
         return f"health {LEVEL_NAMES[known]} -> {LEVEL_NAMES[health.level]}{what}"
 
@@ -212,7 +214,7 @@ class Unit:
         """Take the levels that were unknown so far; return the change of that of health."""
         if self._level.level is None:
             return self._filter_levels(1)
-        health = self._outlook.health
+        health = self.outlook.health
         for item in (*health.faults, *health.requirements):
             if item.level != STALE and item.name not in self._levels:
                 self._levels[item.name] = LevelFilter()
@@ -226,7 +228,7 @@ class Unit:
         self._fresh_ns = now_ns
         self._stale_published = False
         self._assessed: ActuatorDescription | None = None
-        self._outlook = _NOTHING_KNOWN
+        self.outlook = _NOTHING_KNOWN
 
     def resume(
         self,
@@ -243,7 +245,7 @@ class Unit:
         """
         if not self._is_mounted(description):
             return None
-        before = self._outlook
+        before = self.outlook
         if self._assessed is None:
             self._fresh_ns = outlook.stamp_ns
         elif (
@@ -252,7 +254,7 @@ class Unit:
             or not outlook.health.requirements
         ):
             return None
-        self._assessed, self._outlook = description, outlook
+        self._assessed, self.outlook = description, outlook
         # The same test again confirms nothing; only what was unknown is known now.
         change = self._filter_new_levels()
         self._stale_published = False
@@ -265,113 +267,25 @@ class Unit:
         if not self._fresh_ns or now_ns < self._fresh_ns:
             self._fresh_ns = now_ns  # simulated time has begun, or gone back
         limit_s = _STALE_PERIODS * expected_period_s
-        self._is_silent = (now_ns - self._heard_ns) * 1e-9 > limit_s
+        self.is_silent = self.silent_s(now_ns) > limit_s
         if self._stale_published or (now_ns - self._fresh_ns) * 1e-9 <= limit_s:
             return None
         reason = f"no valid estimate for more than {limit_s:g} s"
         if self._open_defects:
-            reason += f"; {self._defects}"
-        health = replace(self._outlook.health, level=STALE, confidence=0.0, reason=reason)
-        self._outlook = replace(self._outlook, health=health)
+            reason += f"; {self.defects}"
+        health = replace(self.outlook.health, level=STALE, confidence=0.0, reason=reason)
+        self.outlook = replace(self.outlook, health=health)
         self._stale_published = True
         return self._publish_health()
 
-    def tasks(self, waiting: int, dropped: int = 0) -> list[Task]:
-        """Return the status of telemetry and health, and of each fault.
-
-        ``waiting`` windows of all actuators wait, and ``dropped`` ones of this one had to give way.
-        """
-        health, life = self._outlook.health, self._outlook.rul
-        figures = {
-            "health index": health.health_index,
-            "confidence": health.confidence,
-            "flight hours [h]": self._outlook.hours,
-            "remaining life 5 % [h]": life.hours_05,
-            "remaining life 50 % [h]": life.hours_50,
-            "remaining life 95 % [h]": life.hours_95,
-        }
-        figures |= {item.name: item.value for item in (*health.faults, *health.requirements)}
-        level = OK if self._level.level is None else self._level.level
-        summary = LEVEL_NAMES[level] if self._level.level is not None else "unknown"
-        if self._outlook.dominant:
-            summary += f": {self._outlook.dominant}"
-        if health.reason:
-            summary += f" ({health.reason})"
-        items = [(item, OFF_SPEC) for item in health.requirements]
-        items += [(item, FAILURE) for item in health.faults]
-        worst = [end for item, end in items if self._level_of(item) == ERROR]
-        return [
-            self._telemetry_task(waiting, dropped),
-            Task(
-                f"{self.actuator_id} health",
-                level,
-                summary,
-                self.hardware_id,
-                figures,
-                _category(level, worst[-1] if worst else FAILURE, self._level.level is None),
-            ),
-            *(self._item_task(item, end) for item, end in items),
-        ]
-
-    def _telemetry_task(self, waiting: int, dropped: int) -> Task:
-        finder, category = self.finder, ""
-        if self._is_silent and finder.blocks:
-            level, message = STALE, "no telemetry any more"
-        elif self.description is None:
-            level, message = ERROR, "no description of the actuator: the telemetry has to wait"
-            message += f"; {self._defects}" if self._open_defects else ""
-            category = CHECK_FUNCTION
-        elif self.publishers:
-            level = WARN
-            message = f"telemetry of this actuator has several publishers: {self.publishers}"
-            message += f"; {self._defects}" if self._open_defects else ""
-        elif self._open_defects:
-            level, message = WARN, self._defects
-        elif not finder.blocks:
-            level, message = WARN, "no telemetry so far"
-        elif self.tally.reason:
-            level, message = WARN, str(self.tally)
-        elif finder.obstacle:
-            level, message = WARN, f"no window can be complete: {finder.obstacle}"
-        else:
-            level, message = OK, f"{self._valid} valid estimates"
-        if self.is_calibrating:
-            category = DIAGNOSTICS_ACTIVE
-        counts = {
-            "blocks": finder.blocks,
-            "samples lost": finder.lost_samples,
-            "defects": self._defect_count,
-            "windows": finder.windows,
-            "windows waiting": waiting,
-            "windows dropped": dropped,
-            "estimates valid": self._valid,
-            "estimates invalid": self._invalid,
-            "latency [s]": self._latency_s,
-        }
-        if self.tally.stretches or finder.passed_over:
-            counts |= {
-                "stretches combined": self.tally.combined,
-                "stretches without news": self.tally.skipped,
-                "stretches refused": self.tally.refused,
-                "stretches dropped": self.tally.dropped,
-                "stretches with too little travel": finder.passed_over,
-                "combinations without estimate": self.tally.fruitless,
-            }
-        name = f"{self.actuator_id} telemetry"
-        return Task(name, level, message, self.hardware_id, counts, category)
-
-    def _level_of(self, item: FaultHealth) -> int:
+    def level_of(self, item: FaultHealth) -> int:
         """Return the confirmed level of a fault or requirement; OK as long as it is not known."""
         level = self._levels[item.name].level if item.name in self._levels else None
         return OK if level is None else level
 
-    def _item_task(self, item: FaultHealth, end: str) -> Task:
-        level, is_known = self._level_of(item), is_finite_number(item.value)
-        message = f"{item.value:.4g}, limit {item.limit:.4g}" if is_known else "not known"
-        name = f"{self.actuator_id} {item.name.replace('_', ' ')}"
-        figures = {"value": item.value, "sigma": item.sigma, "limit": item.limit}
-        category = _category(level, end, not is_known)
-        return Task(name, level, message, self.hardware_id, figures, category)
+    def silent_s(self, now_ns: int) -> float:
+        """Return how long no telemetry was received [s], at a time of the node's clock [ns]."""
+        return (now_ns - self._heard_ns) * 1e-9
 
     def _is_mounted(self, description: ActuatorDescription) -> bool:
         """Return whether a unit is the one that was described last."""
@@ -383,15 +297,8 @@ class Unit:
         description = self._assessed or self.description
         if description is None:
             return None
-        health = health_to_message(self._outlook, description)
+        health = health_to_message(self.outlook, description)
         # Each event is published once.
-        self._outlook = replace(self._outlook, events=(), happened=())
+        self.outlook = replace(self.outlook, events=(), happened=())
         self._publish(health)
         return health
-
-
-def _category(level: int, end: str, is_unknown: bool) -> str:
-    """Return the category of NAMUR NE 107 of a level, ``end`` that of ERROR."""
-    if is_unknown:
-        return CHECK_FUNCTION
-    return {OK: NORMAL, WARN: MAINTENANCE_REQUIRED}.get(level, end)

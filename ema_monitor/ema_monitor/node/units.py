@@ -1,64 +1,55 @@
-"""The actuators that a monitor receives messages of, and the messages that belong to none."""
+"""The actuators that a monitor follows."""
 
 import threading
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from ema_core.description import ActuatorDescription, check_name
-from ema_core.levels import OK, WARN
-from ema_core.wording import counted
+from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.tally import Tally
+from ema_monitor.node.admission import Admission
 from ema_monitor.node.unit import Unit
+from ema_monitor.node.unit_status import unit_tasks
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment
-from ema_monitor.windows.measurements import MeasurementLog
-from ema_monitor.windows.trigger import INDEX_WENT_BACK, Defect, TriggerSettings
-from ema_monitor.windows.window import Window
-from ema_ros.description import description_from_message
-from ema_ros.measured import measured_from_message
-from ema_ros.stamps import stamp_from_message
+from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros.status import Task
-from ema_ros.telemetry import telemetry_from_message
 
-_UNNAMED = "messages without actuator_id"
-_UNKNOWN = "wrong messages of actuators that are not monitored"
-_MOST_MEASUREMENTS = 10_000
+_MOST_NAMED = 10
 
 
 class Units(dict[str, Unit]):
-    """Units by ``actuator_id``, in the order of their first message.
+    """Units by ``actuator_id``: those that are listed, then in the order of their first message.
 
     Parameters
     ----------
-    settings
+    admission
+        Decides which actuators are followed.
+    trigger
         When a window begins and how long it is.
     now_ns
         Gives the time of the node's clock [ns].
     add_publisher
         Gives the publisher of the health of an actuator, by its name; called at its first message.
     describe
-        Called with each description that differs from the one before.
-    queue_window
-        Called with each window, or its refusal.
-    max_age_s
-        Gives the age up to which what was measured holds for a window [s].
+        Called with the description of an actuator that is followed again.
     warn
-        Called with what is wrong, and whether the status has to be published at once.
+        Called with the name of an actuator, empty when there is none, what is wrong, and whether
+        its status has to be published at once.
     inform
         Called with what is worth a line in the log.
     settings_now
         Gives the settings that a window which begins now is identified with.
-    sources
-        Gives the nodes that publish telemetry, one name for each publisher.
     namespace
         Namespace of the node, for the status.
 
     Attributes
     ----------
+    admission
+        Which actuators are followed.
+    trigger
+        When a window of a new one begins and how long it is.
     lock
         Held while units are changed, and while health is published: nothing older may follow the
         health after a test.
@@ -66,116 +57,55 @@ class Units(dict[str, Unit]):
 
     def __init__(
         self,
-        settings: TriggerSettings,
+        admission: Admission,
+        trigger: TriggerSettings,
         now_ns: Callable[[], int],
         add_publisher: Callable[[str], Callable[[HealthMessage], None]],
         describe: Callable[[ActuatorDescription], None],
-        queue_window: Callable[[Segment], None],
-        max_age_s: Callable[[], float],
-        warn: Callable[[str, bool], None],
+        warn: Callable[[str, str, bool], None],
         inform: Callable[[str], object],
         settings_now: Callable[[], Any],
-        sources: Callable[[], list[str]],
         namespace: str,
     ) -> None:
         super().__init__()
         self.lock = threading.RLock()
-        # Wrong messages that belong to none of them: how many of each kind, and the latest.
-        self._unmatched: dict[str, tuple[int, str]] = {}
-        self._settings = settings
+        self.admission = admission
+        self.trigger = trigger
         self._now_ns = now_ns
         self._add_publisher = add_publisher
         self._describe = describe
-        self._queue_window = queue_window
-        self._max_age_s = max_age_s
-        self._measurements = MeasurementLog(_MOST_MEASUREMENTS)
         self._warn = warn
         self._inform = inform
         self._settings_now = settings_now
-        self._sources = sources
         self._namespace = namespace
 
     def clear(self) -> None:
         """Remove all."""
         super().clear()
-        self._unmatched.clear()
-        self._measurements.clear()
+        self.admission.clear()
 
-    def receive_description(self, message: Any) -> None:
-        """Apply ``ema_interfaces/msg/ActuatorDescription``, which may be impossible."""
-        try:
-            self.describe(description_from_message(message))
-        except ValueError as error:
-            reason = f"the description is impossible: {error}"
-            is_name = _is_name(message.actuator_id)
-            self.add_defect(message.actuator_id, reason, is_known=is_name)
+    def expect_listed(self) -> None:
+        """Add the actuators that are listed, so that one that says nothing is seen.
 
-    def describe(self, description: ActuatorDescription) -> None:
-        """Apply the description of an actuator."""
+        Raises
+        ------
+        ValueError
+            When there are more than may be followed.
+        """
+        self.admission.check()
+        for actuator_id in self.admission.listed:
+            self.get_or_add(actuator_id)
+
+    def let_go(self, after_s: float) -> list[str]:
+        """Return which actuators are to be forgotten in favour of those that were refused."""
         with self.lock:
-            unit = self._get_or_add(description.actuator_id)
-            before = unit.description
-            self._handle(unit, unit.finder.describe(description))
-            if before is not None and before.serial_number != description.serial_number:
-                unit.reset_health(self._now_ns())
-        if before != description:
-            self._describe(description)
-
-    def receive_telemetry(self, message: Any) -> None:
-        """Look for windows in ``ema_interfaces/msg/TelemetryBlock``, which may be impossible."""
-        actuator_id = message.actuator_id
-        if not actuator_id:
-            self.add_defect("", "telemetry without actuator_id")
-            return
-        if actuator_id not in self and not _is_name(actuator_id):
-            self.add_defect(actuator_id, "telemetry with an impossible actuator_id", is_known=False)
-            return
-        with self.lock:
-            unit = self._get_or_add(actuator_id)
-            unit.hear(self._now_ns())
-            if not unit.finder.is_open:
-                unit.settings = self._settings_now()
-            try:
-                block = telemetry_from_message(message)
-            except ValueError as error:
-                stamp_ns = stamp_from_message(message.header.stamp)
-                events = unit.finder.reject(stamp_ns, str(error))
-            else:
-                events = unit.finder.feed(block)
-            if unit.finder.blocks == 1:
-                self._inform(f"{actuator_id}: first telemetry")
-            self._handle(unit, events)
-            if any(_went_back(event) for event in events):
-                self._look_for_publishers(unit)
-            is_over = any(isinstance(event, Segment) for event in events)
-            if is_over:
-                unit.settings = self._settings_now()
-            if unit.next_trigger is not None and (is_over or not unit.finder.is_open):
-                self._restart(unit, unit.next_trigger)
-
-    def receive_measured(self, message: Any) -> None:
-        """Keep ``ema_interfaces/msg/MeasuredCauses``, which may be impossible."""
-        actuator_id = message.actuator_id
-        if not actuator_id:
-            self.add_defect("", "measured causes without actuator_id")
-            return
-        try:
-            stamp_ns, measured = measured_from_message(message)
-            with self.lock:
-                self._measurements.add(actuator_id, stamp_ns, measured)
-        except ValueError as error:
-            # A measurement alone does not make an actuator known.
-            self.add_defect(actuator_id, str(error), is_known=actuator_id in self)
-
-    def restart(self, settings: TriggerSettings) -> None:
-        """Look for windows with other settings; a window that is open is completed first."""
-        with self.lock:
-            self._settings = settings
-            for unit in self.values():
-                if unit.finder.is_open:
-                    unit.next_trigger = settings
-                else:
-                    self._restart(unit, settings)
+            now_ns = self._now_ns()
+            silent_s = {name: unit.silent_s(now_ns) for name, unit in self.items()}
+            chosen = self.admission.to_let_go(silent_s, after_s)
+            for name in chosen:
+                # What its latched topic said comes once: it is kept for its return.
+                self.admission.remember(name, self[name].description)
+            return chosen
 
     def forget(self, actuator_id: str) -> None:
         """Forget an actuator.
@@ -193,19 +123,9 @@ class Units(dict[str, Unit]):
         with self.lock:
             unit = self.get(actuator_id)
             if unit is None:
-                raise ValueError(
-                    f"actuator_id = {actuator_id!r} is not monitored; monitored: "
-                    f"{', '.join(self) or 'none'}"
-                )
+                raise ValueError(self._not_monitored(actuator_id))
             unit.finder.finish()
             del self[actuator_id]
-            self._measurements.forget(actuator_id)
-
-    def finish(self) -> list[Segment]:
-        """End the telemetry of all; return the refusals of the windows that are cut off."""
-        with self.lock:
-            events = [event for unit in self.values() for event in unit.finder.finish()]
-        return [event for event in events if isinstance(event, Segment)]
 
     def add_defect(self, actuator_id: str, reason: str, *, is_known: bool = True) -> None:
         """Record and report a defect.
@@ -220,14 +140,12 @@ class Units(dict[str, Unit]):
             Whether the actuator is known, or is from now on.
         """
         with self.lock:
-            if actuator_id and is_known:
-                is_first = self._get_or_add(actuator_id).add_defect(reason)
+            unit = self.get_or_add(actuator_id) if actuator_id and is_known else None
+            if unit is not None:
+                is_first = unit.add_defect(reason)
             else:
-                kind = _UNKNOWN if actuator_id else _UNNAMED
-                number = self._unmatched.get(kind, (0, ""))[0] + 1
-                self._unmatched[kind] = (number, f"{actuator_id!r}: {reason}")
-                is_first = number == 1
-        self._warn(f"{actuator_id or 'input'}: {reason}", is_first)
+                is_first = self.admission.note_wrong(actuator_id, reason)
+        self._warn(actuator_id, reason, is_first)
 
     def find(self, actuator_id: str) -> tuple[Unit, ActuatorDescription]:
         """Return a unit that is described, and its description.
@@ -243,16 +161,13 @@ class Units(dict[str, Unit]):
             When it is not known, not described, or there is a choice.
         """
         with self.lock:
-            monitored = ", ".join(self) or "none"
             if not actuator_id and len(self) != 1:
                 raise ValueError(
-                    f"actuator_id is empty: expected one of those monitored: {monitored}"
+                    f"actuator_id is empty: expected one of those monitored: {self._in_words()}"
                 )
             unit = self.get(actuator_id or next(iter(self)))
         if unit is None:
-            raise ValueError(
-                f"actuator_id = {actuator_id!r} is not monitored; monitored: {monitored}"
-            )
+            raise ValueError(self._not_monitored(actuator_id))
         if unit.description is None:
             raise ValueError(f"actuator {unit.actuator_id!r} has not been described")
         return unit, unit.description
@@ -288,8 +203,8 @@ class Units(dict[str, Unit]):
             published = [unit.publish_if_stale(expected_period_s, now_ns) for unit in self.values()]
         return [health for health in published if health is not None]
 
-    def tasks(self, waiting: int, dropped: Mapping[str, int]) -> list[Task]:
-        """Return the status of each.
+    def tasks(self, waiting: int, dropped: Mapping[str, int], only: str = "") -> list[Task]:
+        """Return the status of each, or of one alone.
 
         Parameters
         ----------
@@ -297,77 +212,56 @@ class Units(dict[str, Unit]):
             How many windows of all actuators wait.
         dropped
             How many were dropped, by actuator.
+        only
+            Which one; empty for each.
         """
         with self.lock:
+            units = self if not only else {only: self[only]} if only in self else {}
             return [
                 task
-                for name, unit in self.items()
-                for task in unit.tasks(waiting, dropped.get(name, 0))
+                for name, unit in units.items()
+                for task in unit_tasks(unit, waiting, dropped.get(name, 0))
             ]
 
-    def input_status(self) -> tuple[int, str]:
-        """Return level and message on what is received of all."""
+    def input_task(self, hardware_id: str, counts: Mapping[str, int]) -> Task:
+        """Return the status of what is received of all.
+
+        Parameters
+        ----------
+        hardware_id
+            What it is about.
+        counts
+            What became of the windows of all actuators.
+        """
         with self.lock:
-            remarks = [] if self else ["no message of an actuator so far"]
-            remarks += [
-                f"ignored: {number} {kind}, the latest of {latest}"
-                for kind, (number, latest) in self._unmatched.items()
-            ]
-        if remarks:
-            return WARN, "; ".join(remarks)
-        return OK, f"{counted(len(self), 'actuator')} monitored"
+            level, message = self.admission.status(self)
+            figures = {**counts, **self.admission.figures(self)}
+        return Task("input", level, message, hardware_id, figures)
 
-    def _get_or_add(self, actuator_id: str) -> Unit:
-        if actuator_id not in self:
-            publish, now_ns = self._add_publisher(actuator_id), self._now_ns()
-            unit = Unit(actuator_id, self._settings, publish, now_ns, self._namespace)
-            unit.settings = self._settings_now()
-            self[actuator_id] = unit
-        return self[actuator_id]
-
-    def _restart(self, unit: Unit, settings: TriggerSettings) -> None:
-        """Look for the windows of a unit with other settings from now on."""
-        unit.next_trigger = None
-        events = unit.finder.restart(settings, "the settings of the window changed")
-        # Nothing is wrong where no window is cut off.
-        self._handle(unit, [event for event in events if isinstance(event, Segment)])
+    def get_or_add(
+        self, actuator_id: str, description: ActuatorDescription | None = None
+    ) -> Unit | None:
+        """Return a unit, None when it is not followed; its description is kept for later then."""
+        if (unit := self.get(actuator_id)) is not None:
+            return unit
+        if not self.admission.has_room(self):
+            self.admission.refuse(actuator_id, description)
+            return None
+        publish, now_ns = self._add_publisher(actuator_id), self._now_ns()
+        unit = Unit(actuator_id, self.trigger, publish, now_ns, self._namespace)
         unit.settings = self._settings_now()
+        unit.is_listed = actuator_id in self.admission.listed
+        self[actuator_id] = unit
+        if (known := self.admission.admit(actuator_id)) is not None and description is None:
+            unit.finder.describe(known)
+            self._describe(known)
+        return unit
 
-    def _look_for_publishers(self, unit: Unit) -> None:
-        """Name the publishers where an index goes back and forth, as that of two streams does."""
-        if not unit.goes_back_and_forth():
-            return
-        counts = Counter(self._sources())
-        if counts.total() > 1:
-            names = [
-                name if number == 1 else f"{name} ({number})" for name, number in counts.items()
-            ]
-            unit.publishers = ", ".join(sorted(names))
-            self._warn(f"{unit.actuator_id}: several publishers: {unit.publishers}", False)
+    def _in_words(self) -> str:
+        names = list(self)
+        more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+        return (", ".join(names[:_MOST_NAMED]) or "none") + more
 
-    def _handle(self, unit: Unit, events: Iterable[Segment | Defect]) -> None:
-        """Queue windows for identification, and report defects."""
-        for event in events:
-            if isinstance(event, Defect):
-                self.add_defect(unit.actuator_id, event.reason)
-                continue
-            if isinstance(event.window, Window):
-                measured = self._measurements.at(
-                    unit.actuator_id, event.window.start_ns, self._max_age_s()
-                )
-                event = replace(event, window=replace(event.window, measured=measured))
-                unit.latest = event
-            self._queue_window(replace(event, settings=unit.settings))
-
-
-def _is_name(actuator_id: str) -> bool:
-    try:
-        check_name("actuator_id", actuator_id)
-    except ValueError:
-        return False
-    return True
-
-
-def _went_back(event: Segment | Defect) -> bool:
-    reason = event.reason if isinstance(event, Defect) else getattr(event.window, "reason", "")
-    return INDEX_WENT_BACK in reason
+    def _not_monitored(self, actuator_id: str) -> str:
+        reason = self.admission.why_not(actuator_id) or f"monitored: {self._in_words()}"
+        return f"actuator_id = {actuator_id!r} is not monitored; {reason}"

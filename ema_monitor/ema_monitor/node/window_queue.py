@@ -5,11 +5,16 @@ from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import chain
+from typing import Final
 
 from ema_core.wording import counted
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
+
+MOST_REFUSALS: Final = 100
+"""Number of refusals of each actuator beyond which the oldest are not published, live."""
 
 
 class QueueClosedError(Exception):
@@ -17,22 +22,29 @@ class QueueClosedError(Exception):
 
 
 class WindowQueue:
-    """Windows in their order.
+    """Windows of each actuator in their order, the actuators in turn.
 
-    Live, a window beyond the limit of its actuator drops that actuator's oldest one: the refusal
-    of that one stays in its place, so that order and numbers are kept and every window gets an
-    estimate. An actuator never drops the windows of another, and stretches of ordinary motion no
-    test cycles: these wait apart.
+    A turn is one window, with the refusals before it: an actuator that has many windows delays
+    another one by a single identification. Live, a window beyond the limit of its actuator drops
+    that actuator's oldest one: the refusal of that one stays in its place, so that order and
+    numbers are kept and every window gets an estimate. An actuator never drops the windows of
+    another, and stretches of ordinary motion no test cycles: these wait apart. Of refusals,
+    ``MOST_REFUSALS`` of each actuator wait; the oldest beyond them are never published.
 
     Attributes
     ----------
     dropped
-        Number of windows dropped, by actuator.
+        Number of windows dropped, by actuator; of those that were forgotten, under "".
+    unanswered
+        Number of refusals that are never published, by actuator in the same way.
     """
 
     def __init__(self) -> None:
         self.dropped: Counter[str] = Counter()
-        self._queue: deque[Segment] = deque()
+        self.unanswered: Counter[str] = Counter()
+        # By actuator, the one whose turn it is first.
+        self._queues: dict[str, deque[Segment]] = {}
+        self._refusals_in_turn = 0
         self._changed = threading.Condition()
         self._closed = False
         self._current: Segment | None = None
@@ -40,7 +52,7 @@ class WindowQueue:
 
     def __len__(self) -> int:
         with self._changed:
-            return sum(isinstance(item.window, Window) for item in self._queue)
+            return sum(map(_is_window, chain.from_iterable(self._queues.values())))
 
     @property
     def is_closed(self) -> bool:
@@ -48,14 +60,15 @@ class WindowQueue:
         return self._closed
 
     def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
-        """Add a window, or the refusal of one, at the end.
+        """Add a window, or the refusal of one, behind those of its actuator.
 
         Parameters
         ----------
         segment
             The window.
         most_waiting
-            How many windows of its kind and actuator may wait; None for any number.
+            How many windows of its kind and actuator may wait; None for any number, of refusals
+            as well.
 
         Returns
         -------
@@ -71,32 +84,41 @@ class WindowQueue:
         with self._changed:
             if self._closed:
                 raise QueueClosedError
-            self._queue.append(segment)
-            places = [
-                place
-                for place, item in enumerate(self._queue)
-                if item.description.actuator_id == actuator_id
-                and item.is_stretch == segment.is_stretch
-                and isinstance(item.window, Window)
-            ]
+            queue = self._queues.setdefault(actuator_id, deque())
+            queue.append(segment)
             if most_waiting is not None:
-                limit = counted(most_waiting, "stretch" if segment.is_stretch else "window")
-                reason = f"dropped: more than {limit} waited for identification"
-                for place in places[: max(0, len(places) - most_waiting)]:
-                    dropped.append(oldest := self._queue[place])
-                    start_ns, end_ns = oldest.window.start_ns, oldest.window.end_ns
-                    refusal = Refusal(start_ns, end_ns, reason, is_dropped=True)
-                    self._queue[place] = replace(oldest, window=refusal)
+                dropped = _drop(queue, segment.is_stretch, most_waiting)
                 self.dropped[actuator_id] += len(dropped)
+                self.unanswered[actuator_id] += _thin(queue)
             self._changed.notify_all()
         return dropped
+
+    def forget(self, actuator_id: str) -> None:
+        """Remove the windows of an actuator that wait, and add what was counted to the others'."""
+        with self._changed:
+            self._queues.pop(actuator_id, None)
+            for counts in (self.dropped, self.unanswered):
+                counts[""] += counts.pop(actuator_id, 0)
 
     def next(self) -> Segment | None:
         """Wait for the next window and return it; None when the queue is closed."""
         with self._changed:
-            self._changed.wait_for(lambda: self._queue or self._closed)
-            self._current = None if self._closed else self._queue.popleft()
+            self._changed.wait_for(lambda: self._queues or self._closed)
+            self._current = None if self._closed else self._take()
             return self._current
+
+    def _take(self) -> Segment:
+        actuator_id, queue = next(iter(self._queues.items()))
+        segment = queue.popleft()
+        self._refusals_in_turn += not _is_window(segment)
+        if not queue:
+            del self._queues[actuator_id]
+        elif _is_window(segment) or self._refusals_in_turn >= MOST_REFUSALS:
+            self._queues[actuator_id] = self._queues.pop(actuator_id)
+        else:
+            return segment
+        self._refusals_in_turn = 0
+        return segment
 
     @contextmanager
     def publishing(self, segment: Segment) -> Iterator[bool]:
@@ -115,11 +137,11 @@ class WindowQueue:
                 self._changed.notify_all()
 
     def close(self) -> list[Segment]:
-        """Accept no more windows; return those that wait."""
+        """Accept no more windows; return those that wait, in order for each actuator."""
         with self._changed:
             self._closed = True
-            waiting = list(self._queue)
-            self._queue.clear()
+            waiting = list(chain.from_iterable(self._queues.values()))
+            self._queues.clear()
             self._changed.notify_all()
         return waiting
 
@@ -132,3 +154,37 @@ class WindowQueue:
             self._changed.wait_for(lambda: not self._is_publishing)
             current, self._current = self._current, None
         return current
+
+
+def _is_window(segment: Segment) -> bool:
+    return isinstance(segment.window, Window)
+
+
+def _drop(queue: deque[Segment], is_stretch: bool, most: int) -> list[Segment]:
+    """Replace the oldest windows of a kind beyond a number by refusals, and return them."""
+    places = [
+        place
+        for place, item in enumerate(queue)
+        if item.is_stretch == is_stretch and _is_window(item)
+    ]
+    reason = f"dropped: more than {counted(most, 'stretch' if is_stretch else 'window')} waited"
+    dropped = []
+    for place in places[: max(0, len(places) - most)]:
+        dropped.append(oldest := queue[place])
+        refusal = Refusal(
+            oldest.window.start_ns,
+            oldest.window.end_ns,
+            f"{reason} for identification",
+            is_dropped=True,
+        )
+        queue[place] = replace(oldest, window=refusal)
+    return dropped
+
+
+def _thin(queue: deque[Segment]) -> int:
+    """Remove the oldest refusals beyond those that may wait; return how many."""
+    places = [place for place, item in enumerate(queue) if not _is_window(item)]
+    surplus = places[: max(0, len(places) - MOST_REFUSALS)]
+    for place in reversed(surplus):
+        del queue[place]
+    return len(surplus)

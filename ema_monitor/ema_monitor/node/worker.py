@@ -28,7 +28,9 @@ _STOPPED_DURING = "the monitor was stopped during the identification"
 
 
 class IdentificationWorker:
-    """Identifies windows one after the other; every window gets an estimate or a refusal.
+    """Identifies windows one after the other, of the actuators in turn.
+
+    Every window gets an estimate or a refusal, but for the refusals that ``WindowQueue`` gives up.
 
     Once ``stop`` has returned, the thread publishes nothing any more, even if it still computes.
 
@@ -96,6 +98,11 @@ class IdentificationWorker:
         """Number of windows dropped since the start, by actuator."""
         return self._queue.dropped
 
+    @property
+    def unanswered(self) -> Mapping[str, int]:
+        """Number of refusals that were never published since the start, by actuator."""
+        return self._queue.unanswered
+
     def status(self) -> tuple[int, str]:
         """Return level and message for ``/diagnostics``."""
         if self.failure:
@@ -122,11 +129,12 @@ class IdentificationWorker:
         self._looked_at.clear()
 
     def forget_actuator(self, actuator_id: str) -> None:
-        """Begin the later searches of one actuator anew."""
+        """Begin the later searches of one actuator anew; its windows that wait are let go."""
         self._last_faults.forget(actuator_id)
         self._combinations.forget(actuator_id)
         self._searched.discard(actuator_id)
         self._looked_at.pop(actuator_id, None)
+        self._queue.forget(actuator_id)
 
     def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
         """Queue a window as ``WindowQueue.add`` does; refuse it if the thread does not run."""

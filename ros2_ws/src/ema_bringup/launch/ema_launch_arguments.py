@@ -1,9 +1,11 @@
 """Arguments that all launch files of this package have, and the nodes that they make of them."""
 
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
+from ema_cli.processes.shards import file_for, monitor_names, shard_parameters
 from launch import LaunchContext
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
@@ -93,6 +95,8 @@ def node(
     package: str,
     *,
     namespace: str = "",
+    node_name: str = "",
+    file: str = "",
     parameters: dict[str, Any] | None = None,
     ends_all: bool = False,
     respawns: bool = True,
@@ -104,6 +108,10 @@ def node(
     ----------
     namespace
         Namespace instead of that of the argument.
+    node_name
+        Name of the node instead of that of its program.
+    file
+        Parameter file instead of that of the argument.
     parameters
         Parameters that override those of its parameter file.
     ends_all
@@ -122,9 +130,9 @@ def node(
     return Node(
         package=package,
         executable=f"{name}_node",
-        name=name,
+        name=node_name or name,
         namespace=namespace or value_of(context, "namespace"),
-        parameters=[value_of(context, f"{name}_params"), own],
+        parameters=[file or value_of(context, f"{name}_params"), own],
         ros_arguments=["--log-level", value_of(context, "log_level")],
         respawn=respawns and not ends_all and flag_of(context, "respawn"),
         respawn_delay=2.0,
@@ -133,9 +141,49 @@ def node(
     )
 
 
-def monitor(context: LaunchContext, **parameters: Any) -> Node:
-    """Return the monitor; what is not given is as in its parameter file."""
+def monitors_argument() -> DeclareLaunchArgument:
+    """Return the argument for how many monitors share the actuators."""
+    return DeclareLaunchArgument(
+        "monitors",
+        default_value="1",
+        description="processes that share the actuators, by their names: monitor_0 and on",
+    )
+
+
+def monitors(context: LaunchContext, **parameters: Any) -> list[Node]:
+    """Return the monitors; what is not given is as in their parameter file."""
+    text = value_of(context, "monitors")
+    try:
+        names = monitor_names(int(text))
+    except ValueError as error:
+        raise RuntimeError(f"monitors:={text}: expected a whole number from 1 on") from error
+    if len(names) == 1:
+        return [monitor(context, **parameters)]
+    folder, file = Path(tempfile.mkdtemp(prefix="ema_")), Path(value_of(context, "monitor_params"))
+    return [
+        monitor(
+            context,
+            node_name=name,
+            file=str(file_for(name, file, folder)),
+            **parameters,
+            **shard_parameters(index, len(names)),
+        )
+        for index, name in enumerate(names)
+    ]
+
+
+def monitor(
+    context: LaunchContext, *, node_name: str = "", file: str = "", **parameters: Any
+) -> Node:
+    """Return a monitor; what is not given is as in its parameter file."""
     names = ("calibration_file", "history_folder")
     given = {name: value_of(context, name) for name in names}
     chosen = {name: value for name, value in given.items() if value != AS_CONFIGURED}
-    return node(context, "monitor", "ema_monitor", parameters={**chosen, **parameters})
+    return node(
+        context,
+        "monitor",
+        "ema_monitor",
+        node_name=node_name,
+        file=file,
+        parameters={**chosen, **parameters},
+    )

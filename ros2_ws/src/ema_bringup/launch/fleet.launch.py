@@ -1,8 +1,9 @@
-"""Simulated actuators, one monitor for all with a calibration each, and the dashboard.
+"""Simulated actuators, monitors with a calibration for each of them, and the dashboard.
 
 ros2 launch ema_bringup fleet.launch.py actuators:=left,right \\
     calibration_file:=/path/{actuator_id}.yaml
 
+One monitor follows all, with ``monitors:=N`` each of N a share of them.
 Each actuator has a namespace of its own below the one of the monitor, and publishes on the topics
 of the monitor by remapping.
 """
@@ -30,6 +31,7 @@ def generate_launch_description() -> LaunchDescription:
             default_value="left,right",
             description="names of the actuators, separated by commas",
         ),
+        ema.monitors_argument(),
         *ema.parameter_files("actuator", "monitor", "dashboard"),
     ]
     check = ema.check_arguments(__file__, arguments)
@@ -52,4 +54,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
         )
         for number, name in enumerate(names)
     ]
-    return [*actuators, ema.monitor(context), ema.node(context, "dashboard", "ema_dashboard")]
+    # Of actuators that are listed, monitors have equal shares.
+    listed = {"actuators": names} if ema.value_of(context, "monitors") != "1" else {}
+    dashboard = ema.node(context, "dashboard", "ema_dashboard")
+    return [*actuators, *ema.monitors(context, **listed), dashboard]

@@ -1,6 +1,8 @@
 """The monitor alone, for actuators that publish their own telemetry.
 
 ros2 launch ema_bringup monitor.launch.py calibration_file:=/path/calibration.yaml
+
+With ``monitors:=N`` there are N of them, and each follows a share of the actuators.
 """
 
 import sys
@@ -23,6 +25,7 @@ def generate_launch_description() -> LaunchDescription:
             default_value=ema.AS_CONFIGURED,
             description="description of an actuator that publishes none",
         ),
+        ema.monitors_argument(),
         *ema.parameter_files("monitor"),
     ]
     check = ema.check_arguments(__file__, arguments)
@@ -31,4 +34,4 @@ def generate_launch_description() -> LaunchDescription:
 
 def _nodes(context: LaunchContext) -> list[Node]:
     file = ema.value_of(context, "actuator_file")
-    return [ema.monitor(context, **({} if file == ema.AS_CONFIGURED else {"actuator_file": file}))]
+    return ema.monitors(context, **({} if file == ema.AS_CONFIGURED else {"actuator_file": file}))

@@ -1,0 +1,95 @@
+"""Commands that start many actuators, and monitors that share them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.validate_namespace import validate_namespace
+
+from ema_cli.processes.bringup import assignments_of, parameter_file, program, ros_arguments
+from ema_cli.processes.shards import file_for, monitor_names, shard_parameters
+from ema_ros.topics import ACTUATOR_TOPICS, NAMESPACE
+
+
+@dataclass(frozen=True)
+class Common:
+    """What all nodes are given, as of ``ros_arguments``."""
+
+    parameter_files: Sequence[Path] = ()
+    assignments: Sequence[str] = ()
+    namespace: str | None = None
+
+
+def monitor_commands(
+    monitors: int, common: Common, folder: Path, actuators: Sequence[str] = ()
+) -> dict[str, list[str]]:
+    """Return the commands of monitors that share the actuators, by the names of their nodes.
+
+    Parameters
+    ----------
+    monitors
+        How many there are.
+    common
+        What all nodes are given; what its files have for ``monitor`` is for each of them.
+    folder
+        Where parameter files are written that name a single one.
+    actuators
+        Names of the actuators where they are known, for equal shares.
+    """
+    commands = {}
+    listed = {"actuators": list(actuators)} if actuators and monitors > 1 else {}
+    for index, name in enumerate(monitor_names(monitors)):
+        arguments = ros_arguments(
+            parameter_files=[
+                file_for(name, file, folder)
+                for file in (parameter_file("monitor"), *common.parameter_files)
+            ],
+            assignments=[
+                *assignments_of(listed),
+                *common.assignments,
+                *assignments_of(shard_parameters(index, monitors)),
+            ],
+            namespace=common.namespace,
+            remaps={"__node": name} if monitors > 1 else None,
+        )
+        commands[name] = [str(program("monitor")), *arguments]
+    return commands
+
+
+def actuator_commands(names: Sequence[str], common: Common) -> dict[str, list[str]]:
+    """Return the commands of simulated actuators that publish on the topics of one namespace.
+
+    Parameters
+    ----------
+    names
+        Their names, which are those of their namespaces.
+    common
+        What all nodes are given; its parameters override those by which actuators differ.
+
+    Raises
+    ------
+    ValueError
+        When names are equal, or no names of namespaces.
+    """
+    if len(set(names)) < len(names):
+        raise ValueError(f"--actuators {','.join(names)}: expected names that differ")
+    place = (NAMESPACE if common.namespace is None else common.namespace).rstrip("/")
+    commands = {}
+    for number, name in enumerate(names):
+        try:
+            validate_namespace(f"{place}/{name}")
+        except InvalidNamespaceException as error:
+            raise ValueError(
+                f"--actuators {name!r}: expected letters, digits and _, as it names a namespace"
+            ) from error
+        own = {"actuator_id": name, "seed": number}
+        arguments = ros_arguments(
+            "actuator",
+            parameter_files=common.parameter_files,
+            assignments=[*assignments_of(own), *common.assignments],
+            namespace=f"{place}/{name}",
+            remaps={topic: f"{place}/{topic}" for topic in ACTUATOR_TOPICS},
+        )
+        commands[f"actuator {name}"] = [str(program("actuator")), *arguments]
+    return commands

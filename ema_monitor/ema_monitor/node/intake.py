@@ -1,0 +1,219 @@
+"""What a monitor receives of its actuators: windows of it are queued, and what is wrong told."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any
+
+from ema_core.description import ActuatorDescription, check_name
+from ema_monitor.node.unit import Unit
+from ema_monitor.node.units import Units
+from ema_monitor.windows.finder import Segment
+from ema_monitor.windows.measurements import MeasurementLog
+from ema_monitor.windows.trigger import INDEX_WENT_BACK, Defect, TriggerSettings
+from ema_monitor.windows.window import Window
+from ema_ros.description import description_from_message
+from ema_ros.measured import measured_from_message
+from ema_ros.stamps import stamp_from_message
+from ema_ros.telemetry import telemetry_from_message
+
+_MOST_MEASUREMENTS = 10_000
+
+
+class Intake:
+    """Takes descriptions, telemetry and measured causes of the actuators that are followed.
+
+    Parameters
+    ----------
+    units
+        The actuators.
+    now_ns
+        Gives the time of the node's clock [ns].
+    describe
+        Called with each description that differs from the one before.
+    queue_window
+        Called with each window, or its refusal.
+    max_age_s
+        Gives the age up to which what was measured holds for a window [s].
+    warn
+        Called as by ``Units``.
+    inform
+        Called with what is worth a line in the log.
+    settings_now
+        Gives the settings that a window which begins now is identified with.
+    sources
+        Gives the nodes that publish telemetry, one name for each publisher.
+    """
+
+    def __init__(
+        self,
+        units: Units,
+        now_ns: Callable[[], int],
+        describe: Callable[[ActuatorDescription], None],
+        queue_window: Callable[[Segment], None],
+        max_age_s: Callable[[], float],
+        warn: Callable[[str, str, bool], None],
+        inform: Callable[[str], object],
+        settings_now: Callable[[], Any],
+        sources: Callable[[], list[str]],
+    ) -> None:
+        self._units = units
+        self._now_ns = now_ns
+        self._describe = describe
+        self._queue_window = queue_window
+        self._max_age_s = max_age_s
+        self._measurements = MeasurementLog(_MOST_MEASUREMENTS)
+        self._warn = warn
+        self._inform = inform
+        self._settings_now = settings_now
+        self._sources = sources
+
+    def clear(self) -> None:
+        """Forget what was measured."""
+        self._measurements.clear()
+
+    def forget(self, actuator_id: str) -> None:
+        """Forget what was measured of an actuator."""
+        with self._units.lock:
+            self._measurements.forget(actuator_id)
+
+    def receive_description(self, message: Any) -> None:
+        """Apply ``ema_interfaces/msg/ActuatorDescription``, which may be impossible."""
+        if self._units.admission.ignores(message.actuator_id):
+            return
+        try:
+            self.describe(description_from_message(message))
+        except ValueError as error:
+            reason = f"the description is impossible: {error}"
+            is_name = _is_name(message.actuator_id)
+            self._units.add_defect(message.actuator_id, reason, is_known=is_name)
+
+    def describe(self, description: ActuatorDescription) -> None:
+        """Apply the description of an actuator, if it is followed."""
+        with self._units.lock:
+            unit = self._units.get_or_add(description.actuator_id, description)
+            if unit is None:
+                return
+            before = unit.description
+            self._handle(unit, unit.finder.describe(description))
+            if before is not None and before.serial_number != description.serial_number:
+                unit.reset_health(self._now_ns())
+        if before != description:
+            self._describe(description)
+
+    def receive_telemetry(self, message: Any) -> None:
+        """Look for windows in ``ema_interfaces/msg/TelemetryBlock``, which may be impossible."""
+        actuator_id = message.actuator_id
+        if not actuator_id:
+            self._units.add_defect("", "telemetry without actuator_id")
+            return
+        if actuator_id not in self._units:
+            if not _is_name(actuator_id):
+                reason = "telemetry with an impossible actuator_id"
+                self._units.add_defect(actuator_id, reason, is_known=False)
+                return
+            if self._units.admission.ignores(actuator_id):
+                return
+        with self._units.lock:
+            unit = self._units.get_or_add(actuator_id)
+            if unit is None:
+                return
+            unit.hear(self._now_ns())
+            if not unit.finder.is_open:
+                unit.settings = self._settings_now()
+            try:
+                block = telemetry_from_message(message)
+            except ValueError as error:
+                stamp_ns = stamp_from_message(message.header.stamp)
+                events = unit.finder.reject(stamp_ns, str(error))
+            else:
+                events = unit.finder.feed(block)
+            if unit.finder.blocks == 1:
+                self._inform(f"{actuator_id}: first telemetry")
+            self._handle(unit, events)
+            if any(_went_back(event) for event in events):
+                self._look_for_publishers(unit)
+            is_over = any(isinstance(event, Segment) for event in events)
+            if is_over:
+                unit.settings = self._settings_now()
+            if unit.next_trigger is not None and (is_over or not unit.finder.is_open):
+                self._restart(unit, unit.next_trigger)
+
+    def receive_measured(self, message: Any) -> None:
+        """Keep ``ema_interfaces/msg/MeasuredCauses``, which may be impossible."""
+        actuator_id = message.actuator_id
+        if not actuator_id:
+            self._units.add_defect("", "measured causes without actuator_id")
+            return
+        if self._units.admission.ignores(actuator_id):
+            return
+        try:
+            stamp_ns, measured = measured_from_message(message)
+            with self._units.lock:
+                self._measurements.add(actuator_id, stamp_ns, measured)
+        except ValueError as error:
+            # A measurement alone does not make an actuator known.
+            self._units.add_defect(actuator_id, str(error), is_known=actuator_id in self._units)
+
+    def restart(self, settings: TriggerSettings) -> None:
+        """Look for windows with other settings; a window that is open is completed first."""
+        with self._units.lock:
+            self._units.trigger = settings
+            for unit in self._units.values():
+                if unit.finder.is_open:
+                    unit.next_trigger = settings
+                else:
+                    self._restart(unit, settings)
+
+    def finish(self) -> list[Segment]:
+        """End the telemetry of all; return the refusals of the windows that are cut off."""
+        with self._units.lock:
+            events = [event for unit in self._units.values() for event in unit.finder.finish()]
+        return [event for event in events if isinstance(event, Segment)]
+
+    def _restart(self, unit: Unit, settings: TriggerSettings) -> None:
+        """Look for the windows of a unit with other settings from now on."""
+        unit.next_trigger = None
+        events = unit.finder.restart(settings, "the settings of the window changed")
+        # Nothing is wrong where no window is cut off.
+        self._handle(unit, [event for event in events if isinstance(event, Segment)])
+        unit.settings = self._settings_now()
+
+    def _look_for_publishers(self, unit: Unit) -> None:
+        """Name the publishers where an index goes back and forth, as that of two streams does."""
+        if not unit.goes_back_and_forth():
+            return
+        counts = Counter(self._sources())
+        if counts.total() > 1:
+            names = [
+                name if number == 1 else f"{name} ({number})" for name, number in counts.items()
+            ]
+            unit.publishers = ", ".join(sorted(names))
+            self._warn(unit.actuator_id, f"several publishers: {unit.publishers}", False)
+
+    def _handle(self, unit: Unit, events: Iterable[Segment | Defect]) -> None:
+        """Queue windows for identification, and report defects."""
+        for event in events:
+            if isinstance(event, Defect):
+                self._units.add_defect(unit.actuator_id, event.reason)
+                continue
+            if isinstance(event.window, Window):
+                measured = self._measurements.at(
+                    unit.actuator_id, event.window.start_ns, self._max_age_s()
+                )
+                event = replace(event, window=replace(event.window, measured=measured))
+                unit.latest = event
+            self._queue_window(replace(event, settings=unit.settings))
+
+
+def _is_name(actuator_id: str) -> bool:
+    try:
+        check_name("actuator_id", actuator_id)
+    except ValueError:
+        return False
+    return True
+
+
+def _went_back(event: Segment | Defect) -> bool:
+    reason = event.reason if isinstance(event, Defect) else getattr(event.window, "reason", "")
+    return INDEX_WENT_BACK in reason

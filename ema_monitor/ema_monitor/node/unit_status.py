@@ -1,0 +1,119 @@
+"""The status of one monitored actuator on ``/diagnostics``."""
+
+from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
+from ema_core.quantity import is_finite_number
+from ema_monitor.health import FaultHealth
+from ema_monitor.node.unit import Unit
+from ema_ros.status import (
+    CHECK_FUNCTION,
+    DIAGNOSTICS_ACTIVE,
+    FAILURE,
+    MAINTENANCE_REQUIRED,
+    NORMAL,
+    OFF_SPEC,
+    Task,
+)
+
+
+def unit_tasks(unit: Unit, waiting: int, dropped: int = 0) -> list[Task]:
+    """Return the status of telemetry and health, and of each fault.
+
+    ``waiting`` windows of all actuators wait, and ``dropped`` ones of this one had to give way.
+    """
+    health, life = unit.outlook.health, unit.outlook.rul
+    figures = {
+        "health index": health.health_index,
+        "confidence": health.confidence,
+        "flight hours [h]": unit.outlook.hours,
+        "remaining life 5 % [h]": life.hours_05,
+        "remaining life 50 % [h]": life.hours_50,
+        "remaining life 95 % [h]": life.hours_95,
+    }
+    figures |= {item.name: item.value for item in (*health.faults, *health.requirements)}
+    level = OK if unit.level is None else unit.level
+    summary = LEVEL_NAMES[level] if unit.level is not None else "unknown"
+    if unit.outlook.dominant:
+        summary += f": {unit.outlook.dominant}"
+    if health.reason:
+        summary += f" ({health.reason})"
+    items = [(item, OFF_SPEC) for item in health.requirements]
+    items += [(item, FAILURE) for item in health.faults]
+    worst = [end for item, end in items if unit.level_of(item) == ERROR]
+    return [
+        _telemetry_task(unit, waiting, dropped),
+        Task(
+            f"{unit.actuator_id} health",
+            level,
+            summary,
+            unit.hardware_id,
+            figures,
+            _category(level, worst[-1] if worst else FAILURE, unit.level is None),
+        ),
+        *(_item_task(unit, item, end) for item, end in items),
+    ]
+
+
+def _telemetry_task(unit: Unit, waiting: int, dropped: int) -> Task:
+    finder, category = unit.finder, ""
+    if unit.is_silent and finder.blocks:
+        level, message = STALE, "no telemetry any more"
+    elif unit.is_listed and unit.description is None and not finder.blocks:
+        level, message = WARN, "listed, and nothing is heard of it so far"
+    elif unit.description is None:
+        level, message = ERROR, "no description of the actuator: the telemetry has to wait"
+        message += f"; {unit.defects}" if unit.defects else ""
+        category = CHECK_FUNCTION
+    elif unit.publishers:
+        level = WARN
+        message = f"telemetry of this actuator has several publishers: {unit.publishers}"
+        message += f"; {unit.defects}" if unit.defects else ""
+    elif unit.defects:
+        level, message = WARN, unit.defects
+    elif not finder.blocks:
+        level, message = WARN, "no telemetry so far"
+    elif unit.tally.reason:
+        level, message = WARN, str(unit.tally)
+    elif finder.obstacle:
+        level, message = WARN, f"no window can be complete: {finder.obstacle}"
+    else:
+        level, message = OK, f"{unit.valid} valid estimates"
+    if unit.is_calibrating:
+        category = DIAGNOSTICS_ACTIVE
+    counts = {
+        "blocks": finder.blocks,
+        "samples lost": finder.lost_samples,
+        "defects": unit.defect_count,
+        "windows": finder.windows,
+        "windows waiting": waiting,
+        "windows dropped": dropped,
+        "estimates valid": unit.valid,
+        "estimates invalid": unit.invalid,
+        "latency [s]": unit.latency_s,
+    }
+    if unit.tally.stretches or finder.passed_over:
+        counts |= {
+            "stretches combined": unit.tally.combined,
+            "stretches without news": unit.tally.skipped,
+            "stretches refused": unit.tally.refused,
+            "stretches dropped": unit.tally.dropped,
+            "stretches with too little travel": finder.passed_over,
+            "combinations without estimate": unit.tally.fruitless,
+        }
+    name = f"{unit.actuator_id} telemetry"
+    return Task(name, level, message, unit.hardware_id, counts, category)
+
+
+def _item_task(unit: Unit, item: FaultHealth, end: str) -> Task:
+    level, is_known = unit.level_of(item), is_finite_number(item.value)
+    message = f"{item.value:.4g}, limit {item.limit:.4g}" if is_known else "not known"
+    name = f"{unit.actuator_id} {item.name.replace('_', ' ')}"
+    figures = {"value": item.value, "sigma": item.sigma, "limit": item.limit}
+    category = _category(level, end, not is_known)
+    return Task(name, level, message, unit.hardware_id, figures, category)
+
+
+def _category(level: int, end: str, is_unknown: bool) -> str:
+    """Return the category of NAMUR NE 107 of a level, ``end`` that of ERROR."""
+    if is_unknown:
+        return CHECK_FUNCTION
+    return {OK: NORMAL, WARN: MAINTENANCE_REQUIRED}.get(level, end)

@@ -1,0 +1,138 @@
+"""Which actuators a monitor follows: a list, a share of all, and no more than a number."""
+
+from dataclasses import replace
+
+import pytest
+
+from ema_core.description import ActuatorDescription
+from ema_core.levels import OK, WARN
+from ema_monitor.node.admission import Admission
+from ema_monitor.node.selection import Selection, Shard, shard_of
+
+NAMES = tuple(f"flap_{number}" for number in range(200))
+
+
+def admission(
+    actuators: tuple[str, ...] = (), shard: Shard | None = None, most: int = 100
+) -> tuple[Admission, list[str]]:
+    said: list[str] = []
+    made = Admission(
+        Selection(actuators),
+        shard or Shard(),
+        lambda: most,
+        lambda name, text, _: said.append(f"{name}: {text}"),
+    )
+    return made, said
+
+
+def test_shard_of_an_actuator_is_the_same_for_ever():
+    # From `hashlib.blake2b(name.encode(), digest_size=8)`, read as a big-endian number.
+    assert [shard_of(name, 4) for name in ("flap", "left", "Klappe links")] == [2, 3, 1]
+    assert shard_of("flap", 1) == 0
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_every_actuator_is_of_one_shard_and_shards_are_about_equal(count):
+    shards = [Shard(index, count) for index in range(count)]
+    found = [[shard.has(name) for shard in shards].index(True) for name in NAMES]
+    assert all(sum(shard.has(name) for shard in shards) == 1 for name in NAMES)
+    # Binomial: beyond four standard deviations of the mean in one of 15,000 draws.
+    mean = len(NAMES) / count
+    sigma = (mean * (1.0 - 1.0 / count)) ** 0.5
+    assert all(abs(found.count(index) - mean) < 4.0 * sigma for index in range(count))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 8])
+def test_listed_actuators_are_dealt_out_evenly_whatever_their_order(count):
+    listed = NAMES[:6]
+    shares = [Selection(listed).of(Shard(index, count)) for index in range(count)]
+    assert sorted(name for share in shares for name in share) == sorted(listed)
+    sizes = [len(share) for share in shares]
+    assert max(sizes) - min(sizes) <= 1
+    turned = [Selection(listed[::-1]).of(Shard(index, count)) for index in range(count)]
+    assert [set(share) for share in turned] == [set(share) for share in shares]
+
+
+def test_impossible_shards_and_lists_are_refused_by_name():
+    with pytest.raises(ValueError, match="index = 4: expected at most 3, as count = 4 monitors"):
+        Shard(4, 4)
+    with pytest.raises(ValueError, match="count = 0 - is outside"):
+        Shard(0, 0)
+    with pytest.raises(ValueError, match=r"actuators = .*'flap' is given twice"):
+        Selection(("flap", "left", "flap"))
+    with pytest.raises(ValueError, match=r"actuators\[1\] = ' left'"):
+        Selection(("flap", " left"))
+    with pytest.raises(ValueError, match="actuators = 'flap': expected a list of texts"):
+        Selection("flap")  # type: ignore[arg-type]
+
+
+def test_listed_actuators_of_other_shards_are_said_and_others_are_ignored():
+    shard = Shard(0, 2)
+    made, _ = admission(NAMES[:6], shard)
+    mine = list(made.listed)
+    others = [name for name in NAMES[:6] if name not in mine]
+    assert len(mine) == len(others)
+    words = made.list_in_words()
+    assert words == (
+        f"listed actuators of shard 0 of 2: {', '.join(mine)}; of other shards: {', '.join(others)}"
+    )
+    assert not any(made.ignores(name) for name in mine)
+    assert all(made.ignores(name) for name in others)
+    assert made.ignores(NAMES[6])
+    assert "not listed" in made.why_not(NAMES[6])
+    assert made.why_not(others[0]) == "it is of shard 1, and this monitor has shard 0 of 2"
+    figures = made.figures(mine)
+    assert figures["messages of other shards"] == len(others)
+    assert figures["messages of actuators not listed"] == 1
+    # Neither is wrong.
+    assert made.status(mine) == (OK, f"{len(mine)} actuators monitored")
+
+
+def test_more_listed_than_may_be_followed_are_refused():
+    made, _ = admission(("a", "b", "c"), most=2)
+    with pytest.raises(ValueError, match="actuators lists 3 of shard 0 of 1: expected at most mos"):
+        made.check()
+
+
+def test_one_beyond_the_limit_is_refused_by_name_once_and_nothing_grows():
+    made, said = admission(most=2)
+    followed = {"a": 0.0, "b": 0.0}
+    assert not made.has_room(followed)
+    for _ in range(3):
+        made.refuse("c", None)
+    assert said == ["c: not followed, as most_actuators = 2 are"]
+    level, message = made.status(followed)
+    assert level == WARN
+    assert "ignored: 3 messages of actuators beyond the limit, the latest of 'c'" in message
+    for number in range(10_000):
+        made.refuse(f"x{number}", None)
+    assert len(made._described) == len(made._want) == 100
+    assert made.figures(followed)["messages of actuators beyond the limit"] == 10_003
+
+
+def test_description_of_a_refused_one_is_kept_until_there_is_room():
+    described = replace(ActuatorDescription(), actuator_id="c")
+    made, _ = admission(most=2)
+    made.refuse("c", described)
+    made.refuse("c", None)
+    assert made.admit("c") == described
+    assert made.admit("c") is None
+
+
+def test_longest_silent_makes_room_but_none_that_is_listed_and_none_without_need():
+    made, _ = admission(most=3)
+    silent_s = {"a": 50.0, "b": 500.0, "c": 400.0}
+    assert made.to_let_go(silent_s, 100.0) == []
+    made.refuse("d", None)
+    assert made.to_let_go(silent_s, 100.0) == ["b"]
+    # Asked for once: it is heard again, or it needs no room.
+    assert made.to_let_go(silent_s, 100.0) == []
+    made.refuse("d", None)
+    assert made.to_let_go(silent_s, 1000.0) == []
+    assert made.figures(silent_s)["actuators let go"] == 1
+    listed, _ = admission(("a", "b", "c"), most=3)
+    listed.refuse("d", None)
+    assert listed.to_let_go(silent_s, 100.0) == []
+    roomy, _ = admission(most=4)
+    roomy.refuse("d", None)
+    assert roomy.to_let_go(silent_s, 100.0) == []

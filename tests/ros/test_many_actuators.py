@@ -1,0 +1,161 @@
+"""Many actuators: which are followed, by which of several monitors, and what becomes of others."""
+
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rclpy.parameter import Parameter
+
+from ema_core.levels import WARN
+from ema_interfaces.msg import Health
+from ema_interfaces.srv import GetHistory
+from ema_monitor.node.monitor_node import MonitorNode
+from ema_monitor.node.selection import shard_of
+from ema_ros import topics
+from ema_ros.executor import NodeExecutor
+
+from ..waiting import wait_for
+from .monitor_session import FLAP, MonitorSession, Source, monitor
+from .spinning import end, made, spinning, wait_for_match
+
+
+def described(actuator_id: str):
+    return replace(FLAP, actuator_id=actuator_id)
+
+
+def figure(session: MonitorSession, key: str) -> str:
+    values = session.statuses("input")[-1].values
+    return next(item.value for item in values if item.key == key)
+
+
+def reports(session: MonitorSession) -> list[set[str]]:
+    """What each report that has the status of the actuator tab is about."""
+    found = [
+        {status.name.removeprefix("/ema/monitor: ") for status in array.status}
+        for array in session.received("/diagnostics")
+    ]
+    return [names for names in found if "tab telemetry" in names and "lifecycle" not in names]
+
+
+def get_history(session: MonitorSession, actuator_id: str, node: str = "monitor"):
+    request = GetHistory.Request(actuator_id=actuator_id)
+    return session.call(GetHistory, f"/ema/{node}/get_history", request)
+
+
+def test_one_beyond_the_limit_is_refused_and_followed_once_there_is_room():
+    with monitor({"most_actuators": 1}) as session:
+        session.describe()
+        session.until_status("flap telemetry", "no telemetry so far")
+        session.describe_from_a_node_of_its_own(described("tab"))
+        blocks = Source().cycle()
+        session.feed(blocks[:2], "tab")
+        session.until_status(
+            "input", "ignored: 3 messages of actuators beyond the limit", bytes([WARN])
+        )
+        assert not session.statuses("tab telemetry")
+        assert "'tab' is not monitored" in get_history(session, "tab").message
+        assert session.set_parameters(most_actuators=2)[0].successful
+        # Its description is not sent again: a latched topic sends it once.
+        session.feed(blocks[2:], "tab")
+        session.until(lambda: session.estimates("tab"))
+        assert set(session.node._units) == {"flap", "tab"}
+        # After its estimate its own status is reported, and that of all once a second.
+        [changed, *_] = session.until(lambda: reports(session))
+        assert {"tab telemetry", "tab history", "input", "identification"} <= changed
+        assert not {"flap telemetry", "lifecycle"} & changed
+
+
+@pytest.mark.slow
+def test_silent_actuator_gives_way_to_one_that_was_refused():
+    with monitor({"most_actuators": 1, "forget_after_s": 1.0}) as session:
+        session.describe()
+        blocks = Source().cycle()
+        session.feed(blocks[:2])
+        session.until_status("flap telemetry", "")
+        session.describe_from_a_node_of_its_own(described("tab"))
+        tab = Source().cycle()
+
+        def is_followed() -> bool:
+            session.feed(tab[:1], "tab")
+            return "tab" in session.node._units
+
+        wait_for(is_followed, "room for the other one")
+        assert set(session.node._units) == {"tab"}
+        assert session.node._units["tab"].description == described("tab")
+        session.until(lambda: figure(session, "actuators let go") == "1")
+        wait_for(lambda: session.probe.count_publishers("/ema/health") == 1, "one publisher")
+
+
+def test_listed_actuators_are_followed_alone_and_one_that_is_silent_is_seen():
+    with monitor({"actuators": ["flap", "rudder"]}) as session:
+        session.until_status("rudder telemetry", "listed, and nothing is heard", bytes([WARN]))
+        blocks = Source().cycle()
+        session.describe_from_a_node_of_its_own(described("tab"))
+        session.feed(blocks[:2], "tab")
+        session.describe()
+        session.feed(blocks[:2])
+        session.until(lambda: figure(session, "messages of actuators not listed") == "3")
+        session.until_status("input", "2 actuators monitored")
+        assert set(session.node._units) == {"flap", "rudder"}
+        assert "not listed in the parameter actuators" in get_history(session, "tab").message
+
+
+def test_impossible_shard_and_list_keep_the_node_from_starting(make_node):
+    for given, reason in (
+        ({"shard.index": 2, "shard.count": 2}, r"parameter shard\.index = 2: expected at most 1"),
+        ({"actuators": ["flap", "flap"]}, "parameter actuators = .* is given twice"),
+    ):
+        overrides = [Parameter(name, value=value) for name, value in given.items()]
+        with pytest.raises(ValueError, match=reason):
+            make_node(kind=MonitorNode, parameter_overrides=overrides)
+
+
+def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path: Path):
+    names = [f"tab_{number}" for number in range(4)]
+    shards = {name: shard_of(name, 2) for name in names}
+    assert set(shards.values()) == {0, 1}
+    common = {"history_folder": str(tmp_path), "shard.count": 2, "expected_period_s": 1000.0}
+    with monitor({**common, "shard.index": 0}) as session, ExitStack() as opened:
+        overrides = [Parameter(k, value=v) for k, v in {**common, "shard.index": 1}.items()]
+        other = made(
+            MonitorNode,
+            context=session.node.context,
+            parameter_overrides=overrides,
+            cli_args=["--ros-args", "-r", "__node:=monitor_1"],
+        )
+        opened.callback(end, other)
+        executor = NodeExecutor(session.fail, context=session.node.context)
+        opened.enter_context(spinning(executor, other))
+        opened.callback(other.stopping.set)
+        assert other.bring_up()
+        heard = (topics.TELEMETRY, topics.DESCRIPTION)
+        wait_for_match(other, *(session._publishers[name] for name in heard))
+        session.subscribe(Health, topics.HEALTH, topics.LATCHED_BY_MANY, key="all")
+        for name in names:
+            session.describe_from_a_node_of_its_own(described(name))
+            session.feed(Source().cycle(), name)
+        session.until(lambda: {item.actuator_id for item in session.received("all")} == set(names))
+        assert [len(session.estimates(name)) for name in names] == [1] * 4
+        followed = [set(node._units) for node in (session.node, other)]
+        assert followed == [{n for n in names if shards[n] == shard} for shard in (0, 1)]
+        # Each status is of one node, and each unit has a file that one of them writes.
+        nodes = {0: "/ema/monitor", 1: "/ema/monitor_1"}
+
+        def said() -> set[str]:
+            return {s.name for array in session.received("/diagnostics") for s in array.status}
+
+        session.until(
+            lambda: {f"{nodes[shards[name]]}: {name} history" for name in names} <= said()
+        )
+        for name in names:
+            assert f"{nodes[1 - shards[name]]}: {name} health" not in said()
+            history = session.statuses(f"{name} history")[-1:]
+            assert all(status.level == b"\0" for status in history)
+        files = sorted(path.name for path in tmp_path.glob("*.sqlite"))
+        assert files == [f"{name}+{FLAP.serial_number}.sqlite" for name in names]
+        mine, theirs = (next(n for n in names if shards[n] == shard) for shard in (0, 1))
+        assert get_history(session, mine).success
+        assert get_history(session, theirs, "monitor_1").success
+        refused = get_history(session, theirs)
+        assert "it is of shard 1, and this monitor has shard 0 of 2" in refused.message
