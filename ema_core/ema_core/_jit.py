@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numba
 from numba import config
@@ -57,7 +57,8 @@ def kernel() -> Callable[[Callable[..., Any]], Any]:
         config.CACHE_DIR = _cache_folder()  # pyright: ignore[reportAttributeAccessIssue]
         compiled = numba.njit(error_model="numpy", nogil=True)(function)
         try:
-            compiled._cache = _cache_of(function)
+            # numba has no other way to a cache of one's own.
+            cast(Any, compiled)._cache = _cache_of(function)
         except RuntimeError:
             _log_once(f"{_cache_folder()} cannot be written: kernels are compiled at each start")
         finally:

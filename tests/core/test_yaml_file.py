@@ -1,6 +1,7 @@
 """YAML files and regular files: what is read, and what is refused by name."""
 
 import os
+from pathlib import Path
 
 import pytest
 
@@ -56,7 +57,7 @@ def test_few_bytes_that_stand_for_very_much_are_refused(load):
 def test_only_regular_files_of_bounded_size_are_read(tmp_path, monkeypatch):
     pipe = tmp_path / "pipe.yaml"
     os.mkfifo(pipe)
-    for path in (pipe, tmp_path, "/dev/zero"):
+    for path in (pipe, tmp_path, Path("/dev/zero")):
         with pytest.raises(ValueError, match="is not a regular file"):
             read_regular_file(path, 1000)
     file = tmp_path / "file"
