@@ -3,8 +3,8 @@
 
     tools/sbom.sh python tools/sbom.py ema.cdx.json
 
-The packages of ``.venv`` with their licences and dependencies, as cyclonedx-py finds them there; the
-packages that are bundled in the dashboard's page; our own. Fails where a locked package is missing.
+The packages of ``.venv`` with their licences and dependencies, as cyclonedx-py finds them there;
+those that are bundled in the dashboard's page; our own. Fails where a locked package is missing.
 """
 
 import base64

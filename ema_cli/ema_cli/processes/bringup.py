@@ -51,6 +51,17 @@ def parameter_file(name: str) -> Path:
     return _installed(get_package_share_directory, "ema_bringup", "config", f"{name}.yaml")
 
 
+def localhost_profile() -> Path:
+    """Return the profile by which Fast DDS keeps to this machine.
+
+    Raises
+    ------
+    ValueError
+        When the package ema_bringup is not installed.
+    """
+    return _installed(get_package_share_directory, "ema_bringup", "config", "fastdds_localhost.xml")
+
+
 def program(node: str) -> Path:
     """Return the program of one of ``NODES``.
 
