@@ -9,7 +9,7 @@ DEMO_S ?= 60
 pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
 numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study tests/inputs
 
-.PHONY: parameters page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers calibration sample lock sbom clean distclean
+.PHONY: parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers calibration sample lock sbom clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -33,6 +33,9 @@ quick: setup ## the tests of the numerics that are done in seconds; they need no
 
 parameters: setup ## docs/parameters.md, from the declarations of the nodes
 	$(activate) && python -m ema_cli.parameter_page
+
+policies: setup ## the policies of SROS2, from what the nodes have in the graph
+	$(activate) && python -m ema_cli.policies
 
 soak: setup ## the tests of nodes twenty times in a row, ten of them beside 8 busy processes
 	$(activate) && python tools/soak.py $(ARGS)

@@ -272,7 +272,8 @@ sources=$({
     find -L "$ws/src" -type f \( -name package.xml -o -name CMakeLists.txt -o -name 'setup.*' \
         -o -name '*.msg' -o -name '*.srv' -o -name '*.action' \) -print0 |
         sort -z | xargs -0 sha256sum
-    find -L "$ws/src" -type f \( -path '*/launch/*' -o -path '*/config/*' -o -path '*/layouts/*' \) \
+    find -L "$ws/src" -type f \( -path '*/launch/*' -o -path '*/config/*' -o -path '*/policies/*' \
+        -o -path '*/layouts/*' \) \
         -not -name '*.pyc' | sort
 } | digest)
 
