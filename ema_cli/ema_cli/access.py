@@ -24,7 +24,15 @@ _OF_LIFECYCLES: Final = (
     "get_transition_graph",
 )
 _SAID_BY_ALL: Final = ("/rosout", "/parameter_events")
-_STEERING: Final = ("pause", "resume", "seek", "set_rate")
+_STEERED_BY_DASHBOARD: Final = ("pause", "resume", "seek", "set_rate")
+_STEERING: Final = (
+    *_STEERED_BY_DASHBOARD,
+    "burst",
+    "get_rate",
+    "is_paused",
+    "play_next",
+    "toggle_paused",
+)
 _WATCHED: Final = (
     topics.HEALTH,
     topics.FAULT_ESTIMATE,
@@ -117,14 +125,16 @@ def node_access(
             replies=("calibrate", "forget_actuator", "get_history", "predict_remaining_life"),
             executes=("identify_faults",),
         ),
-        _managed(prefix, "recorder", subscribes=(everything, DIAGNOSTICS)),
+        _managed(prefix, "recorder", subscribes=(everything, DIAGNOSTICS), replies=("snapshot",)),
         # A bag may hold whatever a recorder hears.
         _managed(prefix, "player", publishes=(everything, CLOCK), replies=_STEERING),
         _managed(
             prefix,
             "dashboard",
             subscribes=shown,
-            requests=full(("monitor/get_history", *(f"player/{name}" for name in _STEERING))),
+            requests=full(
+                ("monitor/get_history", *(f"player/{name}" for name in _STEERED_BY_DASHBOARD))
+            ),
         ),
         _plain("watch", full(_WATCHED)),
         _plain("demo", full(_WATCHED_BY_DEMO)),
