@@ -299,7 +299,8 @@ def test_commands_of_many_actuators_and_monitors_name_each(tmp_path):
     shard = (values["shard.index"], values["shard.count"])
     assert (values["history_folder"], shard) == ("kept", (1, 2))
     assert values["actuators"] == ["left", "right"]
-    assert monitors["monitor_1"][-2:] == ["-r", "__node:=monitor_1"]
+    named = ["-r", "__node:=monitor_1", "--enclave", "/wing/monitor_1"]
+    assert monitors["monitor_1"][-4:] == named
     actuators = actuator_commands(["left", "right"], common)
     values, _ = started("actuator", *actuators["actuator right"][1:])
     assert (values["actuator_id"], values["seed"]) == ("right", 1)
