@@ -9,7 +9,7 @@ DEMO_S ?= 60
 pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
 numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study tests/inputs
 
-.PHONY: parameters page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers calibration sample lock clean distclean
+.PHONY: parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers calibration sample lock sbom clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -33,6 +33,9 @@ quick: setup ## the tests of the numerics that are done in seconds; they need no
 
 parameters: setup ## docs/parameters.md, from the declarations of the nodes
 	$(activate) && python -m ema_cli.parameter_page
+
+policies: setup ## the policies of SROS2, from what the nodes have in the graph
+	$(activate) && python -m ema_cli.policies
 
 soak: setup ## the tests of nodes twenty times in a row, ten of them beside 8 busy processes
 	$(activate) && python tools/soak.py $(ARGS)
@@ -116,8 +119,11 @@ sample: setup ## the sample bag anew, after a change of the reference actuator o
 	    --fault eccentricity_phase=0.7 --current-noise 0.02 \
 	    --quantise current=0.005,position=1e-6,speed=0.05 --seed 1 --force -o bags/faulty_flap.mcap
 
-lock: setup ## compile both locks anew (ARGS=--upgrade takes newer versions)
+lock: setup ## compile all locks anew, with hashes (ARGS=--upgrade takes newer versions)
 	tools/lock.sh $(ARGS)
+
+sbom: setup ## ema.cdx.json: all packages that are installed or shipped, as CycloneDX
+	tools/sbom.sh python tools/sbom.py ema.cdx.json
 
 clean: ## remove what was built
 	rm -rf activate.sh ros2_ws/build ros2_ws/install ros2_ws/log
@@ -125,4 +131,4 @@ clean: ## remove what was built
 	find ema_* tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean ## remove .venv as well
-	rm -rf .venv .venv-peers
+	rm -rf .venv .venv-peers .venv-sbom

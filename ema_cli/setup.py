@@ -13,6 +13,7 @@ setup(
     package_data={f"{package}.report": ["templates/*"]},
     install_requires=[
         "ema_core",
+        "ema_dashboard",
         "ema_inputs",
         "ema_monitor",
         "ema_recording",

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Compiles requirements/*.in to requirements/lock.txt and requirements/peers.lock.txt. Arguments go
-# to uv, e.g. --upgrade.
+# Compiles requirements/*.in to lock.txt, peers.lock.txt and sbom.lock.txt beside them, with the
+# hashes of all files of each release. Arguments go to uv, e.g. --upgrade.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -8,7 +8,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 export UV_SYSTEM_CERTS=1 UV_CUSTOM_COMPILE_COMMAND='make lock'
 options=("$@")
 compile() {
-    .venv/bin/uv pip compile --quiet --python-platform x86_64-manylinux_2_28 \
+    .venv/bin/uv pip compile --quiet --generate-hashes --python-platform x86_64-manylinux_2_28 \
         --only-binary :all: --no-binary empy --no-binary fastdtw --python-version "$@"
 }
 
@@ -26,10 +26,12 @@ lock() {
 lock requirements/lock.txt requirements/{ros,runtime,dev}.in --excludes requirements/excluded.txt
 
 # A newer ROS distribution is the one thing that resolves well and is wrong all the same.
-grep -qx 'ros-rclpy==7\.1\.[0-9]*' requirements/lock.txt || {
+grep -q '^ros-rclpy==7\.1\.[0-9]* ' requirements/lock.txt || {
     echo "lock: rclpy is not Jazzy's 7.1: pin what brought it in requirements/ros.in" >&2
     exit 1
 }
 
 # The peers run with the versions that everything else is tested with.
 lock requirements/peers.lock.txt requirements/{runtime,peers}.in --constraints requirements/lock.txt
+
+lock requirements/sbom.lock.txt requirements/sbom.in

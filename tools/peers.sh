@@ -34,7 +34,8 @@ if [[ ! -e $venv/.packages || $(<"$venv/.packages") != "$wanted" ]]; then
     echo 'peers: .venv-peers from requirements/peers.lock.txt' >&2
     rm -rf "$venv"
     "$uv" venv --quiet --python "$python" "$venv"
-    VIRTUAL_ENV=$venv "$uv" pip sync --quiet "$lock"
+    VIRTUAL_ENV=$venv "$uv" pip sync --quiet --require-hashes \
+        --build-constraint "$root/requirements/lock.txt" "$lock"
     echo "$wanted" >"$venv/.packages"
 fi
 exec 9<&-

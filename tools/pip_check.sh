@@ -11,7 +11,8 @@ place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT
 
 "$(<"$root/.venv/.python")" -m venv "$place/venv"
-grep -vE '^ros-' "$root/requirements/lock.txt" >"$place/constraints.txt"
+# Without hashes: with them pip would want hashes of our own folders, too.
+grep -oE '^[^ #]+==[^ ]+' "$root/requirements/lock.txt" | grep -v '^ros-' >"$place/constraints.txt"
 # Copies: pip would build within the sources.
 for package in ema_core ema_ros ema_sim ema_monitor ema_recording; do
     cp -r "$root/$package" "$place/$package"

@@ -149,25 +149,34 @@ make_venv() {
     echo "$native" >"$venv/.native"
 }
 
+# entries [!] PATTERN: the entries of the lock, with their hashes, that match a pattern (!: do not)
+entries() {
+    local wanted=1
+    if [[ $1 == '!' ]]; then wanted=0 && shift; fi
+    awk -v pattern="$1" -v wanted=$wanted '/^[^ ]/ { here = ($0 ~ pattern) == wanted } here' "$lock"
+}
+
 # On a native ROS, apt's build tools and apt's numpy stay: the message packages are compiled for it.
 locked() {
     if [[ -n $native ]]; then
-        grep -vE '^(ros-|colcon-|(catkin-pkg|empy|lark-parser|cmake|ninja|setuptools|numpy)==)' "$lock"
+        entries ! '^(ros-|colcon-|(catkin-pkg|empy|lark-parser|cmake|ninja|setuptools|numpy)==)'
     else
         cat "$lock"
     fi
 }
 
 install_packages() {
-    local pip=("$venv/bin/python" -m pip) list=$venv/lock.txt
+    local pip=("$venv/bin/python" -m pip install --no-deps --require-hashes) list=$venv/lock.txt
     locked >"$list"
-    if "${pip[@]}" install "$(grep -o '^uv==[^ ]*' "$lock")"; then
+    entries '^uv==' >"$venv/uv.txt"
+    if "${pip[@]}" -r "$venv/uv.txt"; then
         # Not `uv pip sync`: the wheels hold egg-info folders, which it takes for packages that do not
-        # belong here and removes.
-        if VIRTUAL_ENV=$venv "$venv/bin/uv" pip install --no-deps -r "$list"; then return; fi
+        # belong here and removes. The lock also holds what builds empy, which has no wheel.
+        if VIRTUAL_ENV=$venv "$venv/bin/uv" pip install --no-deps --require-hashes \
+            --build-constraint "$lock" -r "$list"; then return; fi
     fi
     echo 'setup: uv failed, trying pip'
-    "${pip[@]}" install --no-deps -r "$list"
+    "${pip[@]}" -r "$list"
 }
 
 build() {
@@ -263,7 +272,8 @@ sources=$({
     find -L "$ws/src" -type f \( -name package.xml -o -name CMakeLists.txt -o -name 'setup.*' \
         -o -name '*.msg' -o -name '*.srv' -o -name '*.action' \) -print0 |
         sort -z | xargs -0 sha256sum
-    find -L "$ws/src" -type f \( -path '*/launch/*' -o -path '*/config/*' -o -path '*/layouts/*' \) \
+    find -L "$ws/src" -type f \( -path '*/launch/*' -o -path '*/config/*' -o -path '*/policies/*' \
+        -o -path '*/layouts/*' \) \
         -not -name '*.pyc' | sort
 } | digest)
 

@@ -41,6 +41,9 @@ def replayed(tmp_path_factory):
     )
     monitor = subprocess.Popen(["ema", "up", "monitor"], stderr=subprocess.PIPE, text=True)
     try:
+        # A player goes on as soon as somebody listens, be it the recorder alone.
+        assert monitor.stderr is not None
+        assert any("active" in line for line in monitor.stderr)
         said = subprocess.run(
             ["ema", "play", str(SAMPLE)], stderr=subprocess.PIPE, text=True, timeout=DEADLINE_S
         )

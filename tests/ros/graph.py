@@ -70,6 +70,11 @@ class Graph:
             process.wait()
         self._open.close()
 
+    @property
+    def domain_id(self) -> int:
+        """Domain of all nodes."""
+        return self._domain.number
+
     def start(self, name: str, **parameters: Any) -> None:
         """Start a node with parameters; a dot in a name is written as two underscores.
 

@@ -198,7 +198,8 @@ def test_argument_that_is_not_declared_is_refused_unless_the_file_is_included(na
 def test_common_arguments_hold_for_each_node(name, given):
     common = {"log_level": "debug", "respawn": "true", "autostart": "false", "use_sim_time": "true"}
     for node in nodes_of(name, **given, **common).values():
-        assert node["ros_arguments"] == ["--log-level", "debug"]
+        enclave = f"{node['namespace']}/{node['name']}"
+        assert node["ros_arguments"] == ["--log-level", "debug", "--enclave", enclave]
         assert node["respawn"] == (node["name"] not in ("recorder", "player"))
         assert node["parameters"][1]["autostart"] is False
         assert node["parameters"][1]["use_sim_time"] is True
@@ -298,7 +299,8 @@ def test_commands_of_many_actuators_and_monitors_name_each(tmp_path):
     shard = (values["shard.index"], values["shard.count"])
     assert (values["history_folder"], shard) == ("kept", (1, 2))
     assert values["actuators"] == ["left", "right"]
-    assert monitors["monitor_1"][-2:] == ["-r", "__node:=monitor_1"]
+    named = ["-r", "__node:=monitor_1", "--enclave", "/wing/monitor_1"]
+    assert monitors["monitor_1"][-4:] == named
     actuators = actuator_commands(["left", "right"], common)
     values, _ = started("actuator", *actuators["actuator right"][1:])
     assert (values["actuator_id"], values["seed"]) == ("right", 1)

@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from ema_cli.errors import one_clear_line
+from ema_cli.network_option import network_option
 from ema_cli.processes.stop_request import ENDING, deferred_signals
 
 
@@ -23,7 +24,8 @@ from ema_cli.processes.stop_request import ENDING, deferred_signals
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder for bag, picture and logs; by default bags/demo_DATE_TIME.",
 )
-def demo(duration_s: float, output: Path | None) -> None:
+@network_option
+def demo(duration_s: float, output: Path | None, network: bool) -> None:
     """Watch an actuator wear out: its diagnosis live and on the dashboard, then a picture.
 
     ROS_DOMAIN_ID is honoured where it is set; otherwise the demo has a domain of its own.
@@ -32,6 +34,6 @@ def demo(duration_s: float, output: Path | None) -> None:
         # Here, since the signals have to be noted before anything that takes time.
         from ema_cli.processes.demo_run import run_demo
 
-        run_demo(duration_s, output, stop)
+        run_demo(duration_s, output, stop, network=network)
     if stop.number is not None:
         sys.exit(128 + stop.number)

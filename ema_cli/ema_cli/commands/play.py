@@ -6,7 +6,9 @@ from pathlib import Path
 import click
 
 from ema_cli.errors import one_clear_line
+from ema_cli.network_option import network_option
 from ema_cli.processes.bringup import assignments_of, ros_arguments
+from ema_cli.processes.reach import set_reach
 
 
 @click.command()
@@ -34,6 +36,7 @@ from ema_cli.processes.bringup import assignments_of, ros_arguments
     is_flag=True,
     help="Stay at the end, so that the dashboard can go back, until Ctrl-C.",
 )
+@network_option
 def play(
     bag: Path,
     rate: float | None,
@@ -41,6 +44,7 @@ def play(
     playback_duration: float | None,
     topics: tuple[str, ...],
     only_actuator: bool,
+    network: bool,
     **flags: bool,
 ) -> None:
     """Play BAG, and the time on /clock.
@@ -58,6 +62,7 @@ def play(
         **{name: value or None for name, value in flags.items()},
     }
     with one_clear_line():
+        set_reach(network)
         arguments = ros_arguments("player", assignments=assignments_of(parameters))
     from ema_recording.player_node import main
 

@@ -6,7 +6,9 @@ from pathlib import Path
 import click
 
 from ema_cli.errors import one_clear_line
+from ema_cli.network_option import network_option
 from ema_cli.processes.bringup import assignments_of, ros_arguments
+from ema_cli.processes.reach import set_reach
 
 
 @click.command()
@@ -41,10 +43,12 @@ from ema_cli.processes.bringup import assignments_of, ros_arguments
     metavar="BYTES",
     help="Memory for a snapshot, 100 MiB by default.",
 )
+@network_option
 def record(
     output: Path | None,
     topics: tuple[str, ...],
     force: bool,
+    network: bool,
     **limits: float | None,
 ) -> None:
     """Record telemetry, estimates and health until Ctrl-C.
@@ -59,6 +63,7 @@ def record(
         **limits,
     }
     with one_clear_line():
+        set_reach(network)
         arguments = ros_arguments("recorder", assignments=assignments_of(parameters))
     from ema_recording.recorder_node import main
 

@@ -8,9 +8,11 @@ from tempfile import TemporaryDirectory
 import click
 
 from ema_cli.errors import UNUSABLE, one_clear_line
+from ema_cli.network_option import network_option
 from ema_cli.processes import one_process as together
 from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
 from ema_cli.processes.fleet_commands import Common, actuator_commands, monitor_commands
+from ema_cli.processes.reach import set_reach
 from ema_cli.processes.stop_request import ENDING, deferred_signals
 from ema_cli.processes.supervisor import POLL_S, Supervisor
 
@@ -54,6 +56,7 @@ from ema_cli.processes.supervisor import POLL_S, Supervisor
     is_flag=True,
     help="Run the nodes in one process, which takes less memory and one core.",
 )
+@network_option
 def up(
     nodes: tuple[str, ...],
     parameter_files: tuple[Path, ...],
@@ -62,6 +65,7 @@ def up(
     actuators: str | None,
     monitors: int,
     one_process: bool,
+    network: bool,
 ) -> None:
     """Run nodes until Ctrl-C: without names, simulated actuator, monitor and dashboard.
 
@@ -78,6 +82,7 @@ def up(
         for assignment in assignments:
             if ":=" not in assignment:
                 raise ValueError(f"-p {assignment!r}: expected name:=value")
+        set_reach(network)
         names = dict.fromkeys(nodes or ("actuator", "monitor", "dashboard"))
         fleet = [name.strip() for name in actuators.split(",")] if actuators is not None else []
         if "actuator" in names:

@@ -16,7 +16,9 @@ from rosgraph_msgs.msg import Clock
 from ema_cli.completion import Completion
 from ema_cli.errors import one_clear_line
 from ema_cli.fleet import Fleet, Row
+from ema_cli.network_option import network_option
 from ema_cli.processes.listener import Listener
+from ema_cli.processes.reach import set_reach
 from ema_cli.processes.stop_request import ENDING, deferred_signals
 from ema_cli.show.fleet_table import FleetTable
 from ema_interfaces.msg import FaultEstimate, Health, PlaybackState
@@ -51,13 +53,15 @@ _DISCOVERY_S: Final = 3.0
     is_flag=True,
     help="End when a player there has ended and the monitor has identified what it played.",
 )
-def watch(namespaces: tuple[str, ...], until_played: bool) -> None:
+@network_option
+def watch(namespaces: tuple[str, ...], until_played: bool, network: bool) -> None:
     """Show the health of all actuators, the worst first, until Ctrl-C.
 
     On a terminal it is a table that is renewed; else there is a line for each change. An actuator
     whose monitor is silent is STALE. ROS_DOMAIN_ID says in which domain to listen.
     """
     with one_clear_line():
+        set_reach(network)
         places = list(dict.fromkeys(_normalised(namespace) for namespace in namespaces))
     hearing = _Hearing(places)
     with (
@@ -200,4 +204,7 @@ def _nothing_heard(places: list[str], listener: Listener) -> str:
         return f"{words}, but on {', '.join(others)}: choose it with --namespace"
     if any(_MONITOR.fullmatch(name) for place in places for name in listener.nodes_in(place)):
         return f"{words}: its monitor waits for a first valid test"
-    return f"{words}: is a monitor running there? ROS_DOMAIN_ID and --namespace choose another"
+    return (
+        f"{words}: is a monitor running there? ROS_DOMAIN_ID and --namespace choose another, "
+        "--network listens to other machines"
+    )

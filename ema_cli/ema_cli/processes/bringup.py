@@ -12,6 +12,7 @@ from ament_index_python.packages import (
     get_package_share_directory,
 )
 
+from ema_ros import topics
 from ema_ros.managed_node import ManagedNode
 
 NODES: Final = {
@@ -51,6 +52,17 @@ def parameter_file(name: str) -> Path:
     return _installed(get_package_share_directory, "ema_bringup", "config", f"{name}.yaml")
 
 
+def localhost_profile() -> Path:
+    """Return the profile by which Fast DDS keeps to this machine.
+
+    Raises
+    ------
+    ValueError
+        When the package ema_bringup is not installed.
+    """
+    return _installed(get_package_share_directory, "ema_bringup", "config", "fastdds_localhost.xml")
+
+
 def program(node: str) -> Path:
     """Return the program of one of ``NODES``.
 
@@ -82,6 +94,8 @@ def ros_arguments(
 ) -> list[str]:
     """Return the arguments of a program of nodes: their own parameter files, then what is given.
 
+    A single node is in the enclave of its full name, which matters where SROS2 is enabled.
+
     Parameters
     ----------
     nodes
@@ -108,6 +122,10 @@ def ros_arguments(
     names = {} if namespace is None else {"__ns": namespace}
     for name, instead in (names | dict(remaps or {})).items():
         arguments += ["-r", f"{name}:={instead}"]
+    own_name = (remaps or {}).get("__node") or (nodes[0] if len(nodes) == 1 else "")
+    if own_name:
+        place = (namespace or topics.NAMESPACE).strip("/")
+        arguments += ["--enclave", "/".join(("", *filter(None, (place, own_name))))]
     return arguments
 
 

@@ -15,6 +15,7 @@ from ema_cli.bags.diagnoses import read_history
 from ema_cli.processes.bringup import assignments_of, parameter_file, program, ros_arguments
 from ema_cli.processes.domains import Domain
 from ema_cli.processes.observer import Observer
+from ema_cli.processes.reach import RANGE, set_reach
 from ema_cli.processes.stop_request import StopRequest
 from ema_cli.processes.supervisor import POLL_S, Supervisor
 from ema_cli.show.live_table import LiveTable
@@ -30,7 +31,9 @@ _LAST_WINDOW_S: Final = 8.0
 _REFRESH_S: Final = 0.25
 
 
-def run_demo(duration_s: float, output: Path | None, stop: StopRequest) -> None:
+def run_demo(
+    duration_s: float, output: Path | None, stop: StopRequest, *, network: bool = False
+) -> None:
     """Run the demo until its end or until it is asked to stop.
 
     Parameters
@@ -39,6 +42,8 @@ def run_demo(duration_s: float, output: Path | None, stop: StopRequest) -> None:
         Length from the first test cycle on [s].
     output
         Folder for what it leaves; one of its own below ``bags`` when None.
+    network
+        Whether ROS's own variables say how far its nodes are heard, rather than this machine alone.
 
     Raises
     ------
@@ -47,6 +52,7 @@ def run_demo(duration_s: float, output: Path | None, stop: StopRequest) -> None:
     OSError
         When the folder cannot be written.
     """
+    set_reach(network)
     _choose_domain()
     files = [parameter_file("simulated"), parameter_file("demo")]
     commands = {
@@ -79,7 +85,6 @@ def run_demo(duration_s: float, output: Path | None, stop: StopRequest) -> None:
 
 
 def _choose_domain() -> None:
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     if "ROS_DOMAIN_ID" not in os.environ:
         os.environ["ROS_DOMAIN_ID"] = str(Domain().number)
 
@@ -105,8 +110,8 @@ def _make_folder(output: Path | None) -> Path:
 
 
 def _announce(report: Callable[[str], None], folder: Path) -> None:
-    names = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")
-    environment = " ".join(f"{name}={os.environ[name]}" for name in names)
+    names = ("ROS_DOMAIN_ID", RANGE)
+    environment = " ".join(f"{name}={os.environ[name]}" for name in names if name in os.environ)
     report(f"simulator, monitor, dashboard and recorder start; their logs are in {folder}")
     look_on = "ros2 topic echo /ema/health" if which("ros2") else "and any program of ROS 2"
     report(f"to watch from another shell: {environment} {look_on}")

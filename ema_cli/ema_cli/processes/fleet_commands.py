@@ -51,7 +51,7 @@ def monitor_commands(
                 *assignments_of(shard_parameters(index, monitors)),
             ],
             namespace=common.namespace,
-            remaps={"__node": name} if monitors > 1 else None,
+            remaps={"__node": name},
         )
         commands[name] = [str(program("monitor")), *arguments]
     return commands

@@ -41,7 +41,11 @@ class Listener:
 
     def __enter__(self) -> "Listener":
         self._context = Context()
-        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(
+            args=["--ros-args", "--enclave", f"/{self._name}/{self._name}"],
+            context=self._context,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
         self._node = Node(self._name, namespace=f"/{self._name}", context=self._context)
         for topic, (message_class, qos) in self._topics.items():
             self._node.create_subscription(message_class, topic, partial(self._take, topic), qos)

@@ -127,13 +127,16 @@ def node(
     own |= {key: ParameterValue(value, value_type=str) for key, value in texts.items()}
     if ends_all:
         options["on_exit"] = Shutdown(reason=f"the {name} has ended")
+    place = namespace or value_of(context, "namespace")
+    # Of the node's full name; it matters where SROS2 is enabled.
+    enclave = "/".join(("", *filter(None, (place.strip("/"), node_name or name))))
     return Node(
         package=package,
         executable=f"{name}_node",
         name=node_name or name,
-        namespace=namespace or value_of(context, "namespace"),
+        namespace=place,
         parameters=[file or value_of(context, f"{name}_params"), own],
-        ros_arguments=["--log-level", value_of(context, "log_level")],
+        ros_arguments=["--log-level", value_of(context, "log_level"), "--enclave", enclave],
         respawn=respawns and not ends_all and flag_of(context, "respawn"),
         respawn_delay=2.0,
         output="screen",

@@ -1,0 +1,74 @@
+"""How far the nodes of a command are heard: on this machine alone, unless ``--network`` is given.
+
+``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` keeps nodes from looking elsewhere, and no more: peers
+and discovery servers that the environment names are asked all the same, and another machine that
+knows the address of this one can join, as Fast DDS opens its ports on all interfaces. So the former
+are left out, and a profile of Fast DDS keeps it to loopback and shared memory.
+"""
+
+import os
+from collections.abc import MutableMapping
+from pathlib import Path
+from typing import Final
+
+import click
+
+from ema_cli.processes.bringup import localhost_profile
+
+RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PROFILE: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
+_LOCALHOST_ONLY: Final = "ROS_LOCALHOST_ONLY"
+_ELSEWHERE: Final = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
+_NEAR: Final = ("LOCALHOST", "OFF")
+_OWN_PROFILE: Final = 'profile_name="quick_discovery"'
+"""What the profiles of this repository have, and no other."""
+
+
+def set_reach(network: bool, environment: MutableMapping[str, str] = os.environ) -> None:
+    """Set how far nodes are heard that this process and its children make from now on.
+
+    What the environment asks for and is not done is told on stderr.
+
+    Parameters
+    ----------
+    network
+        Whether ROS's own variables say it, rather than this machine alone.
+    environment
+        Variables to read and change.
+
+    Raises
+    ------
+    ValueError
+        When ROS's own variables forbid the network that is asked for, or the profile is missing.
+    """
+    if network:
+        keeping = [name for name in (RANGE,) if environment.get(name) in _NEAR]
+        keeping += [_LOCALHOST_ONLY] if environment.get(_LOCALHOST_ONLY) == "1" else []
+        for name in keeping:
+            raise ValueError(
+                f"--network: {name}={environment[name]} keeps nodes to this machine: unset it, or "
+                f"set {RANGE}=SUBNET"
+            )
+        return
+    far = [name for name in _ELSEWHERE if environment.get(name)]
+    if environment.get(RANGE, "LOCALHOST") not in _NEAR:
+        far.insert(0, RANGE)
+    if far:
+        settings = " ".join(f"{name}={environment[name]}" for name in far)
+        click.echo(f"nodes keep to this machine: --network lets {settings} have effect", err=True)
+    for name in _ELSEWHERE:
+        environment.pop(name, None)
+    if environment.get(RANGE) != "OFF":  # which is nearer still
+        environment[RANGE] = "LOCALHOST"
+    if _is_own(environment.get(PROFILE)):
+        environment[PROFILE] = str(localhost_profile())
+
+
+def _is_own(profile: str | None) -> bool:
+    """Return whether there is no profile of Fast DDS, or one of this repository."""
+    if not profile:
+        return True
+    try:
+        return _OWN_PROFILE in Path(profile).read_text(encoding="utf-8", errors="replace")
+    except OSError:  # Fast DDS says what is wrong
+        return False

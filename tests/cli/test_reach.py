@@ -1,0 +1,108 @@
+"""Nodes that the commands make keep to this machine, unless ``--network`` is given."""
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from ema_cli.processes.domains import Domain
+from ema_cli.processes.reach import PROFILE, RANGE, set_reach
+
+from ..waiting import DEADLINE_S, started, wait_for
+
+PROFILES = Path(__file__).parents[2] / "tools" / "fastdds.xml"
+LOOPBACK = "127.0.0.1"
+
+
+def ports_of(domain: int) -> dict[int, set[str]]:
+    """Addresses at which the UDP ports that DDS gives a domain are open in this network."""
+    first = 7400 + 250 * domain
+    found: dict[int, set[str]] = {}
+    for line in Path("/proc/net/udp").read_text().splitlines()[1:]:
+        number, _, port = line.split()[1].partition(":")
+        if first <= int(port, 16) < first + 250:
+            address = ".".join(str(byte) for byte in reversed(bytes.fromhex(number)))
+            found.setdefault(int(port, 16), set()).add(address)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command",
+    [["up", "monitor", "-p", "history_folder:=''"], ["record", "-o", "bag"], ["watch"]],
+    ids=lambda command: command[0],
+)
+def test_ports_are_open_on_loopback_alone(command, tmp_path):
+    domain = Domain()
+    environment = {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(domain.number),
+        # All of these would let others in.
+        RANGE: "SUBNET",
+        "ROS_STATIC_PEERS": "192.0.2.1",
+        PROFILE: str(PROFILES),
+    }
+    with started(["ema", *command], cwd=tmp_path, env=environment) as process:
+        # One for discovery, one for data; the multicast of the domain would be a third.
+        seen = wait_for(
+            lambda: (ports := ports_of(domain.number)) and len(ports) >= 2 and ports,
+            "a participant in the domain",
+        )
+        process.send_signal(signal.SIGINT)
+        process.wait(DEADLINE_S)
+    domain.close()
+    assert all(addresses == {LOOPBACK} for addresses in seen.values()), seen
+
+
+def test_what_leads_elsewhere_is_left_out_and_told(capsys):
+    environment = {
+        RANGE: "SUBNET",
+        "ROS_STATIC_PEERS": "192.0.2.1",
+        "ROS_DISCOVERY_SERVER": "192.0.2.2:11811",
+    }
+    set_reach(False, environment)
+    assert environment.pop(PROFILE).endswith("fastdds_localhost.xml")
+    assert environment == {RANGE: "LOCALHOST"}
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    for part in ("--network", "=SUBNET", "=192.0.2.1", "=192.0.2.2:11811"):
+        assert part in told
+
+
+@pytest.mark.parametrize("given", [{}, {RANGE: "LOCALHOST"}, {"ROS_STATIC_PEERS": ""}])
+def test_nothing_is_told_where_nothing_is_left_out(given, capsys):
+    environment = dict(given)
+    set_reach(False, environment)
+    assert environment[RANGE] == "LOCALHOST"
+    assert not capsys.readouterr().err
+
+
+def test_no_discovery_at_all_stays_so():
+    environment = {RANGE: "OFF"}
+    set_reach(False, environment)
+    assert environment[RANGE] == "OFF"
+
+
+def test_a_profile_of_the_user_stays(tmp_path):
+    own = tmp_path / "own.xml"
+    own.write_text(PROFILES.read_text().replace("quick_discovery", "own"))
+    environment = {PROFILE: str(own)}
+    set_reach(False, environment)
+    assert environment[PROFILE] == str(own)
+
+
+@pytest.mark.parametrize("given", [{}, {RANGE: "SUBNET", "ROS_STATIC_PEERS": "192.0.2.1"}])
+def test_with_the_network_the_variables_of_ros_hold(given):
+    environment = {**given, PROFILE: str(PROFILES)}
+    set_reach(True, environment)
+    assert environment == {**given, PROFILE: str(PROFILES)}
+
+
+@pytest.mark.parametrize(
+    "given", [{RANGE: "LOCALHOST"}, {RANGE: "OFF"}, {"ROS_LOCALHOST_ONLY": "1"}]
+)
+def test_a_network_that_the_variables_forbid_is_refused(given):
+    [(name, value)] = given.items()
+    with pytest.raises(ValueError, match=rf"--network: {name}={value} .*{RANGE}=SUBNET"):
+        set_reach(True, dict(given))

@@ -1,0 +1,245 @@
+"""The policies of SROS2: what a node has in the graph is permitted, and no more."""
+
+import os
+import shutil
+import subprocess
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from contextlib import suppress
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import pytest
+import yaml
+from click.testing import CliRunner
+from rclpy.node import Node, NodeNameNonExistentError
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+
+from ema_cli.access import Access, node_access
+from ema_cli.policies import FOLDER, main, policy_files
+from ema_cli.processes.bringup import NODES
+
+from ..waiting import wait_for
+from .graph import Graph
+
+ROOT = Path(__file__).parents[2]
+SAMPLE = ROOT / "bags" / "faulty_flap.mcap"
+VERBS = {"topics": {"publish", "subscribe"}, "services": {"reply", "request"}}
+VERBS["actions"] = {"call", "execute"}
+MAPPING = {
+    "joint": "flap_joint",
+    "position": {"topic": "/joint_states", "source": "position"},
+    "speed": {"topic": "/joint_states", "source": "velocity", "shaft": "user"},
+    "current": {"topic": "/joint_states", "source": "effort"},
+    "command": {"topic": "command", "source": "data"},
+}
+NOT_ALWAYS = {"/clock", "/ema/hardware_status"}
+"""Publishers at a rate other than 1, and where a package is installed."""
+
+
+def names(pairs: list[tuple[str, list[str]]]) -> set[str]:
+    return {name for name, _ in pairs}
+
+
+class Seen:
+    """What a node has in the graph, by the rules of a policy."""
+
+    def __init__(self, observer: Node, access: Access) -> None:
+        found = (
+            observer.get_publisher_names_and_types_by_node,
+            observer.get_subscriber_names_and_types_by_node,
+            observer.get_service_names_and_types_by_node,
+            observer.get_client_names_and_types_by_node,
+        )
+        sets: list[set[str]] = [set() for _ in found]
+        with suppress(NodeNameNonExistentError):  # it has not come yet
+            sets = [names(one(access.name, access.namespace)) for one in found]
+        self.publishes, self.subscribes, self.replies, self.requests = sets
+        # An action is three services and two topics; a policy names it as a whole.
+        ends = [
+            {name for name in group if "/_action/" in name}
+            for group in (self.publishes, self.replies)
+        ]
+        self.executes = {name.partition("/_action/")[0] for group in ends for name in group}
+        self.publishes -= ends[0]
+        self.replies -= ends[1]
+
+
+def check(observer: Node, access: Access) -> None:
+    """Fail where a node has what it is not permitted, or where it has too little to tell."""
+    seen = Seen(observer, access)
+    for rule in ("publishes", "subscribes", "replies", "requests", "executes"):
+        permitted = getattr(access, rule)
+        strangers = {
+            name
+            for name in getattr(seen, rule)
+            if not any(fnmatchcase(name, pattern) for pattern in permitted)
+        }
+        assert not strangers, f"{access.name} {rule} {strangers}, which its policy does not permit"
+    assert seen.replies == set(access.replies)
+    assert seen.executes == set(access.executes)
+    idle = {name for name in access.publishes if not name.endswith("*")} - seen.publishes
+    assert idle <= NOT_ALWAYS, f"{access.name} may publish {idle}, and does not"
+
+
+def has_subscription(observer: Node, access: Access, topic: str) -> bool:
+    return topic in Seen(observer, access).subscribes
+
+
+@pytest.mark.slow
+def test_what_nodes_around_an_actuator_have_is_permitted(tmp_path):
+    access = node_access()
+    with Graph() as graph:
+        graph.start("dashboard", port=0)
+        graph.start("recorder", output=tmp_path / "bag")
+        graph.start("monitor")
+        graph.start("actuator")
+        # The publishers of an actuator come with its first estimate, those of what follows last.
+        graph.wait_for(lambda: graph.healths, "a health")
+        for name, topic in (("recorder", "window_fit"), ("dashboard", "advice")):
+            graph.wait_for(
+                lambda name=name, topic=topic: has_subscription(
+                    graph.node, access[name], f"/ema/{topic}"
+                ),
+                f"{name} listens to {topic}",
+            )
+        for name in graph.processes:
+            check(graph.node, access[name])
+
+
+@pytest.mark.slow
+def test_what_player_and_bridge_have_is_permitted(tmp_path):
+    mapping = tmp_path / "mapping.yaml"
+    mapping.write_text(yaml.safe_dump(MAPPING))
+    access = node_access(bridged=["/joint_states", "command"])
+    with Graph() as graph:
+        graph.node.create_publisher(JointState, "/joint_states", 10)
+        graph.node.create_publisher(Float64, "/ema/command", 10)
+        graph.start("dashboard", port=0)
+        graph.start("player", bag=SAMPLE, stay=True)
+        graph.start("bridge", mapping_file=mapping)
+        graph.wait_for(
+            lambda: Seen(graph.node, access["dashboard"]).requests, "a dashboard that steers"
+        )
+        graph.wait_for(
+            lambda: (
+                has_subscription(graph.node, access["bridge"], "/joint_states")
+                and has_subscription(graph.node, access["bridge"], "/ema/command")
+            ),
+            "a bridge that listens",
+        )
+        for name in graph.processes:
+            check(graph.node, access[name])
+
+
+@pytest.mark.parametrize("name", ["watch", "demo"])
+def test_what_a_listener_has_is_permitted(name):
+    from ema_cli.commands.watch import _Hearing
+    from ema_cli.processes.listener import Listener
+    from ema_cli.processes.observer import _TOPICS
+
+    listened = _TOPICS if name == "demo" else _Hearing(["/ema"]).topics
+    access = node_access()[name]
+    with Listener(name, listened, lambda *_: None) as listener:
+        node = listener._node
+        wait_for(lambda: Seen(node, access).replies, "its services")
+        check(node, access)
+        assert Seen(node, access).subscribes == set(access.subscribes)
+
+
+def test_every_node_has_a_policy_that_is_kept():
+    made = dict(policy_files("/ema"))
+    assert {f"{name}.policy.xml" for name in (*NODES, "watch", "demo")} == set(made)
+    kept = {path.name: path.read_text() for path in (ROOT / FOLDER).iterdir()}
+    assert kept == made, "run `make policies`"
+
+
+@pytest.mark.parametrize(("namespace", "ns"), [("/ema", "/ema"), ("/left/ema", "/left/ema")])
+def test_policy_is_as_the_schema_wants_it(namespace, ns):
+    for _, text in policy_files(namespace, ["/joint_states"]):
+        policy = ElementTree.fromstring(text)
+        assert (policy.tag, policy.attrib) == ("policy", {"version": "0.2.0"})
+        [enclaves] = policy
+        [enclave] = enclaves
+        [profiles] = enclave
+        [profile] = profiles
+        tags = [item.tag for item in (enclaves, enclave, profiles, profile)]
+        assert tags == ["enclaves", "enclave", "profiles", "profile"]
+        place, node = profile.attrib["ns"], profile.attrib["node"]
+        assert place in (ns, f"/{node}")
+        assert enclave.attrib == {"path": f"{place}/{node}"}
+        assert len(profile)
+        for rule in profile:
+            [(verb, value)] = rule.attrib.items()
+            assert verb in VERBS[rule.tag]
+            assert value == "ALLOW"
+            assert len(rule)
+            for item in rule:
+                assert item.tag == rule.tag.removesuffix("s")
+                assert item.text is not None
+                # A name that is not absolute would depend on how a version of sros2 reads it.
+                assert item.text.startswith("/")
+
+
+def test_bridge_is_permitted_what_its_mapping_names(tmp_path):
+    mapping = tmp_path / "mapping.yaml"
+    mapping.write_text(yaml.safe_dump(MAPPING))
+    arguments = ["--namespace", "/left", "--mapping", str(mapping), "-o", str(tmp_path)]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+    profile = ElementTree.parse(tmp_path / "bridge.policy.xml").find(".//profile")
+    assert profile is not None
+    heard = [item.text for item in profile.findall("topics[@subscribe]/topic")]
+    assert heard == ["/clock", "/joint_states", "/left/command"]
+
+
+def obstacles() -> Iterator[str]:
+    """Yield why SROS2 cannot be tried here."""
+    if shutil.which("ros2") is None:
+        yield "no command ros2"
+        return
+    tried = subprocess.run(["ros2", "security", "--help"], capture_output=True, check=False)
+    if tried.returncode:
+        yield "no package sros2"
+    elif os.environ.get("_ROS_WHEELS_BOOTSTRAP_COMPLETE"):
+        yield "the Fast DDS of the wheels is built without security"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(list(obstacles())), reason=", ".join(obstacles()))
+def test_secured_graph_diagnoses_and_keeps_a_stranger_out(tmp_path, monkeypatch):
+    """On a native ROS 2: with the policies the graph works, and others cannot publish."""
+    keys = tmp_path / "keys"
+
+    def security(*arguments: object) -> None:
+        command = ["ros2", "security", *map(str, arguments)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    with Graph() as graph:
+        # Permissions hold for the domain in which they are made.
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(graph.domain_id))
+        security("create_keystore", keys)
+        for name in ("actuator", "monitor", "recorder", "watch"):
+            enclave = node_access()[name].enclave
+            security("create_enclave", keys, enclave)
+            security("create_permission", keys, enclave, ROOT / FOLDER / f"{name}.policy.xml")
+        monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(keys))
+        monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+        monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+        up = ["ema", "up", "actuator", "monitor"]
+        graph.start_other("up", up)
+        graph.start_other("watch", ["ema", "watch"])
+        graph.wait_for(lambda: "flap" in graph.log("watch").read_text(), "a health that is heard")
+        # The observer of this graph has no key: it hears and sees nothing of it.
+        assert not graph.healths
+        stranger = subprocess.run(
+            ["ros2", "topic", "pub", "--once", "/ema/usage", "ema_interfaces/msg/Usage", "{}"],
+            env={**os.environ, "ROS_SECURITY_ENCLAVE_OVERRIDE": node_access()["watch"].enclave},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60.0,
+        )
+        assert stranger.returncode != 0, stranger.stdout

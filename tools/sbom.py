@@ -1,0 +1,150 @@
+#!/usr/bin/env python3
+"""Write the software bill of materials, CycloneDX 1.6 as JSON: what is installed and shipped.
+
+    tools/sbom.sh python tools/sbom.py ema.cdx.json
+
+The packages of ``.venv`` with their licences and dependencies, as cyclonedx-py finds them there;
+those that are bundled in the dashboard's page; our own. Fails where a locked package is missing.
+"""
+
+import base64
+import json
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any, Final
+
+from cyclonedx.schema import SchemaVersion  # pyright: ignore[reportMissingImports]
+from cyclonedx.validation.json import (  # pyright: ignore[reportMissingImports]
+    JsonStrictValidator,
+)
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+VENV: Final = ROOT / ".venv"
+PAGE: Final = ROOT / "ema_dashboard" / "web" / "package-lock.json"
+
+
+def key(name: str) -> str:
+    """Return the name of a distribution in its normal form."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def installed() -> dict[str, Any]:
+    """Return the bill of ``.venv``, without what wheels hold of others.
+
+    The wheels of ROS hold metadata of a second package each, which is no distribution.
+    """
+    command = [str(Path(sys.executable).with_name("cyclonedx-py")), "environment"]
+    command += ["--output-reproducible", "--spec-version", "1.6", str(VENV / "bin" / "python")]
+    bill = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    text = (VENV / "lock.txt").read_text(encoding="utf-8")
+    locked = dict(re.findall(r"^([^\s#=]+)==(\S+)", text, re.MULTILINE))
+    found = {key(item["name"]): item["version"] for item in bill["components"]}
+    wrong = [f"{name} {locked[name]}" for name in locked if found.get(name) != locked[name]]
+    if wrong:
+        sys.exit(f"sbom: locked, but not installed so: {', '.join(wrong)}; run `make setup`")
+    kept = [item for item in bill["components"] if key(item["name"]) in {*locked, "pip"}]
+    refs = {item["bom-ref"] for item in kept}
+    bill["components"] = kept
+    bill["dependencies"] = [
+        {**item, "dependsOn": [ref for ref in item.get("dependsOn", []) if ref in refs]}
+        for item in bill["dependencies"]
+        if item["ref"] in refs
+    ]
+    for item in kept:
+        if "licenses" not in item and item["name"].startswith("ros-"):
+            item["licenses"] = licences_of(item["name"].removeprefix("ros-").replace("-", "_"))
+    return bill
+
+
+def licences_of(package: str) -> list[dict[str, Any]]:
+    """Return the licences in the manifest of a package of ROS; its wheel names none."""
+    manifest = VENV / "share" / package / "package.xml"
+    if not manifest.exists():
+        return []
+    texts = [item.text for item in ElementTree.parse(manifest).iter("license") if item.text]
+    return [{"license": {"name": text.strip()}} for text in texts]
+
+
+def bundled() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return the packages in the dashboard's page, and what each depends on."""
+    packages = json.loads(PAGE.read_text(encoding="utf-8"))["packages"]
+    shipped = {
+        path.rpartition("node_modules/")[2]: item
+        for path, item in packages.items()
+        if path and not item.get("dev")
+    }
+    purls = {
+        name: f"pkg:npm/{name.replace('@', '%40')}@{item['version']}"
+        for name, item in shipped.items()
+    }
+    components = [
+        {
+            "type": "library",
+            "bom-ref": purls[name],
+            "name": name,
+            "version": item["version"],
+            "purl": purls[name],
+            "licenses": [{"license": {"id": item["license"]}}],
+            "hashes": [{"alg": "SHA-512", "content": _hexadecimal(item["integrity"])}],
+        }
+        for name, item in shipped.items()
+    ]
+    dependencies = [
+        {
+            "ref": purls[name],
+            "dependsOn": sorted(purls[one] for one in item.get("dependencies", {})),
+        }
+        for name, item in shipped.items()
+    ]
+    return components, dependencies
+
+
+def _hexadecimal(integrity: str) -> str:
+    algorithm, _, digest = integrity.partition("-")
+    if algorithm != "sha512":
+        raise ValueError(f"{PAGE}: integrity {integrity!r}: expected sha512-...")
+    return base64.b64decode(digest).hex()
+
+
+def own() -> list[dict[str, Any]]:
+    """Return our packages, by their manifests."""
+    components = []
+    manifests = [*ROOT.glob("ema_*/package.xml"), *ROOT.glob("ros2_ws/src/ema_bringup/package.xml")]
+    for path in sorted(manifests):
+        manifest = ElementTree.parse(path).getroot()
+        values = {name: manifest.findtext(name, "") for name in ("name", "version", "description")}
+        licence = [{"license": {"id": manifest.findtext("license", "")}}]
+        components.append(
+            {"type": "library", "bom-ref": values["name"], **values, "licenses": licence}
+        )
+    return components
+
+
+def main() -> None:
+    """Write the bill to the file that is named."""
+    output = Path(sys.argv[1])
+    bill = installed()
+    page, page_dependencies = bundled()
+    ours = own()
+    bill["components"] += [*page, *ours]
+    bill["dependencies"] += page_dependencies
+    bill["metadata"]["component"] = {
+        "type": "application",
+        "bom-ref": "ema-health-monitor",
+        "name": "EMA health monitor",
+        "version": ours[0]["version"],
+        "licenses": ours[0]["licenses"],
+    }
+    text = json.dumps(bill, indent=2, ensure_ascii=False) + "\n"
+    error = JsonStrictValidator(SchemaVersion.V1_6).validate_str(text)
+    if error:
+        sys.exit(f"sbom: not as CycloneDX 1.6 wants it: {error}")
+    output.write_text(text, encoding="utf-8")
+    print(f"{output}: {len(bill['components'])} components, {len(page)} of them in the page")
+
+
+if __name__ == "__main__":
+    main()
