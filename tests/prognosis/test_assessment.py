@@ -14,7 +14,8 @@ from ema_monitor.prognosis.assessment import (
     assessment_from,
     assessment_text,
 )
-from ema_monitor.prognosis.history import SCHEMA_VERSION, History
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_tables import SCHEMA_VERSION
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.service import Service

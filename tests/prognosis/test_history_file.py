@@ -18,7 +18,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "histories" / "flap.sqlite"
 
 
-def test_damaged_figure_is_found_and_the_tests_before_it_are_kept(path: Path):
+def test_damaged_figure_is_found_and_the_other_tests_are_kept(path: Path):
     kept(path)
     with closing(sqlite3.connect(path)) as db, db:
         # One digit of one figure: it is JSON still.
@@ -26,13 +26,13 @@ def test_damaged_figure_is_found_and_the_tests_before_it_are_kept(path: Path):
     damaged = path.read_bytes()
     history = History(*UNIT, path)
     aside = path.with_name("flap.set_aside_1.sqlite")
-    assert [item.hours for item in history.entries] == [0.0]
-    for words in (str(path), aside.name, "test 2 is damaged", "the 1 test cycles before"):
+    assert [item.hours for item in history.entries] == [0.0, 20.0]
+    for words in (str(path), aside.name, "test 2 is damaged", "the 2 test cycles that are intact"):
         assert words in history.problem
     assert aside.read_bytes() == damaged
     history.append(entry(4))
     history.close()
-    assert hours(path) == ([0.0, 40.0], "")
+    assert hours(path) == ([0.0, 20.0, 40.0], "")
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
@@ -60,7 +60,7 @@ def test_file_that_is_no_history_is_set_aside(path: Path, content: bytes):
 
 def test_other_database_and_later_schema_are_set_aside_as_they_are(path: Path):
     path.parent.mkdir()
-    for number, statement in enumerate(("CREATE TABLE flights (x)", "PRAGMA user_version = 5"), 1):
+    for number, statement in enumerate(("CREATE TABLE flights (x)", "PRAGMA user_version = 6"), 1):
         with closing(sqlite3.connect(path)) as db, db:
             db.execute("CREATE TABLE IF NOT EXISTS x (y)")
             db.execute(statement)
@@ -137,3 +137,73 @@ def test_history_in_use_is_left_alone(path: Path):
     owner.append(entry(2))
     owner.close()
     assert hours(path) == ([0.0, 20.0], "")
+
+
+def test_history_of_schema_version_4_is_read_and_chained_from_then_on(path: Path):
+    kept(path, 3)
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute("ALTER TABLE test DROP COLUMN chain")
+        db.execute("DROP TABLE head")
+        db.execute("DROP TABLE growth")
+        db.execute("PRAGMA user_version = 4")
+    assert hours(path) == ([0.0, 10.0, 20.0], "")
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute("DELETE FROM test WHERE number = 3")
+    found, problem = hours(path)
+    assert (found, "test 3 is missing" in problem) == ([0.0, 10.0], True)
+
+
+DELETED = "DELETE FROM test WHERE number = {0}"
+MOVED = "UPDATE test SET number = {1} WHERE number = {0}"
+COPIED = "INSERT INTO test SELECT {1}, record, crc32, chain FROM test WHERE number = {0}"
+
+
+@pytest.mark.parametrize(
+    ("statements", "place", "intact"),
+    [
+        ([DELETED.format(2)], "test 2 is missing", [1, 3, 4, 5]),
+        ([DELETED.format(2), DELETED.format(3)], "tests 2 to 3 are missing", [1, 4, 5]),
+        ([DELETED.format(5)], "test 5 is missing", [1, 2, 3, 4]),
+        ([DELETED.format(1)], "test 1 is missing", [2, 3, 4, 5]),
+        # The numbers closed up behind it.
+        (
+            [DELETED.format(2), *(MOVED.format(n, n - 1) for n in (3, 4, 5))],
+            "test 2 does not follow",
+            [1, 3, 4, 5],
+        ),
+        ([COPIED.format(5, 6)], "test 6 does not follow", [1, 2, 3, 4, 5]),
+        (
+            [*(MOVED.format(n, n + 1) for n in (5, 4, 3)), COPIED.format(2, 3)],
+            "test 3 does not follow",
+            [1, 2, 3, 4, 5],
+        ),
+        (
+            [MOVED.format(2, 9), MOVED.format(3, 2), MOVED.format(9, 3)],
+            "test 2 does not follow",
+            [1, 3, 4, 5],
+        ),
+        (["DELETE FROM head"], "test 5 is not the one that was written last", [1, 2, 3, 4, 5]),
+    ],
+)  # fmt: skip
+def test_entry_that_is_deleted_doubled_or_swapped_is_named_and_the_intact_are_kept(
+    path: Path, statements: list[str], place: str, intact: list[int]
+):
+    """Each row's own checksum is right."""
+    kept(path, 5)
+    with closing(sqlite3.connect(path)) as db, db:
+        for statement in statements:
+            db.execute(statement)
+    changed = path.read_bytes()
+    found, problem = hours(path)
+    assert found == [10.0 * (number - 1) for number in intact]
+    assert place in problem
+    assert path.with_name("flap.set_aside_1.sqlite").read_bytes() == changed
+    assert hours(path) == (found, "")
+
+
+def test_clock_that_goes_back_does_not_break_the_chain(path: Path):
+    history = History(*UNIT, path)
+    for number in (0, 5, 2, 6):
+        history.append(entry(number))
+    history.close()
+    assert hours(path) == ([0.0, 50.0, 20.0, 60.0], "")

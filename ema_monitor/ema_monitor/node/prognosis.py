@@ -393,7 +393,7 @@ class MonitorPrognosis:
     def write_assessment(self, description: ActuatorDescription) -> None:
         """Keep in the history of a unit what was found after its latest test."""
         prognostics = self._of(description)
-        prognostics.history.write_assessments()
+        prognostics.write()
         self._log_problem(description, prognostics)
 
     def report_failure(

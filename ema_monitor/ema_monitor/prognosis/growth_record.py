@@ -1,10 +1,21 @@
 """The tracker of a unit's growth, fed with the tests whose service hours are known."""
 
+import hashlib
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import cache
+from io import BytesIO
+from itertools import compress
+from pathlib import Path
+from zipfile import BadZipFile
 
-from ema_core.faults import ECCENTRICITY_PHASE
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core import growth_laws
+from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE
 from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis import growth
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.outliers import OUTLIER
 from ema_monitor.prognosis.growth.settings import TrackerSettings
@@ -25,6 +36,9 @@ class GrowthRecord:
         Those of the tracker.
     entries
         Tests so far.
+    kept
+        What ``state`` of an earlier record returned; used if it is by the same settings and code,
+        and by the first of these tests.
 
     Attributes
     ----------
@@ -34,18 +48,27 @@ class GrowthRecord:
         Service hours at the tests.
     doubtful
         Components that the latest test shows to be where growth does not explain them.
+    kept_tests
+        Number of tests that were known from ``kept``.
     phase
         Direction of eccentricity in the latest test, and its variance; NaN when unknown.
     """
 
     def __init__(
-        self, limits: HealthLimits, settings: TrackerSettings, entries: Iterable[Entry] = ()
+        self,
+        limits: HealthLimits,
+        settings: TrackerSettings,
+        entries: Iterable[Entry] = (),
+        kept: bytes = b"",
     ) -> None:
         self._limits, self._settings = limits, settings
         self.service = ServiceHours()
         for entry in entries:
             self.service.add(entry)
         self._restart()
+        self.kept_tests = 0
+        if kept:
+            self._restore(kept)
         self._update()
 
     @property
@@ -56,6 +79,46 @@ class GrowthRecord:
     def add(self, entry: Entry) -> list[str]:
         """Add the next test; return its events, in words."""
         return [*self.service.add(entry), *self._update()]
+
+    @property
+    def tests(self) -> int:
+        """Number of tests that the tracker was updated by."""
+        return len(self._fed)
+
+    def state(self) -> bytes:
+        """Return what is known, for a later record of the same and later tests."""
+        arrays = {
+            **self.tracker.state(),
+            "phase": np.array(self.phase),
+            "doubtful": np.array([name in self.doubtful for name in COMPONENTS]),
+            "made_by": self._made_by(),
+            **_identity(self._fed),
+        }
+        stream = BytesIO()
+        np.savez(stream, **arrays)
+        return stream.getvalue()
+
+    def _restore(self, kept: bytes) -> None:
+        """Go on from a kept state; without it, or from one of something else, begin anew."""
+        try:
+            with np.load(BytesIO(kept), allow_pickle=False) as file:
+                state = dict(file)
+            used = self.service.used[: len(state["used_hours"])]
+            expected = {"made_by": self._made_by(), **_identity(used)}
+            if not all(np.array_equal(state[name], value) for name, value in expected.items()):
+                return
+            self.tracker.restore(state)
+            phase, variance = state["phase"]
+            self.phase = float(phase), float(variance)
+            self.doubtful = frozenset(compress(COMPONENTS, state["doubtful"]))
+            self._fed, self.kept_tests = used, len(used)
+        except (ValueError, KeyError, IndexError, TypeError, OSError, BadZipFile):
+            self._restart()
+
+    def _made_by(self) -> NDArray[np.uint8]:
+        """Return a digest of settings and code, for other ones know other things."""
+        text = repr((self._limits, self._settings)).encode()
+        return np.frombuffer(hashlib.sha256(text + _code()).digest(), np.uint8)
 
     def _restart(self) -> None:
         self.tracker = Tracker(self._limits, self._settings)
@@ -90,3 +153,17 @@ class GrowthRecord:
         events = self.tracker.update(Measurement.of(estimate, test.hours))
         self.doubtful = frozenset(item.component for item in events if item.kind == OUTLIER)
         return [f"{item.kind}: {item.text}" for item in events]
+
+
+def _identity(tests: Sequence[TimedTest]) -> dict[str, NDArray[np.generic]]:
+    return {
+        "used_ns": np.array([test.entry.stamp_ns for test in tests], dtype=np.int64),
+        "used_hours": np.array([test.hours for test in tests], dtype=np.float64),
+    }
+
+
+@cache
+def _code() -> bytes:
+    """Return a digest of the code that a tracker's state follows from."""
+    files = [growth_laws.__file__, *sorted(Path(growth.__path__[0]).glob("*.py"))]
+    return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files)).digest()

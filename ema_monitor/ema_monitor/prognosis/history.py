@@ -4,8 +4,6 @@ import os
 import shutil
 import sqlite3
 import threading
-import zlib
-from collections.abc import Sequence
 from contextlib import closing
 from itertools import count
 from pathlib import Path
@@ -13,23 +11,20 @@ from tempfile import TemporaryDirectory
 from typing import Final
 from urllib.parse import quote
 
-from ema_monitor.prognosis.assessment import Assessment, assessment_from, assessment_text
-from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_text, entry_of, import_lines
-
-SCHEMA_VERSION: Final = 4
-"""``user_version`` of the database; 1 and 2 were files of JSON lines, 3 had no assessments."""
-
-_ASSESSMENTS: Final = (
-    "CREATE TABLE assessment (end_ns INTEGER PRIMARY KEY, record TEXT NOT NULL, "
-    "crc32 INTEGER NOT NULL)"
+from ema_monitor.prognosis.assessment import Assessment
+from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, import_lines
+from ema_monitor.prognosis.history_tables import (
+    check_kind,
+    empty,
+    insert_assessments,
+    insert_tests,
+    prepare,
+    read_assessments,
+    read_growth,
+    read_tests,
+    write_growth,
 )
-_SCHEMA: Final = (
-    "CREATE TABLE unit (actuator_id TEXT NOT NULL, serial_number TEXT NOT NULL)",
-    "CREATE TABLE test (number INTEGER PRIMARY KEY, record TEXT NOT NULL, crc32 INTEGER NOT NULL)",
-    _ASSESSMENTS,
-    f"PRAGMA user_version = {SCHEMA_VERSION}",
-)
-_WITHOUT_ASSESSMENTS: Final = 3
+
 _DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 
 
@@ -37,11 +32,12 @@ class History:
     """Tests of one unit and what followed from each, in memory and, with a path, in a file.
 
     The file is an SQLite database with a write-ahead log, one transaction a test, locked for this
-    process alone. A file that is damaged, of another unit or of another kind is set aside under
-    another name, and a new one begun with the tests before the damage; one that is deleted or
-    moved while in use is written anew. A file of an earlier version beside it is imported once.
-    Nothing here raises because of a file: ``problem`` says what is wrong, and the history goes on
-    in memory.
+    process alone, and each test is linked to those before it by a hash. A file that is damaged, of
+    another unit or of another kind, or in which tests were deleted, doubled or swapped, is set
+    aside under another name, and a new one begun with the tests that are intact; one that is
+    deleted or moved while in use is written anew. A file of an earlier version beside it is
+    imported once. Nothing here raises because of a file: ``problem`` says what is wrong, and the
+    history goes on in memory.
 
     Parameters
     ----------
@@ -59,6 +55,8 @@ class History:
     assessments
         What was found after each valid test, by its stamp [ns]; tests of a file of schema version
         3 have none.
+    growth
+        What was known of growth by ``keep_growth``; empty when nothing.
     imported
         What was imported from a file of an earlier version; empty when nothing.
     path
@@ -69,6 +67,7 @@ class History:
         self.entries: list[Entry] = []
         self.unused_cycles = 0
         self.assessments: dict[int, Assessment] = {}
+        self.growth = b""
         self.imported = ""
         self._unit = (actuator_id, serial_number)
         self._tests: list[Entry | UnusedCycle] = []
@@ -77,8 +76,8 @@ class History:
         self._lock = threading.Lock()
         self._db: sqlite3.Connection | None = None
         self._file_id = (0, 0)
-        # Tests in the file; those after them are to be written.
-        self._written = 0
+        # End of the chain in the file; the tests after it are to be written.
+        self._head = empty(self._unit)
         # Stamps of assessments that are not in the file as they are here.
         self._changed: dict[int, None] = {}
         self._mended = ""
@@ -119,6 +118,20 @@ class History:
         with self._lock:
             if self._changed:
                 self._write(with_assessments=True)
+
+    def keep_growth(self, state: bytes) -> None:
+        """Write what is known of growth by all tests so far, if these are in the file.
+
+        It spares a later start to find it anew. It is no part of the history: losing it costs time
+        alone.
+        """
+        with self._lock:
+            if self._db is None or self._head.tests != len(self._tests) or self._trouble:
+                return
+            try:
+                write_growth(self._db, self._head, state)
+            except sqlite3.Error as error:
+                self._trouble = f"the history {self.path} cannot be written: {_reason(error)}"
 
     def _write(self, *, with_assessments: bool = False) -> None:
         if self.path is None:
@@ -178,7 +191,7 @@ class History:
             tests, self.imported = import_lines(earlier, *self._unit)
             for test in tests:
                 self._add(test)
-        if self._written < len(self._tests):
+        if self._head.tests < len(self._tests):
             self._insert(self._db or self._connect(path), self._tests)
             self._write_changed(path)
 
@@ -197,51 +210,29 @@ class History:
         try:
             # Held until the connection is closed, or the process ends.
             db.execute("PRAGMA locking_mode = EXCLUSIVE")
-            is_new = not db.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]
-            if not is_new:
-                self._check_kind(db)
+            check_kind(db, self._unit)
             db.execute("PRAGMA journal_mode = WAL")
             db.execute("PRAGMA synchronous = FULL")
             # After each test: a copy or a move of the file alone has all tests.
             db.execute("PRAGMA wal_autocheckpoint = 1")
-            db.execute("BEGIN IMMEDIATE")
-            with db:
-                if is_new:
-                    for statement in _SCHEMA:
-                        db.execute(statement)
-                    db.execute("INSERT INTO unit VALUES (?, ?)", self._unit)
-                elif _version(db) == _WITHOUT_ASSESSMENTS:
-                    db.execute(_ASSESSMENTS)
-                    db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+            prepare(db, self._unit)
         except BaseException:
             db.close()
             raise
         self._db, self._file_id = db, _file_id(path)
         return db
 
-    def _check_kind(self, db: sqlite3.Connection) -> None:
-        version = _version(db)
-        if version not in (SCHEMA_VERSION, _WITHOUT_ASSESSMENTS):
-            raise ValueError(f"its schema version is {version}, expected {SCHEMA_VERSION}")
-        units = db.execute("SELECT actuator_id, serial_number FROM unit").fetchall()
-        if units != [self._unit]:
-            raise ValueError(f"it is of unit {units}, not {self._unit}")
-
     def _read(self, db: sqlite3.Connection) -> None:
-        """Add the tests in the file up to the first that is damaged, for which it raises."""
-        rows = db.execute("SELECT number, record, crc32 FROM test ORDER BY number")
-        for expected, (number, record, checksum) in enumerate(rows, 1):
-            if number != expected or zlib.crc32(str(record).encode()) != checksum:
-                raise ValueError(f"test {expected} is damaged: its checksum or number is wrong")
-            self._add(entry_of(record))
-        for record, checksum in db.execute("SELECT record, crc32 FROM assessment ORDER BY end_ns"):
-            if zlib.crc32(str(record).encode()) != checksum:
-                raise ValueError("an assessment is damaged: its checksum is wrong")
-            one = assessment_from(record)
-            self.assessments[one.stamp_ns] = one
+        """Add what is intact in the file; raise for the rest."""
+        try:
+            head = read_tests(db, self._unit, self._add)
+        finally:
+            for one in read_assessments(db):
+                self.assessments[one.stamp_ns] = one
         if (result := db.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
             raise ValueError(f"it is damaged: {result}")
-        self._written = len(self._tests)
+        self._head = head
+        self.growth = read_growth(db)
 
     def _read_copy(self, path: Path, error: Exception) -> None:
         """Read a file that cannot be opened for writing, as on read-only media; keep to memory."""
@@ -279,7 +270,7 @@ class History:
         for suffix in ("-wal", ""):
             if (source := _with(path, suffix)).exists():
                 source.rename(_with(aside, suffix))
-        kept = f" with the {len(self._tests)} test cycles before the damage" if self._tests else ""
+        kept = f" with the {len(self._tests)} test cycles that are intact" if self._tests else ""
         self._mended = (
             f"the history {path} is set aside as {aside.name} and a new one is begun{kept}: "
             f"{_reason(error)}"
@@ -297,37 +288,25 @@ class History:
             path.parent.mkdir(parents=True, exist_ok=True)
             if self._connect(path).execute("SELECT count(*) FROM test").fetchone()[0]:
                 raise ValueError("it holds tests that were not read")
-        for test in self._tests[self._written :]:
+        for test in self._tests[self._head.tests :]:
             self._insert(self._db or self._connect(path), [test])
         self._trouble = ""
 
     def _write_changed(self, path: Path) -> None:
         """Write the assessments that are not in the file, in one transaction."""
-        texts = {stamp: assessment_text(self.assessments[stamp]) for stamp in self._changed}
-        rows = [(stamp, text, zlib.crc32(text.encode())) for stamp, text in texts.items()]
-        db = self._db or self._connect(path)
-        db.execute("BEGIN IMMEDIATE")
-        with db:
-            db.executemany("INSERT OR REPLACE INTO assessment VALUES (?, ?, ?)", rows)
+        insert_assessments(
+            self._db or self._connect(path), [self.assessments[stamp] for stamp in self._changed]
+        )
         self._changed.clear()
 
     def _forget_written(self) -> None:
         """Note that nothing is in the file that is used from now on."""
-        self._written = 0
+        self._head = empty(self._unit)
         self._changed = dict.fromkeys(self.assessments)
 
-    def _insert(self, db: sqlite3.Connection, tests: Sequence[Entry | UnusedCycle]) -> None:
+    def _insert(self, db: sqlite3.Connection, tests: list[Entry | UnusedCycle]) -> None:
         """Add tests to the file in one transaction."""
-        texts = enumerate(map(as_text, tests), self._written + 1)
-        rows = [(number, text, zlib.crc32(text.encode())) for number, text in texts]
-        db.execute("BEGIN IMMEDIATE")
-        with db:
-            db.executemany("INSERT INTO test VALUES (?, ?, ?)", rows)
-        self._written += len(rows)
-
-
-def _version(db: sqlite3.Connection) -> int:
-    return db.execute("PRAGMA user_version").fetchone()[0]
+        self._head = insert_tests(db, self._head, tests)
 
 
 def history_path(folder: Path, actuator_id: str, serial_number: str) -> Path:

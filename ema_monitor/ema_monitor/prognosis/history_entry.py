@@ -151,9 +151,11 @@ def import_lines(
         When it cannot be read.
     """
     # What follows the last line break is a line that a kill cut off.
-    header, *lines = path.read_bytes().split(b"\n")[:-1] or [b""]
+    *whole, rest = path.read_bytes().split(b"\n")
+    header, *lines = whole or [b""]
     tests: list[Entry | UnusedCycle] = []
-    number, result = 1, "which stays as it is"
+    number = 1
+    result = f"without line {len(whole) + 1}, which is cut off" if rest else "which stays as it is"
     try:
         values = _values(header)
         if values.get("format") not in _FORMATS:

@@ -4,7 +4,7 @@ import math
 import threading
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from ema_core.levels import ERROR
 from ema_core.parameters import ActuatorParameters
@@ -19,6 +19,9 @@ from ema_monitor.prognosis.outlook import Outlook, outlook_of
 from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits, Requirements
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.prognosis.unit_event import CALIBRATION, RESTART, UnitEvent
+
+KEPT_EVERY: Final = 50
+"""Tests after which the state of the tracker is kept anew: 0.8 MB, and as many to repeat."""
 
 
 class KnownTest(NamedTuple):
@@ -66,7 +69,12 @@ class Prognostics:
         self._requirements_of = requirements_of
         self._lock = threading.RLock()
         self._settings = settings = settings or PrognosisSettings()
-        self.growth = GrowthRecord(settings.limits, settings.tracker, history.entries)
+        self.growth = GrowthRecord(
+            settings.limits, settings.tracker, history.entries, history.growth
+        )
+        history.growth = b""
+        # Tests of the state of the tracker that was kept last.
+        self._kept_tests = self.growth.kept_tests
         self._events = tuple(filter(None, (history.imported, history.problem)))
         self._ignores_usage = False
         # When it was opened, and how many tests it had.
@@ -117,6 +125,15 @@ class Prognostics:
                 self.history.append(entry)
                 self._events = (*self._events, *events)
             return self._outlook_with_events(parameters)
+
+    def write(self) -> None:
+        """Write what was found after the latest test; seldom also what is known of growth."""
+        with self._lock:
+            # Under the lock: the state must be that after all tests of the history.
+            if not 0 <= self.growth.tests - self._kept_tests < KEPT_EVERY:
+                self.history.keep_growth(self.growth.state())
+                self._kept_tests = self.growth.tests
+        self.history.write_assessments()
 
     def resume(
         self, parameters: ActuatorParameters | None, settings: PrognosisSettings
@@ -197,6 +214,7 @@ class Prognostics:
         old, self._settings = self._settings, settings
         if (old.limits, old.tracker) != (settings.limits, settings.tracker):
             self.growth = GrowthRecord(settings.limits, settings.tracker, self.history.entries)
+            self._kept_tests = 0
 
     def _outlook_with_events(self, parameters: ActuatorParameters | None) -> Outlook:
         outlook = self._outlook(parameters)

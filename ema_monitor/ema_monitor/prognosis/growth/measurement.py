@@ -90,6 +90,31 @@ class Measurement:
             float(hours), np.array(estimate.faults), estimate.covariance, estimate.unobservable
         )
 
+    def as_row(self) -> NDArray[np.float64]:
+        """Return all figures in one array, from which ``of_row`` makes the same measurement."""
+        return np.concatenate(
+            [
+                [self.hours, self.sigma_floor],
+                self.faults,
+                self.unobservable,
+                self.covariance.ravel(),
+            ]
+        )
+
+    @classmethod
+    def of_row(cls, row: NDArray[np.float64]) -> Self:
+        """Return the measurement that ``as_row`` was made of.
+
+        Raises
+        ------
+        ValueError
+            When the row is none.
+        """
+        ends = np.cumsum([2, N_FAULTS, N_FAULTS])
+        (hours, floor), faults, unobservable, covariance = np.split(row, ends)
+        square = covariance.reshape(N_FAULTS, N_FAULTS)
+        return cls(float(hours), faults, square, unobservable.astype(np.bool_), float(floor))
+
     @property
     def at_healthy(self) -> NDArray[np.bool_]:
         """Observable components that were set to healthy: they lie somewhere near it, ``(8,)``."""

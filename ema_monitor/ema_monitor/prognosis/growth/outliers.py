@@ -1,7 +1,8 @@
 """Values that growth does not explain: held back, then confirmed or dropped by the next test."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,21 @@ class OutlierDetector:
         self._odd = np.zeros(len(COMPONENTS), dtype=bool)
         self._agreed = 0
         self._patience = 0
+
+    def state(self) -> dict[str, NDArray[np.generic]]:
+        """Return all that is known, for ``restore``."""
+        held = [] if self._held is None else [self._held.as_row()]
+        return {
+            "held": np.array(held),
+            "odd": self._odd,
+            "agreed": np.array([self._agreed, self._patience]),
+        }
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from what ``state`` returned."""
+        self._held = Measurement.of_row(state["held"][0]) if len(state["held"]) else None
+        self._odd = state["odd"]
+        self._agreed, self._patience = map(int, state["agreed"])
 
     def judge(
         self,
@@ -125,6 +141,14 @@ class Opening:
     def __init__(self, settings: TrackerSettings) -> None:
         self._settings = settings
         self._waiting: list[Measurement] = []
+
+    def state(self) -> NDArray[np.float64]:
+        """Return the tests that wait, for ``restore``."""
+        return np.array([one.as_row() for one in self._waiting])
+
+    def restore(self, rows: NDArray[np.float64]) -> None:
+        """Go on from what ``state`` returned."""
+        self._waiting = [Measurement.of_row(row) for row in rows]
 
     def judge(self, measurement: Measurement) -> tuple[Measurement | None, list[Event]]:
         """Return the earlier test that agrees with this one, if there is one, and events."""

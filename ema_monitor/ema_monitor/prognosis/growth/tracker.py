@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -123,6 +123,38 @@ class Tracker:
         twin._tests, twin._growing = self._tests.copy(), self._growing.copy()
         twin._first_hours = self._first_hours.copy()
         return twin
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return all that is known, for ``restore``."""
+        bank = self._bank
+        return {
+            "bank": np.stack([bank.weight, bank.mean, bank.variance]),
+            "opening": self._opening.state(),
+            **self._outliers.state(),
+            "tests": self._tests,
+            "first_hours": self._first_hours,
+            "growing": self._growing,
+            "figures": np.array([self._phase, self.hours, self.updates]),
+        }
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from what ``state`` of a tracker of the same limits and settings returned.
+
+        Raises
+        ------
+        ValueError, KeyError
+            When it is none.
+        """
+        bank = self._bank
+        if state["bank"].shape != (3, bank.weight.size):
+            raise ValueError(f"the grid has shape {state['bank'].shape}, not {bank.weight.shape}")
+        bank.weight, bank.mean, bank.variance = map(np.ascontiguousarray, state["bank"])
+        self._opening.restore(state["opening"])
+        self._outliers.restore(state)
+        self._tests, self._first_hours = state["tests"], state["first_hours"]
+        self._growing = state["growing"]
+        phase, hours, updates = state["figures"]
+        self._phase, self.hours, self.updates = float(phase), float(hours), int(updates)
 
     def update(self, measurement: Measurement) -> list[Event]:
         """Update by a test.
