@@ -35,6 +35,7 @@ from ..waiting import DEADLINE_S, wait_for
 from .spinning import end, made, ros_context, spinning, wait_for_match
 
 START_NS = 1_700_000_000_000_000_000
+ANY_OFFSET_S = 1e10
 FLAP = ActuatorDescription()
 CYCLE = build_cycle(THESIS_CHIRP, FLAP.sample_period)
 
@@ -230,11 +231,17 @@ def monitor(
     """A monitor with these parameters in a domain of its own, brought up unless asked not to be.
 
     It keeps no history unless a parameter names a folder, for all sources begin at the same stamp;
-    and its health does not grow stale while a busy machine takes its time.
+    a history takes tests of any stamp, for that one is long ago. And its health does not grow stale
+    while a busy machine takes its time.
     """
     # A health that is published before they are fitted is published again.
     FITTED.of(Calibration.builtin().unit_parameters, RequirementLimits())
-    given = {"history_folder": "", "expected_period_s": 1000.0, **(parameters or {})}
+    given = {
+        "history_folder": "",
+        "history_max_offset_s": ANY_OFFSET_S,
+        "expected_period_s": 1000.0,
+        **(parameters or {}),
+    }
     overrides = [Parameter(name, value=value) for name, value in given.items()]
     with ExitStack() as opened:
         own = opened.enter_context(closing(Domain()))

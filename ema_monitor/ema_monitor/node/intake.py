@@ -98,6 +98,8 @@ class Intake:
             self._handle(unit, unit.finder.describe(description))
             if before is not None and before.serial_number != description.serial_number:
                 unit.reset_health(self._now_ns())
+                if unit.exchange(before.serial_number, description.serial_number):
+                    self._warn(unit.actuator_id, unit.alternation, True)
         if before != description:
             self._describe(description)
 

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle.publisher import LifecyclePublisher
+from rclpy.parameter import Parameter
 
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import Health
@@ -109,6 +110,9 @@ class MonitorNode(ManagedNode):
             lambda text: self.get_logger().error(text),
         )
         self._is_active = False
+        self._is_configured = False
+        self._in_sim_time = False
+        self.add_post_set_parameters_callback(self._follow_clock)
 
     def configure(self) -> None:
         """Read the files, and create what publishes and serves."""
@@ -129,6 +133,8 @@ class MonitorNode(ManagedNode):
         )
         self._stale_timer = self.create_timer(_STALE_CHECK_S, self._check_staleness)
         self._prognosis.begin(files.history_folder)
+        self._in_sim_time = self._uses_sim_time()
+        self._is_configured = True
         self._units.expect_listed()
         if words := self._admission.list_in_words():
             self.get_logger().info(words)
@@ -182,6 +188,7 @@ class MonitorNode(ManagedNode):
 
     def clean_up(self) -> None:
         """Forget the actuators, and end the services."""
+        self._is_configured = False
         self._calls.destroy()
         self._prognosis.end()
         self.destroy_timer(self._stale_timer)
@@ -226,6 +233,32 @@ class MonitorNode(ManagedNode):
 
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
+
+    def _uses_sim_time(self) -> bool:
+        return bool(self.get_parameter("use_sim_time").value)
+
+    def _follow_clock(self, _: list[Parameter]) -> None:
+        """Let nothing of one clock mix with the other when ``use_sim_time`` changes."""
+        if not self._is_configured or self._uses_sim_time() == self._in_sim_time:
+            return
+        self._in_sim_time = self._uses_sim_time()
+        self._prognosis.suspend()
+        for segment in self._intake.finish():
+            self._worker.refuse(segment, "")
+        self._worker.stop()
+        self._follow_ups.stop()
+        self._worker.forget()
+        self._intake.clear()
+        self._units.forget_health()
+        self._prognosis.change_clock()
+        if self._is_active:
+            self._follow_ups.start()
+            self._worker.start()
+            with self._units.lock:
+                for unit in self._units.values():
+                    if unit.description is not None:
+                        self._prognosis.refresh(unit.description)
+        self.report()
 
     def _note_description(self, description: ActuatorDescription) -> None:
         for remark in description.remarks:
@@ -298,8 +331,7 @@ class MonitorNode(ManagedNode):
 
     def _queue_window(self, segment: Segment) -> None:
         self._calls.add(segment)
-        in_sim_time = self.get_parameter("use_sim_time").value
-        most_waiting = None if in_sim_time else self._operation.value.waiting_windows
+        most_waiting = None if self._uses_sim_time() else self._operation.value.waiting_windows
         for dropped in self._worker.add(segment, most_waiting):
             self._warn(
                 dropped.description.actuator_id,

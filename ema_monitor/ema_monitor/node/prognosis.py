@@ -20,6 +20,7 @@ from ema_monitor.calibration.loading import AnyCalibration
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.messages import health_to_message, history_to_message
+from ema_monitor.node.recordable import Recordable
 from ema_monitor.node.settings import folder_of
 from ema_monitor.node.summary import unknown_health
 from ema_monitor.node.units import Units
@@ -170,6 +171,7 @@ class MonitorPrognosis:
         self._tracker = LiveSettings(node, TrackerSettings, "tracker.")
         self._laws = LiveSettings(node, KnownLawTexts, "known_law.")
         self._service = LiveSettings(node, Service)
+        self._recordable = Recordable(node)
         self._histories = MonitorHistories(self._requirements_of)
         self._to_refresh: SimpleQueue[ActuatorDescription] = SimpleQueue()
         self._logged: dict[UnitKey, str] = {}
@@ -191,9 +193,8 @@ class MonitorPrognosis:
         They are in memory alone when the folder is empty, and always in simulated time: a bag that
         is replayed must not mix with tests of the actuator itself.
         """
-        in_sim_time = bool(self._node.get_parameter("use_sim_time").value)
-        is_kept = bool(history_folder) and not in_sim_time
-        self._histories.begin(folder_of(history_folder) if is_kept else None)
+        self._folder = folder_of(history_folder) if history_folder else None
+        self._histories.begin(self._recordable.begin(self._folder))
         self._refresh_soon = self._node.create_guard_condition(
             self._refresh_all, callback_group=WaitingCallbackGroup()
         )
@@ -206,6 +207,20 @@ class MonitorPrognosis:
         self._get_history = self._node.create_service(
             GetHistory, "~/get_history", self._tell_history, callback_group=WaitingCallbackGroup()
         )
+
+    def suspend(self) -> None:
+        """Record nothing from now on, until ``change_clock``."""
+        self._recordable.suspend()
+
+    def change_clock(self) -> None:
+        """Begin anew after a change of ``use_sim_time``: what was before is closed, or forgotten.
+
+        What follows from tests of one clock must not mix with those of the other.
+        """
+        with self._resuming:
+            self._histories.end()
+            self._histories.begin(self._recordable.change_clock(self._folder))
+        self._logged.clear()
 
     def end(self) -> None:
         """End the services, and close the histories."""
@@ -269,10 +284,18 @@ class MonitorPrognosis:
     def record(
         self, segment: Segment, estimate: Estimate, settings: PrognosisSettings
     ) -> Outlook | None:
-        """Record a test; return health and life after it, None when it is not valid."""
+        """Record a test; return health and life after it, None when it is not valid.
+
+        Of a test that may not enter the history its health alone is returned, with the reason.
+        """
         description = segment.description
         try:
             prognostics = self._of(description)
+            refused = self._recordable.refuse(_key(description), estimate.end_ns)
+            if refused and not estimate.valid:
+                return None
+            if refused:
+                return outlook_of_one(estimate, settings.limits, refused)
             count = self._histories.counts.latest(_key(description), estimate.end_ns)
             outlook = prognostics.update(estimate, self._parameters(description), settings, count)
         except Exception as error:
@@ -290,6 +313,8 @@ class MonitorPrognosis:
     def forecaster(self, description: ActuatorDescription, outlook: Outlook) -> Forecaster | None:
         """Return what forecasts a unit from its latest outlook on; None when that is impossible."""
         try:
+            if self._recordable.refusal(_key(description)):
+                return None
             return self._of(description).forecaster(outlook)
         except Exception as error:
             self.report_failure(description.actuator_id, error, "the forecast")
@@ -297,17 +322,23 @@ class MonitorPrognosis:
 
     def tasks(self, only: str = "") -> list[Task]:
         """Return the status of each history, or of those of one actuator alone."""
-        return [
-            Task(
-                f"{actuator_id} history",
-                WARN if prognostics.history.problem else OK,
-                prognostics.history.problem or counted(len(prognostics.history.entries), "test"),
-                hardware_name(self._node.get_namespace(), actuator_id, serial_number),
-                {"file": prognostics.history.path or "none, in memory only"},
+        tasks = []
+        for unit, prognostics in self._histories.items():
+            if only not in ("", unit[0]):
+                continue
+            history = prognostics.history
+            wrong = list(filter(None, [self._recordable.refusal(unit), history.problem]))
+            remarks = wrong or [counted(len(history.entries), "test")]
+            tasks.append(
+                Task(
+                    f"{unit[0]} history",
+                    WARN if wrong else OK,
+                    "; ".join(filter(None, [*remarks, self._recordable.note])),
+                    hardware_name(self._node.get_namespace(), *unit),
+                    {"file": history.path or "none, in memory only"},
+                )
             )
-            for (actuator_id, serial_number), prognostics in self._histories.items()
-            if only in ("", actuator_id)
-        ]
+        return tasks
 
     def _refresh_all(self) -> None:
         """Fit the requirements of units, read their histories, and publish their health."""

@@ -43,6 +43,29 @@ class Files:
 
 
 @dataclass(frozen=True)
+class Recording:
+    """Which tests enter the histories on disk.
+
+    Raises
+    ------
+    ValueError
+        When a figure is outside its range; the message names it.
+    """
+
+    history_max_offset_s: float = quantity(
+        3600.0,
+        "s",
+        1.0,
+        1e10,
+        "most that the stamp of a test may be before or after the clock of the node for the test "
+        "to enter a history in history_folder",
+    )
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+@dataclass(frozen=True)
 class Operation:
     """Number of actuators, window queue, staleness, calibration and measured causes of the monitor.
 

@@ -23,6 +23,7 @@ _STALE_PERIODS = 3.0
 _MOST_NAMED = 5
 _BACK_WITHIN = 20
 _BACK_TIMES = 3
+_SETTLED = 3
 _NOTHING_KNOWN = unknown_outlook("no valid estimate so far")
 
 
@@ -69,6 +70,8 @@ class Unit:
         estimate came [s].
     defect_count
         How many defects there were.
+    alternation
+        Which units are described in turns under its name; empty when there is one.
     """
 
     def __init__(
@@ -88,6 +91,9 @@ class Unit:
         self.is_calibrating = False
         self.publishers = ""
         self.is_listed = False
+        self.alternation = ""
+        self._exchanged: list[str] = []
+        self._since_exchange = 0
         self._namespace = namespace
         self._publish = publish
         self._went_back: deque[int] = deque(maxlen=_BACK_TIMES)
@@ -140,6 +146,29 @@ class Unit:
         self._went_back.append(self.finder.blocks)
         span = self._went_back[-1] - self._went_back[0]
         return len(self._went_back) == _BACK_TIMES and span <= _BACK_WITHIN
+
+    def exchange(self, old: str, new: str) -> bool:
+        """Record that a unit replaces another; return whether it was there before.
+
+        Units are exchanged seldom, and those that are taken out seldom come back: where they
+        alternate, two actuators have the same name.
+
+        Parameters
+        ----------
+        old, new
+            Their serial numbers.
+        """
+        earlier = [one for one in self._exchanged if one != old]
+        self._exchanged = [*earlier, old][-_MOST_NAMED:]
+        self._since_exchange = 0
+        if new not in self._exchanged:
+            return False
+        both = ", ".join(sorted({old, new}))
+        self.alternation = (
+            f"units {both} alternate under this actuator_id: give each actuator its own, or call "
+            "~/forget_actuator if the unit was mounted again"
+        )
+        return True
 
     def add_defect(self, reason: str, before_window: int | None = None) -> bool:
         """Record a defect; return whether it is the only one at present.
@@ -194,6 +223,9 @@ class Unit:
         self._stale_published = False
         self._assessed, self.outlook = segment.description, outlook
         self.publishers = ""
+        self._since_exchange += 1
+        if self._since_exchange >= _SETTLED:
+            self.alternation = ""
         change = self._filter_levels(confirmations)
         self._publish_health()
         return change

@@ -63,9 +63,11 @@ def _telemetry_task(unit: Unit, waiting: int, dropped: int) -> Task:
         level, message = ERROR, "no description of the actuator: the telemetry has to wait"
         message += f"; {unit.defects}" if unit.defects else ""
         category = CHECK_FUNCTION
-    elif unit.publishers:
+    elif unit.publishers or unit.alternation:
         level = WARN
-        message = f"telemetry of this actuator has several publishers: {unit.publishers}"
+        several = f"telemetry of this actuator has several publishers: {unit.publishers}"
+        found = [several] if unit.publishers else []
+        message = "; ".join(filter(None, [*found, unit.alternation]))
         message += f"; {unit.defects}" if unit.defects else ""
     elif unit.defects:
         level, message = WARN, unit.defects

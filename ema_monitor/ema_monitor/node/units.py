@@ -107,6 +107,12 @@ class Units(dict[str, Unit]):
                 self.admission.remember(name, self[name].description)
             return chosen
 
+    def forget_health(self) -> None:
+        """Forget what is known of the health of all."""
+        with self.lock:
+            for unit in self.values():
+                unit.reset_health(self._now_ns())
+
     def forget(self, actuator_id: str) -> None:
         """Forget an actuator.
 
