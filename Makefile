@@ -96,6 +96,7 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python promptness.py --json promptness.json
 	$(activate) && cd benchmarks && python dashboard.py --json dashboard.json
 	$(activate) && cd benchmarks && python startup.py --json startup.json
+	$(activate) && cd benchmarks && python resume.py --json resume.json
 	$(activate) && cd benchmarks && python memory.py --json memory.json
 	tools/peers.sh python benchmarks/prognosis.py --json benchmarks/prognosis.json
 	$(activate) && cd benchmarks && python advisory.py --json advisory.json

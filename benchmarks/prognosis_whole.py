@@ -160,7 +160,7 @@ def _followed(
     parameters = calibration.unit_parameters
     outlooks, spent = [], []
     for cycle, measurement in enumerate(measurements, 1):
-        estimate = _estimate(measurement, calibration)
+        estimate = estimate_of_measurement(measurement, calibration)
         start = time.process_time()
         count = Count(estimate.end_ns, measurement.hours, cycle)
         outlook = prognostics.update(estimate, parameters, settings, count)
@@ -191,7 +191,7 @@ def _requirements() -> Requirements:
     return found
 
 
-def _estimate(measurement: Measurement, calibration: Calibration) -> Estimate:
+def estimate_of_measurement(measurement: Measurement, calibration: Calibration) -> Estimate:
     """Return a valid estimate that makes a measurement; its stamp is the service hour."""
     # Stamps begin after 0, which would be no time.
     end_ns = round((measurement.hours + 1.0) * _NS_PER_HOUR)

@@ -16,6 +16,7 @@ import field_oriented
 import memory
 import ordinary_motion
 import prognosis_tables
+import resume
 import sampling
 import startup
 import targets
@@ -109,6 +110,7 @@ def main() -> None:
         "live": live_rows,
         "fleet": fleet_rows,
         "startup": startup.rows,
+        "resume": resume.rows,
         "memory": memory.rows,
         "prognosis": prognosis_tables.rows,
         "advisory": advisory.rows,

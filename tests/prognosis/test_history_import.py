@@ -81,9 +81,10 @@ def test_tests_before_the_damage_are_imported(tmp_path: Path, number: int, tests
     assert (tmp_path / LINES.name).read_bytes() == b"".join(lines)
 
 
-def test_line_that_a_kill_cut_off_is_left_out(tmp_path: Path):
+def test_line_that_a_kill_cut_off_is_left_out_and_named(tmp_path: Path):
     (tmp_path / LINES.name).write_bytes(LINES.read_bytes() + b'{"hours": 60.')
-    assert "5 test cycles" in opened(tmp_path).imported
+    said = opened(tmp_path).imported
+    assert said == f"5 test cycles are imported from {LINES.name}, without line 7, which is cut off"
 
 
 def test_file_of_another_unit_is_not_imported(tmp_path: Path):

@@ -1,0 +1,117 @@
+"""A monitor that begins again: time from a unit's file of many tests to its health.
+
+    python resume.py [--tests 1000] [--runs 5] [--json FILE]
+
+Prints how long it takes with what the file keeps of growth, and, in the same run, when all tests
+are repeated, as after a change of limits or of the tracker.
+"""
+
+import json
+import sqlite3
+import statistics
+import tempfile
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import Any, Final
+
+import click
+import numpy as np
+from prognosis_whole import estimate_of_measurement
+from rich.console import Console
+from tables import target_table
+from targets import Row
+
+from ema_core.faults import N_FAULTS, fault_vector
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits
+from ema_monitor.prognosis.service import Service
+from ema_monitor.prognosis.settings import PrognosisSettings
+
+MOST_S: Final = 0.5
+UNIT: Final = ("flap", "drawn")
+SETTINGS: Final = PrognosisSettings(service=Service(hours_per_cycle=1.0))
+_SIGMA: Final = 0.004
+
+
+def lived(path: Path, tests: int) -> None:
+    """Write the history of a unit whose friction and backlash grow."""
+    calibration, rng = Calibration.builtin(), np.random.default_rng(1)
+    unit = Prognostics(History(*UNIT, path), SETTINGS)
+    shown = fault_vector({"friction": 1.0, "backlash": 1.0}) > 0.0
+    for number in range(tests):
+        share = number / tests
+        truth = fault_vector({"friction": 0.4 * share**2, "backlash": 0.3 * share})
+        faults = np.clip(truth + shown * _SIGMA * rng.standard_normal(N_FAULTS), 0.0, 0.99)
+        measurement = Measurement(
+            float(number), faults, _SIGMA**2 * np.eye(N_FAULTS), np.zeros(N_FAULTS, dtype=bool)
+        )
+        unit.update(estimate_of_measurement(measurement, calibration), None, SETTINGS)
+        unit.write()
+    unit.history.close()
+
+
+def resume_s(path: Path) -> float:
+    """Return the time from the file to the health after its latest test [s]."""
+    parameters = Calibration.builtin().unit_parameters
+    start_s = time.perf_counter()
+    unit = Prognostics(History(*UNIT, path), SETTINGS)
+    outlook = unit.resume(parameters, SETTINGS)
+    taken_s = time.perf_counter() - start_s
+    if outlook is None or unit.history.problem:
+        raise RuntimeError(f"no health from {path}: {unit.history.problem}")
+    unit.history.close()
+    return taken_s
+
+
+def measure(tests: int, runs: int) -> dict[str, Any]:
+    """Return the median times with what is kept of growth, and without it [s]."""
+    # Fitted and compiled once a process, by any unit.
+    FITTED.of(Calibration.builtin().unit_parameters, RequirementLimits())
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "unit.sqlite"
+        lived(path, tests)
+        kept = [resume_s(path) for _ in range(runs)]
+        with closing(sqlite3.connect(path)) as db, db:
+            db.execute("DELETE FROM growth")
+        repeated = [resume_s(path) for _ in range(runs)]
+    kept_s, repeated_s = statistics.median(kept), statistics.median(repeated)
+    return {"tests": tests, "kept_s": kept_s, "repeated_s": repeated_s}
+
+
+def rows(figures: dict[str, Any]) -> list[Row]:
+    """Return the rows of the table."""
+    kept_s, repeated_s = figures["kept_s"], figures["repeated_s"]
+    return [
+        Row(
+            f"restart with a history of {figures['tests']} tests, to its health [s]",
+            f"<= {MOST_S:g}",
+            f"{kept_s:.2f}",
+            kept_s <= MOST_S,
+        ),
+        Row(
+            "  when all tests are repeated [s]",
+            "",
+            f"{repeated_s:.2f}, {repeated_s / kept_s:.0f} times as long",
+            None,
+        ),
+    ]
+
+
+@click.command()
+@click.option("--tests", default=1000, show_default=True, type=click.IntRange(10))
+@click.option("--runs", default=5, show_default=True, type=click.IntRange(1))
+@click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
+def main(tests: int, runs: int, output: Path | None) -> None:
+    """Print how long a restart takes."""
+    figures = measure(tests, runs)
+    Console(width=140).print(target_table("restart", rows(figures)))
+    if output is not None:
+        output.write_text(json.dumps(figures, indent=2))
+
+
+if __name__ == "__main__":
+    main()
