@@ -28,6 +28,7 @@ _NUMERICS: Final = (
     "ema_monitor.calibration.alignment",
     "ema_monitor.calibration.calibration",
     "ema_monitor.calibration.columns",
+    "ema_monitor.calibration.files",
     "ema_monitor.model.threads",
     "ema_monitor.model.deviations",
     "ema_monitor.model.measured",

@@ -4,7 +4,7 @@ from ema_cli.completion import Completion
 
 
 def report(
-    blocks: int, windows: int, valid: int, invalid: int = 0, name: str = "flap"
+    blocks: int, windows: int, valid: int, invalid: int = 0, *, name: str = "flap"
 ) -> dict[str, dict[str, str]]:
     names = ("blocks", "windows", "estimates valid", "estimates invalid")
     counts = (blocks, windows, valid, invalid)

@@ -116,6 +116,7 @@ def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path:
     shards = {name: shard_of(name, 2) for name in names}
     assert set(shards.values()) == {0, 1}
     common = {"history_folder": str(tmp_path), "shard.count": 2, "expected_period_s": 1000.0}
+    common["history_max_offset_s"] = 1e10  # the stamps are of another time
     with monitor({**common, "shard.index": 0}) as session, ExitStack() as opened:
         overrides = [Parameter(k, value=v) for k, v in {**common, "shard.index": 1}.items()]
         other = made(
