@@ -5,6 +5,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 
 @contextmanager
@@ -33,8 +34,29 @@ def complete_file(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
+@contextmanager
+def open_regular_file(path: Path) -> Iterator[BinaryIO]:
+    """Open a file to be read; neither a pipe nor a device is waited for.
+
+    Raises
+    ------
+    ValueError
+        When it is not a regular file.
+    OSError
+        When it cannot be read.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise ValueError(f"{path} is not a regular file")
+        with os.fdopen(descriptor, "rb", closefd=False) as file:
+            yield file
+    finally:
+        os.close(descriptor)
+
+
 def read_regular_file(path: Path, most_bytes: int) -> bytes:
-    """Return the content of a file; neither a pipe nor a device is waited for.
+    """Return the content of a file that is opened as by `open_regular_file`.
 
     Raises
     ------
@@ -43,14 +65,8 @@ def read_regular_file(path: Path, most_bytes: int) -> bytes:
     OSError
         When it cannot be read.
     """
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    try:
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise ValueError(f"{path} is not a regular file")
-        with os.fdopen(os.dup(descriptor), "rb") as file:
-            content = file.read(most_bytes + 1)
-    finally:
-        os.close(descriptor)
+    with open_regular_file(path) as file:
+        content = file.read(most_bytes + 1)
     if len(content) > most_bytes:
         raise ValueError(f"{path} is larger than {most_bytes:,} bytes")
     return content

@@ -9,9 +9,9 @@ from typing import Any, Final
 
 import yaml
 
-from ema_core.files import complete_file, read_regular_file
+from ema_core.files import complete_file, open_regular_file
 
-_MOST_READ: Final = 64_000_000
+_HEAD_BYTES: Final = 200
 _log = logging.getLogger(__name__)
 
 
@@ -57,7 +57,8 @@ def log_if_changed(path: Path, made_as: str | None, calibration_id: str) -> None
 def is_calibration_file(path: Path) -> bool:
     """Return whether a file begins as the file of a calibration does, of either kind."""
     try:
-        head = read_regular_file(path, _MOST_READ)[:200].split(b"\n")
+        with open_regular_file(path) as file:
+            head = file.read(_HEAD_BYTES).split(b"\n")
     except (OSError, ValueError):
         return False
     return len(head) > 1 and head[0].startswith(b"format: ") and head[1].startswith(b"actuator_id:")

@@ -186,12 +186,12 @@ def _filled(path: str, description: ActuatorDescription) -> str:
         "actuator_id": _as_file_name(description.actuator_id),
         "serial_number": _as_file_name(description.serial_number),
     }
-    plain = re.sub(r"\{(\w*)\}", lambda found: "" if found[1] in names else found[0], path)
-    if "{" in plain or "}" in plain:
+    filled = re.sub(r"\{(\w+)\}", lambda found: names.get(found[1], found[0]), path)
+    if "{" in filled or "}" in filled:  # names have none: they are quoted
         raise ValueError(
             "expected a path, in which {actuator_id} and {serial_number} may stand in braces"
         )
-    return re.sub(r"\{(\w+)\}", lambda found: names[found[1]], path)
+    return filled
 
 
 def _as_file_name(name: str) -> str:
