@@ -16,7 +16,7 @@ from ema_core.parameters import ActuatorParameters, FieldOrientedParameters
 from ema_core.wording import counted
 from ema_core.yaml_file import load_yaml
 from ema_monitor.calibration.alignment import moved, shift_if_same
-from ema_monitor.calibration.files import identity_of, log_if_changed, write_calibration
+from ema_monitor.calibration.files import built_of, identity_of, write_calibration
 from ema_monitor.model.deviations import N_DEVIATIONS, NAMES, Deviations, unit_priors
 from ema_monitor.model.monitor_model import FORMS_OF_DRIVES, MonitorModel, Response
 from ema_monitor.windows.window import Window
@@ -387,25 +387,23 @@ class Calibration:
                 f"{path} is not a calibration of format {_FORMAT}; "
                 "make it anew with `ema calibrate`"
             )
-        content = {name: value for name, value in content.items() if name != "format"}
-        made_as = content.pop("calibration_id", None)
-        try:
-            given = content["parameters"]
-            content["parameters"] = ActuatorParameters().replace(given)
-            for name in content["parameters"].as_mapping():
-                if name not in given and name not in _unused_by(content["form"]):
-                    raise ValueError(f"parameter {name} is missing")
-            for name in (*_ROWS, "unit_covariance"):
-                content[name] = _numbers(name, content[name])
-            if not isinstance(content["unit"], dict):
-                raise ValueError(f"unit = {content['unit']!r}: expected deviations by name")
-            content["unit"] = Deviations(**content["unit"])
-            content["acquisition"] = Acquisition(**content.get("acquisition", {}))
-            loaded = cls(**content)
-        except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"{path} is a damaged calibration: {error}") from error
-        log_if_changed(path, made_as, loaded.calibration_id)
-        return loaded
+        return built_of(path, content, cls._of_mapping)
+
+    @classmethod
+    def _of_mapping(cls, content: dict[str, Any]) -> "Calibration":
+        """Return the calibration that the entries of a file describe, as `built_of` wants it."""
+        given = content["parameters"]
+        content["parameters"] = ActuatorParameters().replace(given)
+        for name in content["parameters"].as_mapping():
+            if name not in given and name not in _unused_by(content["form"]):
+                raise ValueError(f"parameter {name} is missing")
+        for name in (*_ROWS, "unit_covariance"):
+            content[name] = _numbers(name, content[name])
+        if not isinstance(content["unit"], dict):
+            raise ValueError(f"unit = {content['unit']!r}: expected deviations by name")
+        content["unit"] = Deviations(**content["unit"])
+        content["acquisition"] = Acquisition(**content.get("acquisition", {}))
+        return cls(**content)
 
     def _as_mapping(self) -> dict[str, Any]:
         content = {"format": _FORMAT, **asdict(self)}

@@ -3,15 +3,17 @@
 import hashlib
 import json
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import yaml
 
 from ema_core.files import complete_file, open_regular_file
 
 _HEAD_BYTES: Final = 200
+_OF_THE_FILE: Final = ("format", "calibration_id")
+_Built = TypeVar("_Built")
 _log = logging.getLogger(__name__)
 
 
@@ -33,25 +35,41 @@ def write_calibration(path: Path, content: Mapping[str, Any], calibration_id: st
         partial.write_text(text)
 
 
-def log_if_changed(path: Path, made_as: str | None, calibration_id: str) -> None:
-    """Log that a calibration is not what was written to its file, which is permitted.
+def built_of(
+    path: Path, content: Mapping[str, Any], build: Callable[[dict[str, Any]], _Built]
+) -> _Built:
+    """Return the calibration of a file; log where that is not what was written to it.
 
     Parameters
     ----------
     path
-        The file.
-    made_as
-        Identity that the file names; None in files that were written without one.
-    calibration_id
-        Identity of its content.
+        The file, for the messages.
+    content
+        What it holds, in plain values.
+    build
+        Makes the calibration, with its ``calibration_id``, of the entries that are its own, which
+        it may change.
+
+    Raises
+    ------
+    ValueError
+        When they are none; the message names the file.
     """
-    if made_as not in (None, calibration_id):
+    entries = {name: value for name, value in content.items() if name not in _OF_THE_FILE}
+    try:
+        loaded: Any = build(entries)
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path} is a damaged calibration: {error}") from error
+    made_as = content.get("calibration_id")
+    # A change by hand is permitted; files of earlier versions have no identity.
+    if made_as not in (None, loaded.calibration_id):
         _log.warning(
             "%s was changed after it was written: it was calibration %s and is %s now",
             path,
             made_as,
-            calibration_id,
+            loaded.calibration_id,
         )
+    return loaded
 
 
 def is_calibration_file(path: Path) -> bool:

@@ -6,7 +6,7 @@ from pathlib import Path
 from ema_core.description import ActuatorDescription
 from ema_core.yaml_file import load_yaml
 from ema_monitor.calibration.calibration import Calibration
-from ema_monitor.calibration.files import log_if_changed
+from ema_monitor.calibration.files import built_of
 from ema_monitor.calibration.fit import calibrate
 from ema_monitor.unknown_drive.calibrating import calibrate_unknown
 from ema_monitor.unknown_drive.unit import FORMAT, UnknownDriveUnit
@@ -29,12 +29,7 @@ def load_calibration(path: Path) -> AnyCalibration:
     content = load_yaml(path)
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         return Calibration.of_content(path, content)
-    try:
-        loaded = UnknownDriveUnit.of_mapping(content)
-    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path} is a damaged calibration: {error}") from error
-    log_if_changed(path, content.get("calibration_id"), loaded.calibration_id)
-    return loaded
+    return built_of(path, content, UnknownDriveUnit.of_mapping)
 
 
 def calibrate_unit(

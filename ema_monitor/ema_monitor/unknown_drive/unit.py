@@ -207,7 +207,7 @@ class UnknownDriveUnit:
 
     @classmethod
     def of_mapping(cls, content: Mapping[str, Any]) -> Self:
-        """Return the calibration that the content of a file describes.
+        """Return the calibration that the entries of a file describe, as `built_of` gives them.
 
         Raises
         ------
