@@ -6,6 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.history import History
@@ -62,6 +64,13 @@ class Cycle(NamedTuple):
 
     estimate: Estimate
     counted_hours: float = math.nan
+
+
+def drawn_count(rng: np.random.Generator, number: int) -> float:
+    """Hours counted at a test of a number: none, the right ones of 8 a test, or wrong ones."""
+    kind = rng.choice(["none", "right", "high", "low"], p=[0.3, 0.5, 0.1, 0.1])
+    right = 8.0 * number
+    return {"none": math.nan, "right": right, "high": 9.0 * right, "low": right / 4}[kind]
 
 
 def worn(number: int, counted_hours: float = math.nan, *, valid: bool = True) -> Cycle:

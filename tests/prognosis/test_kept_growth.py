@@ -18,7 +18,7 @@ from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 
-from .lived_units import TEN_HOURS, UNIT, Cycle, follow, plain, worn
+from .lived_units import TEN_HOURS, UNIT, Cycle, drawn_count, follow, plain, worn
 
 N = 8
 
@@ -78,9 +78,7 @@ def test_restart_from_what_is_kept_says_the_same_to_the_last_bit(
     settings = PrognosisSettings(service=Service(hours_per_cycle=7.0 if by_cycles else 0.0))
     cycles = []
     for number in range(16):
-        kind = rng.choice(["none", "right", "high", "low"], p=[0.3, 0.5, 0.1, 0.1])
-        right = 8.0 * number
-        hours = {"none": math.nan, "right": right, "high": 9.0 * right, "low": right / 4}[kind]
+        hours = drawn_count(rng, number)
         cycle = worn(number, math.nan if by_cycles else hours, valid=rng.random() > 0.2)
         if cycle.estimate.valid and rng.random() < 0.2:
             odd = cycle.estimate.faults._replace(friction=0.6)

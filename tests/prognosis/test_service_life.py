@@ -22,6 +22,7 @@ from .lived_units import (
     Cycle,
     backlash,
     counted,
+    drawn_count,
     follow,
     friction,
     lived,
@@ -146,9 +147,7 @@ def test_restart_at_any_test_goes_on_as_if_there_had_been_none(
     settings = PrognosisSettings(service=Service(hours_per_cycle=7.0 if by_cycles else 0.0))
     cycles = []
     for number in range(16):
-        kind = rng.choice(["none", "right", "high", "low"], p=[0.3, 0.5, 0.1, 0.1])
-        right = 8.0 * number
-        hours = {"none": math.nan, "right": right, "high": 9.0 * right, "low": right / 4}[kind]
+        hours = drawn_count(rng, number)
         hours = math.nan if by_cycles else hours
         cycles.append(worn(number, hours, valid=rng.random() > 0.3))
     path = tmp_path / "history.sqlite"
