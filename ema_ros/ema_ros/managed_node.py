@@ -19,7 +19,7 @@ from rclpy.qos import QoSProfile
 
 from ema_ros import topics
 from ema_ros.entities import destroy_entities, entities_of
-from ema_ros.peers import Peers, nodes_alive, nodes_in_touch
+from ema_ros.peers import Peers, nodes_alive, nodes_in_touch, unheard_publishers
 from ema_ros.rclpy_private import (
     given_parameters,
     lifecycle_state,
@@ -277,6 +277,7 @@ class ManagedNode(LifecycleNode):
         now_s = time.monotonic()
         for lost in self._peers.update(nodes_in_touch(self), nodes_alive(self), now_s):
             self.get_logger().warning(f"{lost} has gone from the graph")
+        self._peers.unheard = unheard_publishers(self)
         self.report()
 
     def _log_unknown_parameters(self) -> None:

@@ -1,8 +1,10 @@
 """Who else is in the graph, and who has gone."""
 
+from collections import defaultdict
 from typing import Final
 
 from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
 from ema_ros.status import OK, WARN, Task
 
@@ -24,6 +26,8 @@ class Peers:
     def __init__(self) -> None:
         self._present: set[str] = set()
         self._gone: dict[str, float] = {}
+        self.unheard: list[str] = []
+        """Publishers whose messages do not arrive, as ``unheard_publishers`` gives them."""
 
     def update(self, in_touch: set[str], alive: set[str], now_s: float) -> list[str]:
         """Take note of who is there and return who has gone since the last time."""
@@ -36,13 +40,14 @@ class Peers:
         return lost
 
     def task(self, hardware_id: str, now_s: float) -> Task:
-        """Return the status: a warning for a minute after somebody has gone."""
+        """Return the status: a warning for a minute after somebody has gone, or is not heard."""
         fresh = [name for name, since in self._gone.items() if now_s - since < FRESH_S]
         values = {"present": ", ".join(sorted(self._present)), "gone": ", ".join(self._gone)}
-        if fresh:
-            return Task(
-                "peers", WARN, f"gone from the graph: {', '.join(fresh)}", hardware_id, values
-            )
+        found = [f"gone from the graph: {', '.join(fresh)}"] if fresh else []
+        if self.unheard:
+            found.append(f"not received: {', '.join(self.unheard)}")
+        if found:
+            return Task("peers", WARN, "; ".join(found), hardware_id, values)
         return Task("peers", OK, f"{len(self._present)} in touch", hardware_id, values)
 
 
@@ -71,6 +76,25 @@ def nodes_in_touch(node: Node) -> set[str]:
         if not item.node_name.startswith("_")
     }
     return found - {own}
+
+
+def unheard_publishers(node: Node) -> list[str]:
+    """Return the publishers that no subscription of a node receives for their quality of service.
+
+    Each is named with its topic, its node and what the middleware says of both.
+    """
+    wanted: dict[str, list[QoSProfile]] = defaultdict(list)
+    for item in node.subscriptions:
+        wanted[item.topic_name].append(item.qos_profile)
+    found = set()
+    for topic, profiles in wanted.items():
+        for info in node.get_publishers_info_by_topic(topic):
+            answers = [qos_check_compatible(info.qos_profile, profile) for profile in profiles]
+            if all(verdict == QoSCompatibility.ERROR for verdict, _ in answers):
+                name = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+                reason = answers[0][1].removeprefix("ERROR: ").rstrip("; ")
+                found.add(f"{topic} of {name} ({reason})")
+    return sorted(found)
 
 
 def nodes_alive(node: Node) -> set[str]:

@@ -3,9 +3,10 @@
 from collections.abc import Callable
 
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from ema_ros.peers import FRESH_S, Peers, nodes_in_touch
+from ema_ros.peers import FRESH_S, Peers, nodes_in_touch, unheard_publishers
 from ema_ros.status import OK, WARN
 
 from ..waiting import wait_for
@@ -92,3 +93,29 @@ def test_in_touch_are_nodes_of_the_namespace_that_share_a_topic(make_node: Calla
     until({"/ema/hears", "/ema/speaks", "/ema/same"})
     speaks.destroy_node()
     until({"/ema/hears", "/ema/same"})
+
+
+def test_a_publisher_that_no_subscription_can_receive_is_named_as_long_as_it_is_there(
+    make_node: Callable[..., Node],
+):
+    own, other = make_node("own", namespace="/ema"), make_node("radio", namespace="/ema")
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    own.create_subscription(String, "strict", lambda _: None, 1)
+    # Two of different demands: what one of them receives is received.
+    own.create_subscription(String, "either", lambda _: None, latched)
+    own.create_subscription(String, "either", lambda _: None, best_effort)
+    publishers = [
+        other.create_publisher(String, name, best_effort) for name in ("strict", "either")
+    ]
+    publishers.append(other.create_publisher(String, "strict", 1))
+    named = "/ema/strict of /ema/radio (Best effort publisher and reliable subscription)"
+    wait_for(lambda: own.count_publishers("strict") == 2, "the publishers")
+    wait_for(lambda: own.count_publishers("either") == 1, "the publishers")
+    assert unheard_publishers(own) == [named]
+    peers = Peers()
+    peers.unheard = unheard_publishers(own)
+    task = peers.task("unit", 0.0)
+    assert (task.level, task.message) == (WARN, f"not received: {named}")
+    other.destroy_publisher(publishers[0])
+    wait_for(lambda: not unheard_publishers(own), "nobody unheard")

@@ -30,7 +30,9 @@ from ema_interfaces.msg import (
     WindowFit,
 )
 from ema_ros.stamps import stamp_to_message
+from ema_ros.status import hardware_name
 
+NAMESPACE = "/ema"
 HOURS_PER_TEST = 10.0
 SIGMA = 0.004
 SAMPLE_PERIOD_S = 1e-4
@@ -468,13 +470,16 @@ def diagnostics(units: list[Unit], now_ns: int) -> DiagnosticArray:
     """Return the status that the monitor reports each second."""
     found = []
 
-    def status(level: int, task: str, text: str, **values: str) -> None:
+    def status(level: int, task: str, text: str, unit: Unit | None = None, **values: str) -> None:
+        hardware = hardware_name(NAMESPACE, "monitor")
+        if unit is not None:
+            hardware = hardware_name(NAMESPACE, unit.actuator_id, unit.serial_number)
         found.append(
             DiagnosticStatus(
                 level=bytes([level]),
-                name=f"ema/monitor: {task}",
+                name=f"{NAMESPACE}/monitor: {task}",
                 message=text,
-                hardware_id="ema/monitor",
+                hardware_id=hardware,
                 values=[KeyValue(key=key, value=value) for key, value in values.items()],
             )
         )
@@ -483,8 +488,9 @@ def diagnostics(units: list[Unit], now_ns: int) -> DiagnosticArray:
     status(OK, "peers", "2 in touch")
     status(OK, "identification", "waiting for windows")
     for unit in units:
-        status(OK, f"{unit.actuator_id} telemetry", "receiving", windows=str(unit.window), gaps="0")
-        status(unit.level_at(unit.tests), f"{unit.actuator_id} health", "see health")
+        telemetry = f"{unit.actuator_id} telemetry"
+        status(OK, telemetry, "receiving", unit, windows=str(unit.window), gaps="0")
+        status(unit.level_at(unit.tests), f"{unit.actuator_id} health", "see health", unit)
     message = DiagnosticArray(status=found)
     message.header.stamp = stamp_to_message(now_ns)
     return message

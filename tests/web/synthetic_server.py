@@ -32,7 +32,6 @@ from ema_interfaces.msg import PlaybackState
 from ema_recording.schema import schema_text
 from ema_ros.stamps import stamp_to_message
 
-NAMESPACE = "/ema"
 TEST_S = 0.7
 BAG_S = 600.0
 
@@ -101,7 +100,7 @@ class Server(ServerListener):
         context = self.context = foxglove.Context()
         with self.lock:
             for name in self.names:
-                topic = name if name.startswith("/") else f"{NAMESPACE}/{name}"
+                topic = name if name.startswith("/") else f"{made.NAMESPACE}/{name}"
                 text = schema_text(_TYPES[name])
                 schema = foxglove.Schema(name=_TYPES[name], encoding="ros2msg", data=text.encode())
                 self.channels[name] = foxglove.Channel(

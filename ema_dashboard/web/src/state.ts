@@ -34,6 +34,18 @@ export interface Diagnostic extends DiagnosticStatus {
   received: number;
 }
 
+/** Namespace of the node that reports, as `/ema` of `/ema/monitor: flap health`. */
+function namespaceOf({ name }: DiagnosticStatus): string {
+  return /^([^:]*)\/[^/:]*: /.exec(name)?.[1] ?? "";
+}
+
+/** Whether a status is of an actuator, whichever unit is installed there. */
+export function isOf(address: Address, status: DiagnosticStatus): boolean {
+  const key = keyOf(address);
+  return namespaceOf(status) === address.namespace &&
+    (status.hardware_id === key || status.hardware_id.startsWith(`${key}/`));
+}
+
 export class State {
   connection: Connection = { state: "connecting" };
   topics: string[] | undefined;
@@ -50,7 +62,7 @@ export class State {
   #lastUpdate = -Infinity;
   #took = 0; // by the latest update [ms]
   #now = { stamp: 0, at: 0, isClock: false };
-  #reported = new Map<string, number>(); // local time of the latest status of a health [ms]
+  #reported = new Map<string, number>(); // by key: local time of the latest status of a health [ms]
 
   /** Be told of changes; returns how to end it. */
   subscribe(view: () => void): () => void {
@@ -161,8 +173,10 @@ export class State {
     const stamp = seconds(array.header.stamp);
     for (const status of array.status) {
       this.diagnostics.set(status.name, { ...status, stamp, received: Date.now() });
-      const monitored = /: (.+) health$/.exec(status.name)?.[1];
-      if (monitored !== undefined) this.#reported.set(monitored, Date.now());
+      const id = /: (.+) health$/.exec(status.name)?.[1];
+      if (id !== undefined) {
+        this.#reported.set(keyOf({ namespace: namespaceOf(status), id }), Date.now());
+      }
     }
     this.#listen();
     // Of the times of a recording only the player knows which is now.
@@ -176,7 +190,7 @@ export class State {
   /** Note whose monitor does not report any more; where none ever did, nothing is missing. */
   #listen(): void {
     for (const actuator of this.actuators.values()) {
-      const reported = this.#reported.get(actuator.id);
+      const reported = this.#reported.get(actuator.key);
       const isSilent = reported !== undefined && Date.now() - reported > SILENT_MS;
       if (isSilent !== (actuator.isSilent ?? false)) {
         this.actuators.set(actuator.key, { ...actuator, isSilent });

@@ -8,7 +8,7 @@ const format = await load("format.ts");
 const { Telemetry } = await load("telemetry.ts");
 const { UnitRecord } = await load("unit_history.ts");
 const { actuatorOf } = await load("peek.ts");
-const { State } = await load("state.ts");
+const { State, isOf } = await load("state.ts");
 
 test("a value has the digits that its sigma leaves", () => {
   assert.equal(format.withSigma(0.24893, 0.0018), "0.2489 ± 0.0018");
@@ -180,17 +180,32 @@ test("the health of a monitor that has stopped reporting is stale, until it repo
   take("health", { header: { stamp }, actuator_id: "flap", serial_number: "1",
     level: 1, faults: [], requirements: [] });
   mock.timers.tick(60_000);
-  status("dashboard: dashboard");
+  status("/ema/dashboard: dashboard");
   assert.equal(flap().isSilent ?? false, false, "no monitor has reported so far: a recording");
-  status("monitor: flap health");
+  status("/other/monitor: flap health");
+  mock.timers.tick(6000);
+  status("/ema/dashboard: dashboard");
+  assert.equal(flap().isSilent ?? false, false, "an actuator of another namespace");
+  status("/ema/monitor: flap health");
   mock.timers.tick(4000);
-  status("dashboard: dashboard");
+  status("/ema/dashboard: dashboard");
   assert.equal(flap().isSilent ?? false, false);
   mock.timers.tick(2000);
-  status("dashboard: dashboard");
+  status("/ema/dashboard: dashboard");
   assert.equal(flap().isSilent, true);
-  status("monitor: flap health");
+  status("/ema/monitor: flap health");
   assert.equal(flap().isSilent, false);
   delete globalThis.requestAnimationFrame;
   mock.timers.reset();
+});
+
+test("a status is of the actuator of its own namespace", () => {
+  const flap = { namespace: "/left", id: "flap" };
+  const status = (name, hardware_id) => ({ name, hardware_id, level: 0, message: "", values: [] });
+  assert.ok(isOf(flap, status("/left/monitor: flap health", "/left/flap")));
+  assert.ok(isOf(flap, status("/left/monitor: flap backlash", "/left/flap/SIM-0001")));
+  assert.ok(!isOf(flap, status("/left/monitor: flaperon health", "/left/flaperon/SIM-0001")));
+  assert.ok(!isOf(flap, status("/right/monitor: flap health", "/right/flap/SIM-0001")));
+  assert.ok(!isOf(flap, status("/left/flap/monitor: tab health", "/left/flap/tab/SIM-0001")));
+  assert.ok(isOf({ namespace: "", id: "flap" }, status("/monitor: flap health", "/flap")));
 });

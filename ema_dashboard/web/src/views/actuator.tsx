@@ -49,7 +49,7 @@ export function OneActuator({ state, address }: { state: State; address: Address
       <FaultVector estimate={actuator.usable} />
       <Events events={columns?.events} now={state.now()} />
       <Live actuatorKey={key} />
-      <Diagnostics state={state} id={address.id} />
+      <Diagnostics state={state} of={address} />
     </main>
   );
 }

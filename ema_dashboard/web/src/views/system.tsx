@@ -2,22 +2,22 @@
 
 import { duration } from "../format.ts";
 import { LEVELS, UNKNOWN } from "../levels.ts";
-import type { Diagnostic, State } from "../state.ts";
+import type { Address } from "../protocol.ts";
+import { type Diagnostic, type State, isOf } from "../state.ts";
 import { useSecond } from "./hooks.ts";
 import { Badge, Empty, Section } from "./parts.tsx";
 
 const SILENT_MS = 5000;
 
-export function Diagnostics({ state, id }: { state: State; id?: string }) {
+export function Diagnostics({ state, of }: { state: State; of?: Address }) {
   useSecond();
   const all = [...state.diagnostics.values()];
-  const chosen = id === undefined ? all
-    : all.filter(({ name }) => name.includes(`: ${id} `) || name.endsWith(`: ${id}`));
+  const chosen = of === undefined ? all : all.filter((one) => isOf(of, one));
   const shown = chosen.sort((one, other) => rank(one) - rank(other) ||
     one.name.localeCompare(other.name));
-  const rows = id === undefined ? shown.filter((one) => one.level > 0 || isOfNode(one)) : shown;
+  const rows = of === undefined ? shown.filter((one) => one.level > 0 || isOfNode(one)) : shown;
   return (
-    <Section title={id === undefined ? "Nodes" : "Diagnostics"} id="diagnostics">
+    <Section title={of === undefined ? "Nodes" : "Diagnostics"} id="diagnostics">
       {rows.length === 0 ? <Empty>No status has been received.</Empty> : (
         <ul class="diagnostics">
           {rows.map((one) => (
@@ -29,7 +29,7 @@ export function Diagnostics({ state, id }: { state: State; id?: string }) {
                 {isSilent(one) &&
                   <span class="soft"> silent for {duration((Date.now() - one.received) / 1000)}</span>}
               </span>
-              {id !== undefined && one.values.length > 0 && (
+              {of !== undefined && one.values.length > 0 && (
                 <details>
                   <summary>{one.values.length} {one.values.length === 1 ? "figure" : "figures"}</summary>
                   <dl class="values">
