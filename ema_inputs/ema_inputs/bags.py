@@ -6,16 +6,16 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
-from ema_core.wording import unknown_name
+from ema_core.wording import counted, unknown_name
 from ema_inputs.mapping import Mapping
 from ema_inputs.series import Collector, Series
 from ema_recording.metadata import METADATA_FILE
 from ema_recording.packed import PACKED_SUFFIX
 from ema_recording.reader import Bag
 
+_MOST_MALFORMED = 100_000
 _PACKED_MCAP = f".mcap{PACKED_SUFFIX}"
 
 
@@ -56,6 +56,8 @@ class AnyBag:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._bag: Bag | None = None
+        # Why the first malformed message of each topic is none, and when they were received.
+        self._malformed: dict[str, tuple[str, set[int]]] = {}
         if _is_mcap(path):
             self._bag = Bag(path)
             self.topics = {
@@ -71,8 +73,13 @@ class AnyBag:
 
     @property
     def damage(self) -> str:
-        """What is damaged; empty as long as it seems whole."""
-        return self._bag.damage if self._bag else ""
+        """What is damaged, and whether that can be known; empty as long as it seems whole."""
+        if self._bag is not None:
+            return "; ".join(filter(None, (self._bag.damage, self._bag.unchecked)))
+        return "; ".join(
+            f"topic {name}: {counted(len(times), 'malformed message')} skipped, {first}"
+            for name, (first, times) in self._malformed.items()
+        )
 
     def messages(self, topics: Iterable[str]) -> Iterator[tuple[str, Any, int, int]]:
         """Yield topic, message, time of sending (0: not known) and of reception [ns].
@@ -80,7 +87,11 @@ class AnyBag:
         Raises
         ------
         ValueError
-            When a topic is not there, or a message cannot be decoded.
+            When a topic is not there, or its type not known.
+
+        Notes
+        -----
+        A message that cannot be decoded is skipped; ``damage`` names and counts it.
         """
         wanted = list(topics)
         for name in wanted:
@@ -95,11 +106,12 @@ class AnyBag:
             for connection, received_ns, data in reader.messages(chosen):
                 try:
                     message = reader.deserialize(data, connection.msgtype)
-                except (SerdeError, KeyError) as error:
-                    raise ValueError(
-                        f"{self.path}: a message on {connection.topic} is no "
-                        f"{connection.msgtype}: {error}"
-                    ) from error
+                except Exception as error:  # whatever the generated code comes upon
+                    first = f"the first of time {received_ns} ns: no {connection.msgtype}: {error}"
+                    _, times = self._malformed.setdefault(connection.topic, (first, set()))
+                    if len(times) < _MOST_MALFORMED:
+                        times.add(received_ns)
+                    continue
                 yield connection.topic, message, 0, received_ns
 
     def _opened(self) -> AnyReader:

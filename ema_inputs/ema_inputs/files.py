@@ -51,8 +51,7 @@ class InputFile:
             raise FileNotFoundError(2, "there is no such file", str(path))
         if is_bag(path):
             self._bag = AnyBag(path)
-            if self._bag.damage:
-                self.remarks.append(self._bag.damage)
+            self._note_damage("")
         else:
             self._columns = read_columns(path, mapping.table if mapping else None)
 
@@ -76,7 +75,9 @@ class InputFile:
             raise ValueError(
                 f"{self.path} is a bag, but position has no topic: expected a mapping of topics"
             )
+        known = self._bag.damage
         found, problem = bag_series(self._bag, mapping)
+        self._note_damage(known)
         if problem:
             self.remarks.append(problem)
         return found
@@ -118,6 +119,14 @@ class InputFile:
             for name, topic in list(self._bag.topics.items())[:_MOST_LISTED]
         ]
 
+    def _note_damage(self, known: str) -> None:
+        """Add what is damaged to the remarks, in the place of what was known of it before."""
+        assert self._bag is not None
+        if known in self.remarks:
+            self.remarks.remove(known)
+        if self._bag.damage:
+            self.remarks.append(self._bag.damage)
+
     def _joined(self, mapping: Mapping) -> Samples:
         series = self.series(mapping)
         stamps, _ = primary_stamps(series[mapping.position.topic], mapping)
@@ -131,8 +140,9 @@ class InputFile:
             if kind == "sensor_msgs/msg/JointState":
                 joints[name] = self._joints_by_travel(name)
             elif kind.endswith("MultiArray"):
-                _, message, _, _ = next(self._bag.messages([name]))
-                self._elements[name] = len(message.data)
+                first = next(self._bag.messages([name]), None)
+                if first is not None:
+                    self._elements[name] = len(first[1].data)
         return topics, joints
 
     def _joints_by_travel(self, topic: str) -> list[str]:

@@ -12,6 +12,7 @@ from ema_recording.metadata import (
     TopicInformation,
     serialized_metadata,
 )
+from ema_recording.records import LIBRARY
 
 COMPRESSION = {"zstd": CompressionType.ZSTD, "none": CompressionType.NONE}
 """How chunks are compressed, by name."""
@@ -42,7 +43,7 @@ class BagFile:
         self._schemas: dict[str, int] = {}
         self._file = path.open("xb")
         self._mcap = Writer(self._file, chunk_bytes, COMPRESSION[compression])
-        self._mcap.start(profile="ros2", library=f"ema_recording {__version__}")
+        self._mcap.start(profile="ros2", library=f"{LIBRARY} {__version__}")
         self._mcap.flush()
 
     @property

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Schema, Statistics
+from mcap.records import Channel, ChunkIndex, Header, Schema, Statistics
 
 from ema_recording.packed import check_compression
 from ema_recording.records import (
+    LIBRARY,
     MAGIC,
     DamageError,
     McapRecord,
@@ -25,6 +26,8 @@ from ema_recording.records import (
 _FOOTER = struct.Struct("<BQQQI")
 _FOOTER_HEAD = (Opcode.FOOTER, 20)
 _CHECKSUM_BYTES = 4
+_RECORD_HEAD = struct.Struct("<BQ")
+_CHUNK_HEAD = struct.Struct("<QQQI")
 _TAIL_BYTES = _FOOTER.size + len(MAGIC)
 _STRETCH_BYTES = 1 << 20
 
@@ -54,6 +57,10 @@ class Contents:
         Where the messages are, in the order of the file.
     damage
         What is wrong with the file, one item per defect.
+    library
+        What its header says of the program that wrote it.
+    has_checksums
+        Whether the writer of the file gave every chunk a checksum.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -61,6 +68,8 @@ class Contents:
     counts: Counter[int] = field(default_factory=Counter)
     stretches: list[Stretch] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
+    library: str = ""
+    has_checksums: bool = False
 
 
 def read_contents(file: BinaryIO) -> Contents:
@@ -84,13 +93,27 @@ def read_contents(file: BinaryIO) -> Contents:
     begin = file.read(len(MAGIC))
     if not MAGIC.startswith(begin):
         raise ValueError(f"is not an MCAP file: it begins with {begin!r}")
-    summary = _read_summary(file, size)
-    indexed = _indexed(summary) if summary else None
-    return indexed or _read_through(file, size, index_is_whole=summary is not None)
+    library = _library(file, size)
+    is_own = library.startswith(LIBRARY)
+    has_checksums = is_own or _has_checksums(file, size)
+    summary = _read_summary(file, size, needs_checksum=is_own)
+    indexed = _indexed(summary, size) if summary else None
+    contents = indexed or _read_through(
+        file, size, index_is_whole=summary is not None, needs_checksum=has_checksums
+    )
+    contents.library, contents.has_checksums = library, has_checksums
+    return contents
 
 
-def read_messages(file: BinaryIO, stretch: Stretch) -> list[StoredMessage]:
+def read_messages(
+    file: BinaryIO, stretch: Stretch, *, needs_checksum: bool = False
+) -> list[StoredMessage]:
     """Read the messages of a stretch of a file, in their order there.
+
+    Parameters
+    ----------
+    needs_checksum
+        Whether a chunk without a checksum is damaged.
 
     Raises
     ------
@@ -100,12 +123,43 @@ def read_messages(file: BinaryIO, stretch: Stretch) -> list[StoredMessage]:
     return [
         parse_message(record.content)
         for outer in read_records(file, stretch.offset, stretch.stop)
-        for record in unpack(outer)
+        for record in unpack(outer, needs_checksum=needs_checksum)
         if record.opcode == Opcode.MESSAGE
     ]
 
 
-def _read_summary(file: BinaryIO, size: int) -> bytes | None:
+def _library(file: BinaryIO, size: int) -> str:
+    """Return the library that the header names; empty where it is damaged."""
+    try:
+        first = next(read_records(file, len(MAGIC), size), None)
+        if first is not None and first.opcode == Opcode.HEADER:
+            return parse(Header, first.content).library
+    except DamageError:
+        pass
+    return ""
+
+
+def _has_checksums(file: BinaryIO, size: int) -> bool:
+    """Return whether any chunk has a checksum: a writer gives all of them one, or none.
+
+    Only the heads are read, up to the first that has one.
+    """
+    offset = len(MAGIC)
+    while offset + _RECORD_HEAD.size <= size:
+        file.seek(offset)
+        head = file.read(_RECORD_HEAD.size + _CHUNK_HEAD.size)
+        opcode, length = _RECORD_HEAD.unpack_from(head)
+        if opcode in (0, Opcode.DATA_END, Opcode.FOOTER):
+            break
+        if opcode == Opcode.CHUNK and len(head) == _RECORD_HEAD.size + _CHUNK_HEAD.size:
+            *_, checksum = _CHUNK_HEAD.unpack_from(head, _RECORD_HEAD.size)
+            if checksum:
+                return True
+        offset += _RECORD_HEAD.size + length
+    return False
+
+
+def _read_summary(file: BinaryIO, size: int, *, needs_checksum: bool) -> bytes | None:
     """Return the records after the data, ``b""`` if none; None when the end is damaged."""
     if size < len(MAGIC) + _TAIL_BYTES:
         return None
@@ -121,11 +175,12 @@ def _read_summary(file: BinaryIO, size: int) -> bytes | None:
     file.seek(start)
     summary = file.read(size - _TAIL_BYTES - start)
     checked = summary + tail[: _FOOTER.size - _CHECKSUM_BYTES]
-    return None if checksum and zlib.crc32(checked) != checksum else summary
+    is_checked = checksum or needs_checksum
+    return None if is_checked and zlib.crc32(checked) != checksum else summary
 
 
-def _indexed(summary: bytes) -> Contents | None:
-    """Return the contents by the summary; None where it is incomplete."""
+def _indexed(summary: bytes, size: int) -> Contents | None:
+    """Return the contents of a file of a size by its summary; None where that is incomplete."""
     contents = Contents()
     statistics = None
     try:
@@ -135,6 +190,8 @@ def _indexed(summary: bytes) -> Contents | None:
             elif record.opcode == Opcode.CHUNK_INDEX:
                 chunk = parse(ChunkIndex, record.content)
                 check_compression(chunk.compression)
+                if chunk.chunk_start_offset + chunk.chunk_length > size:
+                    return None
                 stretch = Stretch(
                     chunk.chunk_start_offset,
                     chunk.chunk_start_offset + chunk.chunk_length,
@@ -160,7 +217,9 @@ def _indexed(summary: bytes) -> Contents | None:
     return contents if complete else None
 
 
-def _read_through(file: BinaryIO, size: int, *, index_is_whole: bool) -> Contents:
+def _read_through(
+    file: BinaryIO, size: int, *, index_is_whole: bool, needs_checksum: bool
+) -> Contents:
     """Return the contents by reading the whole file, as far as that goes."""
     contents = Contents()
     end = len(MAGIC)
@@ -171,7 +230,7 @@ def _read_through(file: BinaryIO, size: int, *, index_is_whole: bool) -> Content
             if record.opcode in (Opcode.DATA_END, Opcode.FOOTER):
                 break
             try:
-                _add(contents, record)
+                _add(contents, record, needs_checksum)
             except DamageError as error:
                 kind = "chunk" if record.opcode == Opcode.CHUNK else "record"
                 contents.damage.append(f"the {kind} at byte {record.offset} is lost: {error}")
@@ -189,9 +248,9 @@ def _read_through(file: BinaryIO, size: int, *, index_is_whole: bool) -> Content
     return contents
 
 
-def _add(contents: Contents, record: McapRecord) -> None:
+def _add(contents: Contents, record: McapRecord, needs_checksum: bool) -> None:
     """Add a record of the data section."""
-    records = unpack(record)
+    records = unpack(record, needs_checksum=needs_checksum)
     for inner in records:
         _define(contents, inner)
     messages = [parse_message(inner.content) for inner in records if inner.opcode == Opcode.MESSAGE]

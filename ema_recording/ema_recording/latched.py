@@ -53,7 +53,12 @@ class LatchedIndex:
             return
         found = []
         for place, item in self._bag.placed_raw_messages(self._topics, self._until_ns, time_ns - 1):
-            message = deserialize_message(item.message, message_class(item.type_name))
+            try:
+                message = deserialize_message(item.message, message_class(item.type_name))
+            except Exception as error:  # whatever the middleware makes of what is no message
+                reason = f"no {item.type_name}: {error}"
+                self._bag.note_malformed(item.topic, place, reason)
+                continue
             found.append(_Entry(place, item.topic, getattr(message, "actuator_id", "")))
         self._entries += found
         self._until_ns = time_ns

@@ -5,22 +5,17 @@ has no index or one damaged chunk, and a recorder that is killed leaves such fil
 """
 
 import heapq
-import struct
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
-
-from mcap.exceptions import McapError
-from mcap.stream_reader import StreamReader
+from typing import Any, Final, NamedTuple
 
 from ema_core.wording import counted
 from ema_recording.contents import Contents, Stretch, read_contents, read_messages
 from ema_recording.message_type import is_installed
 from ema_recording.packed import PackedError, StoredFiles, is_packed, unpack_message
-from ema_recording.records import DamageError
+from ema_recording.records import DamageError, StoredMessage
 from ema_recording.schema import decoder, schema_text, to_installed
 
 
@@ -63,6 +58,9 @@ class Recorded(NamedTuple):
     publish_time_ns: int
 
 
+_MOST_MALFORMED: Final = 100_000
+
+
 class Place(NamedTuple):
     """Where a message is in a recording; messages are read in the order of their places."""
 
@@ -98,6 +96,9 @@ class Bag:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self._damage: dict[str, None] = {}
+        # Why the first malformed message of each topic is none, and where all of them are.
+        self._malformed: dict[str, tuple[str, set[Place]]] = {}
+        self._counts: dict[tuple[Path, int], Counter[int]] = {}
         self._files: dict[Path, Contents] = {}
         self._stored = StoredFiles()
         if not self.path.exists():
@@ -114,20 +115,61 @@ class Bag:
     @property
     def writers(self) -> list[str]:
         """Programs that wrote the files, with their versions; empty where a file does not say."""
-        names = set()
-        for path in self._files:
-            with self._stored.open(path) as file, suppress(McapError, StopIteration, struct.error):
-                file.seek(0)
-                names.add(getattr(next(StreamReader(file).records), "library", ""))
-        return sorted(names - {""})
+        return sorted({contents.library for contents in self._files.values()} - {""})
 
     @property
     def damage(self) -> str:
         """Where the recording is damaged and what is lost; empty as long as it seems whole.
 
-        A chunk that was damaged in an indexed file is only found when it is read.
+        A chunk that was damaged in an indexed file, and a malformed message, are only found when
+        they are read.
         """
-        return "; ".join(self._damage)
+        malformed = [
+            f"topic {name}: {counted(len(places), 'malformed message')} skipped, {first}"
+            for name, (first, places) in self._malformed.items()
+        ]
+        return "; ".join([*self._damage, *malformed])
+
+    @property
+    def unchecked(self) -> str:
+        """Why damage of messages may go unnoticed; empty where all of them have checksums."""
+        files = [
+            path.name
+            for path, contents in self._files.items()
+            if contents.counts and not contents.has_checksums
+        ]
+        if not files:
+            return ""
+        return f"{', '.join(files)}: recorded without checksums, damaged messages go unnoticed"
+
+    def readable_counts(self) -> dict[str, int]:
+        """Return how many messages of each topic are in chunks that are whole.
+
+        Chunks that were not read before are read for it. What an index says is not believed: it
+        may promise what is damaged.
+        """
+        found: Counter[str] = Counter()
+        for path, contents in self._files.items():
+            for stretch in contents.stretches:
+                if (path, stretch.offset) not in self._counts:
+                    self._stored_messages(path, stretch)
+                for number, count in self._counts[path, stretch.offset].items():
+                    if number in contents.channels:
+                        found[contents.channels[number].topic] += count
+        return {name: found[name] for name in self.topics}
+
+    def note_malformed(self, topic: str, place: Place, reason: str) -> None:
+        """Take a message for none that can be used; ``damage`` counts it and says why.
+
+        Parameters
+        ----------
+        topic, place
+            Which message; it is counted once, however often it is read.
+        """
+        first = f"the first of log time {place.log_time_ns} ns: {reason}"
+        _, places = self._malformed.setdefault(topic, (first, set()))
+        if len(places) < _MOST_MALFORMED:
+            places.add(place)
 
     def topics_of(self, *type_names: str) -> list[str]:
         """Return the topics of some types."""
@@ -140,7 +182,11 @@ class Bag:
         ------
         ValueError
             When a topic is not in the recording, its type differs from the installed one or has
-            no definition, it is not CDR, or a message cannot be decoded.
+            no definition, or it is not CDR.
+
+        Notes
+        -----
+        A message that cannot be decoded is skipped; ``damage`` names and counts it.
         """
         return (item for _, item in self.placed_messages(topics))
 
@@ -155,8 +201,7 @@ class Bag:
         Parameters
         ----------
         first, last
-            Places of the first and last message wanted, as of a call with the same topics; None
-            for all.
+            Places of the first and last message wanted; None for all.
 
         Raises
         ------
@@ -188,21 +233,22 @@ class Bag:
         return (item for _, item in self._in_log_order(self._chosen(topics), first))
 
     def placed_raw_messages(
-        self, topics: Iterable[str], start_ns: int, end_ns: int
+        self, topics: Iterable[str], start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[tuple[Place, Recorded]]:
         """Read messages as they are stored, with their places, in the order of their log times.
 
         Parameters
         ----------
         start_ns, end_ns
-            Log times of the earliest and latest wanted [ns].
+            Log times of the earliest and latest wanted [ns]; None for all.
 
         Raises
         ------
         ValueError
             When a topic is not in the recording.
         """
-        first, last = Place(start_ns, -1, -1, -1), Place(end_ns + 1, -1, -1, -1)
+        first = None if start_ns is None else Place(start_ns, -1, -1, -1)
+        last = None if end_ns is None else Place(end_ns + 1, -1, -1, -1)
         return self._in_log_order(self._chosen(topics), first, last)
 
     def raw_at(self, topics: Iterable[str], place: Place) -> list[Recorded]:
@@ -211,7 +257,7 @@ class Bag:
         Parameters
         ----------
         topics, place
-            The topics of an earlier call, and a place that it gave.
+            Topics, one of which is that of the message, and a place that another call gave.
         """
         return [item for _, item in self._in_log_order(self._chosen(topics), place, place)]
 
@@ -301,10 +347,8 @@ class Bag:
             try:
                 message = decoders[item.topic](item.message)
             except ValueError as error:
-                raise ValueError(
-                    f"{self.path}: a message on {item.topic} of log time {item.log_time_ns} ns "
-                    f"is {error}"
-                ) from error
+                self.note_malformed(item.topic, place, str(error))
+                continue
             yield place, item._replace(message=message)
 
     def _in_log_order(
@@ -321,7 +365,7 @@ class Bag:
                 break
             while waiting and waiting[0][0].log_time_ns < stretch.start_ns:
                 yield heapq.heappop(waiting)
-            for number, item in enumerate(self._read(path, stretch, chosen)):
+            for number, item in self._read(path, stretch, chosen):
                 found[item.topic] += 1
                 place = Place(item.log_time_ns, file_number, stretch.offset, number)
                 if (not first or first <= place) and (not last or place <= last):
@@ -347,16 +391,11 @@ class Bag:
 
     def _read(
         self, path: Path, stretch: Stretch, chosen: Mapping[str, Topic]
-    ) -> Iterator[Recorded]:
+    ) -> Iterator[tuple[int, Recorded]]:
+        """Yield the messages of a stretch with their numbers in it, whatever topics are wanted."""
         channels = self._files[path].channels
-        try:
-            with self._stored.open(path) as file:
-                messages = read_messages(file, stretch)
-        except DamageError as error:
-            self._note(path, [f"the chunk at byte {stretch.offset} is lost: {error}"])
-            return
-        for number, log_time_ns, publish_time_ns, data in messages:
-            channel = channels.get(number)
+        for number, stored in enumerate(self._stored_messages(path, stretch)):
+            data, channel = stored.data, channels.get(stored.channel)
             if channel is None or channel.topic not in chosen:
                 continue
             topic = chosen[channel.topic]
@@ -367,4 +406,18 @@ class Bag:
                     lost = f"topic {channel.topic}: a compressed message is lost: {error}"
                     self._note(path, [lost])
                     continue
-            yield Recorded(channel.topic, topic.type_name, data, log_time_ns, publish_time_ns)
+            times = stored.log_time_ns, stored.publish_time_ns
+            yield number, Recorded(channel.topic, topic.type_name, data, *times)
+
+    def _stored_messages(self, path: Path, stretch: Stretch) -> list[StoredMessage]:
+        """Read the messages of a stretch, and count them; none where it is damaged."""
+        needs_checksum = self._files[path].has_checksums
+        try:
+            with self._stored.open(path) as file:
+                messages = read_messages(file, stretch, needs_checksum=needs_checksum)
+        except DamageError as error:
+            self._note(path, [f"the chunk at byte {stretch.offset} is lost: {error}"])
+            messages = []
+        if (path, stretch.offset) not in self._counts:
+            self._counts[path, stretch.offset] = Counter(item.channel for item in messages)
+        return messages

@@ -13,6 +13,8 @@ from mcap.records import Chunk
 from ema_recording.packed import PackedError, unpack_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
+LIBRARY = "ema_recording"
+"""How the library in the header of our own files begins; all of their chunks have a checksum."""
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _MOST_BYTES = 1 << 30
@@ -83,7 +85,7 @@ def parse(kind: Any, content: bytes) -> Any:
     """
     try:
         return kind.read(ReadDataStream(io.BytesIO(content)))
-    except (McapError, struct.error, UnicodeDecodeError) as error:
+    except (McapError, struct.error, UnicodeDecodeError, OverflowError) as error:
         raise DamageError(f"not a {kind.__name__} record: {error}") from error
 
 
@@ -101,20 +103,28 @@ def parse_message(content: bytes) -> StoredMessage:
     return StoredMessage(channel, log_time_ns, publish_time_ns, content[_MESSAGE.size :])
 
 
-def unpack(record: McapRecord) -> list[McapRecord]:
+def unpack(record: McapRecord, *, needs_checksum: bool = False) -> list[McapRecord]:
     """Return the records in a chunk, or the record itself when it is none.
+
+    Parameters
+    ----------
+    needs_checksum
+        Whether the writer of the file gave every chunk a checksum.
 
     Raises
     ------
     DamageError
-        When the chunk cannot be unpacked or its checksum is wrong.
+        When the chunk cannot be unpacked, or its checksum is wrong or missing.
     UnknownCompressionError
         When it is compressed in a way that is not read here.
     """
     if record.opcode != Opcode.CHUNK:
         return [record]
+    chunk = parse(Chunk, record.content)
+    if needs_checksum and not chunk.uncompressed_crc and chunk.uncompressed_size:
+        raise DamageError("its checksum is 0, where the writer of the file gives each chunk one")
     try:
-        data = unpack_chunk(parse(Chunk, record.content))
+        data = unpack_chunk(chunk)
     except PackedError as error:
         raise DamageError(str(error)) from error
     return list(read_records(io.BytesIO(data), 0, len(data)))

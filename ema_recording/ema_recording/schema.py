@@ -169,16 +169,19 @@ def decoder(type_name: str, schema: str) -> Callable[[bytes], Any]:
     store = typestore(type_name, schema)
 
     def decode(data: bytes) -> Any:
+        # What is not a message makes the generated code of rosbags raise whatever it comes upon.
         try:
             return store.deserialize_cdr(data, type_name)
-        except (SerdeError, IndexError) as error:
+        except Exception as error:
             if "size mismatch" in str(error):
                 # ROS reserves the padding of empty sequences, does not use it, and leaves it behind
                 # the message; rosbags accepts 3 bytes there.
                 for behind in range(4, _MOST_BEHIND + 1, 4):
-                    with suppress(SerdeError, IndexError):
+                    with suppress(Exception):
                         return store.deserialize_cdr(data[:-behind], type_name)
-            raise ValueError(f"no {type_name}: {error}") from error
+            reason = str(error).removeprefix(f"Could not deserialize {type_name!r}: ")
+            reason = reason or type(error).__name__
+            raise ValueError(f"no {type_name}: {reason}") from error
 
     return decode
 

@@ -22,7 +22,7 @@ HEALTH_TYPE: Final = "ema_interfaces/msg/Health"
 
 @dataclass(frozen=True)
 class Malformed:
-    """A block that is no telemetry."""
+    """A block that is no telemetry, or a description of an impossible actuator."""
 
     stamp_ns: int
     reason: str
@@ -66,8 +66,11 @@ class RecordedTelemetry:
         for place, item in self.bag.placed_messages(topics, first, last):
             is_block = item.topic == self.topic
             if item.message.actuator_id == self.actuator_id:
-                message = item.message
-                yield place, _block(message) if is_block else description_from_message(message)
+                found = _block(item.message) if is_block else _description(item.message)
+                if isinstance(found, Malformed):
+                    self.bag.note_malformed(item.topic, place, found.reason)
+                if is_block or not isinstance(found, Malformed):
+                    yield place, found
             elif is_block and not self.skips_others:
                 there = ", ".join(map(repr, sorted(set(_actuator_ids(self.bag, self.topic)))))
                 raise ValueError(
@@ -92,8 +95,8 @@ def read_telemetry(
     ------
     ValueError
         When there is no telemetry, not of that actuator or not on that topic; when there is a
-        choice and it was not made; when a type is not the installed one or a description is
-        impossible. The message also names what is damaged.
+        choice and it was not made; when a type is not the installed one. The message also names
+        what is damaged.
     """
     try:
         return _find_telemetry(bag, topic, actuator_id)
@@ -148,17 +151,22 @@ def _block(message: Any) -> Telemetry | Malformed:
         return Malformed(stamp_from_message(message.header.stamp), str(error))
 
 
+def _description(message: Any) -> ActuatorDescription | Malformed:
+    try:
+        return description_from_message(message)
+    except ValueError as error:
+        return Malformed(stamp_from_message(message.header.stamp), str(error))
+
+
 def _descriptions(bag: Bag, actuator_id: str) -> tuple[ActuatorDescription, ...]:
     descriptions: list[ActuatorDescription] = []
-    for item in bag.messages(bag.topics_of(DESCRIPTION_TYPE)):
+    for place, item in bag.placed_messages(bag.topics_of(DESCRIPTION_TYPE)):
         if item.message.actuator_id == actuator_id:
-            try:
-                description = description_from_message(item.message)
-            except ValueError as error:
-                raise ValueError(
-                    f"{bag.path}: message on {item.topic} of log time {item.log_time_ns} ns: "
-                    f"{error}"
-                ) from error
-            if not descriptions or description != descriptions[-1]:
-                descriptions.append(description)
+            found = _description(item.message)
+            if isinstance(found, Malformed):
+                bag.note_malformed(
+                    item.topic, place, f"the description is impossible: {found.reason}"
+                )
+            elif not descriptions or found != descriptions[-1]:
+                descriptions.append(found)
     return tuple(descriptions)

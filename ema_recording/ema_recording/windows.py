@@ -291,9 +291,8 @@ def find_recorded_windows(
     """
     path = recorded.bag.path
     if description is None and not recorded.descriptions:
-        raise ValueError(
-            f"{path} has no description of actuator {recorded.actuator_id!r}: give one"
-        )
+        reason = f"{path} has no description of actuator {recorded.actuator_id!r}: give one"
+        raise ValueError("; ".join(filter(None, (reason, recorded.bag.damage))))
     settings = settings or TriggerSettings()
     finder = WindowFinder(settings, description or recorded.descriptions[0])
     latest = _LatestBlocks(recorded, settings.window_s)
@@ -323,6 +322,7 @@ def find_recorded_windows(
         _recorded_window(event, latest) for event in finder.finish() if isinstance(event, Segment)
     ]
     measurements, wrong = _recorded_measurements(recorded)
+    truths = _recorded_truths(recorded)
     for number, item in enumerate(windows):
         measured = measurements.at(recorded.actuator_id, item.start_ns, measured_max_age_s)
         windows[number] = replace(item, measured=measured)
@@ -336,8 +336,7 @@ def find_recorded_windows(
     if wrong:
         said = counted(len(wrong), "impossible measurement")
         remarks.append(f"ignored: {said}, the latest: {wrong[-1]}")
-    if recorded.bag.damage:
-        remarks.append(recorded.bag.damage)
+    remarks += filter(None, (recorded.bag.damage, recorded.bag.unchecked))
     if first is None or finder.description is None:
         raise ValueError(f"{path} has no usable telemetry: {'; '.join(remarks)}")
     return BagWindows(
@@ -350,7 +349,7 @@ def find_recorded_windows(
         remarks,
         finder.longest_motion_s,
         finder.has_rested,
-        _recorded_truths(recorded),
+        truths,
     )
 
 
@@ -380,9 +379,14 @@ def _recorded_measurements(recorded: RecordedTelemetry) -> tuple[MeasurementLog,
 
 
 def _recorded_truths(recorded: RecordedTelemetry) -> list[StampedFaults]:
-    items = recorded.bag.messages(recorded.bag.topics_of(TRUE_FAULTS_TYPE))
-    truths = [stamped_faults_from_message(item.message) for item in items]
-    return [truth for truth in truths if truth.actuator_id == recorded.actuator_id]
+    bag, truths = recorded.bag, []
+    for place, item in bag.placed_messages(bag.topics_of(TRUE_FAULTS_TYPE)):
+        if item.message.actuator_id == recorded.actuator_id:
+            try:
+                truths.append(stamped_faults_from_message(item.message))
+            except ValueError as error:
+                bag.note_malformed(item.topic, place, str(error))
+    return truths
 
 
 def truth_at(truths: Sequence[StampedFaults], start_ns: int) -> StampedFaults | None:

@@ -174,16 +174,22 @@ def test_malformed_block_is_told_in_its_place(tmp_path: Path):
     assert_same([second], [good])
 
 
-def test_impossible_description_is_named_with_its_place(tmp_path: Path):
+def test_impossible_description_is_skipped_and_named_with_its_place(tmp_path: Path):
     message = description_to_message(ActuatorDescription(actuator_id="flap"))
     message.gear_ratio = 0.0
     with BagWriter(tmp_path / "flight") as writer:
         writer.add_topic("/telemetry", TelemetryBlock, QOS)
         writer.add_topic("/description", DescriptionMessage, QOS)
         writer.write("/description", message, 5, 5)
+        message.gear_ratio = 0.002
+        writer.write("/description", message, 6, 6)
         writer.write("/telemetry", telemetry_to_message(blocks()[0], "flap"), 7, 6)
-    with pytest.raises(ValueError, match="on /description of log time 5 ns: tau = 0 - is outside"):
-        read_telemetry(Bag(tmp_path / "flight"))
+    recorded = read_telemetry(Bag(tmp_path / "flight"))
+    assert [one.parameters.tau for one in recorded.descriptions] == [0.002]
+    assert "topic /description: 1 malformed message skipped" in recorded.bag.damage
+    assert "log time 5 ns: the description is impossible: tau = 0 - is outside" in (
+        recorded.bag.damage
+    )
 
 
 def test_truncated_recording_gives_the_telemetry_before_the_cut(tmp_path: Path):

@@ -289,13 +289,120 @@ def test_type_that_has_changed_is_refused(with_hash: bool, tmp_path: Path):
     assert len(list(bag.raw_messages())) == 1
 
 
-def test_message_that_is_none_is_refused(tmp_path: Path):
+def test_message_that_is_none_is_skipped_counted_and_named(tmp_path: Path):
     path = tmp_path / "flight.mcap"
+    rng = random.Random(23)
     with BagWriter(path) as writer:
         writer.add_topic("/t", Header, QOS)
+        writer.write("/t", Header(frame_id="before"), 6)
         writer.write_serialized("/t", b"\x00\x01\x00\x00\x01", 7)
-    with pytest.raises(ValueError, match="on /t of log time 7 ns is no std_msgs/msg/Header"):
-        list(Bag(path).messages())
+        for number in range(50):
+            # Without a known byte order, none is a message.
+            writer.write_serialized("/t", b"\xff" + rng.randbytes(number), 8 + number)
+        writer.write("/t", Header(frame_id="after"), 100)
+    bag = Bag(path)
+    for _ in range(2):
+        assert [item.message.frame_id for item in bag.messages()] == ["before", "after"]
+        told = "topic /t: 51 malformed messages skipped, the first of log time 7 ns: "
+        assert told + "no std_msgs/msg/Header: " in bag.damage
+    assert "lost" not in bag.damage
+
+
+def zeroed_checksum(path: Path, wanted: Callable[[int], bool]) -> int:
+    """Damage chunks that are not compressed, and zero their checksums; how many there are."""
+    content, offset, number = bytearray(path.read_bytes()), 8, 0
+    while offset < len(content) - 8:
+        opcode, length = struct.unpack_from("<BQ", content, offset)
+        if opcode == 6:
+            if wanted(number):
+                content[offset + 9 + 24 : offset + 9 + 28] = bytes(4)
+                at = content.index(b"message ", offset)
+                content[at : at + 8] = b"massage "
+            number += 1
+        offset += 9 + length
+    path.write_bytes(content)
+    return number
+
+
+def test_damaged_chunk_without_the_checksum_of_the_others_is_lost(tmp_path: Path):
+    def without_checksums(path: Path) -> Written:
+        return record_by_mcap(path, compression=CompressionType.NONE, enable_crcs=False)
+
+    def foreign(path: Path) -> Written:
+        return record_by_mcap(path, compression=CompressionType.NONE)
+
+    for recorder, wanted, is_named in (
+        (lambda path: record_by_us(path, "none"), lambda number: number == 3, True),
+        # Ours are known by the header, whatever is left of the checksums.
+        (lambda path: record_by_us(path, "none"), lambda _: True, True),
+        (foreign, lambda number: number == 3, True),
+        (without_checksums, lambda number: number == 3, False),
+    ):
+        for cut in (0, 1):  # read by the index, and through
+            path = tmp_path / "flight.mcap"
+            path.unlink(missing_ok=True)
+            written = recorder(path)
+            zeroed_checksum(path, wanted)
+            path.write_bytes(path.read_bytes()[: -cut or None])
+            bag = Bag(path)
+            read = as_read(bag)
+            counts = bag.readable_counts()
+            assert sum(counts.values()) == len(read)
+            if is_named:
+                assert set(read) <= set(written)
+                assert len(read) < N
+                assert "its checksum is 0" in bag.damage
+                assert bag.unchecked == ""
+            else:
+                assert len(read) == N
+                assert "flight.mcap: recorded without checksums" in bag.unchecked
+
+
+def test_counts_are_those_of_what_can_be_read(tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    record_by_us(path, "none")
+    path.write_bytes(path.read_bytes().replace(b"message 100 ", b"massage 100 "))
+    bag = Bag(path)
+    assert sum(topic.count for topic in bag.topics.values()) == N, "the index promises all"
+    counts = bag.readable_counts()
+    assert sum(counts.values()) == len(as_read(bag)) < N
+    assert "the chunk at byte" in bag.damage
+
+
+@pytest.mark.parametrize("length", [2**63 - 1, 2**63, 2**64 - 1])
+def test_lengths_beyond_64_bits_with_sign_are_damage(tmp_path: Path, length: int):
+    """Python's files refuse such an offset by an OverflowError."""
+    path = tmp_path / "flight.mcap"
+    record_by_us(path, "none")
+    whole, offset, lengths = path.read_bytes(), 8, 0
+    while offset < len(whole) - 8:
+        _, content = struct.unpack_from("<BQ", whole, offset)
+        damaged = bytearray(whole)
+        struct.pack_into("<Q", damaged, offset + 1, length)
+        path.write_bytes(damaged)
+        bag = Bag(path)
+        assert len(as_read(bag)) <= N
+        lengths += 1
+        offset += 9 + content
+    assert lengths > 20
+
+
+def test_offsets_of_chunks_beyond_the_file_are_not_believed(tmp_path: Path):
+    path = tmp_path / "flight.mcap"
+    # Without checksums, so that the index is believed otherwise.
+    written = record_by_mcap(path, enable_crcs=False)
+    whole, offset, found = path.read_bytes(), 8, 0
+    while offset < len(whole) - 8:
+        opcode, length = struct.unpack_from("<BQ", whole, offset)
+        if opcode == 8:  # chunk index: times, offset, length
+            for place in (16, 24):
+                damaged = bytearray(whole)
+                struct.pack_into("<Q", damaged, offset + 9 + place, 2**63)
+                path.write_bytes(damaged)
+                assert as_read(Bag(path)) == written
+            found += 1
+        offset += 9 + length
+    assert found > 3
 
 
 def test_what_is_not_a_recording_is_refused(tmp_path: Path):

@@ -70,12 +70,15 @@ class DiagnosisLog:
         True faults by test cycle, in order.
     limits
         Values at which life ends, by fault.
+    remarks
+        What is wrong with the bag.
     """
 
     actuator_id: str = ""
     serial_number: str = ""
     truths: list[StampedFaults] = field(default_factory=list)
     limits: dict[str, float] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
     _diagnosed: dict[int, Diagnosis] = field(default_factory=dict)
     _levels: dict[int, tuple[int, str]] = field(default_factory=dict)
 
@@ -136,7 +139,8 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
     """
     bag = Bag(path)
     topics = bag.topics_of(ESTIMATE_TYPE, TRUE_FAULTS_TYPE, HEALTH_TYPE)
-    recorded = list(bag.messages(topics))
+    placed = list(bag.placed_messages(topics))
+    recorded = [item for _, item in placed]
     estimated = {item.message.actuator_id for item in recorded if item.type_name == ESTIMATE_TYPE}
     known = ", ".join(sorted(estimated))
     if not estimated:
@@ -148,8 +152,12 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
     if actuator_id is not None and actuator_id not in estimated:
         raise ValueError(f"{path} has no estimates of actuator {actuator_id!r}, but of {known}")
     history = DiagnosisLog(actuator_id or estimated.pop())
-    for item in recorded:
-        history.add(item.type_name, item.message, item.log_time_ns)
+    for place, item in placed:
+        try:
+            history.add(item.type_name, item.message, item.log_time_ns)
+        except ValueError as error:
+            bag.note_malformed(item.topic, place, str(error))
+    history.remarks += filter(None, (bag.damage, bag.unchecked))
     return history
 
 
@@ -161,13 +169,14 @@ def has_latency(diagnoses: list[Diagnosis]) -> bool:
 
 def _diagnosed(message: Any, received_ns: int) -> Diagnosis:
     covariance = np.reshape(message.covariance, (N_FAULTS, N_FAULTS))
+    variances = np.diag(covariance)
     end_ns = stamp_from_message(message.window_end)
     return Diagnosis(
         window=message.window,
         start_ns=stamp_from_message(message.window_start),
         end_ns=end_ns,
         faults=np.array([getattr(message.faults, name) for name in FAULT_NAMES]),
-        sigma=np.sqrt(np.diag(covariance)),
+        sigma=np.sqrt(np.where(variances >= 0.0, variances, np.nan)),
         valid=message.valid,
         reason=message.reason,
         latency_s=(received_ns - end_ns) * 1e-9,

@@ -135,7 +135,8 @@ def read_unit(
             others = ", ".join(sorted(present))
             remarks.append(f"{path}: passed over, it is of actuator {others}")
             continue
-        found = read_windows(path, source)
+        found = read_windows(path, source, bag=bag)
+        damage = bag.damage
         unit = unit or (path, found.description)
         for one in (*(item.description for item in found.windows), found.description):
             _require_same_unit(unit, (path, one))
@@ -149,6 +150,8 @@ def read_unit(
         counted, wrong = _counts(bag, found.description)
         counts += counted
         remarks += [f"{path}: {remark}" for remark in wrong]
+        if bag.damage != damage:  # found in what was counted
+            remarks.append(f"{path}: {bag.damage}")
     if unit is None:
         what = "no bag can be read"
         if source.actuator_id is not None:

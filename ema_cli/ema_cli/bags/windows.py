@@ -17,9 +17,23 @@ from ema_recording.windows import BagWindows, find_recorded_windows
 
 
 def read_windows(
-    path: Path, source: Source, on_block: Callable[[Telemetry], None] | None = None
+    path: Path,
+    source: Source,
+    on_block: Callable[[Telemetry], None] | None = None,
+    bag: Bag | None = None,
 ) -> BagWindows:
     """Read a bag and find the windows in its telemetry, with a progress bar.
+
+    Parameters
+    ----------
+    path
+        The bag.
+    source
+        What of it to look at.
+    on_block
+        Called with each block of telemetry.
+    bag
+        The bag, where it is open already.
 
     Raises
     ------
@@ -30,10 +44,14 @@ def read_windows(
         When it cannot be opened.
     """
     measured = measured_causes_of(source.measured)
-    recorded = read_telemetry(Bag(path), source.topic, source.actuator_id)
-    description, warning = choose_description(
-        path, recorded.actuator_id, recorded.descriptions, source
-    )
+    bag = bag or Bag(path)
+    recorded = read_telemetry(bag, source.topic, source.actuator_id)
+    try:
+        description, warning = choose_description(
+            path, recorded.actuator_id, recorded.descriptions, source
+        )
+    except ValueError as error:
+        raise ValueError("; ".join(filter(None, (str(error), bag.damage)))) from error
     with progress_bar() as progress:
         total = recorded.bag.topics[recorded.topic].count
         task = progress.add_task(f"reading {path}", total=total)

@@ -19,12 +19,14 @@ def info(bag: Path, source: Source) -> None:
     """Show what BAG holds: topics, actuator, telemetry, windows, and what is wrong with it."""
     with one_clear_line():
         contents = Bag(bag)
-        topics = contents.topics.items()
-        rows = [(name, topic.type_name, str(topic.count)) for name, topic in topics]
+        counts = contents.readable_counts()
+        rows = [
+            (name, topic.type_name, str(counts[name])) for name, topic in contents.topics.items()
+        ]
         click.echo(text_table(("topic", "type", "messages"), rows))
         if contents.writers:
             click.echo(f"written by {', '.join(contents.writers)}")
-        found = read_windows(bag, source)
+        found = read_windows(bag, source, bag=contents)
     unit = found.description
     click.echo(f"actuator {unit.actuator_id}, serial number {unit.serial_number}, {unit.model}")
     nominal = unit.parameters.as_mapping()

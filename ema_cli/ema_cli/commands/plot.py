@@ -55,7 +55,10 @@ def plot(
         output = output or bag.with_suffix(".png")
         require_drawable(output)
         if as_history:
-            save_picture(draw_history(read_history(bag, source.actuator_id)), output)
+            history = read_history(bag, source.actuator_id)
+            for remark in history.remarks:
+                click.echo(f"{bag}: {remark}", err=True)
+            save_picture(draw_history(history), output)
             click.echo(f"{output}")
             return
         outline = Outline()

@@ -1,5 +1,6 @@
 """``ema recover``: what is intact of a damaged bag, to a whole one."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -14,7 +15,9 @@ from ema_core.wording import counted
 from ema_recording.message_type import message_class
 from ema_recording.qos import joint_offer, recorded_qos
 from ema_recording.reader import Bag, Topic
-from ema_recording.schema import to_installed
+from ema_recording.schema import decoder, schema_text, to_installed
+from ema_recording.telemetry import TELEMETRY_TYPE
+from ema_ros.telemetry import telemetry_from_message
 
 
 @click.command()
@@ -28,7 +31,10 @@ from ema_recording.schema import to_installed
 )
 @click.option("--force", is_flag=True, help="Replace an existing bag.")
 def recover(bag: Path, output: Path, force: bool) -> None:
-    """Write what is intact of BAG, left by a recorder that was killed, to a bag with an index."""
+    """Write what is intact of BAG, left by a recorder that was killed, to a bag with an index.
+
+    A message that is malformed, telemetry with columns of different lengths included, is left out.
+    """
     with one_clear_line():
         require_apart(output, [bag])
         damaged = Bag(bag)
@@ -41,19 +47,37 @@ def recover(bag: Path, output: Path, force: bool) -> None:
             for name in names:
                 topic = damaged.topics[name]
                 whole.add_topic(name, message_class(topic.type_name), _offer(name, topic))
-            upgrades = {name: to_installed(*damaged.topics[name].identity) for name in names}
+            checks = {name: _checked(damaged.topics[name]) for name in names}
             total, written = sum(damaged.topics[name].count for name in names), 0
-            messages = damaged.raw_messages(names)
-            for item in progress.track(messages, total=total, description="recovering"):
+            messages = damaged.placed_raw_messages(names)
+            for place, item in progress.track(messages, total=total, description="recovering"):
                 if stop:
                     raise click.Abort
-                upgrade = upgrades[item.topic]
-                message = upgrade(item.message) if upgrade else item.message
+                try:
+                    message = checks[item.topic](item.message)
+                except ValueError as error:
+                    damaged.note_malformed(item.topic, place, str(error))
+                    continue
                 whole.write_serialized(item.topic, message, item.log_time_ns, item.publish_time_ns)
                 written += 1
-    if damaged.damage:
-        click.echo(f"{bag}: {damaged.damage}", err=True)
+    for remark in filter(None, (damaged.damage, damaged.unchecked)):
+        click.echo(f"{bag}: {remark}", err=True)
     click.echo(f"{output}: {counted(written, 'message')} on {counted(len(names), 'topic')}")
+
+
+def _checked(topic: Topic) -> Callable[[bytes], bytes]:
+    """Return what makes a message of the installed type of a recorded one; ValueError if none."""
+    upgrade = to_installed(*topic.identity)
+    decode = decoder(topic.type_name, schema_text(topic.type_name))
+
+    def check(data: bytes) -> bytes:
+        checked = upgrade(data) if upgrade else data
+        message = decode(checked)
+        if topic.type_name == TELEMETRY_TYPE:
+            telemetry_from_message(message)
+        return checked
+
+    return check
 
 
 def _offer(name: str, topic: Topic) -> QoSProfile:

@@ -1,0 +1,92 @@
+"""A malformed message costs itself and what it interrupts, never the whole bag."""
+
+import array
+from pathlib import Path
+
+import pytest
+
+from ema_recording.message_type import message_class
+from ema_recording.qos import joint_offer, recorded_qos
+from ema_recording.reader import Bag
+from ema_recording.telemetry import DESCRIPTION_TYPE, TELEMETRY_TYPE
+from ema_recording.writer import BagWriter
+
+from ..ros.recorded_messages import ros_messages
+
+SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
+pytestmark = pytest.mark.slow
+NOT_CDR = b"\x00\x01\x00\x00\x07\xff"
+
+
+def spoil(source: Path, target: Path) -> dict[str, int]:
+    """Copy a bag, with malformed messages on each topic; return how many there are of each."""
+    bag = Bag(source)
+    malformed = dict.fromkeys(bag.topics, 1)
+    with BagWriter(target) as writer:
+        for name, topic in bag.topics.items():
+            kind = message_class(topic.type_name)
+            writer.add_topic(name, kind, joint_offer(recorded_qos(topic.qos)))
+        log_time_ns = bag.start_ns or 0
+        for name in bag.topics:
+            writer.write_serialized(name, NOT_CDR, log_time_ns)
+        for number, item in enumerate(ros_messages(bag)):
+            writer.write(item.topic, item.message, item.log_time_ns, item.publish_time_ns)
+            if number == 10:  # while the actuator rests
+                block = message_class(TELEMETRY_TYPE)(actuator_id="flap", sample_period=1e-4)
+                block.command = array.array("d", [0.0] * 5)
+                block.position = array.array("d", [0.0])
+                writer.write(bag.topics_of(TELEMETRY_TYPE)[0], block, item.log_time_ns)
+                malformed[bag.topics_of(TELEMETRY_TYPE)[0]] += 1
+                [described] = bag.topics_of(DESCRIPTION_TYPE)
+                message = next(one.message for one in ros_messages(bag, [described]))
+                message.gear_ratio = -1.0
+                writer.write(described, message, item.log_time_ns)
+    return malformed
+
+
+@pytest.fixture(scope="module")
+def spoiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("spoiled") / "spoiled.mcap"
+    spoil(SAMPLE, path)
+    return path
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("info",),
+        ("estimate",),
+        ("plot", "-o", "out.png"),
+        ("plot", "--window", "0", "-o", "out.png"),
+        ("compare", "--algorithms", "least_squares"),
+        ("prognose", "--hours-per-cycle", "10"),
+        ("report", "-o", "out.html"),
+        ("calibrate", "-o", "out.yaml"),
+    ],
+    ids=" ".join,
+)
+def test_command_names_what_is_malformed_and_goes_on(
+    ema, spoiled: Path, tmp_path: Path, arguments: tuple[str, ...]
+):
+    command, *options = (tmp_path / one if one.startswith("out") else one for one in arguments)
+    result = ema(command, spoiled, *options)
+    assert result.exit_code == 0, result.output
+    told = " ".join(result.output.split())
+    start_ns = Bag(SAMPLE).start_ns
+    if command == "report":
+        told = " ".join((tmp_path / "out.html").read_text().split())
+    for topic, count in (("telemetry", "2 malformed messages"), ("actuator_description", "2 malf")):
+        assert f"topic /ema/{topic}: {count}" in told
+    assert f"the first of log time {start_ns} ns: " in told
+
+
+def test_recovered_bag_holds_none_of_them(ema, spoiled: Path, tmp_path: Path):
+    result = ema("recover", spoiled, "-o", tmp_path / "whole.mcap")
+    assert result.exit_code == 0, result.output
+    assert "topic /ema/telemetry: 2 malformed messages skipped" in result.stderr
+    whole = Bag(tmp_path / "whole.mcap")
+    list(whole.messages())
+    assert whole.damage == ""
+    # An impossible description is a whole message: what to make of it is for its reader.
+    assert whole.topics["/ema/actuator_description"].count == 2
+    assert whole.topics["/ema/telemetry"].count == Bag(SAMPLE).topics["/ema/telemetry"].count
