@@ -75,7 +75,7 @@ class AnyBag:
     def damage(self) -> str:
         """What is damaged, and whether that can be known; empty as long as it seems whole."""
         if self._bag is not None:
-            return "; ".join(filter(None, (self._bag.damage, self._bag.unchecked)))
+            return "; ".join(self._bag.remarks)
         return "; ".join(
             f"topic {name}: {counted(len(times), 'malformed message')} skipped, {first}"
             for name, (first, times) in self._malformed.items()

@@ -1,12 +1,15 @@
 """One MCAP file of a recording that is being written."""
 
 from dataclasses import dataclass
+from io import BufferedWriter
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from mcap.writer import CompressionType, Writer
 
 from ema_core import __version__
+from ema_recording.gaps import GAP, Gap
+from ema_recording.held_file import WRITE_BYTES, HeldFile
 from ema_recording.metadata import (
     FileInformation,
     TopicInformation,
@@ -41,15 +44,21 @@ class BagFile:
         self.information = FileInformation(path.name)
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
-        self._file = path.open("xb")
-        self._mcap = Writer(self._file, chunk_bytes, COMPRESSION[compression])
+        self._file = HeldFile(path)
+        # It writes, tells where it is and flushes: more is not asked of a stream.
+        stream = cast(BufferedWriter, self._file)
+        self._mcap = Writer(stream, chunk_bytes, COMPRESSION[compression])
         self._mcap.start(profile="ros2", library=f"{LIBRARY} {__version__}")
-        self._mcap.flush()
 
     @property
     def size(self) -> int:
-        """Bytes written so far, without the chunk that is being gathered."""
+        """Bytes so far, without the chunk that is being gathered."""
         return self._file.tell()
+
+    @property
+    def waiting(self) -> int:
+        """How many of them are not written yet [B]."""
+        return self._file.waiting
 
     def add_topic(self, topic: RecordedType) -> None:
         """Add a topic that messages follow of."""
@@ -69,21 +78,55 @@ class BagFile:
     def write(
         self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int, n: int
     ) -> None:
-        """Write a message, the ``n``-th of its topic."""
+        """Write a message, the ``n``-th of its topic.
+
+        Raises
+        ------
+        OSError
+            When the file could not be written; the message waits, as all that follows.
+        """
         channel = self._channels[topic]
         self._mcap.add_message(channel, log_time_ns, data, publish_time_ns, n % 2**32)
         self.information.add(log_time_ns)
+        if self._file.waiting >= WRITE_BYTES:
+            self._file.flush()
+
+    def note_gap(self, gap: Gap) -> None:
+        """Tell of messages that are not recorded."""
+        record = {
+            "reason": gap.reason,
+            "messages": str(gap.count),
+            "start_ns": str(gap.start_ns),
+            "end_ns": str(gap.end_ns),
+        }
+        self._mcap.add_metadata(GAP, record)
 
     def flush(self) -> None:
-        """Hand everything written so far to the operating system."""
+        """Hand everything so far to the operating system.
+
+        Raises
+        ------
+        OSError
+            When that could not be written; it waits.
+        """
         self._mcap.flush()
 
-    def close(self, information: dict[str, Any]) -> None:
-        """Write metadata and index, and close."""
-        with self._file:
-            record = {"serialized_metadata": serialized_metadata(information)}
-            self._mcap.add_metadata("rosbag2", record)
-            self._mcap.finish()
+    def finish(self, information: dict[str, Any]) -> None:
+        """End the file with metadata and index; they wait to be written."""
+        record = {"serialized_metadata": serialized_metadata(information)}
+        self._mcap.add_metadata("rosbag2", record)
+        self._mcap.finish()
+
+    def close(self) -> None:
+        """Write what waits, and close.
+
+        Raises
+        ------
+        OSError
+            When that could not be written; the file stays open.
+        """
+        self._file.flush()
+        self._file.close()
 
     def abandon(self) -> None:
         """Close a file that could not be written."""

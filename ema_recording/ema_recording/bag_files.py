@@ -1,11 +1,14 @@
 """The files of a recording that is being written, one after the other."""
 
 import shutil
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Final
 
 from ema_recording.bag_file import BagFile, RecordedType
+from ema_recording.gaps import Gap
 from ema_recording.metadata import (
     METADATA_FILE,
     FileInformation,
@@ -13,6 +16,8 @@ from ema_recording.metadata import (
     write_metadata,
 )
 from ema_recording.state_messages import StateMessages
+
+_AGAIN_S: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -23,6 +28,7 @@ class FileSettings:
     chunk_bytes: int
     max_bytes: int
     max_duration_s: float
+    waits_for_room: bool = False
 
     @property
     def splits(self) -> bool:
@@ -83,8 +89,19 @@ class BagFiles:
         (self._folder or path.parent).mkdir(parents=True, exist_ok=True)
         self.topics: dict[str, WrittenTopic] = {}
         self._states = StateMessages()
-        self._closed: list[FileInformation] = []
+        self._ended: list[FileInformation] = []
+        # Files that have ended and are not on the disk yet, and the metadata of the folder.
+        self._unwritten: list[BagFile] = []
+        self._metadata: dict[str, Any] | None = None
+        self._split_after_s = 0.0
+        self._number = 0
         self.file = self._next_file()
+        try:
+            self.file.flush()
+        except OSError:
+            self.file.abandon()
+            self.file.path.unlink()
+            raise
 
     def require_folder(self) -> None:
         """Raise ValueError when there cannot be several files."""
@@ -101,18 +118,26 @@ class BagFiles:
 
     def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
         """Write a message to this file, or to the next where this one is full."""
-        if self._is_full(log_time_ns):
-            self.begin_next(log_time_ns)
+        if self._is_full(log_time_ns) and time.monotonic() >= self._split_after_s:
+            try:
+                self.begin_next(log_time_ns)
+            except OSError:
+                if not self._settings.waits_for_room:
+                    raise
+                self._split_after_s = time.monotonic() + _AGAIN_S
         self._write(topic, data, log_time_ns, publish_time_ns)
         self.note_state(topic, data, publish_time_ns)
 
     def begin_next(self, log_time_ns: int) -> None:
         """Begin the next file, with messages of a log time [ns]; an empty one stays the latest."""
         if self.file.information.count:
-            self.close()
-            self.file = self._next_file()
+            # If there is no room for the next one, this one goes on.
+            following = self._next_file()
+            self._end()
+            self.file = following
             for topic in self.topics.values():
                 self.file.add_topic(topic.recorded)
+            self.flush()
         for state in self._states:
             self._write(state.topic, state.data, log_time_ns, state.publish_time_ns)
 
@@ -122,20 +147,71 @@ class BagFiles:
         if self._folder is not None and written.says_state:
             self._states.note(topic, written.message_class, data, publish_time_ns)
 
+    @property
+    def waiting(self) -> int:
+        """How much is not written yet, without the chunk that is being gathered [B]."""
+        return self.file.waiting + sum(file.waiting for file in self._unwritten)
+
+    def note_gap(self, gap: Gap) -> None:
+        """Tell of messages that are not recorded."""
+        self.file.note_gap(gap)
+
+    def flush(self) -> None:
+        """Hand everything so far to the operating system.
+
+        Raises
+        ------
+        OSError
+            When that could not be written; it waits.
+        """
+        self._write_ended()
+        self.file.flush()
+
     def close(self) -> None:
-        """Close the file, and list it in the metadata of the folder."""
-        self._closed.append(self.file.information)
+        """Close the file, and list it in the metadata of the folder.
+
+        Raises
+        ------
+        OSError
+            When what waits could not be written; nothing of it waits any more.
+        """
+        try:
+            self._end()
+            self._write_ended()
+        except OSError:
+            self.abandon()
+            raise
+
+    def abandon(self) -> None:
+        """Close what could not be written."""
+        for file in (*self._unwritten, self.file):
+            file.abandon()
+
+    def _end(self) -> None:
+        """End the file; what is left of it waits to be written."""
+        self._ended.append(self.file.information)
         topics = [topic.recorded.information for topic in self.topics.values()]
-        information = bag_information(self._closed, topics, self._custom_data)
-        self.file.close(information)
-        if self._folder is not None:
-            write_metadata(self._folder, information)
+        information = bag_information(self._ended, topics, self._custom_data)
+        self.file.finish(information)
+        self._unwritten.append(self.file)
+        self._metadata = information
+
+    def _write_ended(self) -> None:
+        """Write what waits of the files that have ended, and the metadata of the folder."""
+        while self._unwritten:
+            self._unwritten[0].close()
+            del self._unwritten[0]
+        if self._folder is not None and self._metadata is not None:
+            write_metadata(self._folder, self._metadata)
+        self._metadata = None
 
     def _next_file(self) -> BagFile:
         path = self._path
         if self._folder is not None:
-            path = self._folder / f"{self._folder.name}_{len(self._closed)}.mcap"
-        return BagFile(path, self._settings.compression, self._settings.chunk_bytes)
+            path = self._folder / f"{self._folder.name}_{self._number}.mcap"
+        file = BagFile(path, self._settings.compression, self._settings.chunk_bytes)
+        self._number += 1
+        return file
 
     def _is_full(self, log_time_ns: int) -> bool:
         information, settings = self.file.information, self._settings

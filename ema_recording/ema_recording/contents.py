@@ -8,8 +8,17 @@ from dataclasses import dataclass, field
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Header, Schema, Statistics
+from mcap.records import (
+    Channel,
+    ChunkIndex,
+    Header,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
 
+from ema_recording.gaps import GAP, Gap
 from ema_recording.packed import check_compression
 from ema_recording.records import (
     LIBRARY,
@@ -59,6 +68,8 @@ class Contents:
         What is wrong with the file, one item per defect.
     library
         What its header says of the program that wrote it.
+    gaps
+        Messages that its recorder received and could not write.
     has_checksums
         Whether the writer of the file gave every chunk a checksum.
     """
@@ -69,6 +80,7 @@ class Contents:
     stretches: list[Stretch] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
     library: str = ""
+    gaps: list[Gap] = field(default_factory=list)
     has_checksums: bool = False
 
 
@@ -97,7 +109,7 @@ def read_contents(file: BinaryIO) -> Contents:
     is_own = library.startswith(LIBRARY)
     has_checksums = is_own or _has_checksums(file, size)
     summary = _read_summary(file, size, needs_checksum=is_own)
-    indexed = _indexed(summary, size) if summary else None
+    indexed = _indexed(file, summary, size) if summary else None
     contents = indexed or _read_through(
         file, size, index_is_whole=summary is not None, needs_checksum=has_checksums
     )
@@ -179,7 +191,7 @@ def _read_summary(file: BinaryIO, size: int, *, needs_checksum: bool) -> bytes |
     return None if is_checked and zlib.crc32(checked) != checksum else summary
 
 
-def _indexed(summary: bytes, size: int) -> Contents | None:
+def _indexed(file: BinaryIO, summary: bytes, size: int) -> Contents | None:
     """Return the contents of a file of a size by its summary; None where that is incomplete."""
     contents = Contents()
     statistics = None
@@ -200,6 +212,12 @@ def _indexed(summary: bytes, size: int) -> Contents | None:
                     set(chunk.message_index_offsets),
                 )
                 contents.stretches.append(stretch)
+            elif record.opcode == Opcode.METADATA_INDEX:
+                place = parse(MetadataIndex, record.content)
+                if place.name == GAP:
+                    end = place.offset + place.length
+                    for told in read_records(file, place.offset, min(end, size)):
+                        _note_gap(contents, told)
             else:
                 _define(contents, record)
     except DamageError:
@@ -250,6 +268,9 @@ def _read_through(
 
 def _add(contents: Contents, record: McapRecord, needs_checksum: bool) -> None:
     """Add a record of the data section."""
+    if record.opcode == Opcode.METADATA:
+        _note_gap(contents, record)
+        return
     records = unpack(record, needs_checksum=needs_checksum)
     for inner in records:
         _define(contents, inner)
@@ -266,6 +287,18 @@ def _add(contents: Contents, record: McapRecord, needs_checksum: bool) -> None:
         last.end_ns = max(last.end_ns, message.log_time_ns)
         last.channels.add(message.channel)
         contents.counts[message.channel] += 1
+
+
+def _note_gap(contents: Contents, record: McapRecord) -> None:
+    told = parse(Metadata, record.content)
+    if told.name != GAP:
+        return
+    values = told.metadata
+    try:
+        start_ns, end_ns, count = (int(values[key]) for key in ("start_ns", "end_ns", "messages"))
+    except (KeyError, ValueError) as error:
+        raise DamageError(f"it tells of a gap, but not of which: {error}") from error
+    contents.gaps.append(Gap(values.get("reason", ""), start_ns, end_ns, count))
 
 
 def _define(contents: Contents, record: McapRecord) -> None:

@@ -31,7 +31,10 @@ class LevelChanges:
         """
         if not issubclass(message_class, _KINDS):
             return ""
-        message: Any = deserialize_message(data, message_class)
+        try:
+            message: Any = deserialize_message(data, message_class)
+        except Exception:  # whatever the middleware makes of what is no message
+            return ""
         if message_class is DiagnosticArray:
             levels = {item.name: ord(item.level) for item in message.status}
         else:

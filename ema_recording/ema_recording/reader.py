@@ -142,6 +142,12 @@ class Bag:
             return ""
         return f"{', '.join(files)}: recorded without checksums, damaged messages go unnoticed"
 
+    @property
+    def remarks(self) -> list[str]:
+        """What there is to say of the recording so far: damage, gaps, missing checksums."""
+        gaps = [f"gap: {gap}" for contents in self._files.values() for gap in contents.gaps]
+        return list(filter(None, (self.damage, *gaps, self.unchecked)))
+
     def readable_counts(self) -> dict[str, int]:
         """Return how many messages of each topic are in chunks that are whole.
 

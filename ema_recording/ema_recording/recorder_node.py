@@ -24,6 +24,7 @@ from ema_ros.settings import WHILE_UNCONFIGURED, LiveSettings
 from ema_ros.status import ERROR, OK, WARN, Task
 
 _DISCOVERY_S: Final = 0.2
+_MOST_NAMED: Final = 3
 _BESIDES_NAMESPACE: Final = ("/diagnostics", "/clock")
 
 
@@ -41,6 +42,9 @@ class RecorderNode(ManagedNode):
 
     While it is inactive it records nothing; activated again, it goes on in the same bag. The bag
     is closed when it is cleaned up.
+
+    While the bag cannot be written, as the disk is full, the status is ERROR; it goes on when there
+    is room, and status and bag tell what was not recorded.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -76,7 +80,7 @@ class RecorderNode(ManagedNode):
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._topics: dict[str, RecordedTopic] = {}
         self._skipped: dict[str, str] = {}
-        self._failure = ""
+        self._trouble = ""
         output = settings.output or f"ema_{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
         try:
             own = self.get_fully_qualified_name()
@@ -117,8 +121,7 @@ class RecorderNode(ManagedNode):
             recorded.bag.close()
         except OSError as error:
             self.exit_code = 1
-            if not self._failure:
-                raise OSError(f"{path}: {error}") from error
+            raise OSError(f"{path} ends early: {error}") from error
         self.get_logger().info(f"closed {path} with {counted(recorded.messages, 'message')}")
 
     def tasks(self) -> list[Task]:
@@ -149,13 +152,17 @@ class RecorderNode(ManagedNode):
         doing = f"recording {counted(len(topics), 'topic')}" if self._recording else "paused"
         if not topics and not missing:
             remarks.append("nothing is published yet")
-        level = ERROR if self._failure else WARN if remarks else OK
+        remarks += [f"gap: {gap}" for gap in bag.gaps[-_MOST_NAMED:]]
+        not_recorded = sum(gap.count for gap in bag.gaps)
+        level = ERROR if bag.failure else WARN if remarks else OK
         values = {
             "bag": bag.path,
             "file": bag.file_path.name,
             "messages": recorded.messages,
             "size [B]": bag.file_path.stat().st_size if bag.file_path.exists() else 0,
             "lost messages": lost,
+            "waiting [B]": bag.waiting,
+            "messages without room": not_recorded,
             "topics": ", ".join(sorted(topics)),
             "publisher gone": ", ".join(gone),
             "not recorded": ", ".join(self._skipped),
@@ -167,7 +174,9 @@ class RecorderNode(ManagedNode):
                 "kept [B]": kept.size,
             }
             doing += f" for {counted(recorded.snapshots, 'snapshot')} so far"
-        message = self._failure or "; ".join([doing, *remarks])
+        if bag.failure:
+            doing = _in_words(recorded)
+        message = "; ".join([doing, *remarks])
         return [Task("recording", level, message, self.hardware_id, values)]
 
     def _why_fixed(self) -> str:
@@ -196,9 +205,7 @@ class RecorderNode(ManagedNode):
             recorded = self._recorded
             if recorded is None or not self._recording:
                 return
-            if recorded.bag.failure:
-                self._fail(recorded.bag.failure)
-                return
+            self._report_trouble(recorded)
             if self._uses_sim_time and not self.get_clock().now().nanoseconds:
                 return  # before simulated time begins there are no log times
             for name, types in self.get_topic_names_and_types():
@@ -223,8 +230,6 @@ class RecorderNode(ManagedNode):
         try:
             topic = RecordedTopic(types, publishers)
             recorded.add_topic(name, topic.message_class, topic.offer)
-        except OSError as error:
-            self._fail(error)
         except ValueError as error:
             self._skipped[name] = str(error)
             self.get_logger().warning(f"{name} is not recorded: {error}")
@@ -241,44 +246,46 @@ class RecorderNode(ManagedNode):
             if self._uses_sim_time or not log_time_ns:
                 log_time_ns = self.get_clock().now().nanoseconds
             publish_time_ns = information["source_timestamp"] or None
-            try:
-                with self._writing:
-                    recorded = self._recorded
-                    if recorded is None or self._failure:
-                        return
-                    reason = recorded.receive(name, data, log_time_ns, publish_time_ns)
-                    topic.count(information["publication_sequence_number"])
-                    if reason:
-                        self.get_logger().info(f"{reason}: {recorded.write_snapshot()}")
-            except OSError as error:
-                self._fail(error)
+            with self._writing:
+                recorded = self._recorded
+                if recorded is None:
+                    return
+                reason = recorded.receive(name, data, log_time_ns, publish_time_ns)
+                topic.count(information["publication_sequence_number"])
+                if reason:
+                    self.get_logger().info(f"{reason}: {recorded.write_snapshot()}")
 
         return receive
 
     def _serve_snapshot(self, _: Any, response: Trigger.Response) -> Trigger.Response:
         try:
             with self._writing:
-                if self._recorded is None or self._failure:
-                    raise ValueError(self._failure or "no bag is open")
+                if self._recorded is None:
+                    raise ValueError("no bag is open")
                 response.message = self._recorded.write_snapshot()
         except ValueError as error:
             response.message = str(error)
-        except OSError as error:
-            self._fail(error)
-            response.message = self._failure
         else:
             response.success = True
             self.get_logger().info(f"snapshot on demand: {response.message}")
         return response
 
-    def _fail(self, error: OSError) -> None:
-        if self._failure or self._recorded is None:
-            return
-        self._failure = f"cannot write {self._recorded.bag.path}: {error}"
-        self.get_logger().error(self._failure)
-        self.exit_code = 1
-        self.report()
-        self.finished.set()
+    def _report_trouble(self, recorded: Recording) -> None:
+        """Log once that the bag cannot be written, and once that it can again."""
+        bag, before = recorded.bag, self._trouble
+        self._trouble = str(bag.failure or "")
+        if self._trouble and not before:
+            self.get_logger().error(_in_words(recorded))
+        elif before and not self._trouble:
+            gap = f"; {bag.gaps[-1]}" if bag.gaps else ""
+            self.get_logger().warning(f"{bag.path} can be written again{gap}")
+        if bool(before) != bool(self._trouble):
+            self.report()
+
+
+def _in_words(recorded: Recording) -> str:
+    """Return why a bag cannot be written."""
+    return f"cannot write {recorded.bag.path}: {recorded.bag.failure}"
 
 
 def main(args: list[str] | None = None) -> int:

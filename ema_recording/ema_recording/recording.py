@@ -47,6 +47,7 @@ class Recording:
             max_bytes=settings.max_bag_size,
             max_duration_s=settings.max_bag_duration,
             overwrite=settings.overwrite,
+            waits_for_room=True,
         )
         self.messages = 0
         self.snapshots = 0
@@ -70,26 +71,26 @@ class Recording:
         -------
         str
             Why there should be a snapshot now; empty when there is no reason.
-
-        Raises
-        ------
-        OSError
-            When it could not be written.
         """
         message_class = self._classes[topic]
         if message_class is FaultEstimate:
-            estimate: Any = deserialize_message(data, message_class)
-            if estimate.calibration_id:
-                name = CALIBRATION.format(estimate.actuator_id)
-                self.bag.custom_data[name] = estimate.calibration_id
+            self._note_calibration(data)
         if self.kept is None:
-            self.bag.write_serialized(topic, data, log_time_ns, publish_time_ns)
-            self.messages += 1
+            self.messages += self.bag.write_serialized(topic, data, log_time_ns, publish_time_ns)
             return ""
         for item in self.kept.append(Kept(topic, data, log_time_ns, publish_time_ns)):
             self.bag.note_state(item.topic, item.data, item.publish_time_ns or item.log_time_ns)
         change = self._changes.find(message_class, data)
         return change if len(self.kept) else ""
+
+    def _note_calibration(self, data: bytes) -> None:
+        try:
+            estimate: Any = deserialize_message(data, FaultEstimate)
+        except Exception:  # whatever the middleware makes of what is no message
+            return
+        if estimate.calibration_id:
+            name = CALIBRATION.format(estimate.actuator_id)
+            self.bag.custom_data[name] = estimate.calibration_id
 
     def write_snapshot(self) -> str:
         """Write what is kept to a file of its own, and say what was written.
@@ -98,8 +99,6 @@ class Recording:
         ------
         ValueError
             When nothing is kept.
-        OSError
-            When it could not be written.
         """
         if self.kept is None:
             raise ValueError("all is written: snapshot_duration is 0")
@@ -107,9 +106,8 @@ class Recording:
         if not items:
             raise ValueError("nothing was received since the last snapshot")
         self.bag.begin_next_file(items[0].log_time_ns)
-        for item in items:
-            self.bag.write_serialized(*item)
+        count = sum(self.bag.write_serialized(*item) for item in items)
         self.bag.flush()
-        self.messages += len(items)
+        self.messages += count
         self.snapshots += 1
-        return f"{len(items)} messages of {span_s:.3f} s to {self.bag.file_path}"
+        return f"{count} messages of {span_s:.3f} s to {self.bag.file_path}"

@@ -50,6 +50,8 @@ def read_records(file: BinaryIO, start: int, stop: int) -> Iterator[McapRecord]:
     DamageError
         When a record is not whole.
     """
+    if start >= stop:
+        return
     file.seek(start)
     offset = start
     while offset < stop:

@@ -48,7 +48,10 @@ class StateMessages:
         """Take a message for the latest of its topic and actuator."""
         actuator = ""
         if "actuator_id" in message_class.get_fields_and_field_types():
-            actuator = actuator_of(deserialize_message(data, message_class))
+            try:
+                actuator = actuator_of(deserialize_message(data, message_class))
+            except Exception:  # whatever the middleware makes of what is no message
+                return
         self._latest.pop((topic, actuator), None)  # it becomes the last one
         self._latest[topic, actuator] = StateMessage(topic, data, publish_time_ns)
         if len(self._latest) > _MOST:

@@ -336,7 +336,7 @@ def find_recorded_windows(
     if wrong:
         said = counted(len(wrong), "impossible measurement")
         remarks.append(f"ignored: {said}, the latest: {wrong[-1]}")
-    remarks += filter(None, (recorded.bag.damage, recorded.bag.unchecked))
+    remarks += recorded.bag.remarks
     if first is None or finder.description is None:
         raise ValueError(f"{path} has no usable telemetry: {'; '.join(remarks)}")
     return BagWindows(

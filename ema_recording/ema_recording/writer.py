@@ -1,10 +1,11 @@
 """Writes recordings as rosbag2 does, in MCAP."""
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
@@ -12,11 +13,14 @@ from rclpy.serialization import serialize_message
 from ema_recording.bag_file import COMPRESSION, RecordedType
 from ema_recording.bag_files import BagFiles, FileSettings, WrittenTopic
 from ema_recording.cdr import trimmer
+from ema_recording.gaps import Gap
 from ema_recording.message_type import type_hash, type_name
 from ema_recording.metadata import TopicInformation
 from ema_recording.qos import offered_qos, offered_qos_profiles
 from ema_recording.schema import schema_text
 from ema_recording.state_messages import says_state
+
+_MOST_WAITING: Final = 16 * 1024 * 1024
 
 
 class BagWriter(AbstractContextManager["BagWriter", None]):
@@ -26,6 +30,10 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     after ``flush_s`` of wall time at the latest, whether or not messages arrive: a process that is
     killed loses what it wrote in the last ``flush_s`` seconds, and the file can be read up to
     there. (When the machine itself loses power, more may be lost.) Any thread may write.
+
+    With ``waits_for_room`` a disk that is full or fails ends nothing: what cannot be written waits
+    in memory, 16 MiB of it, what comes beyond that is counted and lost, and all goes on in the same
+    file when there is room. The metadata of the file tell of the gap.
 
     A folder may have several files. Each begins with the latest message of each topic that is
     latched, or describes an actuator, so that it can be read alone.
@@ -48,14 +56,18 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         Recorded time after which the next file is begun [s]; 0: never.
     overwrite
         Whether a recording that is there already is replaced.
+    waits_for_room
+        Whether to wait where the recording cannot be written, instead of giving up.
 
     Attributes
     ----------
     custom_data
         Texts by name for the ``custom_data`` of its metadata, written when a file is closed.
     failure
-        Why the recording cannot be written any more; None as long as it can. It is known here
-        before the next message is refused for it.
+        Why the recording cannot be written; None as long as it can. It is known here before the
+        next message is refused for it. Of one that waits for room it goes again.
+    gaps
+        What was received and could not be recorded, the last one open while ``failure`` is set.
 
     Raises
     ------
@@ -75,6 +87,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         max_bytes: int = 0,
         max_duration_s: float = 0.0,
         overwrite: bool = False,
+        waits_for_room: bool = False,
     ) -> None:
         if compression not in COMPRESSION:
             raise ValueError(f"compression = {compression!r}: expected 'zstd' or 'none'")
@@ -88,15 +101,20 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
             raise ValueError(f"max_duration_s = {max_duration_s!r} s: expected 0 or more seconds")
         self.path = Path(path)
         self.custom_data: dict[str, str] = {}
-        settings = FileSettings(compression, chunk_bytes, max_bytes, max_duration_s)
+        settings = FileSettings(compression, chunk_bytes, max_bytes, max_duration_s, waits_for_room)
         self._files = BagFiles(self.path, settings, self.custom_data, overwrite=overwrite)
         self._trimmers: dict[str, Callable[[bytes], bytes]] = {}
         self._is_closed = False
+        self._waits_for_room = waits_for_room
         self.failure: OSError | None = None
+        self.gaps: list[Gap] = []
+        self._gap: Gap | None = None
+        self._flush_s = flush_s / 2
+        self._flushed_s = time.monotonic()
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._flusher = threading.Thread(
-            target=self._keep_flushing, args=(flush_s / 2,), name="bag flusher", daemon=True
+            target=self._keep_flushing, name="bag flusher", daemon=True
         )
         self._flusher.start()
 
@@ -104,6 +122,11 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     def file_path(self) -> Path:
         """The file that is written."""
         return self._files.file.path
+
+    @property
+    def waiting(self) -> int:
+        """How much waits to be written, without the chunk that is being gathered [B]."""
+        return self._files.waiting
 
     def add_topic(self, topic: str, message_class: type, qos: QoSProfile) -> None:
         """Add a topic; it must be added before it is written.
@@ -159,10 +182,15 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
 
     def write_serialized(
         self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None = None
-    ) -> None:
+    ) -> bool:
         """Write a message that is serialised already, as a raw subscription gives it.
 
         Parameters and errors as for :meth:`write`.
+
+        Returns
+        -------
+        bool
+            Whether it is, or will be, recorded; always, but while there is no room.
         """
         if publish_time_ns is None:
             publish_time_ns = log_time_ns
@@ -173,7 +201,18 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         trim = self._trimmers.get(topic)
         data = trim(data) if trim else data
         with self._writing() as files:
+            if self.failure and files.waiting > _MOST_WAITING:
+                if self._gap is None:
+                    self._gap = Gap(str(self.failure), log_time_ns, log_time_ns)
+                    self.gaps.append(self._gap)
+                self._gap.add(log_time_ns)
+                files.note_state(topic, data, publish_time_ns)
+                return False
             files.write(topic, data, log_time_ns, publish_time_ns)
+            # The thread that flushes may get no processor while messages keep coming.
+            if time.monotonic() - self._flushed_s >= self._flush_s:
+                self._flush(files)
+        return True
 
     def note_state(self, topic: str, data: bytes, publish_time_ns: int) -> None:
         """Take a serialised message that is not written for how things stand from now on.
@@ -202,9 +241,15 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
             files.begin_next(log_time_ns)
 
     def flush(self) -> None:
-        """Hand everything written so far to the operating system."""
+        """Hand everything written so far to the operating system.
+
+        Raises
+        ------
+        OSError
+            When that could not be written, of a recording that does not wait for room.
+        """
         with self._writing() as files:
-            files.file.flush()
+            self._flush(files)
 
     def close(self) -> None:
         """Write index and metadata and close; a closed recording stays as it is.
@@ -220,9 +265,10 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
             if self._is_closed:
                 return
             self._is_closed = True
-            if self.failure:
-                self._files.file.abandon()
+            if self.failure and not self._waits_for_room:
+                self._files.abandon()
                 raise self.failure
+            self._end_gap(self._files)
             self._files.close()
 
     def __exit__(self, *_: object) -> None:
@@ -237,9 +283,9 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
 
     @contextmanager
     def _writing(self) -> Iterator[BagFiles]:
-        """Give the files to one thread at a time, until they are closed or fail."""
+        """Give the files to one thread at a time, until they are closed or fail for good."""
         with self._lock:
-            if self.failure:
+            if self.failure and not self._waits_for_room:
                 raise self.failure
             if self._is_closed:
                 raise ValueError(f"the recording {self.path} is closed")
@@ -247,11 +293,28 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
                 yield self._files
             except OSError as error:
                 self.failure = error
-                raise
+                if not self._waits_for_room:
+                    raise
 
-    def _keep_flushing(self, period_s: float) -> None:
+    def _flush(self, files: BagFiles) -> None:
+        """Hand everything to the operating system, and note that there is room again."""
+        self._flushed_s = time.monotonic()
+        files.flush()
+        if self.failure:
+            self.failure = None
+            self._end_gap(files)
+            files.flush()
+
+    def _end_gap(self, files: BagFiles) -> None:
+        """Tell of the gap that has just ended, if there is one."""
+        gap, self._gap = self._gap, None
+        if gap is not None:
+            files.note_gap(gap)
+            self.custom_data[f"gap {len(self.gaps)}"] = str(gap)
+
+    def _keep_flushing(self) -> None:
         # The library itself ends a chunk by size only.
-        while not self._closing.wait(period_s):
+        while not self._closing.wait(self._flush_s):
             try:
                 self.flush()
             except OSError:

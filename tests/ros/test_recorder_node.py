@@ -1,6 +1,7 @@
 """The recorder writes down what is published, says what it cannot, and survives its own end."""
 
 import itertools
+import random
 import signal
 import subprocess
 import sys
@@ -10,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.context import Context
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -449,9 +452,13 @@ def test_interrupted_recorder_leaves_a_whole_bag(graph: Graph, tmp_path: Path, n
 
 FULL_DISK = """
 import resource, sys
+from pathlib import Path
 sys.dont_write_bytecode = True  # Python 3.11 would leave a cut off .pyc
 from ema_ros.run import run
+from ema_recording import writer
 from ema_recording.recorder_node import RecorderNode
+
+writer._MOST_WAITING = 20_000
 
 
 class Limited(RecorderNode):
@@ -459,43 +466,62 @@ class Limited(RecorderNode):
         resource.setrlimit(resource.RLIMIT_FSIZE, (4000, resource.RLIM_INFINITY))
         super().activate()
 
+    def _report_regularly(self):
+        if Path(self.get_parameter("output").value, "..", "room").exists():
+            resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
+        super()._report_regularly()
+
 raise SystemExit(run(Limited))
 """
 
 
-def test_full_disk_ends_the_recorder_and_is_told(graph: Graph, tmp_path: Path):
+def test_recorder_waits_out_a_full_disk_and_tells_the_gap(graph: Graph, tmp_path: Path):
     source = graph.node()
     publisher = source.create_publisher(String, "text", STREAM)
+    told: dict[str, DiagnosticStatus] = {}
+
+    def note(message: DiagnosticArray) -> None:
+        told.update({item.name: item for item in message.status})
+
+    source.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
+    name, numbers = "/ema/recorder: recording", itertools.count()
+
+    def says(level: int, words: str) -> bool:
+        number = next(numbers)
+        publisher.publish(String(data=f"{number} " + str(random.Random(number).getrandbits(4000))))
+        status = told.get(name)
+        return status is not None and status.level[0] == level and words in status.message
+
     with recorder_process(tmp_path / "flight", script=FULL_DISK) as process:
         try:
             wait_for(publisher.get_subscription_count, "the recorder")
-            numbers = itertools.count()
-
-            def has_ended() -> bool:
-                send(publisher, range(n := next(numbers), n + 1))
-                return process.poll() is not None
-
-            wait_for(has_ended, "the disk to be full")
-            assert process.returncode == 1
+            # More than waits in memory: some are lost.
+            wait_for(lambda: says(ERROR, "gap: "), "the disk to be full, and messages lost")
+            assert f"cannot write {tmp_path / 'flight'}: [Errno 27] File too large" in (
+                told[name].message
+            )
+            assert process.poll() is None
+            (tmp_path / "room").touch()
+            wait_for(lambda: says(WARN, "gap: "), "the recorder to go on")
+            assert "recording 1 topic" in told[name].message
+            wait_for(lambda: says(WARN, "gap: "), "one more message")
+            process.send_signal(signal.SIGINT)
+            assert process.wait(timeout=DEADLINE_S) == 0
         finally:
             process.kill()
         assert process.stderr is not None
-        told = process.stderr.read()
-    assert told.count(f"cannot write {tmp_path / 'flight'}: [Errno 27] File too large") == 1
-    assert "Traceback" not in told
-    assert "File too large" in told
-    read = [int(item.message.data) for item in Bag(tmp_path / "flight").messages()]
-    assert read == in_step(read)
-
-
-def test_write_error_is_an_error_in_the_status(graph: Graph, tmp_path: Path):
-    publisher = graph.node().create_publisher(String, "text", STREAM)
-    recorder = graph.recorder(tmp_path / "flight", topics=["text"])
-    assert recorder.bring_up()
-    wait_for_match(recorder, publisher)
-    assert recorder._recorded is not None
-    recorder._recorded.bag.failure = OSError(28, "No space left on device")
-    assert recorder.finished.wait(DEADLINE_S)
-    assert task(recorder).level == ERROR
-    assert "No space left on device" in task(recorder).message
-    assert recorder.exit_code == 1
+        log = process.stderr.read()
+    assert log.count("cannot write") == 1
+    assert log.count("can be written again") == 1
+    assert "Traceback" not in log
+    bag = Bag(tmp_path / "flight")
+    read = [int(item.message.data.partition(" ")[0]) for item in bag.messages()]
+    assert bag.damage == ""
+    [gap] = next(contents.gaps for contents in bag._files.values())
+    # What was lost is one stretch, and just as much as the bag says.
+    steps = [after - before for before, after in itertools.pairwise(read)]
+    assert sorted(steps)[-2:] == [1, gap.count + 1]
+    assert any("File too large" in remark for remark in bag.remarks)
+    metadata = yaml.safe_load((tmp_path / "flight" / "metadata.yaml").read_text())
+    told_there = metadata["rosbag2_bagfile_information"]["custom_data"]["gap 1"]
+    assert told_there.startswith(f"{gap.count} messages from ")

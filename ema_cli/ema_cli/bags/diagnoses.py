@@ -157,7 +157,7 @@ def read_history(path: Path, actuator_id: str | None = None) -> DiagnosisLog:
             history.add(item.type_name, item.message, item.log_time_ns)
         except ValueError as error:
             bag.note_malformed(item.topic, place, str(error))
-    history.remarks += filter(None, (bag.damage, bag.unchecked))
+    history.remarks += bag.remarks
     return history
 
 

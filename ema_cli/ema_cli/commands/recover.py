@@ -60,7 +60,7 @@ def recover(bag: Path, output: Path, force: bool) -> None:
                     continue
                 whole.write_serialized(item.topic, message, item.log_time_ns, item.publish_time_ns)
                 written += 1
-    for remark in filter(None, (damaged.damage, damaged.unchecked)):
+    for remark in damaged.remarks:
         click.echo(f"{bag}: {remark}", err=True)
     click.echo(f"{output}: {counted(written, 'message')} on {counted(len(names), 'topic')}")
 

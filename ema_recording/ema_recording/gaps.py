@@ -1,0 +1,39 @@
+"""What a recording lacks as it could not be written: told in its metadata."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from ema_core.wording import counted
+
+GAP: Final = "ema_recording gap"
+"""Name of the metadata record of a file that tells of a gap before it."""
+
+
+@dataclass
+class Gap:
+    """Messages that were received and not recorded.
+
+    Attributes
+    ----------
+    reason
+        Why, in words.
+    start_ns, end_ns
+        Log times of the first and the last of them [ns].
+    """
+
+    reason: str
+    start_ns: int
+    end_ns: int
+    count: int = 0
+
+    def add(self, log_time_ns: int) -> None:
+        """Count a message."""
+        self.start_ns = min(self.start_ns, log_time_ns)
+        self.end_ns = max(self.end_ns, log_time_ns)
+        self.count += 1
+
+    def __str__(self) -> str:
+        return (
+            f"{counted(self.count, 'message')} from {self.start_ns / 1e9:.3f} s to "
+            f"{self.end_ns / 1e9:.3f} s not recorded: {self.reason}"
+        )

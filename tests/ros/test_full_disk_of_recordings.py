@@ -1,0 +1,180 @@
+"""What is recorded while the disk is full or fails: all but what has no room, and that is told."""
+
+import errno
+import itertools
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy.qos import QoSProfile
+from std_msgs.msg import String
+
+from ema_recording import held_file, writer
+from ema_recording.reader import Bag
+from ema_recording.writer import BagWriter
+
+from ..waiting import wait_for
+
+QOS = QoSProfile(depth=10)
+
+
+class Disk:
+    """A disk with so much room, on which every write may be torn."""
+
+    def __init__(self) -> None:
+        self.room: float = float("inf")
+        self.error = errno.ENOSPC
+        self.rng = random.Random(31)
+
+    def open(self, path: Path) -> Any:
+        if self.room <= 0:
+            raise OSError(self.error, "no room", str(path))
+        return _File(self, path.open("xb", buffering=0))
+
+
+class _File:
+    def __init__(self, disk: Disk, file: Any) -> None:
+        self._disk, self._file = disk, file
+
+    def write(self, data: bytes) -> int:
+        disk = self._disk
+        if disk.room <= 0:
+            raise OSError(disk.error, "no room")
+        count = min(
+            len(data), max(1, round(disk.rng.random() * len(data))), int(min(disk.room, 1e9))
+        )
+        disk.room -= count
+        return self._file.write(data[:count])
+
+    def close(self) -> None:
+        self._file.close()
+
+
+@pytest.fixture
+def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
+    disk = Disk()
+    init = held_file.HeldFile.__init__
+
+    def on_disk(self: held_file.HeldFile, path: Path) -> None:
+        file = disk.open(path)
+        path_there = path.with_suffix(".made")
+        init(self, path_there)
+        self._file.close()
+        path_there.unlink()
+        self._file = file
+
+    monkeypatch.setattr(held_file.HeldFile, "__init__", on_disk)
+    monkeypatch.setattr(writer, "_MOST_WAITING", 30_000)
+    return disk
+
+
+def write(bag: BagWriter, numbers: range) -> list[bool]:
+    return [
+        bag.write_serialized("/t", data(number), number * 10**6, number * 10**6)
+        for number in numbers
+    ]
+
+
+def data(number: int) -> bytes:
+    text = f"{number} " + str(random.Random(number).getrandbits(1000))
+    size = len(text) + 1
+    return b"\x00\x01\x00\x00" + size.to_bytes(4, "little") + text.encode() + b"\x00"
+
+
+def numbers_in(bag: Bag) -> list[int]:
+    return [int(item.message.data.partition(" ")[0]) for item in bag.messages()]
+
+
+@pytest.mark.parametrize("error", [errno.ENOSPC, errno.EIO, errno.EDQUOT])
+@pytest.mark.parametrize("name", ["flight", "flight.mcap"])
+def test_recording_goes_on_when_there_is_room_again(
+    disk: Disk, tmp_path: Path, name: str, error: int
+):
+    disk.error = error
+    path = tmp_path / name
+    with BagWriter(path, chunk_bytes=10_000, flush_s=0.02, waits_for_room=True) as bag:
+        bag.add_topic("/t", String, QOS)
+        assert all(write(bag, range(100)))
+        disk.room = 5000  # in the middle of a write
+        kept = write(bag, range(100, 1000))
+        assert bag.failure is not None
+        assert bag.failure.errno == error
+        assert not all(kept)
+        assert bag.gaps[0].count == kept.count(False)
+        assert bag.waiting < 64 * 1024 + 30_000
+        disk.room = float("inf")
+        wait_for(lambda: bag.failure is None, "the room to be noticed")
+        assert all(write(bag, range(1000, 1100)))
+    found = Bag(path)
+    assert numbers_in(found) == [
+        *range(100),
+        *itertools.compress(range(100, 1000), kept),
+        *range(1000, 1100),
+    ]
+    assert found.damage == ""
+    [remark] = found.remarks
+    assert remark.startswith(f"gap: {kept.count(False)} messages from 0.")
+    assert f"[Errno {error}] no room" in remark
+    assert sum(found.readable_counts().values()) == len(numbers_in(found))
+
+
+def test_short_lack_of_room_loses_nothing(disk: Disk, tmp_path: Path):
+    with BagWriter(tmp_path / "flight.mcap", flush_s=0.02, waits_for_room=True) as bag:
+        bag.add_topic("/t", String, QOS)
+        disk.room = 0
+        assert all(write(bag, range(50)))
+        wait_for(lambda: bag.failure is not None, "the lack of room to be noticed")
+        disk.room = float("inf")
+    found = Bag(tmp_path / "flight.mcap")
+    assert numbers_in(found) == list(range(50))
+    assert (found.remarks, bag.gaps) == ([], [])
+
+
+def test_next_file_waits_for_room(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Split while nothing can be made or closed: this file goes on, and no message is lost."""
+    monkeypatch.setattr(writer, "_MOST_WAITING", 10**6)
+    monkeypatch.setattr("ema_recording.bag_files._AGAIN_S", 0.0)
+    with BagWriter(
+        tmp_path / "flight", flush_s=0.02, max_duration_s=0.1, waits_for_room=True
+    ) as bag:
+        bag.add_topic("/t", String, QOS)
+        write(bag, range(150))
+        disk.room = 0
+        write(bag, range(150, 500))
+        assert bag.file_path.name == "flight_1.mcap"
+        disk.room = float("inf")
+        write(bag, range(500, 700))
+        assert bag.file_path.name in ("flight_2.mcap", "flight_3.mcap", "flight_4.mcap")
+    found = Bag(tmp_path / "flight")
+    assert numbers_in(found) == list(range(700))
+    assert found.remarks == []
+    names = sorted(path.name for path in (tmp_path / "flight").glob("*.mcap"))
+    assert names == [f"flight_{number}.mcap" for number in range(len(names))]
+
+
+def test_killed_while_the_disk_is_full_keeps_what_was_written(disk: Disk, tmp_path: Path):
+    bag = BagWriter(tmp_path / "flight.mcap", flush_s=0.02, waits_for_room=True)
+    bag.add_topic("/t", String, QOS)
+    write(bag, range(100))
+    bag.flush()
+    disk.room = 3000
+    write(bag, range(100, 200))
+    wait_for(lambda: bag.failure is not None, "the lack of room to be noticed")
+    read = numbers_in(Bag(tmp_path / "flight.mcap"))
+    assert read[:100] == list(range(100))
+    with pytest.raises(OSError, match="no room"):
+        bag.close()
+    bag.close()
+
+
+def test_without_patience_a_full_disk_is_an_error(disk: Disk, tmp_path: Path):
+    def fill(bag: BagWriter) -> None:
+        bag.add_topic("/t", String, QOS)
+        disk.room = 0
+        write(bag, range(10_000))
+
+    expect: Callable[..., Any] = pytest.raises
+    with expect(OSError, match="no room"), BagWriter(tmp_path / "flight.mcap") as bag:
+        fill(bag)
