@@ -10,6 +10,7 @@ import yaml
 from ema_core.commands import COMMAND_SHAPES, Command
 from ema_core.files import complete_file
 from ema_core.wording import unknown_name
+from ema_core.yaml_file import load_yaml
 
 _ACTUATOR = "/**/actuator"
 _MONITOR = "/**/monitor"
@@ -109,10 +110,11 @@ def save_command(path: Path, command: Command, window_s: float, comment: str) ->
 
 def _parameters(path: Path) -> Command:
     try:
-        content = yaml.safe_load(path.read_text())
+        content = load_yaml(path)
+    except IsADirectoryError as error:
+        raise ValueError(f"{path} is not a YAML file: it is a folder") from error
+    try:
         figures = dict(content[_ACTUATOR][_PARAMETERS]["command"])
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not a YAML file: {error}") from error
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} has no parameters `command` of {_ACTUATOR}") from error
     for name in figures:

@@ -58,7 +58,24 @@ def load_yaml(path: Path) -> Any:
     OSError
         When it cannot be read.
     """
-    content = read_regular_file(path, MOST_BYTES)
+    try:
+        return parse_yaml(read_regular_file(path, MOST_BYTES))
+    except YamlError as error:
+        raise ValueError(f"{path} is not a YAML file: {error}") from error
+
+
+class YamlError(ValueError):
+    """A text is no YAML, or not such as is taken."""
+
+
+def parse_yaml(content: bytes) -> Any:
+    """Return what a text in YAML stands for, in plain values.
+
+    Raises
+    ------
+    YamlError
+        When it is no YAML, nested too deeply or stands for too much.
+    """
     try:
         if _is_nested_deeply(content):
             raise ValueError("it is nested too deeply")
@@ -66,7 +83,7 @@ def load_yaml(path: Path) -> Any:
         if _holds_too_much(loaded):
             raise ValueError(f"it stands for more than {_MOST_VALUES:,} values")
     except (yaml.YAMLError, ValueError) as error:
-        raise ValueError(f"{path} is not a YAML file: {error}") from error
+        raise YamlError(str(error)) from error
     return loaded
 
 

@@ -163,10 +163,10 @@ def _is_mcap(path: Path) -> bool:
     metadata = path / METADATA_FILE
     if not metadata.exists():
         return True
-    import yaml
+    from ema_core.yaml_file import load_yaml  # YAML only for these
 
     try:
-        information = yaml.safe_load(metadata.read_text(encoding="utf-8"))
+        information = load_yaml(metadata)
         return information["rosbag2_bagfile_information"]["storage_identifier"] == "mcap"
-    except (yaml.YAMLError, LookupError, TypeError, UnicodeDecodeError):
+    except (LookupError, TypeError, ValueError):
         return True  # the reader of MCAP says what is wrong

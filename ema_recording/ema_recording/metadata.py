@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from ema_core.yaml_file import load_yaml
 from ema_recording.packed import PACKED_SUFFIX
 
 METADATA_FILE = "metadata.yaml"
@@ -145,22 +146,14 @@ def folder_contents(folder: Path) -> FolderContents:
     """
     present = _files_in(folder)
     try:
-        text = (folder / METADATA_FILE).read_text(encoding="utf-8")
-        information = yaml.safe_load(text)[_ROOT]
+        information = load_yaml(folder / METADATA_FILE)[_ROOT]
         storage, mode = information["storage_identifier"], information["compression_mode"].lower()
         listed = [str(name) for name in information["relative_file_paths"]]
         message_count = int(information["message_count"])
         packing = information["compression_format"] if mode not in ("", "none") else ""
     except FileNotFoundError:
         return _without_metadata(folder, present, f"no {METADATA_FILE}: not closed")
-    except (
-        yaml.YAMLError,
-        UnicodeDecodeError,
-        LookupError,
-        TypeError,
-        ValueError,
-        AttributeError,
-    ) as error:
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
         reason = f"{METADATA_FILE} cannot be read ({type(error).__name__})"
         return _without_metadata(folder, present, reason)
     if storage != "mcap":

@@ -17,6 +17,8 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 
+from ema_core.yaml_file import parse_yaml
+
 RELIABLE_DEPTH: Final = 1000
 """Messages that a recorder or a player keeps for a slow reader or writer."""
 
@@ -65,8 +67,8 @@ def recorded_qos(text: str) -> list[QoSProfile]:
         When it is no such list.
     """
     try:
-        return [_profile(item) for item in yaml.safe_load(text) or ()]
-    except (yaml.YAMLError, AttributeError, LookupError, TypeError, ValueError) as error:
+        return [_profile(item) for item in parse_yaml(text.encode()) or ()]
+    except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
         raise ValueError(
             f"offered_qos_profiles {text[:60]!r}...: expected a list of profiles ({error!r})"
         ) from error

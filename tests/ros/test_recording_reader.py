@@ -18,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import Header, String
 
 from ema_recording.message_type import type_hash
+from ema_recording.qos import recorded_qos
 from ema_recording.reader import Bag
 from ema_recording.schema import schema_text
 from ema_recording.writer import BagWriter
@@ -535,3 +536,22 @@ def test_topic_of_two_types_is_refused(tmp_path: Path):
         writer.finish()
     with pytest.raises(ValueError, match=f"topic /t holds {STRING} as well as std_msgs/msg/Header"):
         Bag(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [b"[" * 100_000, b"a: 1\na: 2\n", b"rosbag2_bagfile_information: " + b"9" * 400],
+    ids=["deep", "twice", "huge"],
+)
+def test_hostile_metadata_does_no_harm(text: bytes, tmp_path: Path):
+    """The C loader of YAML ends the process where a text is nested too deeply."""
+    written = split_folder(tmp_path / "flight")
+    (tmp_path / "flight" / "metadata.yaml").write_bytes(text)
+    bag = Bag(tmp_path / "flight")
+    assert as_read(bag) == written
+    assert "metadata.yaml cannot be read (ValueError)" in bag.damage
+
+
+def test_hostile_quality_of_service_is_refused_by_name():
+    with pytest.raises(ValueError, match=r"offered_qos_profiles .* nested too deeply"):
+        recorded_qos("[" * 100_000)

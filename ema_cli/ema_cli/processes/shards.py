@@ -5,6 +5,8 @@ from typing import Any, Final
 
 import yaml
 
+from ema_core.yaml_file import load_yaml
+
 _MONITOR: Final = "monitor"
 _PARAMETERS: Final = "ros__parameters"
 
@@ -61,8 +63,8 @@ def file_for(name: str, file: Path, folder: Path) -> Path:
         When it cannot be read, or its copy not written.
     """
     try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        content = load_yaml(file)
+    except ValueError as error:
         raise ValueError(f"{file}: expected a parameter file: {error}") from error
     if not isinstance(content, dict) or name == _MONITOR:
         return file
