@@ -1,7 +1,7 @@
 """What a recorder that is killed has lost: blocks published before its end that are not in the bag.
 
-Blocks of 10 ms are published at 100 Hz; after a random time the recorder gets SIGKILL. docs/nodes.md
-promises that no more than ``flush_s`` is lost of what the recorder has received.
+Blocks of 10 ms are published at 100 Hz; after a random time the recorder gets SIGKILL.
+docs/nodes.md promises that no more than ``flush_s`` is lost of what the recorder has received.
 """
 
 import argparse
@@ -123,8 +123,8 @@ def main() -> None:
                 "seconds_most": float(seconds.max()),
             }
             print(
-                f"{name:8s} lost: median {np.median(blocks):.0f} blocks, {np.median(seconds):.2f} s;"
-                f" most {blocks.max():.0f} blocks, {seconds.max():.2f} s"
+                f"{name:8s} lost: median {np.median(blocks):.0f} blocks, "
+                f"{np.median(seconds):.2f} s; most {blocks.max():.0f} blocks, {seconds.max():.2f} s"
             )
     if options.json:
         options.json.write_text(json.dumps(results, indent=2))

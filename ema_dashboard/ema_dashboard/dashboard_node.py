@@ -27,7 +27,7 @@ from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 from ema_ros.settings import declare, read
 from ema_ros.stamps import stamp_from_message
-from ema_ros.status import OK, Task
+from ema_ros.status import ERROR, OK, Task
 from ema_ros.topics import (
     DESCRIPTION,
     FAULT_ESTIMATE,
@@ -91,7 +91,7 @@ class DashboardNode(ManagedNode):
         self._inputs: dict[str, Subscription] = {}
         self._clock_ns: int | None = None
         self._playback = PlaybackControl(
-            self, lambda state: self._channels.broadcast_playback(state)
+            self, lambda state: self._channels.broadcast_playback(state), self._report_end
         )
         self._channels = Channels("EMA health monitor", self._playback)
         self._histories = {
@@ -109,6 +109,7 @@ class DashboardNode(ManagedNode):
             self._channels.kept,
             settings.most_clients,
             round(settings.buffer_mb * 1e6),
+            self._report_end,
         )
         self._web.start()
         self.get_logger().info(f"dashboard at {self.address}")
@@ -145,11 +146,19 @@ class DashboardNode(ManagedNode):
             "waiting [B]": waiting,
             "dropped messages": dropped,
             "refused requests": totals.refused,
+            "ends of threads": self._web.thread.ends + self._playback.thread.ends,
         }
         message = f"{counted(clients, 'client')} at {self.address}"
         if dropped:
             message += f", {counted(dropped, 'message')} dropped for slow clients"
-        return [Task("dashboard", OK, message, self.hardware_id, values)]
+        failures = list(filter(None, (self._web.thread.failure, self._playback.thread.failure)))
+        level, message = (ERROR, "; ".join(failures)) if failures else (OK, message)
+        return [Task("dashboard", level, message, self.hardware_id, values)]
+
+    def _report_end(self, failure: str, trace: str) -> None:
+        """Tell that a thread has ended by itself."""
+        self.get_logger().error(f"{failure}\n{trace}")
+        self.report()
 
     def _texts(self, name: str) -> list[str]:
         """Return a parameter that is a list of texts, without empty ones."""

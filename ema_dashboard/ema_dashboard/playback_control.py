@@ -16,6 +16,7 @@ from rclpy.client import Client
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from ema_core.steady_thread import SteadyThread
 from ema_interfaces.msg import PlaybackState as PlayerState
 from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
 from ema_ros.stamps import stamp_from_message, stamp_to_message
@@ -42,9 +43,21 @@ class PlaybackControl(ServerListener):
         Whose clients call the services of the player.
     broadcast
         Called with how the playback stands.
+    on_failure
+        Called as by ``SteadyThread`` when the thread has ended by itself.
+
+    Attributes
+    ----------
+    thread
+        The thread.
     """
 
-    def __init__(self, node: Node, broadcast: Callable[[PlaybackState], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        broadcast: Callable[[PlaybackState], None],
+        on_failure: Callable[[str, str], object],
+    ) -> None:
         self._node = node
         self._broadcast = broadcast
         self._player = ""
@@ -53,13 +66,14 @@ class PlaybackControl(ServerListener):
         self._jumps = 0
         self._told = threading.Condition()
         self._requests: queue.Queue[PlaybackControlRequest | None] = queue.Queue(_MOST_WAITING)
-        self._thread = threading.Thread(target=self._work, name="playback", daemon=True)
-        self._thread.start()
+        self.thread = SteadyThread("playback", self._work, on_failure)
+        self.thread.start()
 
     def stop(self) -> None:
         """Ask no more of the player."""
+        self.thread.ending.set()
         self._ask(None)
-        self._thread.join(_ANSWER_S)
+        self.thread.end(_ANSWER_S)
         self.set_player("")
 
     def set_player(self, player: str) -> None:

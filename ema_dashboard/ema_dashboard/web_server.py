@@ -4,12 +4,12 @@ import asyncio
 import errno
 import socket
 import ssl
-import threading
 from collections.abc import Callable
 from typing import Any, Final
 
 from aiohttp import ClientError, ClientSession, ClientTimeout, web
 
+from ema_core.steady_thread import SteadyThread
 from ema_dashboard.access import Access
 from ema_dashboard.page_files import PageFile, read_page
 from ema_dashboard.relay import MOST_REQUEST_BYTES, SUBPROTOCOL, Kept, Relay, Totals
@@ -43,9 +43,13 @@ class WebServer:
         Returns the address of the server of foxglove-sdk at the moment.
     most_bytes
         How much may wait for a client [B].
+    on_failure
+        Called as by ``SteadyThread`` when the thread has ended by itself.
 
     Attributes
     ----------
+    thread
+        The thread.
     totals
         What all clients that have gone were sent; ``statistics`` has those present as well.
     """
@@ -59,6 +63,7 @@ class WebServer:
         kept: Kept,
         most_clients: int,
         most_bytes: int,
+        on_failure: Callable[[str, str], object],
     ) -> None:
         self._listener = listener
         self._tls = tls
@@ -73,7 +78,7 @@ class WebServer:
         self._admitted = 0
         self.totals = Totals()
         self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._run, name="dashboard", daemon=True)
+        self.thread = SteadyThread("dashboard", self._run, on_failure)
 
     def start(self) -> None:
         """Begin to serve.
@@ -83,14 +88,17 @@ class WebServer:
         OSError
             When that is not possible.
         """
-        self._thread.start()
+        self.thread.start()
         asyncio.run_coroutine_threadsafe(self._open(), self._loop).result()
 
     def stop(self) -> None:
         """Disconnect all clients and stop serving."""
-        asyncio.run_coroutine_threadsafe(self._close(), self._loop).result()
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
+        self.thread.ending.set()
+        if self._loop.is_running():
+            self._loop.call_soon_threadsafe(self._loop.stop)
+        self.thread.end()
+        # In this thread: that of the server may have ended by itself before.
+        self._loop.run_until_complete(self._close())
         self._loop.close()
 
     def statistics(self) -> tuple[int, int, int]:

@@ -84,7 +84,7 @@ class RecorderNode(ManagedNode):
         output = settings.output or f"ema_{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
         try:
             own = self.get_fully_qualified_name()
-            self._recorded = Recording(output, settings, own)
+            self._recorded = Recording(output, settings, own, self._report_end)
         except FileExistsError as error:
             hint = "" if settings.overwrite else "; parameter overwrite (--force) replaces a bag"
             raise FileExistsError(f"parameter output: {error}{hint}") from error
@@ -154,7 +154,10 @@ class RecorderNode(ManagedNode):
             remarks.append("nothing is published yet")
         remarks += [f"gap: {gap}" for gap in bag.gaps[-_MOST_NAMED:]]
         not_recorded = sum(gap.count for gap in bag.gaps)
-        level = ERROR if bag.failure else WARN if remarks else OK
+        if bag.flusher.failure:
+            remarks.insert(0, bag.flusher.failure)
+        is_wrong = bag.failure or bag.flusher.failure
+        level = ERROR if is_wrong else WARN if remarks else OK
         values = {
             "bag": bag.path,
             "file": bag.file_path.name,
@@ -163,6 +166,7 @@ class RecorderNode(ManagedNode):
             "lost messages": lost,
             "waiting [B]": bag.waiting,
             "messages without room": not_recorded,
+            "ends of threads": bag.flusher.ends,
             "topics": ", ".join(sorted(topics)),
             "publisher gone": ", ".join(gone),
             "not recorded": ", ".join(self._skipped),
@@ -269,6 +273,11 @@ class RecorderNode(ManagedNode):
             response.success = True
             self.get_logger().info(f"snapshot on demand: {response.message}")
         return response
+
+    def _report_end(self, failure: str, trace: str) -> None:
+        """Tell that a thread has ended by itself."""
+        self.get_logger().error(f"{failure}\n{trace}")
+        self.report()
 
     def _report_trouble(self, recorded: Recording) -> None:
         """Log once that the bag cannot be written, and once that it can again."""

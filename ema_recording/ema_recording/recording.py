@@ -1,5 +1,6 @@
 """Where what a recorder receives goes: into the bag, or into memory until there is a reason."""
 
+from collections.abc import Callable
 from typing import Any, Final
 
 from rclpy.qos import QoSProfile
@@ -24,6 +25,8 @@ class Recording:
         Where to record.
     own
         Full name of the recorder.
+    on_failure
+        Called as by ``BagWriter``.
 
     Attributes
     ----------
@@ -40,7 +43,13 @@ class Recording:
         As of ``BagWriter``.
     """
 
-    def __init__(self, path: str, settings: RecorderSettings, own: str) -> None:
+    def __init__(
+        self,
+        path: str,
+        settings: RecorderSettings,
+        own: str,
+        on_failure: Callable[[str, str], object],
+    ) -> None:
         self.bag = BagWriter(
             path,
             flush_s=settings.flush_s,
@@ -48,6 +57,7 @@ class Recording:
             max_duration_s=settings.max_bag_duration,
             overwrite=settings.overwrite,
             waits_for_room=True,
+            on_failure=on_failure,
         )
         self.messages = 0
         self.snapshots = 0

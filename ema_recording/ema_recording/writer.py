@@ -10,6 +10,7 @@ from typing import Any, Final, Literal
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
+from ema_core.steady_thread import SteadyThread
 from ema_recording.bag_file import COMPRESSION, RecordedType
 from ema_recording.bag_files import BagFiles, FileSettings, WrittenTopic
 from ema_recording.cdr import trimmer
@@ -58,6 +59,8 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         Whether a recording that is there already is replaced.
     waits_for_room
         Whether to wait where the recording cannot be written, instead of giving up.
+    on_failure
+        Called as by ``SteadyThread`` when the thread that writes by time has ended by itself.
 
     Attributes
     ----------
@@ -66,6 +69,8 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     failure
         Why the recording cannot be written; None as long as it can. It is known here before the
         next message is refused for it. Of one that waits for room it goes again.
+    flusher
+        The thread that writes by time.
     gaps
         What was received and could not be recorded, the last one open while ``failure`` is set.
 
@@ -88,6 +93,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         max_duration_s: float = 0.0,
         overwrite: bool = False,
         waits_for_room: bool = False,
+        on_failure: Callable[[str, str], object] = lambda failure, trace: None,
     ) -> None:
         if compression not in COMPRESSION:
             raise ValueError(f"compression = {compression!r}: expected 'zstd' or 'none'")
@@ -112,11 +118,8 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         self._flush_s = flush_s / 2
         self._flushed_s = time.monotonic()
         self._lock = threading.Lock()
-        self._closing = threading.Event()
-        self._flusher = threading.Thread(
-            target=self._keep_flushing, name="bag flusher", daemon=True
-        )
-        self._flusher.start()
+        self.flusher = SteadyThread("bag flusher", self._keep_flushing, on_failure)
+        self.flusher.start()
 
     @property
     def file_path(self) -> Path:
@@ -259,8 +262,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         OSError
             When the recording could not be written, now or before.
         """
-        self._closing.set()
-        self._flusher.join()
+        self.flusher.end()
         with self._lock:
             if self._is_closed:
                 return
@@ -314,8 +316,8 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
 
     def _keep_flushing(self) -> None:
         # The library itself ends a chunk by size only.
-        while not self._closing.wait(self._flush_s):
+        while not self.flusher.ending.wait(self._flush_s):
             try:
                 self.flush()
-            except OSError:
-                return  # the next call of write or close raises it
+            except OSError:  # the next call of write or close raises it
+                self.flusher.ending.set()

@@ -27,8 +27,10 @@ from ema_ros.rclpy_private import (
     wrap_change_state,
 )
 from ema_ros.status import ERROR, OK, WARN, Task, status_message
+from ema_ros.throttle import Throttle
 
 _REPORT_S: Final = 1.0
+_LOG_PERIOD_S: Final = 30.0
 _AUTOSTART: Final = "autostart"
 _AUTOSTART_DESCRIPTOR: Final = ParameterDescriptor(
     description="configure and activate at the start; false: a lifecycle manager does that",
@@ -52,6 +54,10 @@ class ManagedNode(LifecycleNode):
         What its process returns.
     stopping
         Set when the process is about to end: callbacks that wait have to return.
+    is_interrupted
+        Says whether the process was asked to end, also before it serves the node.
+    failed_callbacks
+        How many callbacks have failed.
     """
 
     def __init__(self, name: str, **kwargs: Any) -> None:
@@ -59,7 +65,11 @@ class ManagedNode(LifecycleNode):
         self.finished = threading.Event()
         self.stopping = threading.Event()
         self.exit_code = 0
+        self.is_interrupted: Callable[[], bool] = lambda: False
+        self.failed_callbacks = 0
+        self._failures = Throttle(_LOG_PERIOD_S)
         self._refused = ""
+        self._progress = ""
         self._configured = False
         self._kept: list[Any] = []
         self._peers = Peers()
@@ -99,6 +109,11 @@ class ManagedNode(LifecycleNode):
     def is_configured(self) -> bool:
         """Whether what ``configure`` made is there."""
         return self._configured
+
+    @property
+    def is_ending(self) -> bool:
+        """Whether the process is to end: what takes long has to return."""
+        return self.stopping.is_set() or self.is_interrupted()
 
     @property
     def state(self) -> str:
@@ -165,6 +180,23 @@ class ManagedNode(LifecycleNode):
         if self.state == "active":
             publisher.on_activate(LifecycleState(label=self.state, state_id=0))
         return publisher
+
+    def tell_progress(self, text: str) -> None:
+        """Tell in log and status how far a transition is that takes long; in that transition."""
+        self._progress = text
+        self.get_logger().info(text)
+        self.report([self._lifecycle_task()])
+
+    def log_failure(self, error: Exception) -> None:
+        """Log that a callback failed, one of a kind in half a minute, and count it."""
+        self.failed_callbacks += 1
+        place = traceback.extract_tb(error.__traceback__)[-1:]
+        kind = f"a callback failed: {error!r} {place}"
+        passed = self._failures.passed(kind, time.monotonic())
+        if passed is not None:
+            trace = "".join(traceback.format_exception(error))
+            held_back = passed.removeprefix(kind)
+            self.get_logger().error(f"a callback failed{held_back}:\n{trace}")
 
     def report(self, tasks: Sequence[Task] = ()) -> None:
         """Publish the status of the node; any thread may call this.
@@ -260,6 +292,8 @@ class ManagedNode(LifecycleNode):
             self._refused = f"cannot {name}: {error!r}"
             self.get_logger().error(f"{self._refused}\n{traceback.format_exc()}")
             return TransitionCallbackReturn.ERROR
+        finally:
+            self._progress = ""
         self._refused = ""
         return TransitionCallbackReturn.SUCCESS
 
@@ -268,10 +302,13 @@ class ManagedNode(LifecycleNode):
         return result
 
     def _lifecycle_task(self) -> Task:
+        values = {"failed callbacks": self.failed_callbacks}
         if self._refused:
-            return Task("lifecycle", ERROR, f"{self.state}: {self._refused}", self.hardware_id)
+            message = f"{self.state}: {self._refused}"
+            return Task("lifecycle", ERROR, message, self.hardware_id, values)
         level = OK if self.state == "active" else WARN
-        return Task("lifecycle", level, self.state, self.hardware_id)
+        message = ": ".join(filter(None, (self.state, self._progress)))
+        return Task("lifecycle", level, message, self.hardware_id, values)
 
     def _report_regularly(self) -> None:
         now_s = time.monotonic()

@@ -6,7 +6,6 @@ import signal
 import sys
 import threading
 import time
-import traceback
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -69,6 +68,8 @@ def run_together(
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         nodes.extend(make_node() for make_node in make_nodes)
+        for node in nodes:
+            node.is_interrupted = lambda: bool(stop_signals)
     except (ValueError, RuntimeError) as error:
         get_logger(Path(sys.argv[0]).stem).fatal(str(error))
         for node in nodes:
@@ -130,13 +131,16 @@ def _spin(executor: NodeExecutor, node: ManagedNode) -> None:
             return
         except InvalidHandle:
             continue  # what was to be served has just been destroyed
+        except Exception as error:
+            # Without this thread the node would be dead and look alive.
+            node.log_failure(error)
+            node.stopping.wait(_POLL_S)
 
 
 def _log_failure(node: ManagedNode, error: Exception) -> None:
     """Log that a callback failed; the others go on."""
     if not isinstance(error, InvalidHandle):
-        trace = "".join(traceback.format_exception(error))
-        node.get_logger().error(f"a callback failed:\n{trace}")
+        node.log_failure(error)
 
 
 def _end_if_stuck(exit_code: int) -> None:

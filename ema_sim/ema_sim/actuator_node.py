@@ -1,7 +1,6 @@
 """Node of the simulated actuator: runs test cycles and publishes what a real one would."""
 
 import time
-import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, fields, replace
 from pathlib import Path
@@ -30,7 +29,7 @@ from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 from ema_ros.settings import LIVE, declare, read
 from ema_ros.stamps import stamp_to_message
-from ema_ros.status import OK, WARN, Task, hardware_name
+from ema_ros.status import ERROR, OK, WARN, Task, hardware_name
 from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
 from ema_sim.growth import Growth
 from ema_sim.runner import BenchRunner, Pace
@@ -112,7 +111,7 @@ class ActuatorNode(ManagedNode):
             self._rate,
             on_cycle=self._publish_cycle,
             on_block=self._publish_block,
-            on_failure=self._fail,
+            on_failure=self._report_end,
         )
         offers = dict(topics.ACTUATOR_TOPICS)
         if self._rate != 1.0:
@@ -157,7 +156,10 @@ class ActuatorNode(ManagedNode):
             "achieved rate": pace.achieved_rate,
             "lag [s]": pace.lag_s,
             "busy share": pace.busy_share,
+            "ends of threads": runner.ends,
         }
+        if runner.failure:
+            return [Task("simulation", ERROR, runner.failure, self.hardware_id, values)]
         if pace.behind and runner.activity == "running":
             return [Task("simulation", WARN, self._lag_message(pace), self.hardware_id, values)]
         return [Task("simulation", OK, runner.activity, self.hardware_id, values)]
@@ -211,11 +213,10 @@ class ActuatorNode(ManagedNode):
             f"{self._rate:g}"
         )
 
-    def _fail(self, error: Exception) -> None:
-        trace = "".join(traceback.format_exception(error))
-        self.get_logger().fatal(f"the simulation failed:\n{trace}")
-        self.exit_code = 1
-        self.finished.set()
+    def _report_end(self, failure: str, trace: str) -> None:
+        """Tell that the simulation has ended by itself."""
+        self.get_logger().error(f"{failure}\n{trace}")
+        self.report()
 
     def _set_faults(
         self, request: SetSimulatedFaults.Request, response: SetSimulatedFaults.Response

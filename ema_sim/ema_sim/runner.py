@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
+from ema_core.steady_thread import SteadyThread
 from ema_core.telemetry import Telemetry
 from ema_sim.bench import ActuatorBench, RunningCycle
 
@@ -138,7 +139,8 @@ class BenchRunner:
         Called with each block when its last sample is due, and the torque of the motor at its
         end [N.m].
     on_failure
-        Called with the exception that ended the run.
+        Called as by ``SteadyThread`` when the run has ended by itself: it is begun again, with a
+        new cycle.
 
     Attributes
     ----------
@@ -153,7 +155,7 @@ class BenchRunner:
         *,
         on_cycle: Callable[[RunningCycle], None],
         on_block: Callable[[Telemetry, float], None],
-        on_failure: Callable[[Exception], None],
+        on_failure: Callable[[str, str], object],
     ) -> None:
         self.activity = "idle"
         self.cycle = 0
@@ -164,7 +166,17 @@ class BenchRunner:
         self._on_failure = on_failure
         self._pacer = Pacer(rate)
         self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._thread: SteadyThread | None = None
+
+    @property
+    def failure(self) -> str:
+        """Why the run has ended by itself; empty when it did not lately."""
+        return self._thread.failure if self._thread is not None else ""
+
+    @property
+    def ends(self) -> int:
+        """Number of times that the run has ended by itself since the start."""
+        return self._thread.ends if self._thread is not None else 0
 
     @property
     def pace(self) -> Pace:
@@ -173,33 +185,29 @@ class BenchRunner:
 
     def start(self) -> None:
         """Start to run, with a new cycle."""
-        self._stop = threading.Event()
-        self._thread = threading.Thread(
-            target=self._run, args=(self._stop,), name="simulation", daemon=True
-        )
+        self._stop = stop = threading.Event()
+        self._thread = SteadyThread("simulation", lambda: self._run(stop), self._on_failure)
         self._thread.start()
 
     def stop(self) -> None:
         """Stop at the next block, for which ``on_block`` is no longer called."""
+        if self._thread is not None:
+            self._thread.ending.set()
         self._stop.set()
         if self._thread is not None:
             # A compilation cannot be interrupted; its thread ends by itself afterwards.
-            self._thread.join(_JOIN_TIMEOUT_S)
+            self._thread.end(_JOIN_TIMEOUT_S)
         self.activity = "idle"
 
     def _run(self, stop: threading.Event) -> None:
-        try:
-            self.activity = "compiling kernels"
-            self._bench.compile_kernels()
-            if stop.is_set():
-                return
-            self.activity = "running"
-            self._pacer = Pacer(self._rate)
-            while self._run_cycle(stop):
-                pass
-        except Exception as error:
-            self.activity = f"failed: {error}"
-            self._on_failure(error)
+        self.activity = "compiling kernels"
+        self._bench.compile_kernels()
+        if stop.is_set():
+            return
+        self.activity = "running"
+        self._pacer = Pacer(self._rate)
+        while self._run_cycle(stop):
+            pass
 
     def _run_cycle(self, stop: threading.Event) -> bool:
         start_ns = self._start_ns()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ema_core import steady_thread
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
 from ema_monitor.identification import combination
@@ -25,6 +26,7 @@ from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import Window
 
+from ..waiting import wait_for
 from .windows import window_from
 
 WINDOW = window_from(np.linspace(0.0, 1.0, 3))
@@ -84,16 +86,17 @@ def published() -> Published:
     return Published()
 
 
-@pytest.fixture(autouse=True)
-def _nothing_to_compile(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(identification_worker, "compile_kernels", lambda: None)
-
-
 @pytest.fixture
-def may_compile(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
-    """Compilation lasts until this is set."""
+def may_identify(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
+    """Identification lasts until this is set."""
     event = threading.Event()
-    monkeypatch.setattr(identification_worker, "compile_kernels", event.wait)
+    identify = IdentificationWorker._identify
+
+    def wait(self: IdentificationWorker, *args: Any) -> Any:
+        assert event.wait(DEADLINE_S)
+        return identify(self, *args)
+
+    monkeypatch.setattr(IdentificationWorker, "_identify", wait)
     monkeypatch.setattr(identification_worker, "_JOIN_S", 0.0)
     yield event
     event.set()
@@ -123,29 +126,31 @@ def test_windows_are_published_in_order(published: Published):
     assert published.estimates == [(number, "no calibration") for number in range(5)]
 
 
-def test_failed_compilation_ends_the_thread_and_refuses_its_windows(
-    published: Published, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("how", [SystemExit, MemoryError], ids=lambda how: how.__name__)
+def test_thread_that_ends_refuses_its_window_is_told_and_begun_again(
+    published: Published, monkeypatch: pytest.MonkeyPatch, how: type[BaseException]
 ):
-    added = threading.Event()
+    monkeypatch.setattr(steady_thread, "_FIRST_WAIT_S", 0.2)
+    identify = IdentificationWorker._identify_and_publish
 
-    def fail() -> None:
-        assert added.wait(DEADLINE_S)
-        raise OSError("no space left")
+    def fail_once(self: IdentificationWorker, segment: Segment, *args: Any) -> None:
+        if segment.number == 0:
+            raise how("made up")
+        identify(self, segment, *args)
 
-    monkeypatch.setattr(identification_worker, "compile_kernels", fail)
+    monkeypatch.setattr(IdentificationWorker, "_identify_and_publish", fail_once)
     worker = published.worker()
     worker.start()
-    worker.add(found(0), None)
-    added.set()
-    published.until(lambda: len(published.estimates) == 1)
-    assert not worker.is_running
+    for number in range(3):
+        worker.add(found(number), None)
+    published.until(lambda: len(published.estimates) == 3)
     level, message = worker.status()
-    assert (level, "no space left" in message) == (ERROR, True)
+    assert (level, worker.ends, worker.is_running) == (ERROR, 1, True)
+    assert "the identification thread has ended: " + how.__name__ in message
     assert "Traceback" in published.errors[0]
-    # What comes later is not lost either.
-    worker.add(found(1), None)
-    assert [number for number, _ in published.estimates] == [0, 1]
-    assert all("no space left" in reason for _, reason in published.estimates)
+    assert [number for number, _ in published.estimates] == [0, 1, 2]
+    assert [reason for _, reason in published.estimates[1:]] == ["no calibration"] * 2
+    assert published.estimates[0][1] == message
     worker.stop()
 
 
@@ -162,18 +167,20 @@ def test_window_outside_of_start_and_stop_is_refused(published: Published):
 
 
 def test_windows_that_wait_at_the_stop_are_refused_in_order(
-    published: Published, may_compile: threading.Event
+    published: Published, may_identify: threading.Event
 ):
     worker = published.worker()
     worker.start()
     for number in range(3):
         worker.add(found(number), None)
+    wait_for(lambda: worker.waiting == 2, "the first to be identified")
     worker.stop()
     assert [number for number, _ in published.estimates] == [0, 1, 2]
-    assert all("stopped before" in reason for _, reason in published.estimates)
-    # The thread that was in the middle of a compilation does not disturb the next one.
+    assert "stopped during" in published.estimates[0][1]
+    assert all("stopped before" in reason for _, reason in published.estimates[1:])
+    # The thread that was in the middle of a search does not disturb the next one.
     worker.start()
-    may_compile.set()
+    may_identify.set()
     worker.add(found(3), None)
     published.until(lambda: len(published.estimates) == 4)
     worker.stop()
@@ -279,5 +286,5 @@ def test_stop_ends_the_identification_of_a_stretch_at_once(
     thread = worker._thread
     worker.stop()
     assert thread is not None
-    assert not thread.is_alive()
+    assert not thread.is_alive
     assert published.estimates == [(0, "combined so far")]

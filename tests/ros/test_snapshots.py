@@ -103,7 +103,7 @@ def test_first_level_is_no_change_and_own_statuses_do_not_count():
 
 def test_snapshot_begins_with_what_held_before_it(tmp_path: Path):
     settings = RecorderSettings(output="flight", snapshot_duration=1.0)
-    recording = Recording(str(tmp_path / "flight"), settings, "/ema/recorder")
+    recording = Recording(str(tmp_path / "flight"), settings, "/ema/recorder", lambda *_: None)
     recording.add_topic("/ema/actuator_description", ActuatorDescription, LATCHED)
     recording.add_topic("/ema/telemetry", TelemetryBlock, STREAM)
     recording.add_topic("/ema/health", Health, LATCHED)

@@ -118,7 +118,7 @@ class Run:
         self.cycles: list[RunningCycle] = []
         self.blocks: list[Telemetry] = []
         self.arrivals_ns: list[int] = []
-        self.failures: list[Exception] = []
+        self.failures: list[str] = []
         self._stall = stall_at, stall_s
         self._last = 0
         self.runner = BenchRunner(
@@ -126,7 +126,7 @@ class Run:
             rate,
             on_cycle=self.cycles.append,
             on_block=self._keep,
-            on_failure=self.failures.append,
+            on_failure=self._fail,
         )
 
     def _keep(self, block: Telemetry, torque: float) -> None:
@@ -135,14 +135,22 @@ class Run:
             self.clock.now += self._stall[1]
         self.blocks.append(block)
         if len(self.blocks) == self._last:
+            assert self.runner._thread is not None
+            self.runner._thread.ending.set()
             self.clock.set()
+
+    def _fail(self, failure: str, trace: str) -> None:
+        self.failures.append(failure)
+        assert self.runner._thread is not None
+        self.runner._thread.ending.set()
 
     def until(self, blocks: int) -> None:
         """Run until there are so many blocks, or it fails."""
         self._last = blocks
         self.runner.start()
-        assert self.runner._thread is not None
-        self.runner._thread.join()
+        thread = self.runner._thread
+        assert thread is not None
+        thread._thread.join()
         self.runner.stop()
 
     def lateness_s(self) -> np.ndarray:
@@ -232,4 +240,6 @@ def test_failure_is_told(make_run):
 
     run.bench.begin_cycle = fail  # pyright: ignore[reportAttributeAccessIssue]
     run.until(1)
-    assert [str(error) for error in run.failures] == ["no bench"]
+    [failure] = run.failures
+    assert failure.startswith("the simulation thread has ended: RuntimeError('no bench')")
+    assert (run.runner.failure, run.runner.ends) == (failure, 1)

@@ -9,6 +9,7 @@ from typing import Any, Final
 from rclpy.lifecycle.publisher import LifecyclePublisher
 
 from ema_core.description import ActuatorDescription
+from ema_core.steady_thread import SteadyThread
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.loading import AnyCalibration
 from ema_monitor.identification.estimate import Estimate
@@ -71,7 +72,17 @@ class FollowUps:
         self._changed = threading.Condition()
         self._is_ending = False
         self.dropped = 0
-        self._thread: threading.Thread | None = None
+        self._thread: SteadyThread | None = None
+
+    @property
+    def failure(self) -> str:
+        """Why the thread has ended by itself; empty when it did not lately."""
+        return self._thread.failure if self._thread is not None else ""
+
+    @property
+    def ends(self) -> int:
+        """Number of times that the thread has ended by itself since the start."""
+        return self._thread.ends if self._thread is not None else 0
 
     @property
     def publishers(self) -> list[LifecyclePublisher]:
@@ -100,17 +111,20 @@ class FollowUps:
     def start(self) -> None:
         """Begin, with a new thread."""
         self._is_ending = False
-        self._thread = threading.Thread(target=self._run, name="follow-ups", daemon=True)
+        self._thread = SteadyThread(
+            "follow-ups", self._run, lambda failure, trace: self._log_error(f"{failure}\n{trace}")
+        )
         self._thread.start()
 
     def stop(self) -> None:
         """Publish what waits, and end the thread."""
         thread, self._thread = self._thread, None
         if thread is not None:
+            thread.ending.set()
             with self._changed:
                 self._is_ending = True
                 self._changed.notify()
-            thread.join(_JOIN_S)
+            thread.end(_JOIN_S)
 
     def follow_health(
         self, description: ActuatorDescription, forecaster: Forecaster, costs: Costs

@@ -21,6 +21,7 @@ from ema_monitor.node.calls import MonitorCalls
 from ema_monitor.node.follow_ups import FollowUps
 from ema_monitor.node.hardware_status import hardware_status, hardware_status_class
 from ema_monitor.node.intake import Intake
+from ema_monitor.node.kernels import compile_monitor_kernels
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.node.prognosis import MonitorPrognosis
 from ema_monitor.node.selection import Selection, Shard
@@ -38,7 +39,7 @@ from ema_ros.latched_subscription import subscribe_latched
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 from ema_ros.settings import LiveSettings, declare, read
-from ema_ros.status import Task
+from ema_ros.status import ERROR, Task
 from ema_ros.throttle import Throttle
 
 _LOG_PERIOD_S: Final = 30.0
@@ -115,10 +116,12 @@ class MonitorNode(ManagedNode):
         self.add_post_set_parameters_callback(self._follow_clock)
 
     def configure(self) -> None:
-        """Read the files, and create what publishes and serves."""
+        """Read the files, compile the kernels, and create what publishes and serves."""
         files = read(self, Files)
         self._store = CalibrationStore(files.calibration_file, folder_of(files.calibration_folder))
         described = load_description(Path(files.actuator_file)) if files.actuator_file else None
+        # Now, as no window waits for them yet.
+        compile_monitor_kernels(self.tell_progress, lambda: self.is_ending)
         message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
         self._estimates = self.add_publisher(message_class, topics.FAULT_ESTIMATE, qos)
         self._calls = MonitorCalls(
@@ -208,6 +211,9 @@ class MonitorNode(ManagedNode):
     def _tasks_of(self, actuator_id: str = "") -> list[Task]:
         """Return the status of one actuator and of the identification; of each one when empty."""
         level, message = self._worker.status()
+        if self._follow_ups.failure:
+            failures = [message] if level == ERROR else []
+            level, message = ERROR, "; ".join([*failures, self._follow_ups.failure])
         dropped = self._worker.dropped
         return [
             *self._units.tasks(self._worker.waiting, dropped, actuator_id),
@@ -227,6 +233,7 @@ class MonitorNode(ManagedNode):
                 {
                     "follow-ups waiting": self._follow_ups.waiting,
                     "follow-ups dropped": self._follow_ups.dropped,
+                    "ends of threads": self._worker.ends + self._follow_ups.ends,
                 },
             ),
         ]

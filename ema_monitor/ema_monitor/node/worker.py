@@ -1,6 +1,5 @@
 """Identification in its own thread: windows in, estimates out in the same order."""
 
-import threading
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -10,13 +9,13 @@ from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
+from ema_core.steady_thread import SteadyThread
 from ema_core.wording import counted
 from ema_monitor.calibration.loading import AnyCalibration
 from ema_monitor.identification.combinations import Combinations
 from ema_monitor.identification.estimate import Estimate, refusal
 from ema_monitor.identification.search import Identification, LastFaults
 from ema_monitor.identification.tally import Tally
-from ema_monitor.model.monitor_model import compile_kernels
 from ema_monitor.node.settings import WindowSettings
 from ema_monitor.node.window_queue import QueueClosedError, WindowQueue
 from ema_monitor.windows.finder import Segment
@@ -31,6 +30,7 @@ class IdentificationWorker:
     """Identifies windows one after the other, of the actuators in turn.
 
     Every window gets an estimate or a refusal, but for the refusals that ``WindowQueue`` gives up.
+    A thread that ends by itself refuses the window that it was at, and is begun again.
 
     Once ``stop`` has returned, the thread publishes nothing any more, even if it still computes.
 
@@ -51,10 +51,6 @@ class IdentificationWorker:
     log_error
         Called with the traceback of a failure.
 
-    Attributes
-    ----------
-    failure
-        Why the thread ended by itself; empty when it did not.
     """
 
     def __init__(
@@ -77,16 +73,20 @@ class IdentificationWorker:
         self._searched: set[str] = set()
         # Numbers of the latest stretches.
         self._looked_at: dict[str, int] = {}
-        self._thread: threading.Thread | None = None
+        self._thread: SteadyThread | None = None
         self._queue = WindowQueue()
         self._queue.close()
-        self.failure = ""
 
     @property
     def is_running(self) -> bool:
         """Whether the thread runs and is not to stop."""
         thread = self._thread
-        return thread is not None and thread.is_alive() and not self._queue.is_closed
+        return thread is not None and thread.is_alive and not self._queue.is_closed
+
+    @property
+    def ends(self) -> int:
+        """Number of times that the thread has ended by itself since the start."""
+        return self._thread.ends if self._thread is not None else 0
 
     @property
     def waiting(self) -> int:
@@ -105,19 +105,20 @@ class IdentificationWorker:
 
     def status(self) -> tuple[int, str]:
         """Return level and message for ``/diagnostics``."""
-        if self.failure:
-            return ERROR, self.failure
+        if self._thread is not None and self._thread.failure:
+            return ERROR, self._thread.failure
         if not self.is_running:
             return WARN, "not active"
         return OK, f"waiting: {counted(self.waiting, 'window')}"
 
     def start(self) -> None:
         """Begin to identify, with a new thread and queue."""
-        # The previous thread may still be compiling.
-        self._queue = WindowQueue()
-        self.failure = ""
-        self._thread = threading.Thread(
-            target=self._run, args=(self._queue,), name="identification", daemon=True
+        # The previous thread may still be in a search.
+        self._queue = queue = WindowQueue()
+        self._thread = SteadyThread(
+            "identification",
+            lambda: self._run(queue),
+            lambda failure, trace: self._note_end(queue, failure, trace),
         )
         self._thread.start()
 
@@ -141,7 +142,7 @@ class IdentificationWorker:
         try:
             return self._queue.add(segment, most_waiting)
         except QueueClosedError:
-            self.refuse(segment, self.failure or "the monitor is not active")
+            self.refuse(segment, "the monitor is not active")
             return []
 
     def stop(self) -> None:
@@ -153,10 +154,9 @@ class IdentificationWorker:
         thread, self._thread = self._thread, None
         if thread is None:
             return
+        thread.ending.set()
         waiting = self._queue.close()
-        # A compilation cannot be interrupted: the thread ends by itself afterwards. A thread that
-        # failed is refusing the last windows.
-        thread.join(None if self.failure else _JOIN_S)
+        thread.end(_JOIN_S)
         current = self._queue.abandon()
         if current is not None:
             self.refuse(current, _STOPPED_DURING)
@@ -177,17 +177,15 @@ class IdentificationWorker:
             self._publish(segment, self._refusal(segment, reason))
 
     def _run(self, queue: WindowQueue) -> None:
-        try:
-            compile_kernels()
-            while (segment := queue.next()) is not None:
-                self._identify_and_publish(segment, queue)
-        except Exception as error:
-            failure = f"the identification thread has ended: {error!r}"
-            if queue is self._queue:  # no thread has been started since
-                self.failure = failure
-            self._log_error(f"{failure}\n{traceback.format_exc()}")
-            for segment in queue.close():
-                self.refuse(segment, failure)
+        while (segment := queue.next()) is not None:
+            self._identify_and_publish(segment, queue)
+
+    def _note_end(self, queue: WindowQueue, failure: str, trace: str) -> None:
+        """Refuse the window at which the thread has ended; those that wait have to wait longer."""
+        self._log_error(f"{failure}\n{trace}")
+        current = queue.abandon()
+        if current is not None:
+            self.refuse(current, failure)
 
     def _identify_and_publish(self, segment: Segment, queue: WindowQueue) -> None:
         if segment.is_stretch:

@@ -304,7 +304,7 @@ def test_an_answer_tells_how_the_player_stands_after_what_was_asked(session, mon
         if state.request_id:
             answers.put(state)
 
-    control = PlaybackControl(session.node("control"), told)
+    control = PlaybackControl(session.node("control"), told, lambda *_: None)
     before = PlaybackState(status=PlaybackState.PLAYING, rate=1.0, position=at(3.0))
     control.note_state(before)
     request: Any = SimpleNamespace(

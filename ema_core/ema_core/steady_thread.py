@@ -1,0 +1,109 @@
+"""A thread that is started again when it ends by itself, and says so."""
+
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from typing import Final
+
+from ema_core.wording import counted
+
+_FIRST_WAIT_S: Final = 1.0
+_LONGEST_WAIT_S: Final = 60.0
+_SETTLED_S: Final = 10.0
+
+
+class SteadyThread:
+    """Does work in a thread until it is ended; work that ends before is begun again.
+
+    The first time it is begun again after 1 s, then after twice as long each time, at most 60 s;
+    work that went on for longer than the wait before it counts as begun for the first time.
+
+    Parameters
+    ----------
+    name
+        Name of the thread.
+    work
+        What it does; it returns once ``ending`` is set, or once it is told so in a way of its own.
+    on_failure
+        Called in the thread each time the work has ended by itself, with a line that says why and
+        the traceback.
+
+    Attributes
+    ----------
+    ending
+        Set when the thread is to end.
+    ends
+        How many times the work has ended by itself.
+    """
+
+    def __init__(
+        self, name: str, work: Callable[[], object], on_failure: Callable[[str, str], object]
+    ) -> None:
+        self.ending = threading.Event()
+        self.ends = 0
+        self._name = name
+        self._work = work
+        self._on_failure = on_failure
+        self._failure = ""
+        self._begun_s = 0.0
+        self._is_working = False
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the thread has begun and not ended."""
+        return self._thread.is_alive()
+
+    @property
+    def failure(self) -> str:
+        """Why the work has ended by itself; empty when it did not, or has gone on for 10 s since.
+
+        The number of ends is part of it.
+        """
+        if self._is_working and time.monotonic() - self._begun_s >= _SETTLED_S:
+            return ""
+        return self._failure
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def end(self, join_s: float | None = None) -> None:
+        """Have the thread end, and wait for it.
+
+        Parameters
+        ----------
+        join_s
+            For how long at most [s]; None until it has.
+        """
+        self.ending.set()
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._thread.join(join_s)
+
+    def _run(self) -> None:
+        wait_s = _FIRST_WAIT_S
+        while not self.ending.is_set():
+            self._begun_s, self._is_working = time.monotonic(), True
+            # Whatever ends it, SystemExit too: nobody else would notice.
+            try:
+                self._work()
+                reason, trace = "it returned", ""
+            except BaseException as error:
+                reason, trace = repr(error), traceback.format_exc()
+            self._is_working = False
+            if self.ending.is_set():
+                return
+            if time.monotonic() - self._begun_s > wait_s:
+                wait_s = _FIRST_WAIT_S
+            self.ends += 1
+            self._failure = (
+                f"the {self._name} thread has ended: {reason}; begun again after {wait_s:g} s "
+                f"({counted(self.ends, 'end')} so far)"
+            )
+            try:
+                self._on_failure(self._failure, trace)
+            except Exception:
+                self._failure += f"; not reported: {traceback.format_exc(limit=1)}"
+            self.ending.wait(wait_s)
+            wait_s = min(2.0 * wait_s, _LONGEST_WAIT_S)

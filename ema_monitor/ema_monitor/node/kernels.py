@@ -1,0 +1,80 @@
+"""Compilation of the kernels of a monitor, before it takes any window."""
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from ema_monitor.model.monitor_model import FORMS, compile_kernels
+from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
+
+_QUIET_S: Final = 1.0
+_TELL_S: Final = 1.0
+
+
+def _compile_growth() -> None:
+    of_one = [np.ones(1) for _ in range(4)]
+    near_healthy_update(*of_one, np.zeros(1, dtype=bool), np.zeros(1))
+
+
+STEPS: Final[Mapping[str, Callable[[], object]]] = MappingProxyType(
+    {f"{form} model": lambda form=form: compile_kernels([form]) for form in FORMS}
+    | {"growth": _compile_growth}
+)
+"""What is compiled, or loaded from the cache, by name: all that an estimate and health wait for.
+
+Requirements are fitted in a thread of their own, with kernels that nothing else waits for.
+"""
+
+
+def compile_monitor_kernels(
+    tell: Callable[[str], object], is_ending: Callable[[], bool], most_s: float = 600.0
+) -> None:
+    """Compile the kernels, or load them from the cache, and wait for it.
+
+    They are compiled in a thread of their own, which cannot be interrupted: it is left alone where
+    the node ends.
+
+    Parameters
+    ----------
+    tell
+        Called with what is compiled, once a second, if it takes longer than that.
+    is_ending
+        Says whether to wait no longer.
+    most_s
+        How long to wait at most [s].
+
+    Raises
+    ------
+    ValueError
+        When they cannot be compiled, not in time, or the node ends.
+    """
+    begun_s, done = time.monotonic(), threading.Event()
+    current, failures = [""], list[BaseException]()
+
+    def compile_all() -> None:
+        try:
+            for number, (name, step) in enumerate(STEPS.items()):
+                current[0] = f"{name}, {number + 1} of {len(STEPS)}"
+                step()
+        except BaseException as error:
+            failures.append(error)
+        finally:
+            done.set()
+
+    threading.Thread(target=compile_all, name="compilation", daemon=True).start()
+    told_s = begun_s + _QUIET_S - _TELL_S
+    while not done.wait(0.1):
+        now_s = time.monotonic()
+        if is_ending():
+            raise ValueError("the node ends while its kernels are compiled")
+        if now_s - begun_s > most_s:
+            raise ValueError(f"kernels are not compiled within {most_s:g} s: {current[0]}")
+        if now_s - told_s >= _TELL_S:
+            tell(f"compiling kernels, once for this version: {current[0]}, {now_s - begun_s:.0f} s")
+            told_s = now_s
+    if failures:
+        raise ValueError(f"kernels cannot be compiled: {current[0]}: {failures[0]!r}")

@@ -1,0 +1,98 @@
+"""A thread that ends by itself is seen, begun again at a bounded rate, and counted."""
+
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from ema_core import steady_thread
+from ema_core.steady_thread import SteadyThread
+
+from ..waiting import DEADLINE_S, wait_for
+
+
+@pytest.fixture(autouse=True)
+def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(steady_thread, "_FIRST_WAIT_S", 0.01)
+    monkeypatch.setattr(steady_thread, "_LONGEST_WAIT_S", 0.02)
+
+
+def fail() -> None:
+    raise ZeroDivisionError("made up")
+
+
+@pytest.mark.parametrize(
+    ("ending", "reason"),
+    [
+        (fail, "ZeroDivisionError('made up')"),
+        (sys.exit, "SystemExit"),
+        (lambda: None, "it returned"),
+    ],
+)
+def test_work_that_ends_by_itself_is_begun_again_and_told(ending: Callable[[], Any], reason: str):
+    told: list[str] = []
+    begun = threading.Semaphore(0)
+
+    def work() -> None:
+        begun.release()
+        if len(told) < 3:
+            ending()
+        else:
+            thread.ending.wait()
+
+    thread = SteadyThread("test", work, lambda failure, trace: told.append(failure))
+    thread.start()
+    for _ in range(4):
+        assert begun.acquire(timeout=DEADLINE_S)
+    assert thread.ends == 3
+    assert [f"the test thread has ended: {reason}" in one for one in told] == [True] * 3
+    assert thread.failure == told[-1]
+    assert "3 ends so far" in thread.failure
+    thread.end()
+    assert not thread.is_alive
+
+
+def test_work_that_goes_on_is_no_failure_any_more(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(steady_thread, "_SETTLED_S", 0.05)
+
+    def work() -> None:
+        if not thread.ends:
+            fail()
+        thread.ending.wait()
+
+    thread = SteadyThread("test", work, lambda *_: None)
+    thread.start()
+    wait_for(lambda: thread.ends, "the failure")
+    wait_for(lambda: not thread.failure, "the end of the failure")
+    assert thread.ends == 1
+    thread.end()
+
+
+def test_waits_grow_up_to_a_bound(monkeypatch: pytest.MonkeyPatch):
+    waits: list[float] = []
+    thread = SteadyThread("test", fail, lambda *_: None)
+    monkeypatch.setattr(steady_thread, "_FIRST_WAIT_S", 1.0)
+    monkeypatch.setattr(steady_thread, "_LONGEST_WAIT_S", 60.0)
+
+    def wait(seconds: float) -> bool:
+        waits.append(seconds)
+        if len(waits) == 9:
+            thread.ending.set()
+        return True
+
+    monkeypatch.setattr(thread.ending, "wait", wait)
+    thread._run()
+    assert waits == [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 60.0, 60.0, 60.0]
+
+
+def test_a_report_that_fails_does_not_end_the_thread():
+    def report(*_: str) -> None:
+        raise OSError("no log")
+
+    thread = SteadyThread("test", fail, report)
+    thread.start()
+    wait_for(lambda: thread.ends > 2, "three ends")
+    assert "no log" in thread.failure
+    thread.end()

@@ -1,0 +1,36 @@
+"""At a first start with nothing compiled, no window waits for a compiler."""
+
+from pathlib import Path
+
+import pytest
+
+from .graph import Graph
+
+ACTIVE = "/ema/monitor: lifecycle"
+INPUT = "/ema/monitor: input"
+
+
+@pytest.mark.long
+def test_first_windows_with_an_empty_cache_are_all_answered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    with Graph() as graph:
+        # Windows come from the beginning, every 2 s: compiling takes ten times as long.
+        graph.start("actuator", pause_s=0.3)
+        graph.wait_for(lambda: "/ema/actuator: simulation" in graph.status, "the actuator")
+        with monkeypatch.context() as cold:
+            cold.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+            graph.start("monitor")
+        graph.wait_for(
+            lambda: any("compiling kernels" in text for text in graph.told.get(ACTIVE, ())),
+            "the compilation in the status",
+        )
+        assert graph.estimates == []
+        graph.wait_for(lambda: len(graph.estimates) >= 4, "estimates")
+        whole = [item for item in graph.estimates if "gap" not in item.reason]
+        assert [item.window for item in graph.estimates] == list(range(len(graph.estimates)))
+        assert all(item.valid for item in whole[1:])
+        assert graph.status[INPUT][2]["windows dropped"] == "0"
+        log = graph.log("monitor").read_text()
+    assert "compiling kernels, once for this version: " in log
+    assert log.index("compiling kernels") < log.index("configured") < log.index("active")
