@@ -13,7 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import BACKLASH, FAULTS, FRICTION, GAIN
 from ema_core.parameters import ActuatorParameters, constants
-from ema_core.quantity import check_quantities, finite_samples, hint_of_unit, quantity, text
+from ema_core.quantity import (
+    check_length,
+    check_quantities,
+    finite_samples,
+    hint_of_unit,
+    quantity,
+    text,
+)
 
 COMMAND_SHAPES: Final = ("step", "ramp", "sine", "chirp", "swing", "moves", "custom")
 
@@ -27,6 +34,7 @@ _APPROACH_SPEED = 5e-3
 _RETREAT_S = 0.1
 _HOLD_S = 0.1
 _RETURN_S = 0.3
+_ARRAYS = 2  # as long as the command, at a time, but for those of its computation
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +116,17 @@ class Command:
         Raises
         ------
         ValueError
-            When the period is not positive or longer than 10 ms.
+            When the period is not positive or longer than 10 ms, or there were too many samples.
         """
         if not 0.0 < sample_period <= 0.01:
             raise ValueError(f"sample_period = {sample_period!r} s is outside (0, 0.01] s")
         if self.shape == "custom":
             return np.array(self.samples)
+        check_length(
+            self.duration / sample_period,
+            f"duration = {self.duration:g} s at sample_period = {sample_period:g} s",
+            _ARRAYS,
+        )
         n = max(1, round(self.duration / sample_period))
         t: NDArray[np.float64] = sample_period * np.arange(1.0, n + 1)
         if self.shape == "step":
@@ -143,7 +156,7 @@ class Command:
             speed = rng.uniform(_SLOWEST_MOVE, 1.0) * self.rate
             lasts = max(math.pi / 2.0 * abs(to - at) / speed, _SHORTEST_MOVE_S)
             dwell = np.full(round(rng.uniform(0.0, _LONGEST_DWELL_S) / h), to)
-            parts += [_smooth_move(at, to, lasts, h), dwell]
+            parts += [_smooth_move(at, to, lasts, h, n - done), dwell]
             at, done = to, done + len(parts[-2]) + len(dwell)
         return np.concatenate(parts)[:n]
 
@@ -164,10 +177,15 @@ class Cycle(NamedTuple):
     stop: int
 
 
-def _smooth_move(start: float, stop: float, duration: float, h: float) -> NDArray[np.float64]:
-    """Return the samples of a move between two angles with zero speed at both ends."""
-    n = max(1, round(duration / h))
-    u = np.arange(1, n + 1) / n
+def _smooth_move(
+    start: float, stop: float, duration: float, h: float, most: float = math.inf
+) -> NDArray[np.float64]:
+    """Return the samples of a move between two angles with zero speed at both ends.
+
+    Only the first ``most`` of them, where there are more.
+    """
+    n = max(1.0, round(duration / h) if duration / h < most else duration / h)
+    u = np.arange(1, int(min(n, most)) + 1) / n
     return start + (stop - start) * (1.0 - np.cos(math.pi * u)) / 2.0
 
 
@@ -210,9 +228,15 @@ def build_cycle(command: Command, sample_period: float, depth: float = APPROACH_
     Raises
     ------
     ValueError
-        When the period is not positive or longer than 10 ms.
+        When the period is not positive or longer than 10 ms, or the cycle is too long for it.
     """
     h = sample_period
+    check_length(
+        depth / (_APPROACH_SPEED * h),
+        f"an approach from {depth:g} rad below at {_APPROACH_SPEED:g} rad/s and sample_period = "
+        f"{h:g} s",
+        _ARRAYS,
+    )
     proper = command.sample(h)
     hold = round(_HOLD_S / h)
     approach = np.linspace(-depth, 0.0, round(depth / (_APPROACH_SPEED * h)) + 1)[1:]

@@ -155,6 +155,29 @@ def hint_of_unit(value: float, unit: str, usual: tuple[float, float] | None) -> 
     return text
 
 
+MOST_BYTES: Final = 1 << 28
+"""Memory that an array may take whose length follows from what somebody else has set [B]."""
+
+
+def check_length(count: float, what: str, columns: int = 1) -> None:
+    """Raise ``ValueError`` unless arrays of a length fit into ``MOST_BYTES``.
+
+    Parameters
+    ----------
+    count
+        Their length, not rounded yet; infinite where it overflows.
+    what
+        What makes them so long, for the message.
+    columns
+        How many there are.
+    """
+    size = 8.0 * columns * count
+    if not size <= MOST_BYTES:
+        raise ValueError(
+            f"{what}: {count:.4g} samples would take {size:.3g} B, expected at most {MOST_BYTES} B"
+        )
+
+
 def is_finite_number(value: Any) -> bool:
     """Return whether a value is a finite number; True and False are none."""
     try:

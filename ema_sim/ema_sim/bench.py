@@ -12,7 +12,7 @@ from ema_core.commands import THESIS_CHIRP, Command, approach_depth, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULTS, fault_vector, healthy_faults
 from ema_core.parameters import ActuatorParameters
-from ema_core.quantity import check_quantities, is_finite_number, quantity
+from ema_core.quantity import check_length, check_quantities, is_finite_number, quantity
 from ema_core.telemetry import Telemetry, elapsed_ns
 from ema_sim.actuator import SimulatedActuator
 from ema_sim.growth import Growth, check_growths, grow
@@ -144,6 +144,10 @@ class ActuatorBench:
             When it cannot be sampled at the telemetry's period.
         """
         h = self.description.sample_period
+        check_length(
+            self.settings.pause_s / h,
+            f"pause_s = {self.settings.pause_s:g} s at sample_period = {h:g} s",
+        )
         cycle = build_cycle(command, h, approach_depth(self.description.parameters)).samples
         pause = np.zeros(round(self.settings.pause_s / h))
         samples = np.concatenate([cycle, pause])

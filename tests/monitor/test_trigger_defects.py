@@ -203,3 +203,15 @@ def test_approach_before_a_defect_does_not_count(two_cycles):
     events = feed([*two_cycles[:75], *two_cycles[76:]])
     assert len(defects_in(events[:1])) == 1
     assert [window.play for window in windows_in(events[1:])] == [None, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"), [(math.nan, "finite numbers"), (1e300, "numbers below 1e[+]30")]
+)
+def test_samples_of_no_use_are_named_at_any_index(value: float, expected: str):
+    """An index of 64 bits plus one of numpy is beyond what numpy adds."""
+    columns = np.zeros((4, 100))
+    columns[3, 7] = value
+    block = Telemetry(10**9, 1e-4, 2**64 - 200, *columns)
+    [defect] = WindowTrigger(ActuatorParameters()).feed(block)
+    assert re.search(f"speed is .* at index {2**64 - 193} .*: expected {expected}", defect.reason)

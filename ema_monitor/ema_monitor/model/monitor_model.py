@@ -11,6 +11,7 @@ from ema_core.current_loop import current_loop
 from ema_core.dynamics import current_sampling, lag_factor
 from ema_core.faults import degrade, healthy_faults
 from ema_core.parameters import ActuatorParameters, constants
+from ema_core.quantity import check_length
 from ema_core.simd import LANES
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_monitor.model.deviations import (
@@ -131,12 +132,17 @@ class MonitorModel:
         Raises
         ------
         ValueError
-            When the window's sample period is not a whole multiple of the step, or a fault
-            vector is impossible.
+            When the window's sample period is not a whole multiple of the step, a fault vector is
+            impossible, or so many individuals take too much memory in a window of its length.
         """
         faults = np.atleast_2d(np.asarray(faults, dtype=np.float64))
         m = len(faults)
         groups = -(-m // LANES)
+        check_length(
+            groups * LANES * float(len(window)),
+            f"the responses of {m} individuals in a window of {len(window)} samples",
+            2,
+        )
         # Copies of the last individual fill the last group.
         lane_of = np.minimum(np.arange(groups * LANES), m - 1)
         own = np.tile(self.unit, (m, 1))

@@ -38,6 +38,7 @@ INDEX_WENT_BACK: Final = "the sample index went back"
 LEAST_REST: Final = 2
 """Equal samples that make a rest at least, however slow they come."""
 
+_LARGEST: Final = 1e30
 _RATE_TOLERANCE: Final = 0.01
 
 
@@ -379,12 +380,16 @@ def _columns(missing: tuple[str, ...]) -> str:
 
 
 def _not_finite(block: Telemetry) -> str:
+    """Return which sample is not finite, or so large that computing with it is of no use."""
     for name in COLUMNS:
         column = getattr(block, name)
-        bad = np.flatnonzero(~np.isfinite(column))
+        bad = np.flatnonzero(~(np.abs(column) < _LARGEST))
         if bad.size:
+            expected = "finite numbers"
+            if np.all(np.isfinite(column[bad])):
+                expected = f"numbers below {_LARGEST:g}"
             return (
-                f"{name} is {column[bad[0]]} at index {block.first_index + bad[0]} "
-                f"({bad.size} such samples in its block): expected finite numbers"
+                f"{name} is {column[bad[0]]} at index {block.first_index + int(bad[0])} "
+                f"({bad.size} such samples in its block): expected {expected}"
             )
     return ""

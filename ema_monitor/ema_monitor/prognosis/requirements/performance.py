@@ -27,6 +27,7 @@ from ema_core.parameters import (
     MechanicalConstants,
     constants,
 )
+from ema_core.quantity import check_length
 from ema_core.simd import LANES, broadcast, load, select, store
 from ema_monitor.model.drives import (
     FastDrive,
@@ -46,6 +47,7 @@ HALF_POWER: Final = math.sqrt(0.5)
 """Amplitude ratio at -3 dB [-]."""
 
 _STEP_OF_SPEED_LOOP = 0.1
+_ARRAYS = 8  # of a command and its phase, at a time
 _SWEEP_PERIODS = 20
 _SWEEP_RANGE = (1.0 / 3.0, 4.0)
 
@@ -135,7 +137,8 @@ class PerformanceModel:
     Raises
     ------
     ValueError
-        When the bandwidth is not positive.
+        When the bandwidth is not positive, or the speed loop so fast that its simulation has too
+        many steps.
 
     Notes
     -----
@@ -179,6 +182,13 @@ class PerformanceModel:
             duration=2.0 * _SWEEP_PERIODS / (lowest + highest),
             start_frequency=lowest,
             end_frequency=highest,
+        )
+        check_length(
+            max(THESIS_CHIRP.duration, self._sweep.duration) / self.dt,
+            f"GAP = {parameters.GAP:g} N.m.s/rad with an inertia of {self._plant.mechanics.J:g} "
+            f"kg.m^2 is simulated in steps of {self.dt:.3g} s, a sweep about {bandwidth_sought:g} "
+            "Hz",
+            _ARRAYS,
         )
         self._chirp_figures = _Figures(THESIS_CHIRP, self.dt)
         self._sweep_figures = _Figures(self._sweep, self.dt)

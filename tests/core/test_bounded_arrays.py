@@ -1,0 +1,80 @@
+"""No description that is taken makes an array that takes all memory: it is refused by name."""
+
+import tracemalloc
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from ema_core.commands import Command, approach_depth, build_cycle
+from ema_core.description import ActuatorDescription
+from ema_core.parameters import ActuatorParameters
+from ema_core.quantity import MOST_BYTES
+from ema_monitor.prognosis.requirements.performance import PerformanceModel
+from ema_monitor.prognosis.requirements.requirements import FittedRequirements, RequirementLimits
+from ema_sim.bench import ActuatorBench, BenchSettings
+
+
+def peak_bytes(call: Callable[[], Any]) -> int:
+    tracemalloc.start()
+    try:
+        call()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def cycle_of(command: Command, period: float, **parameters: float) -> Callable[[], Any]:
+    depth = approach_depth(ActuatorParameters().replace(parameters))
+    return lambda: build_cycle(command, period, depth)
+
+
+@pytest.mark.parametrize(
+    ("call", "named"),
+    [
+        (cycle_of(Command(duration=3600.0), 1e-6), "duration = 3600 s at sample_period = 1e-06 s"),
+        (cycle_of(Command(), 1e-9), "rad/s and sample_period = 1e-09 s: 4e"),
+        (
+            # Hardly held in its place: the approach would last for days.
+            cycle_of(Command(), 1e-4, GAP=1e-6, theta_stop=1e6, G_prop=1.0),
+            "an approach from .* rad below at 0.005 rad/s",
+        ),
+        (
+            lambda: PerformanceModel(ActuatorParameters(GAP=1e3, J_m=1e-9, J_u=0.0)),
+            r"GAP = 1000 N.m.s/rad with an inertia of 1e-09 kg.m\^2",
+        ),
+        (
+            lambda: ActuatorBench(
+                ActuatorDescription(sample_period=1e-6), BenchSettings(pause_s=3600.0)
+            ),
+            "pause_s = 3600 s at sample_period = 1e-06 s",
+        ),
+    ],
+)
+def test_what_would_take_all_memory_is_refused_by_name(call: Callable[[], Any], named: str):
+    def refused() -> None:
+        with pytest.raises(ValueError, match=named):
+            call()
+
+    assert peak_bytes(refused) < 1e6
+
+
+@pytest.mark.slow
+def test_just_within_the_bound_there_is_little_more_than_it():
+    """The bound is of bytes: 200 s at 100 kHz."""
+    command = Command("step", duration=160.0)
+    assert peak_bytes(lambda: build_cycle(command, 1e-5)) < 4 * MOST_BYTES
+
+
+def test_a_move_that_would_last_for_ever_is_cut_off():
+    command = Command("moves", rate=1e-300, duration=1.0)
+    samples = []
+    assert peak_bytes(lambda: samples.append(command.sample(1e-3))) < 1e6
+    assert len(samples[0]) == 1000
+
+
+def test_requirements_of_a_speed_loop_too_fast_are_not_monitored_and_it_is_said():
+    parameters = ActuatorParameters(GAP=1e3, J_m=1e-9, J_u=0.0)
+    found = FittedRequirements().of(parameters, RequirementLimits())
+    assert isinstance(found, str)
+    assert "requirements cannot be monitored: GAP = 1000" in found
