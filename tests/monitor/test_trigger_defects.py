@@ -1,5 +1,7 @@
 """What is wrong with a stream is named with its value, and does not outlast it."""
 
+import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +9,7 @@ import pytest
 
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.parameters import ActuatorParameters
-from ema_core.telemetry import COLUMNS
+from ema_core.telemetry import COLUMNS, Telemetry
 from ema_monitor.windows.trigger import Defect, Refusal, WindowTrigger
 
 from .streams import START_NS, H, blocks, defects_in, refusals_in, stream, windows_in

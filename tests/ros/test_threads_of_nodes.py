@@ -1,0 +1,158 @@
+"""A thread of a node that ends by itself is an ERROR in its status, and is begun again."""
+
+import threading
+import urllib.request
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from std_msgs.msg import String
+
+from ema_core import steady_thread
+from ema_dashboard.dashboard_node import DashboardNode
+from ema_monitor.node.follow_ups import FollowUps
+from ema_monitor.node.monitor_node import MonitorNode
+from ema_recording.reader import Bag
+from ema_recording.recorder_node import RecorderNode
+from ema_recording.writer import BagWriter
+from ema_ros import run as running
+from ema_ros.executor import NodeExecutor
+from ema_ros.managed_node import ManagedNode
+from ema_ros.status import ERROR, OK, Task
+from ema_sim.actuator_node import ActuatorNode
+from ema_sim.bench import ActuatorBench
+
+from ..waiting import wait_for
+from .spinning import Spinning, made, wait_for_match
+
+
+@pytest.fixture(autouse=True)
+def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(steady_thread, "_FIRST_WAIT_S", 0.05)
+    monkeypatch.setattr(steady_thread, "_SETTLED_S", 0.2)
+
+
+@pytest.fixture
+def nodes(context: Context) -> Iterator[Spinning]:
+    nodes = Spinning(context)
+    yield nodes
+    nodes.close()
+
+
+def up(nodes: Spinning, kind: type[ManagedNode], **parameters: Any) -> Any:
+    overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+    node = nodes.add(made(kind, context=nodes.context, parameter_overrides=overrides))
+    assert node.bring_up()
+    return node
+
+
+def fails_once(monkeypatch: pytest.MonkeyPatch, kind: type, method: str) -> Callable[[], None]:
+    """Let a method raise at its next call after what is returned is called."""
+    usual, due = getattr(kind, method), threading.Event()
+
+    def fail_if_due(self: Any, *arguments: Any) -> Any:
+        if due.is_set():
+            due.clear()
+            raise ZeroDivisionError("made up")
+        return usual(self, *arguments)
+
+    monkeypatch.setattr(kind, method, fail_if_due)
+    return due.set
+
+
+def task(node: ManagedNode, name: str) -> Task:
+    return next(one for one in node.tasks() if one.name == name)
+
+
+def is_told_and_over(node: ManagedNode, name: str, reason: str) -> None:
+    def ends() -> int:
+        return int(task(node, name).values["ends of threads"])
+
+    wait_for(ends, f"the end of a thread of {name}")
+    wait_for(lambda: task(node, name).level != ERROR, "the end of the error")
+    assert ends() == 1
+
+
+def told(capfd: pytest.CaptureFixture[str], reason: str) -> bool:
+    return reason in "".join(capfd.readouterr())
+
+
+def test_recorder_goes_on_writing_by_time(nodes, tmp_path, monkeypatch, capfd):
+    fail = fails_once(monkeypatch, BagWriter, "flush")
+    publisher = nodes.node().create_publisher(String, "text", QoSProfile(depth=10))
+    node = up(nodes, RecorderNode, output=str(tmp_path / "flight"), topics=["text"], flush_s=0.05)
+    wait_for_match(node, publisher)
+    fail()
+    is_told_and_over(node, "recording", "made up")
+    publisher.publish(String(data="after"))
+    wait_for(lambda: len(list(Bag(tmp_path / "flight").raw_messages())) == 1, "the message on disk")
+    assert told(capfd, "the bag flusher thread has ended: ZeroDivisionError('made up')")
+
+
+def test_simulation_begins_a_new_cycle(nodes, monkeypatch, capfd):
+    fail = fails_once(monkeypatch, ActuatorBench, "begin_cycle")
+    fail()
+    node = up(nodes, ActuatorNode, **{"command.shape": "step", "command.duration": 0.02})
+    is_told_and_over(node, "simulation", "made up")
+    assert task(node, "simulation").message == "running"
+    assert node.exit_code == 0
+    assert told(capfd, "the simulation thread has ended: ZeroDivisionError('made up')")
+
+
+def test_dashboard_serves_again(nodes, capfd):
+    node = up(nodes, DashboardNode, port=0)
+    node._web._loop.call_soon_threadsafe(node._web._loop.stop)
+    is_told_and_over(node, "dashboard", "it returned")
+    with urllib.request.urlopen(node.address, timeout=10.0) as answer:
+        assert answer.status == 200
+    assert told(capfd, "the dashboard thread has ended: it returned")
+
+
+def test_what_follows_from_tests_goes_on(nodes, monkeypatch, capfd):
+    fail = fails_once(monkeypatch, FollowUps, "_next")
+    fail()
+    node = up(nodes, MonitorNode, history_folder="")
+    is_told_and_over(node, "identification", "made up")
+    assert task(node, "identification").level == OK
+    assert told(capfd, "the follow-ups thread has ended: ZeroDivisionError('made up')")
+
+
+def test_failure_of_the_executor_does_not_end_the_node(context, monkeypatch, capfd):
+    fail = fails_once(monkeypatch, NodeExecutor, "spin_once")
+    node = made(ManagedNode, "plain", context=context)
+    try:
+        executor = NodeExecutor(node.log_failure, context=context)
+        executor.add_node(node)
+        fail()
+        thread = threading.Thread(target=running._spin, args=(executor, node))
+        thread.start()
+        wait_for(lambda: node.failed_callbacks, "the failure")
+        assert thread.is_alive()
+        assert node._lifecycle_task().values == {"failed callbacks": node.failed_callbacks}
+        node.stopping.set()
+        thread.join()
+        executor.shutdown()
+    finally:
+        node.destroy_node()
+    assert told(capfd, "a callback failed:\nTraceback")
+
+
+def test_failures_of_a_kind_are_logged_once_and_counted(context, capfd):
+    node = made(ManagedNode, "plain", context=context)
+
+    def fail(number: int) -> None:
+        raise ValueError(f"index {number}")
+
+    try:
+        for number in range(100):
+            try:
+                fail(number)
+            except ValueError as error:
+                node.log_failure(error)
+        assert node.failed_callbacks == 100
+    finally:
+        node.destroy_node()
+    assert "".join(capfd.readouterr()).count("Traceback") == 1
