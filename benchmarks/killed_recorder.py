@@ -59,6 +59,7 @@ class Source(threading.Thread):
 def lost_by_a_kill(folder: Path, rng: random.Random, flush_s: float) -> tuple[int, float]:
     """Return how many blocks were lost, and the time from the first of them to the kill [s]."""
     import rclpy
+    from rclpy.context import Context
     from rclpy.node import Node
 
     from ema_recording.reader import Bag
@@ -66,7 +67,7 @@ def lost_by_a_kill(folder: Path, rng: random.Random, flush_s: float) -> tuple[in
     command = [sys.executable, "-m", "ema_recording.recorder_node", "--ros-args"]
     bag = folder / f"bag_{rng.getrandbits(40)}"
     options = ["-p", f"output:={bag}", "-p", f"flush_s:={flush_s}", "-p", "topics:=['telemetry']"]
-    context = rclpy.Context()
+    context = Context()
     rclpy.init(context=context)
     node = Node("source", namespace="/ema", context=context)
     source = Source(node)

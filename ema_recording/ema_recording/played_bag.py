@@ -1,7 +1,6 @@
 """The part of a bag that is played."""
 
 from collections.abc import Iterable, Iterator
-from itertools import takewhile
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -9,7 +8,7 @@ from ema_recording.latched import LatchedIndex
 from ema_recording.playable import playable_topics
 from ema_recording.player_settings import PlayerSettings
 from ema_recording.qos import recorded_qos, replay_qos
-from ema_recording.reader import Bag, Recorded
+from ema_recording.reader import Bag, Place, Recorded
 from ema_recording.schema import to_installed
 
 
@@ -94,12 +93,11 @@ class PlayedBag:
 
     def messages(self, start_ns: int) -> Iterator[Recorded]:
         """Read what is played from a log time on [ns], of the installed types."""
-        items = self.bag.raw_messages(self.topics, start_ns)
-        return self._upgraded(takewhile(lambda item: item.log_time_ns <= self.end_ns, items))
+        return self._upgraded(self.bag.placed_raw_messages(self.topics, start_ns, self.end_ns))
 
     def latched_before(self, time_ns: int) -> list[Recorded]:
         """Read what is latched before a log time [ns]."""
-        return list(self._upgraded(self._latched.before(time_ns)))
+        return list(self._upgraded((None, item) for item in self._latched.before(time_ns)))
 
     def check_time(self, time_ns: int) -> None:
         """Raise ValueError for a log time [ns] that is not played."""
@@ -109,7 +107,11 @@ class PlayedBag:
                 f"[{self.start_ns / 1e9:.3f}, {self.end_ns / 1e9:.3f}] s"
             )
 
-    def _upgraded(self, items: Iterable[Recorded]) -> Iterator[Recorded]:
-        for item in items:
+    def _upgraded(self, items: Iterable[tuple[Place | None, Recorded]]) -> Iterator[Recorded]:
+        for place, item in items:
             upgrade = self._upgrades[item.topic]
-            yield item._replace(message=upgrade(item.message)) if upgrade else item
+            try:
+                yield item._replace(message=upgrade(item.message)) if upgrade else item
+            except ValueError as error:
+                if place is not None:
+                    self.bag.note_malformed(item.topic, place, str(error))

@@ -245,7 +245,14 @@ def test_status_tells_how_it_fares(real_time):
     assert (status.level, status.message) == (DiagnosticStatus.OK, "running")
     assert status.hardware_id == "/ema/flap/SIM-0001"
     values = figures(status)
-    assert set(values) == {"cycle", "rate", "achieved rate", "lag [s]", "busy share"}
+    assert set(values) == {
+        "cycle",
+        "rate",
+        "achieved rate",
+        "lag [s]",
+        "busy share",
+        "ends of threads",
+    }
     assert values["rate"] == 1.0
     assert values["achieved rate"] > 0.0
     assert 0.0 < values["busy share"] <= 1.0
