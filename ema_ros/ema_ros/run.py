@@ -96,8 +96,8 @@ def run_together(
 
 
 def _has_not_come_up(node: ManagedNode) -> bool:
-    """Record that a node has failed; it is not served."""
-    node.exit_code = 1
+    """Record that a node has failed, unless it was asked to end; it is not served."""
+    node.exit_code = 0 if node.is_interrupted() else 1
     return False
 
 

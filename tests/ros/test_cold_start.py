@@ -1,5 +1,7 @@
 """At a first start with nothing compiled, no window waits for a compiler."""
 
+import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -34,3 +36,22 @@ def test_first_windows_with_an_empty_cache_are_all_answered(
         log = graph.log("monitor").read_text()
     assert "compiling kernels, once for this version: " in log
     assert log.index("compiling kernels") < log.index("configured") < log.index("active")
+
+
+@pytest.mark.slow
+def test_monitor_that_compiles_ends_when_it_is_asked_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    with Graph() as graph:
+        with monkeypatch.context() as cold:
+            cold.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+            graph.start("monitor")
+        graph.wait_for(
+            lambda: any("compiling kernels" in text for text in graph.told.get(ACTIVE, ())),
+            "the compilation in the status",
+        )
+        asked_s = time.monotonic()
+        assert graph.stop("monitor", signal.SIGINT) == 0
+        # Compiling takes several times as long.
+        assert time.monotonic() - asked_s < 10.0
+        assert "Traceback" not in graph.log("monitor").read_text()
