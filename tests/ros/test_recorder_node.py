@@ -21,7 +21,7 @@ from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header, String
 
-from ema_interfaces.msg import TelemetryBlock
+from ema_interfaces.msg import ActuatorDescription, FaultEstimate, Health, TelemetryBlock
 from ema_recording import recorded_topic
 from ema_recording.qos import offered_qos, offered_qos_profiles, recorded_qos, replay_qos
 from ema_recording.reader import Bag
@@ -360,6 +360,35 @@ def test_gaps_of_several_or_new_publishers_do_not_count():
     gaps.count(1)  # a publisher that starts anew
     gaps.set_publishers(frozenset("c"))
     assert gaps.lost == 0
+
+
+def test_message_that_is_none_is_recorded_as_it_is_and_harms_nothing(
+    graph: Graph, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+):
+    source = graph.node()
+    publishers = [
+        source.create_publisher(kind, name, LATCHED)
+        for name, kind in (
+            ("actuator_description", ActuatorDescription),
+            ("fault_estimate", FaultEstimate),
+            ("health", Health),
+        )
+    ]
+    names = [item.topic_name for item in publishers]
+    recorder = graph.recorder(tmp_path / "flight", topics=names)
+    assert recorder.bring_up()
+    wait_for_match(recorder, *publishers)
+    for publisher in publishers:
+        publisher.publish(b"\x00\x01\x00\x00\x07\xff")
+        publisher.publish(publisher.msg_type())
+    recorded(recorder, 6)
+    assert task(recorder).level == OK
+    recorder.trigger_shutdown()
+    bag = Bag(tmp_path / "flight")
+    assert len(list(bag.messages())) == 3
+    for name in names:
+        assert f"topic {name}: 1 malformed message skipped" in bag.damage
+    assert "Traceback" not in "".join(capfd.readouterr())
 
 
 @pytest.mark.parametrize("numbers", [False, True])
