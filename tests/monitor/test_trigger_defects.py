@@ -215,5 +215,5 @@ def test_samples_of_no_use_are_named_at_any_index(value: float, expected: str):
     columns = np.zeros((4, 100))
     columns[3, 7] = value
     block = Telemetry(10**9, 1e-4, 2**64 - 200, *columns)
-    [defect] = WindowTrigger(ActuatorParameters()).feed(block)
+    [defect] = defects_in(WindowTrigger(ActuatorParameters()).feed(block))
     assert re.search(f"speed is .* at index {2**64 - 193} .*: expected {expected}", defect.reason)

@@ -366,21 +366,19 @@ def test_message_that_is_none_is_recorded_as_it_is_and_harms_nothing(
     graph: Graph, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ):
     source = graph.node()
-    publishers = [
-        source.create_publisher(kind, name, LATCHED)
-        for name, kind in (
-            ("actuator_description", ActuatorDescription),
-            ("fault_estimate", FaultEstimate),
-            ("health", Health),
-        )
-    ]
+    kinds = {
+        "actuator_description": ActuatorDescription,
+        "fault_estimate": FaultEstimate,
+        "health": Health,
+    }
+    publishers = [source.create_publisher(kind, name, LATCHED) for name, kind in kinds.items()]
     names = [item.topic_name for item in publishers]
     recorder = graph.recorder(tmp_path / "flight", topics=names)
     assert recorder.bring_up()
     wait_for_match(recorder, *publishers)
-    for publisher in publishers:
+    for publisher, kind in zip(publishers, kinds.values(), strict=True):
         publisher.publish(b"\x00\x01\x00\x00\x07\xff")
-        publisher.publish(publisher.msg_type())
+        publisher.publish(kind())
     recorded(recorder, 6)
     assert task(recorder).level == OK
     recorder.trigger_shutdown()
