@@ -9,7 +9,7 @@ DEMO_S ?= 60
 pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
 numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study tests/inputs
 
-.PHONY: parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers calibration sample lock sbom clean distclean
+.PHONY: parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers campaign calibration sample lock sbom clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -110,6 +110,9 @@ bench-peers: setup ## identification, optimizers and a drive beside those of oth
 	tools/peers.sh python benchmarks/optimizer_peers.py \
 	    --json benchmarks/optimizer_peers.json
 
+campaign: setup ## attack the monitor for an hour: fuzzing, faults of files, kills, soak (docs/campaign.md)
+	$(activate) && cd campaign && python run.py $(ARGS)
+
 calibration: setup ## the shipped calibration anew, after a change of either model
 	$(activate) && ema simulate --cycles 20 --force -o ros2_ws/build/healthy.mcap
 	$(activate) && ema calibrate ros2_ws/build/healthy.mcap --force \
@@ -129,7 +132,7 @@ sbom: setup ## ema.cdx.json: all packages that are installed or shipped, as Cycl
 clean: ## remove what was built
 	rm -rf activate.sh ros2_ws/build ros2_ws/install ros2_ws/log
 	rm -rf .pytest_cache .ruff_cache .import_linter_cache
-	find ema_* tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
+	find ema_* tests benchmarks campaign -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean ## remove .venv as well
 	rm -rf .venv .venv-peers .venv-sbom
