@@ -5,7 +5,7 @@ from typing import Final
 
 from part import Part
 
-NAMES: Final = ("vectors",)
+NAMES: Final = ("vectors", "fuzz")
 """Modules of the parts, in the order of the table."""
 
 
