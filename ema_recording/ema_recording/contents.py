@@ -11,6 +11,7 @@ from mcap.opcode import Opcode
 from mcap.records import (
     Channel,
     ChunkIndex,
+    DataEnd,
     Header,
     Metadata,
     MetadataIndex,
@@ -39,6 +40,7 @@ _RECORD_HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _TAIL_BYTES = _FOOTER.size + len(MAGIC)
 _STRETCH_BYTES = 1 << 20
+_READ_BYTES = 1 << 20
 
 
 @dataclass
@@ -106,49 +108,56 @@ def read_contents(file: BinaryIO) -> Contents:
     if not MAGIC.startswith(begin):
         raise ValueError(f"is not an MCAP file: it begins with {begin!r}")
     library = _library(file, size)
-    is_own = library.startswith(LIBRARY)
+    is_own = (library or "").startswith(LIBRARY)
     has_checksums = is_own or _has_checksums(file, size)
     summary = _read_summary(file, size, needs_checksum=is_own)
-    indexed = _indexed(file, summary, size) if summary else None
+    indexed, index_is_whole = None, summary is not None
+    try:
+        indexed = _indexed(file, summary, size) if summary else None
+    except DamageError:
+        index_is_whole = False
     contents = indexed or _read_through(
-        file, size, index_is_whole=summary is not None, needs_checksum=has_checksums
+        file, size, index_is_whole=index_is_whole, needs_checksum=has_checksums
     )
-    contents.library, contents.has_checksums = library, has_checksums
+    if library is None:
+        contents.damage.append("it does not begin with a header")
+    contents.library, contents.has_checksums = library or "", has_checksums
     return contents
 
 
-def read_messages(
-    file: BinaryIO, stretch: Stretch, *, needs_checksum: bool = False
-) -> list[StoredMessage]:
+def read_messages(file: BinaryIO, stretch: Stretch, contents: Contents) -> list[StoredMessage]:
     """Read the messages of a stretch of a file, in their order there.
 
     Parameters
     ----------
-    needs_checksum
-        Whether a chunk without a checksum is damaged.
+    contents
+        What the file holds: a chunk is damaged that defines a schema or channel otherwise, or has
+        no checksum where others have.
 
     Raises
     ------
     DamageError
         When it is not whole.
     """
-    return [
-        parse_message(record.content)
-        for outer in read_records(file, stretch.offset, stretch.stop)
-        for record in unpack(outer, needs_checksum=needs_checksum)
-        if record.opcode == Opcode.MESSAGE
-    ]
+    messages = []
+    for outer in read_records(file, stretch.offset, stretch.stop):
+        for record in unpack(outer, needs_checksum=contents.has_checksums):
+            if record.opcode == Opcode.MESSAGE:
+                messages.append(parse_message(record.content))
+            else:
+                _define(contents, record)
+    return messages
 
 
-def _library(file: BinaryIO, size: int) -> str:
-    """Return the library that the header names; empty where it is damaged."""
+def _library(file: BinaryIO, size: int) -> str | None:
+    """Return the library that the header names, empty where it is damaged; None without one."""
     try:
         first = next(read_records(file, len(MAGIC), size), None)
         if first is not None and first.opcode == Opcode.HEADER:
             return parse(Header, first.content).library
     except DamageError:
-        pass
-    return ""
+        return ""
+    return None if first is not None else ""
 
 
 def _has_checksums(file: BinaryIO, size: int) -> bool:
@@ -192,43 +201,52 @@ def _read_summary(file: BinaryIO, size: int, *, needs_checksum: bool) -> bytes |
 
 
 def _indexed(file: BinaryIO, summary: bytes, size: int) -> Contents | None:
-    """Return the contents of a file of a size by its summary; None where that is incomplete."""
+    """Return the contents of a file of a size by its summary; None where that is incomplete.
+
+    Raises
+    ------
+    DamageError
+        When it contradicts itself, or what it tells of is not in the file.
+    """
     contents = Contents()
     statistics = None
-    try:
-        for record in read_records(io.BytesIO(summary), 0, len(summary)):
-            if record.opcode == Opcode.STATISTICS:
-                statistics = parse(Statistics, record.content)
-            elif record.opcode == Opcode.CHUNK_INDEX:
-                chunk = parse(ChunkIndex, record.content)
-                check_compression(chunk.compression)
-                if chunk.chunk_start_offset + chunk.chunk_length > size:
-                    return None
-                stretch = Stretch(
-                    chunk.chunk_start_offset,
-                    chunk.chunk_start_offset + chunk.chunk_length,
-                    chunk.message_start_time,
-                    chunk.message_end_time,
-                    set(chunk.message_index_offsets),
-                )
-                contents.stretches.append(stretch)
-            elif record.opcode == Opcode.METADATA_INDEX:
-                place = parse(MetadataIndex, record.content)
-                if place.name == GAP:
-                    end = place.offset + place.length
-                    for told in read_records(file, place.offset, min(end, size)):
-                        _note_gap(contents, told)
-            else:
-                _define(contents, record)
-    except DamageError:
-        return None
+    for record in read_records(io.BytesIO(summary), 0, len(summary)):
+        if record.opcode == Opcode.STATISTICS:
+            statistics = parse(Statistics, record.content)
+        elif record.opcode == Opcode.CHUNK_INDEX:
+            chunk = parse(ChunkIndex, record.content)
+            check_compression(chunk.compression)
+            stretch = Stretch(
+                chunk.chunk_start_offset,
+                chunk.chunk_start_offset + chunk.chunk_length,
+                chunk.message_start_time,
+                chunk.message_end_time,
+                set(chunk.message_index_offsets),
+            )
+            if stretch.stop > size:
+                raise DamageError("a chunk ends behind the file")
+            contents.stretches.append(stretch)
+        elif record.opcode == Opcode.METADATA_INDEX:
+            place = parse(MetadataIndex, record.content)
+            if place.name == GAP:
+                end = place.offset + place.length
+                for told in read_records(file, place.offset, min(end, size)):
+                    _note_gap(contents, told)
+        else:
+            _define(contents, record)
     if statistics is None:
         return None
     contents.counts.update(statistics.channel_message_counts)
+    chunks = len(contents.stretches)
+    if (chunks and chunks != statistics.chunk_count) or (
+        contents.counts and contents.counts.total() != statistics.message_count
+    ):
+        raise DamageError("its parts count differently")
     schemas = {channel.schema_id for channel in contents.channels.values()} - {0}
     complete = (
-        len(contents.stretches) == statistics.chunk_count
-        and (contents.stretches or not statistics.message_count)
+        chunks == statistics.chunk_count
+        and (chunks or not statistics.message_count)
+        and contents.counts.total() == statistics.message_count
         and contents.counts.keys() <= contents.channels.keys()
         and schemas <= contents.schemas.keys()
     )
@@ -246,6 +264,7 @@ def _read_through(
         for record in read_records(file, end, size):
             end = record.end
             if record.opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                contents.damage += _end_damage(file, record, is_damaged=bool(contents.damage))
                 break
             try:
                 _add(contents, record, needs_checksum)
@@ -259,11 +278,33 @@ def _read_through(
     for number in contents.counts.keys() - contents.channels.keys():
         lost = contents.counts.pop(number)
         contents.damage.append(f"{lost} messages of channel {number} are lost: it is not defined")
+    for channel in contents.channels.values():
+        if channel.schema_id and channel.schema_id not in contents.schemas:
+            contents.damage.append(
+                f"topic {channel.topic} has no type: schema {channel.schema_id} is not defined"
+            )
     if broken:
         contents.damage.append(f"{broken}; {_intact(contents)}; any later messages are lost")
     elif not index_is_whole:
         contents.damage.append(f"its index is damaged; {_intact(contents)}, no message is lost")
     return contents
+
+
+def _end_damage(file: BinaryIO, record: McapRecord, *, is_damaged: bool) -> list[str]:
+    """Return what is wrong by the record that ends the data; damage that is known is not told."""
+    if record.opcode != Opcode.DATA_END:
+        return ["the end of its data is not marked"]
+    checksum = parse(DataEnd, record.content).data_section_crc
+    if is_damaged or not checksum:
+        return []
+    file.seek(0)
+    found, left = 0, record.offset
+    while left and (data := file.read(min(left, _READ_BYTES))):
+        found, left = zlib.crc32(data, found), left - len(data)
+    file.seek(record.end)
+    if found == checksum:
+        return []
+    return ["its data is not what was written: the checksum over all of it is wrong"]
 
 
 def _add(contents: Contents, record: McapRecord, needs_checksum: bool) -> None:
@@ -304,10 +345,13 @@ def _note_gap(contents: Contents, record: McapRecord) -> None:
 def _define(contents: Contents, record: McapRecord) -> None:
     if record.opcode == Opcode.SCHEMA:
         schema = parse(Schema, record.content)
-        contents.schemas[schema.id] = schema
+        if contents.schemas.setdefault(schema.id, schema) != schema:
+            raise DamageError(f"schema {schema.id} is defined otherwise elsewhere")
     elif record.opcode == Opcode.CHANNEL:
         channel = parse(Channel, record.content)
-        contents.channels[channel.id] = channel
+        known = contents.channels.setdefault(channel.id, channel)
+        if known != channel:
+            raise DamageError(f"channel {channel.id} is {channel.topic} here, else {known.topic}")
 
 
 def _intact(contents: Contents) -> str:

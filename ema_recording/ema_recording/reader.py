@@ -417,13 +417,19 @@ class Bag:
 
     def _stored_messages(self, path: Path, stretch: Stretch) -> list[StoredMessage]:
         """Read the messages of a stretch, and count them; none where it is damaged."""
-        needs_checksum = self._files[path].has_checksums
         try:
             with self._stored.open(path) as file:
-                messages = read_messages(file, stretch, needs_checksum=needs_checksum)
+                messages = read_messages(file, stretch, self._files[path])
         except DamageError as error:
             self._note(path, [f"the chunk at byte {stretch.offset} is lost: {error}"])
             messages = []
+        outside = sum(
+            not stretch.start_ns <= item.log_time_ns <= stretch.end_ns for item in messages
+        )
+        if outside:
+            said = f"the chunk at byte {stretch.offset} has {counted(outside, 'message')}"
+            where = "outside of the times in the index: they may be missing or out of order"
+            self._note(path, [f"{said} {where}"])
         if (path, stretch.offset) not in self._counts:
             self._counts[path, stretch.offset] = Counter(item.channel for item in messages)
         return messages

@@ -52,6 +52,8 @@ def read_records(file: BinaryIO, start: int, stop: int) -> Iterator[McapRecord]:
     """
     if start >= stop:
         return
+    if start >= stop:
+        return
     file.seek(start)
     offset = start
     while offset < stop:
@@ -129,4 +131,7 @@ def unpack(record: McapRecord, *, needs_checksum: bool = False) -> list[McapReco
         data = unpack_chunk(chunk)
     except PackedError as error:
         raise DamageError(str(error)) from error
-    return list(read_records(io.BytesIO(data), 0, len(data)))
+    records = list(read_records(io.BytesIO(data), 0, len(data)))
+    if any(one.opcode == Opcode.CHUNK for one in records):
+        raise DamageError("a chunk is in it, expected schemas, channels and messages")
+    return records
