@@ -1,6 +1,5 @@
 """What reads inputs that others may have written, and what it may raise because of them."""
 
-import sqlite3
 import tempfile
 from collections.abc import Callable, Iterable
 from contextlib import suppress

@@ -175,8 +175,8 @@ def _read_csv(path: Path, table: Table) -> tuple[pd.DataFrame, dict[str, str], T
     if not any(line.strip() for line in lines):
         raise ValueError(f"{path} is empty: expected lines of numbers below a line of names")
     separator, decimal = _style(path, lines, table)
-    names, units, first = _head(lines, separator, decimal)
     try:
+        names, units, first = _head(lines, separator, decimal)
         frame = pd.read_csv(
             path,
             sep=r"\s+" if separator == " " else separator,
@@ -189,7 +189,7 @@ def _read_csv(path: Path, table: Table) -> tuple[pd.DataFrame, dict[str, str], T
             skipinitialspace=True,
             low_memory=False,
         )
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
         raise ValueError(f"{path} is not a table: {error}") from error
     return frame, units, Table(separator, decimal)
 
@@ -249,7 +249,9 @@ def _head(
             return False
         return sum(_is_number(cell, decimal) for cell in row) >= 0.5 * sum(map(bool, row)) > 0
 
-    first = next(i for i, row in enumerate(rows) if is_data(lines[i], row))
+    first = next((i for i, row in enumerate(rows) if is_data(lines[i], row)), None)
+    if first is None:
+        raise ValueError(f"none of its first {len(lines)} lines is a row of numbers")
     heads = [i for i in range(first) if len(rows[i]) == width]
     units: list[str] = []
     if len(heads) > 1 and all(_UNIT.match(cell) for cell in rows[heads[-1]]):

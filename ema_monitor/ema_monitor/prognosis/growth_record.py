@@ -7,7 +7,6 @@ from functools import cache
 from io import BytesIO
 from itertools import compress
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +111,7 @@ class GrowthRecord:
             self.phase = float(phase), float(variance)
             self.doubtful = frozenset(compress(COMPONENTS, state["doubtful"]))
             self._fed, self.kept_tests = used, len(used)
-        except (ValueError, KeyError, IndexError, TypeError, OSError, BadZipFile):
+        except Exception:  # of archives, numpy and zipfile raise whatever they come across
             self._restart()
 
     def _made_by(self) -> NDArray[np.uint8]:

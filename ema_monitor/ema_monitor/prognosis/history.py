@@ -25,7 +25,8 @@ from ema_monitor.prognosis.history_tables import (
     write_growth,
 )
 
-_DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+# The third: tables or columns are missing.
+_DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
 
 
 class History:

@@ -3,6 +3,8 @@
 import json
 import math
 import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +18,7 @@ from ema_monitor.prognosis.growth.measurement import Measurement
 
 _MOST_HOURS: Final = 1e7
 _MOST_CYCLES: Final = 10**12
+_MOST: Final = 2**63
 _FORMATS: Final = ("ema_history 1", "ema_history 2")
 _CHECKSUM: Final = b', "crc32": "'
 
@@ -125,16 +128,34 @@ def entry_of(text: str) -> Entry | UnusedCycle:
     ValueError, KeyError, TypeError
         When it describes none.
     """
-    record: dict[str, Any] = json.loads(text)
-    if "estimate" not in record:
-        return UnusedCycle(record["end_ns"])
-    hours, count = record["hours"], record["count"]
-    return Entry(
-        estimate_of(record["estimate"]),
-        math.nan if hours is None else hours,
-        record["cycles"],
-        Count(**count) if count else None,
-    )
+    with as_value_error():
+        record: dict[str, Any] = json.loads(text)
+        if "estimate" not in record:
+            return UnusedCycle(whole(record, "end_ns"))
+        hours, count = record["hours"], record["count"]
+        return Entry(
+            estimate_of(record["estimate"]),
+            math.nan if hours is None else hours,
+            whole(record, "cycles"),
+            Count(**count) if count else None,
+        )
+
+
+@contextmanager
+def as_value_error() -> Iterator[None]:
+    """Raise ``ValueError`` for whatever else a record that is none makes its reader raise."""
+    try:
+        yield
+    except (ArithmeticError, AttributeError, IndexError, RecursionError) as error:
+        raise ValueError(f"it is no record: {error!r}") from error
+
+
+def whole(record: Mapping[str, Any], name: str) -> int:
+    """Return a number of a record that is whole and has 64 bits; raise ``ValueError`` else."""
+    value = record[name]
+    if isinstance(value, bool) or not isinstance(value, int) or not -_MOST <= value < _MOST:
+        raise ValueError(f"{name} = {str(value)[:40]}: expected a whole number of 64 bits")
+    return value
 
 
 def import_lines(
@@ -165,7 +186,8 @@ def import_lines(
             raise ValueError(f"it is of unit {unit}, not {(actuator_id, serial_number)}")
         for line in lines:
             number += 1
-            tests.append(_test(_values(line)))
+            with as_value_error():
+                tests.append(_test(_values(line)))
     except (ValueError, KeyError, TypeError) as error:
         result = f"not all: line {number} is damaged or of another kind: {error}"
     return tests, f"{len(tests)} test cycles are imported from {path.name}, {result}"
@@ -180,7 +202,7 @@ def _values(line: bytes) -> dict[str, Any]:
 
 def _test(values: dict[str, Any]) -> Entry | UnusedCycle:
     if "without_estimate_ns" in values:
-        return UnusedCycle(int(values["without_estimate_ns"]))
+        return UnusedCycle(whole(values, "without_estimate_ns"))
     estimate = values["estimate"]
     estimate["faults"] = dict(zip(FAULT_NAMES, estimate["faults"], strict=True))
     for name in ("unobservable", "insignificant"):
@@ -189,6 +211,6 @@ def _test(values: dict[str, Any]) -> Entry | UnusedCycle:
     return Entry(
         estimate_of(estimate),
         math.nan if count or hours is None else hours,
-        values["cycles"],
+        whole(values, "cycles"),
         Count(**count) if count else None,
     )

@@ -171,7 +171,7 @@ def read_tests(db: sqlite3.Connection, unit: Unit, add: Callable[[Test], None]) 
                 f"test {number} does not follow from the one before it in the chain of hashes: "
                 "one was deleted, doubled, swapped or changed there"
             )
-        head = Head(number, bytes(chain or b""))
+        head = Head(number, chain if isinstance(chain, bytes) else b"")
         test = entry_of(record) if is_whole else None
         is_joined = test is not None and ((is_linked and is_joined) or test.stamp_ns > latest_ns)
         if test is not None and is_joined:

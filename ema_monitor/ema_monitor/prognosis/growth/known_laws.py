@@ -39,6 +39,8 @@ class KnownLawTexts(settings_by_kind("_LawByKind", str, _law_of)):
         for name in COMPONENTS:
             kind = kind_of(name)
             written = getattr(self, kind)
+            if not isinstance(written, str):
+                raise ValueError(f"{kind} = {written!r}: expected a text, {FORM}")
             try:
                 if written:
                     laws[name] = known_law(name, written)

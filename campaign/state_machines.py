@@ -1,0 +1,36 @@
+"""Random walks through the lifecycle of nodes, the window queue, and the prognosis of a unit."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from part import Case, Part
+from stateful import unreached, walk
+from walk_lifecycle import Lifecycle
+from walk_prognosis import Prognosis
+from walk_queue import Queue
+
+_MACHINES: Final = (Queue, Lifecycle, Prognosis)
+_WALKS: Final = {"queue": (400, 50), "lifecycle": (60, 30), "prognosis": (40, 25)}
+
+
+def run(case: Case) -> None:
+    """Walk through the machine whose turn it is."""
+    kind = _MACHINES[case.number % len(_MACHINES)]
+    walks, steps = _WALKS[kind.machine()]
+    walk(case, kind, min(case.steps or walks, walks), steps)
+
+
+def judge(counts: Mapping[str, int]) -> list[str]:
+    """Every state is reached."""
+    return [words for kind in _MACHINES for words in unreached(counts, kind)]
+
+
+PART: Final = Part(
+    name="state_machines",
+    summary="what holds does so in all orders of steps; every state is reached",
+    run=run,
+    usual_s=90.0,
+    limit_s=900.0,
+    share=0.6,
+    judge=judge,
+)

@@ -1,0 +1,131 @@
+"""The lifecycle of a node: whatever is asked of it in whatever order, it answers and survives."""
+
+from hypothesis import strategies as st
+from hypothesis.stateful import invariant, rule
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.context import Context
+from stateful import Walk
+
+from ema_ros.managed_node import ManagedNode
+
+_STEPS = {
+    Transition.TRANSITION_CONFIGURE: ("configure", "unconfigured", "inactive"),
+    Transition.TRANSITION_ACTIVATE: ("activate", "inactive", "active"),
+    Transition.TRANSITION_DEACTIVATE: ("deactivate", "active", "inactive"),
+    Transition.TRANSITION_CLEANUP: ("clean_up", "inactive", "unconfigured"),
+}
+_SHUTDOWN = {
+    "unconfigured": Transition.TRANSITION_UNCONFIGURED_SHUTDOWN,
+    "inactive": Transition.TRANSITION_INACTIVE_SHUTDOWN,
+    "active": Transition.TRANSITION_ACTIVE_SHUTDOWN,
+}
+_ERRORS = {"": None, "refused": ValueError("no such file"), "broken": KeyError("no such file")}
+_how = st.sampled_from(("", "", "", "", "refused", "broken"))
+
+
+class _Node(ManagedNode):
+    """A node whose steps fail as they are told to."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__("walked", context=context)
+        self.error: Exception | None = None
+        self.has: list[str] = []
+
+    def _do(self) -> None:
+        error, self.error = self.error, None
+        if error is not None:
+            raise error
+
+    def configure(self) -> None:
+        self._do()
+        self.has.append("configured")
+
+    def activate(self) -> None:
+        self._do()
+        self.has.append("active")
+
+    def deactivate(self) -> None:
+        self._do()
+        self.has.remove("active")
+
+    def clean_up(self) -> None:
+        self._do()
+        self.has.remove("configured")
+
+
+class Lifecycle(Walk):
+    """A node, and the state that it is to be in."""
+
+    STATES = (
+        "unconfigured",
+        "inactive",
+        "active",
+        "finalized",
+        "an impossible transition was refused",
+        "a step was refused",
+        "a step was broken",
+        "active again after an error",
+    )
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.context = Context()
+        self.context.init()
+        self.node = _Node(self.context)
+        self.state = "unconfigured"
+        self.had_error = False
+
+    def _ask(self, transition: int) -> bool:
+        service = getattr(self.node, "_service_change_state")  # noqa: B009  private to rclpy
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return service.callback(request, ChangeState.Response()).success
+
+    @rule(transition=st.sampled_from(sorted(_STEPS)), how=_how)
+    def ask(self, transition: int, how: str) -> None:
+        """Ask for a transition, as any client may; its step may fail."""
+        self.step()
+        _, begin, end = _STEPS[transition]
+        is_possible = self.state == begin
+        self.node.error = _ERRORS[how] if is_possible else None
+        success = self._ask(transition)
+        if not is_possible:
+            assert not success, f"{transition} in {self.state} was granted"
+            self.reach("an impossible transition was refused")
+            return
+        assert success == (not how), f"{transition} in {self.state}: {success} with {how!r}"
+        if not how:
+            self.state = end
+            self.reach("active again after an error", when=self.had_error and end == "active")
+        elif (
+            (how == "refused"
+            and end not in ("unconfigured", "inactive"))
+            or (how == "refused" and begin == "unconfigured")
+        ):
+            self.reach("a step was refused")
+        else:  # what was begun cannot be gone on with: it lets go of all that it has
+            self.state, self.had_error = "unconfigured", True
+            self.reach("a step was broken")
+
+    @rule(often=st.integers(0, 9))
+    def shut_down(self, often: int) -> None:
+        """Shut it down, seldom."""
+        if often or self.state == "finalized":
+            return
+        self.step()
+        assert self._ask(_SHUTDOWN[self.state])
+        assert self.node.finished.is_set()
+        self.state = "finalized"
+
+    @invariant()
+    def state_is_right(self) -> None:
+        """The node is in the state that follows, and has what belongs to it."""
+        assert self.node.state == self.state, f"{self.node.state}, expected {self.state}"
+        assert self.node.is_configured == (self.state in ("inactive", "active"))
+        self.reach(self.state)
+
+    def teardown(self) -> None:
+        """Let go of the node."""
+        super().teardown()
+        self.node.destroy_node()
+        self.context.try_shutdown()

@@ -1,0 +1,189 @@
+"""The prognosis of a unit: tests, repairs, counts that are revoked, restarts and replays."""
+
+import math
+import shutil
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from hypothesis import strategies as st
+from hypothesis.stateful import invariant, rule
+from made_tests import FIRST_NS, PERIOD_NS, UNIT, estimate_at
+from stateful import Walk
+
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import Count
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.settings import PrognosisSettings
+
+_SETTINGS = PrognosisSettings()
+_HOURS = 8.0
+_COUNTS = ("none", "right", "right", "right", "high", "low")
+
+
+class Prognosis(Walk):
+    """A unit whose friction grows, and what was told of it."""
+
+    STATES = (
+        "tests without a count",
+        "a count was revoked",
+        "a count was confirmed after a jump",
+        "hours are unknown",
+        "a repair was found",
+        "a step was found",
+        "an outlier was found",
+        "a test came again",
+        "the monitor started again",
+        "the monitor was killed",
+        "a replay agreed",
+    )
+
+    def __init__(self) -> None:
+        super().__init__()
+        memory = "/dev/shm" if Path("/dev/shm").is_dir() else None
+        self._folder = tempfile.TemporaryDirectory(prefix="walk_", dir=memory)
+        self.path = Path(self._folder.name) / "unit.sqlite"
+        self.prognostics = Prognostics(History(*UNIT, self.path))
+        self.number = 0
+        self.friction = 0.05
+        self.offset_hours = 0.0
+        self.told: list[tuple[Estimate, Count | None]] = []
+        self.outlook: Outlook | None = None
+        self.rng = np.random.default_rng(7)
+
+    def _tell(self, estimate: Estimate, count: Count | None) -> None:
+        outlook = self.prognostics.update(estimate, None, _SETTINGS, count)
+        assert (outlook is not None) == estimate.valid
+        if outlook is None:
+            return
+        self.outlook = outlook
+        assert outlook.health.level in (0, 1, 2, 3)
+        words = " ".join(outlook.events)
+        self.reach("a repair was found", when="repair:" in words)
+        self.reach("a step was found", when="step:" in words)
+        self.reach("an outlier was found", when="outlier:" in words)
+        self.reach("a count was revoked", when="not confirmed" in words)
+        self.reach("a count was confirmed after a jump", when="service hours set" in words)
+        self.reach("hours are unknown", when=math.isnan(outlook.hours))
+        self.prognostics.write()
+
+    def _test(self, count: str, wrong: float = 0.0, *, valid: bool = True) -> None:
+        self.step()
+        self.friction = min(self.friction + 0.004, 0.6)
+        friction = min(max(self.friction + wrong, 0.0), 0.9)
+        estimate = estimate_at(self.number, self.rng, valid=valid, friction=friction)
+        right = _HOURS * (self.number + 1) + self.offset_hours
+        hours = {"none": math.nan, "right": right, "high": 9.0 * right, "low": right / 4}[count]
+        told = None if math.isnan(hours) else Count(estimate.start_ns, hours, 0)
+        self.number += 1
+        self.told.append((estimate, told))
+        self.reach("tests without a count", when=count == "none")
+        self._tell(estimate, told)
+
+    @rule(count=st.sampled_from(_COUNTS), tests=st.integers(1, 3))
+    def test(self, count: str, tests: int) -> None:
+        """Test the unit, with a count of its service hours or without."""
+        for _ in range(tests):
+            self._test(count)
+
+    @rule()
+    def refuse(self) -> None:
+        """A test without a valid estimate."""
+        self._test("right", valid=False)
+
+    @rule(size=st.sampled_from((-0.3, 0.3)))
+    def err(self, size: float) -> None:
+        """A test that is off, once."""
+        self._test("right", size)
+        self._test("right")
+
+    @rule(change=st.sampled_from((-1.0, 0.2)))
+    def change(self, change: float) -> None:
+        """A repair, or a sudden fault, for good; the next tests show it."""
+        self.friction = max(self.friction + change, 0.0)
+        for _ in range(3):
+            self._test("right")
+
+    @rule()
+    def replace_counter(self) -> None:
+        """Another counter of service hours, by which all later counts are lower or higher."""
+        self.offset_hours += 0.5 * _HOURS * self.number * (-1 if self.offset_hours > 0 else 1)
+        for _ in range(3):
+            self._test("right")
+
+    @rule(which=st.integers(0, 30))
+    def test_again(self, which: int) -> None:
+        """A test that came already changes nothing."""
+        if not self.told:
+            return
+        self.step()
+        before = len(self.prognostics.history.entries)
+        self._tell(*self.told[which % len(self.told)])
+        assert len(self.prognostics.history.entries) == before, "a test was counted twice"
+        self.reach("a test came again")
+
+    @rule()
+    def start_again(self) -> None:
+        """Close and open the history: the same is said as before."""
+        self.step()
+        self.prognostics.history.close()
+        self._open()
+        self.reach("the monitor started again", when=bool(self.told))
+
+    @rule()
+    def kill(self) -> None:
+        """Open a copy of the files as they are: every test is in it."""
+        self.step()
+        copy = self.path.with_name(f"copy_{self._steps}.sqlite")
+        for suffix in ("", "-wal"):
+            source = self.path.with_name(self.path.name + suffix)
+            if source.exists():
+                shutil.copyfile(source, copy.with_name(copy.name + suffix))
+        self.prognostics.history.close()
+        self.path = copy
+        self._open()
+        self.reach("the monitor was killed", when=bool(self.told))
+
+    def _open(self) -> None:
+        tests = len(self.prognostics.history.entries)
+        self.prognostics = Prognostics(History(*UNIT, self.path))
+        assert not self.prognostics.history.problem, self.prognostics.history.problem
+        assert len(self.prognostics.history.entries) == tests, "tests are lost"
+        resumed = self.prognostics.resume(None, _SETTINGS)
+        assert _said(resumed) == _said(self.outlook), "another outlook after a restart"
+
+    @rule()
+    def replay(self) -> None:
+        """All tests once more, into a history in memory: the same is said."""
+        self.step()
+        twin = Prognostics(History(*UNIT))
+        last = None
+        for estimate, count in self.told:
+            last = twin.update(estimate, None, _SETTINGS, count) or last
+        now = self.prognostics.resume(None, _SETTINGS)
+        assert _said(last) == _said(now), "a replay says something else"
+        self.reach("a replay agreed", when=last is not None)
+
+    @invariant()
+    def hours_never_go_back(self) -> None:
+        """Service hours ascend; the file has every test."""
+        hours = [test.hours for test in self.prognostics.growth.service.used]
+        assert hours == sorted(hours), "service hours go back"
+        assert not self.prognostics.history.problem, self.prognostics.history.problem
+        stamps = [entry.stamp_ns for entry in self.prognostics.history.entries]
+        valid = [FIRST_NS + n * PERIOD_NS for n, told in enumerate(self.told) if told[0].valid]
+        assert stamps == valid, "a valid test is missing, or there twice"
+
+    def teardown(self) -> None:
+        """Remove the files."""
+        super().teardown()
+        self.prognostics.history.close()
+        self._folder.cleanup()
+
+
+def _said(outlook: Outlook | None) -> str:
+    """Return everything in an outlook but its events, each figure to its last digit."""
+    return repr(outlook and replace(outlook, events=(), happened=()))

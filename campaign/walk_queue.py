@@ -1,0 +1,162 @@
+"""The queue of windows: each is identified, or answered otherwise, once and in its order."""
+
+from collections import Counter
+
+import numpy as np
+from hypothesis import strategies as st
+from hypothesis.stateful import invariant, precondition, rule
+from stateful import Walk
+
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry
+from ema_monitor.node.window_queue import MOST_REFUSALS, QueueClosedError, WindowQueue
+from ema_monitor.windows.finder import Segment
+from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.window import Window
+
+_ROW = np.linspace(0.0, 1.0, 3)
+_WINDOW = Window(Telemetry(0, 1e-4, 0, _ROW, _ROW, _ROW, _ROW), 0.0)
+_REFUSAL = Refusal(5, 6, "gap")
+_UNITS = {name: ActuatorDescription(actuator_id=name) for name in ("a", "b", "c")}
+_unit = st.sampled_from(sorted(_UNITS))
+
+
+class Queue(Walk):
+    """A queue, and what it was given and gave."""
+
+    STATES = (
+        "empty again",
+        "several actuators wait",
+        "a window was dropped",
+        "a stretch was dropped",
+        "refusals were thinned out",
+        "an actuator was forgotten",
+        "a window was abandoned",
+        "closed with windows waiting",
+        "closed and empty",
+    )
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.queue = WindowQueue()
+        self.number = 0
+        # What waits, by actuator: numbers, and which of them are windows still.
+        self.waiting: dict[str, list[int]] = {name: [] for name in _UNITS}
+        self.whole: set[int] = set()
+        self.answers: Counter[int] = Counter()
+        self.gone: set[int] = set()
+        self.unanswered: Counter[str] = Counter()
+        self.current: Segment | None = None
+
+    def _add(self, name: str, *, refused: bool, stretch: bool, most: int | None) -> None:
+        self.step()
+        number, self.number = self.number, self.number + 1
+        segment = Segment(
+            number, _UNITS[name], _REFUSAL if refused else _WINDOW, is_stretch=stretch
+        )
+        if self.queue.is_closed:
+            try:
+                self.queue.add(segment, most)
+            except QueueClosedError:
+                return
+            raise AssertionError("a closed queue took a window")
+        dropped = self.queue.add(segment, most)
+        self.waiting[name].append(number)
+        if not refused:
+            self.whole.add(number)
+        for item in dropped:
+            assert item.description.actuator_id == name, "a window of another one was dropped"
+            assert item.is_stretch == stretch, "a window of another kind was dropped"
+            assert item.number in self.whole, "what was dropped was no window that waited"
+            self.whole.remove(item.number)
+            self.reach("a stretch was dropped" if stretch else "a window was dropped")
+        lost = self.queue.unanswered[name] - self.unanswered[name]
+        refusals = [n for n in self.waiting[name] if n not in self.whole]
+        for gone in refusals[:lost]:
+            self.waiting[name].remove(gone)
+            self.gone.add(gone)
+        self.unanswered[name] += lost
+        self.reach("refusals were thinned out", when=lost > 0)
+        if most is not None:
+            assert len(refusals) - lost <= MOST_REFUSALS
+        waiting = sum(bool(numbers) for numbers in self.waiting.values())
+        self.reach("several actuators wait", when=waiting > 1)
+
+    @rule(name=_unit, stretch=st.booleans(), most=st.sampled_from((1, 2, 3, None)))
+    def add_window(self, name: str, stretch: bool, most: int | None) -> None:
+        """Add a window."""
+        self._add(name, refused=False, stretch=stretch, most=most)
+
+    @rule(name=_unit, count=st.sampled_from((1, 3, 130)), most=st.sampled_from((1, 2, None)))
+    def add_refusals(self, name: str, count: int, most: int | None) -> None:
+        """Add refusals, of a burst as well."""
+        for _ in range(count):
+            self._add(name, refused=True, stretch=False, most=most)
+
+    @precondition(lambda self: any(self.waiting.values()) or self.queue.is_closed)
+    @rule()
+    def take(self) -> None:
+        """Take the next window, as the thread that identifies does."""
+        self.step()
+        segment = self.queue.next()
+        if self.queue.is_closed:
+            assert segment is None, "a closed queue gave a window"
+            self.current = None
+            return
+        assert segment is not None
+        name = segment.description.actuator_id
+        assert self.waiting[name][0] == segment.number, "the order was not kept"
+        assert isinstance(segment.window, Window) == (segment.number in self.whole)
+        self.waiting[name].pop(0)
+        self.answers[segment.number] += 1
+        self.current = segment
+        self.reach("empty again", when=not any(self.waiting.values()))
+
+    @precondition(lambda self: self.current is not None)
+    @rule(abandoned=st.booleans())
+    def finish(self, abandoned: bool) -> None:
+        """Publish what was taken, unless it was abandoned before."""
+        self.step()
+        current, self.current = self.current, None
+        assert current is not None
+        if abandoned:
+            assert self.queue.abandon() is current
+            self.reach("a window was abandoned")
+        with self.queue.publishing(current) as is_to_be:
+            assert is_to_be != abandoned, "it is published although abandoned, or the reverse"
+        assert self.queue.abandon() is None
+
+    @rule(name=_unit)
+    def forget(self, name: str) -> None:
+        """Let go of an actuator."""
+        self.step()
+        self.queue.forget(name)
+        self.reach("an actuator was forgotten", when=bool(self.waiting[name]))
+        self.gone.update(self.waiting[name])
+        self.waiting[name] = []
+        self.unanswered[name] = 0
+        assert self.queue.unanswered[name] == 0
+
+    @precondition(lambda self: self._steps > 20)
+    @rule()
+    def close(self) -> None:
+        """Close it: all that waits is given back, in order."""
+        self.step()
+        left = self.queue.close()
+        found: dict[str, list[int]] = {name: [] for name in _UNITS}
+        for item in left:
+            found[item.description.actuator_id].append(item.number)
+            self.answers[item.number] += 1
+        assert found == self.waiting, "what waited is not what was given back"
+        self.reach("closed with windows waiting" if left else "closed and empty")
+        self.waiting = {name: [] for name in _UNITS}
+
+    @invariant()
+    def counts_are_right(self) -> None:
+        """Each window is answered once, waits, or is known to be gone; none twice."""
+        waiting = [number for numbers in self.waiting.values() for number in numbers]
+        assert all(count == 1 for count in self.answers.values()), "a window was answered twice"
+        assert len(self.queue) == sum(number in self.whole for number in waiting)
+        if not self.queue.is_closed:
+            known = {*waiting, *self.answers, *self.gone}
+            assert known == set(range(self.number)), "a window is neither answered nor gone"
