@@ -20,7 +20,7 @@ TARGETS: Final = {
     "metadata": 40_000,
     "history": 4_000,
     "lines": 100_000,
-    "growth": 40_000,
+    "growth": 1_500,
     "table": 4_000,
 }
 """Targets (`fuzz_targets`), with the number of inputs in a case: one to two minutes of them."""

@@ -24,7 +24,7 @@ _CHUNK_HEAD: Final = 40
 
 
 def change_bag(data: bytes, seed: int) -> bytes:
-    """Change records of a recording, those in chunks as well; its checksums and places are right."""
+    """Change records of a recording, those in chunks as well; checksums and places are right."""
     rng = random.Random(seed)
     try:
         records = records_of(data)
@@ -64,18 +64,18 @@ def _change_records(records: list[Record], rng: random.Random) -> None:
 
 
 def _changed(content: bytes, rng: random.Random) -> bytes:
-    content = bytearray(content)
     if not content or rng.random() < 0.1:
-        return bytes(content) + rng.randbytes(rng.randint(1, 9))
+        return content + rng.randbytes(rng.randint(1, 9))
+    changed = bytearray(content)
     offset, size = rng.randrange(len(content)), rng.choice((1, 2, 4, 8))
     if rng.random() < 0.5:
         value = rng.choice(_ODD) % 256**size
-        content[offset : offset + size] = value.to_bytes(size, "little")
+        changed[offset : offset + size] = value.to_bytes(size, "little")
     elif rng.random() < 0.3:
-        del content[offset : offset + size]
+        del changed[offset : offset + size]
     else:
-        content[offset] ^= 1 << rng.randrange(8)
-    return bytes(content)
+        changed[offset] ^= 1 << rng.randrange(8)
+    return bytes(changed)
 
 
 def _joined(records: list[Record]) -> bytes:
@@ -141,11 +141,13 @@ def change_history(data: bytes, seed: int) -> bytes:
     ) as folder:
         path = Path(folder) / "changed.sqlite"
         path.write_bytes(data)
-        with suppress(sqlite3.Error, ValueError, OverflowError, RecursionError):
-            with closing(sqlite3.connect(path, isolation_level=None)) as db:
-                db.execute("PRAGMA synchronous = OFF")
-                db.execute("PRAGMA journal_mode = DELETE")
-                _change_rows(db, rng)
+        with (
+            suppress(sqlite3.Error, ValueError, OverflowError, RecursionError),
+            closing(sqlite3.connect(path, isolation_level=None)) as db,
+        ):
+            db.execute("PRAGMA synchronous = OFF")
+            db.execute("PRAGMA journal_mode = DELETE")
+            _change_rows(db, rng)
         return path.read_bytes()
 
 

@@ -20,7 +20,7 @@ import tempfile
 import time
 import warnings
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import atheris
 
@@ -81,7 +81,8 @@ def main() -> None:
     parser.add_argument("--found", type=Path, default=Path())
     given = parser.parse_args()
     exclude = _compiled()
-    with atheris.instrument_imports(include=[*_PACKAGES, *_LIBRARIES], exclude=exclude):
+    instrument: Any = atheris.instrument_imports  # pyright: ignore[reportAttributeAccessIssue]
+    with instrument(include=[*_PACKAGES, *_LIBRARIES], exclude=exclude):
         from fuzz_targets import FOLDER, TARGETS
     target = TARGETS[given.target]
     logging.disable(logging.CRITICAL)

@@ -1,10 +1,11 @@
 """The lifecycle of a node: whatever is asked of it in whatever order, it answers and survives."""
 
 from hypothesis import strategies as st
-from hypothesis.stateful import invariant, rule
+from hypothesis.stateful import invariant, precondition, rule
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.context import Context
+from rclpy.logging import LoggingSeverity
 from stateful import Walk
 
 from ema_ros.managed_node import ManagedNode
@@ -15,6 +16,8 @@ _STEPS = {
     Transition.TRANSITION_DEACTIVATE: ("deactivate", "active", "inactive"),
     Transition.TRANSITION_CLEANUP: ("clean_up", "inactive", "unconfigured"),
 }
+# The others end what was begun: when that fails, the node lets go of all that it has.
+_MAY_BE_REFUSED = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
 _SHUTDOWN = {
     "unconfigured": Transition.TRANSITION_UNCONFIGURED_SHUTDOWN,
     "inactive": Transition.TRANSITION_INACTIVE_SHUTDOWN,
@@ -29,6 +32,7 @@ class _Node(ManagedNode):
 
     def __init__(self, context: Context) -> None:
         super().__init__("walked", context=context)
+        self.get_logger().set_level(LoggingSeverity.FATAL)
         self.error: Exception | None = None
         self.has: list[str] = []
 
@@ -97,21 +101,16 @@ class Lifecycle(Walk):
         if not how:
             self.state = end
             self.reach("active again after an error", when=self.had_error and end == "active")
-        elif (
-            (how == "refused"
-            and end not in ("unconfigured", "inactive"))
-            or (how == "refused" and begin == "unconfigured")
-        ):
+        elif how == "refused" and transition in _MAY_BE_REFUSED:
             self.reach("a step was refused")
-        else:  # what was begun cannot be gone on with: it lets go of all that it has
+        else:
             self.state, self.had_error = "unconfigured", True
             self.reach("a step was broken")
 
-    @rule(often=st.integers(0, 9))
-    def shut_down(self, often: int) -> None:
-        """Shut it down, seldom."""
-        if often or self.state == "finalized":
-            return
+    @precondition(lambda self: self._steps > 15 and self.state != "finalized")
+    @rule()
+    def shut_down(self) -> None:
+        """Shut it down, late."""
         self.step()
         assert self._ask(_SHUTDOWN[self.state])
         assert self.node.finished.is_set()

@@ -8,6 +8,7 @@ from typing import Any
 from ema_core.levels import ERROR, WARN
 from ema_core.quantity import is_finite_number
 from ema_monitor.identification.estimate import plain_number, read_number
+from ema_monitor.prognosis.history_entry import as_value_error
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.sentences import in_words
 from ema_monitor.prognosis.unit_event import FAULT, UnitEvent, kind_and_text
@@ -98,6 +99,7 @@ def assessment_text(one: Assessment) -> str:
     return json.dumps(record, ensure_ascii=False, allow_nan=False)
 
 
+@as_value_error()
 def assessment_from(text: str) -> Assessment:
     """Return the assessment that a text of ``assessment_text`` describes.
 

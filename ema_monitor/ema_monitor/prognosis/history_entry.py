@@ -106,41 +106,6 @@ class UnusedCycle:
     stamp_ns: int
 
 
-def as_text(test: Entry | UnusedCycle) -> str:
-    """Return a test as JSON."""
-    if isinstance(test, UnusedCycle):
-        return json.dumps({"end_ns": test.stamp_ns})
-    record = {
-        "end_ns": test.stamp_ns,
-        "hours": plain_number(test.hours),
-        "cycles": test.cycles,
-        "count": asdict(test.count) if test.count else None,
-        "estimate": estimate_record(test.estimate),
-    }
-    return json.dumps(record, ensure_ascii=False, allow_nan=False)
-
-
-def entry_of(text: str) -> Entry | UnusedCycle:
-    """Return the test that a text of ``as_text`` describes.
-
-    Raises
-    ------
-    ValueError, KeyError, TypeError
-        When it describes none.
-    """
-    with as_value_error():
-        record: dict[str, Any] = json.loads(text)
-        if "estimate" not in record:
-            return UnusedCycle(whole(record, "end_ns"))
-        hours, count = record["hours"], record["count"]
-        return Entry(
-            estimate_of(record["estimate"]),
-            math.nan if hours is None else hours,
-            whole(record, "cycles"),
-            Count(**count) if count else None,
-        )
-
-
 @contextmanager
 def as_value_error() -> Iterator[None]:
     """Raise ``ValueError`` for whatever else a record that is none makes its reader raise."""
@@ -156,6 +121,41 @@ def whole(record: Mapping[str, Any], name: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not -_MOST <= value < _MOST:
         raise ValueError(f"{name} = {str(value)[:40]}: expected a whole number of 64 bits")
     return value
+
+
+def as_text(test: Entry | UnusedCycle) -> str:
+    """Return a test as JSON."""
+    if isinstance(test, UnusedCycle):
+        return json.dumps({"end_ns": test.stamp_ns})
+    record = {
+        "end_ns": test.stamp_ns,
+        "hours": plain_number(test.hours),
+        "cycles": test.cycles,
+        "count": asdict(test.count) if test.count else None,
+        "estimate": estimate_record(test.estimate),
+    }
+    return json.dumps(record, ensure_ascii=False, allow_nan=False)
+
+
+@as_value_error()
+def entry_of(text: str) -> Entry | UnusedCycle:
+    """Return the test that a text of ``as_text`` describes.
+
+    Raises
+    ------
+    ValueError, KeyError, TypeError
+        When it describes none.
+    """
+    record: dict[str, Any] = json.loads(text)
+    if "estimate" not in record:
+        return UnusedCycle(whole(record, "end_ns"))
+    hours, count = record["hours"], record["count"]
+    return Entry(
+        estimate_of(record["estimate"]),
+        math.nan if hours is None else hours,
+        whole(record, "cycles"),
+        Count(**count) if count else None,
+    )
 
 
 def import_lines(
