@@ -121,8 +121,8 @@ template <typename Write> ssize_t written(int fd, size_t length, off_t offset, W
     return done;
 }
 
-int opened(const char* path, int flags, int fd) {
-    if (fd >= 0 && fd < 65536) inside[fd] = is_inside(path) && (flags & (O_WRONLY | O_RDWR));
+int opened(const char* path, int fd) {
+    if (fd >= 0 && fd < 65536) inside[fd] = is_inside(path);
     return fd;
 }
 
@@ -156,7 +156,7 @@ int faulty_hit() { return kind != NONE && count >= first; }
         mode_t mode = va_arg(rest, mode_t);                                   \
         va_end(rest);                                                         \
         if (refused(path, flags)) return -1;                                  \
-        return opened(path, flags,                                            \
+        return opened(path,                                            \
                       real<int(const char*, int, mode_t)>(#NAME)(path, flags, mode)); \
     }
 OPEN(open)
@@ -169,7 +169,7 @@ OPEN(open64)
         mode_t mode = va_arg(rest, mode_t);                                   \
         va_end(rest);                                                         \
         if (refused(path, flags)) return -1;                                  \
-        return opened(path, flags,                                            \
+        return opened(path,                                            \
                       real<int(int, const char*, int, mode_t)>(#NAME)(at, path, flags, mode)); \
     }
 OPENAT(openat)
@@ -232,7 +232,7 @@ int rename(const char* from, const char* to) {
 }
 
 int unlink(const char* path) {
-    if (is_inside(path)) {
+    if (is_inside(path) && !access(path, F_OK)) {
         std::lock_guard<std::mutex> lock(mutex);
         if (fails()) return -1;
     }

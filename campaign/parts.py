@@ -5,7 +5,7 @@ from typing import Final
 
 from part import Part
 
-NAMES: Final = ("vectors", "fuzz", "state_machines")
+NAMES: Final = ("vectors", "fuzz", "files", "state_machines")
 """Modules of the parts, in the order of the table."""
 
 
