@@ -149,6 +149,12 @@ void faulty_arm(const char* where, int what, long from, long many) {
 // Returns whether anything has failed.
 int faulty_hit() { return kind != NONE && count >= first; }
 
+// Lets the power be lost now, if it is to be and was not before.
+void faulty_end() {
+    std::lock_guard<std::mutex> lock(mutex);
+    if (kind == LOST) lose();
+}
+
 #define OPEN(NAME)                                                            \
     int NAME(const char* path, int flags, ...) {                              \
         va_list rest;                                                         \

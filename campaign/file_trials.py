@@ -259,6 +259,7 @@ def _work(subject: Subject, folder: Path, write: int, plan: tuple[int, int, int]
         subject.work(folder, tell)
     except BaseException as error:
         tell(["raised", repr(error)])
+    faulty.faulty_end()
     if faulty.faulty_hit():
         tell(["hit"])
     os._exit(0)

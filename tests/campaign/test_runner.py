@@ -1,0 +1,58 @@
+"""The campaign counts, resumes, names what failed, and repeats it."""
+
+import importlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+RUN = Path(__file__).parents[2] / "campaign" / "run.py"
+
+
+def ran(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(RUN), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+
+
+@pytest.mark.slow
+def test_state_is_kept_and_resumed(tmp_path: Path):
+    state = tmp_path / "state.json"
+    # 20 s are what a case usually takes: one round of two cases is begun, no more.
+    first = ran("--part", "vectors", "--seed", 7, "--budget", 20.2, "--state", state)
+    assert first.returncode == 0, first.stdout + first.stderr
+    assert "seed 7" in first.stdout
+    known = json.loads(state.read_text())
+    done = known["parts"]["vectors"]["done"]
+    assert done
+    assert done == list(range(len(done)))
+    assert known["parts"]["vectors"]["counts"]["valid read"] >= 440
+    used_s = known["used_s"]
+    again = ran("--part", "vectors", "--resume", state, "--budget", used_s + 20.2)
+    assert again.returncode == 0
+    more = json.loads(state.read_text())["parts"]["vectors"]["done"]
+    assert more == list(range(len(more)))
+    assert len(more) > len(done)
+
+
+def test_file_that_is_no_state_is_refused(tmp_path: Path):
+    path = tmp_path / "state.json"
+    path.write_text("{}")
+    result = ran("--resume", path)
+    assert result.returncode == 1
+    assert "is not the state of a campaign" in result.stderr
+
+
+def test_failure_is_listed_with_the_command_that_repeats_it():
+    part, run, tally = (importlib.import_module(name) for name in ("part", "run", "tally"))
+    one = part.Part("files", "", lambda _: None, 1.0, 1.0, judge=lambda _: ["too few"])
+    found = tally.PartTally()
+    found.add(3, 1.0, 2.0, {"counts": {"a": 2}, "worst": {"b [s]": 3.0}, "failures": ["it fell"]})
+    found.add(4, 1.0, 2.0, {"counts": {"a": 1}, "worst": {"b [s]": 1.0}, "failures": []})
+    assert (found.counts, found.worst) == ({"a": 3}, {"b [s]": 3.0})
+    assert run.failures_of(one, 9, found) == [
+        "files case 3: it fell",
+        "    repeat: python campaign/case.py files --seed 9 --case 3",
+        "files: too few",
+    ]
