@@ -122,3 +122,9 @@ def test_parquet_gives_the_same_columns(tmp_path):
     (tmp_path / "b.parquet").write_text("no")
     with pytest.raises(ValueError, match=r"b\.parquet is not a Parquet file"):
         read_columns(tmp_path / "b.parquet")
+
+
+def test_table_whose_comments_hold_all_numbers_is_refused(tmp_path):
+    path = written(tmp_path / "a.csv", "# 1,2\n# 3,4\n# 5,6\n")
+    with pytest.raises(ValueError, match=r"none of its first 3 lines is a row of numbers"):
+        read_columns(path)

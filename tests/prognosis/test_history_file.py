@@ -1,7 +1,9 @@
 """Damaged files of histories, those of others, in use or gone: nothing is lost or overwritten."""
 
+import json
 import shutil
 import sqlite3
+import zlib
 from contextlib import closing
 from pathlib import Path
 
@@ -207,3 +209,45 @@ def test_clock_that_goes_back_does_not_break_the_chain(path: Path):
         history.append(entry(number))
     history.close()
     assert hours(path) == ([0.0, 50.0, 20.0, 60.0], "")
+
+
+@pytest.mark.parametrize("table", ["assessment", "head", "growth", "unit"])
+def test_history_that_lacks_a_table_is_set_aside_with_its_tests_kept(path: Path, table: str):
+    kept(path)
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute(f"DROP TABLE {table}")
+    found, problem = hours(path)
+    assert f"no such table: {table}" in problem
+    assert "set aside" in problem
+    # Of whom it is nobody knows without the table of the unit.
+    assert found == ([] if table == "unit" else [0.0, 10.0, 20.0])
+    assert hours(path) == (found, "")
+
+
+@pytest.mark.parametrize("chain", [2**62, -1, "x", 1.5, None])
+def test_hash_that_is_none_is_a_broken_chain(path: Path, chain: object):
+    """Of a whole number, as many bytes were asked for."""
+    kept(path)
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute("UPDATE test SET chain = ? WHERE number = 2", (chain,))
+    found, problem = hours(path)
+    assert "does not follow from the one before it" in problem
+    assert found == [0.0, 10.0, 20.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("end_ns", "5"), ("cycles", 2**70), ("cycles", None), ("hours", 10**400), ("count", [1])],
+)
+def test_record_with_an_impossible_value_is_damaged(path: Path, name: str, value: object):
+    kept(path)
+    with closing(sqlite3.connect(path)) as db, db:
+        (text,) = db.execute("SELECT record FROM test WHERE number = 3").fetchone()
+        record = json.loads(text)
+        (record if name != "end_ns" else record["estimate"])[name] = value
+        text = json.dumps(record)
+        row = (text, zlib.crc32(text.encode()))
+        db.execute("UPDATE test SET record = ?, crc32 = ? WHERE number = 3", row)
+    found, problem = hours(path)
+    assert found == [0.0, 10.0]
+    assert "set aside" in problem

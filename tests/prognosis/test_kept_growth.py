@@ -4,15 +4,18 @@ import math
 import sqlite3
 from contextlib import closing
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis import prognostics as prognostics_module
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.service import Service
@@ -127,3 +130,15 @@ def test_kept_growth_of_other_settings_is_not_used(path: Path, fed: list[float])
     fed.clear()
     assert resumed(path, other) != resumed(path)
     assert len(fed) == N
+
+
+@pytest.mark.parametrize("method", [1, 99])
+def test_archive_that_cannot_be_unpacked_is_as_none(method: int):
+    """Of archives packed in unknown ways, others than numpy raise."""
+    stream = BytesIO()
+    np.savez(stream, used_hours=np.zeros(1))
+    kept = bytearray(stream.getvalue())
+    for mark, place in ((b"PK\x03\x04", 8), (b"PK\x01\x02", 10)):
+        kept[kept.index(mark) + place] = method
+    record = GrowthRecord(HealthLimits(), TrackerSettings(), [], bytes(kept))
+    assert (record.kept_tests, record.tests) == (0, 0)

@@ -47,3 +47,9 @@ def test_law_of_short_circuits_is_that_of_each_phase():
 def test_impossible_text_among_several_is_named():
     with pytest.raises(ValueError, match=r"^eccentricity = .cubic.: unknown law"):
         KnownLawTexts(friction="exponential", eccentricity="cubic")
+
+
+def test_number_is_no_law():
+    """As a parameter file may give it."""
+    with pytest.raises(ValueError, match=r"friction = 0\.5: expected a text"):
+        KnownLawTexts(friction=0.5)
