@@ -37,7 +37,7 @@ class Walk(RuleBasedStateMachine):
         return cls.__name__.lower()
 
     def step(self) -> None:
-        """Count a step."""
+        """Count a step: a rule, whatever it does."""
         self._steps += 1
 
     def reach(self, state: str, *, when: bool = True) -> None:
@@ -51,7 +51,7 @@ class Walk(RuleBasedStateMachine):
         """Count what was reached."""
         name = self.machine()
         self.case.count(f"{name}: walks")
-        self.case.count("steps", self._steps)
+        self.case.count(f"{name}: steps", self._steps)
         for state in self._reached:
             self.case.count(f"{name}: {state}")
 

@@ -71,7 +71,6 @@ class Prognosis(Walk):
         self.prognostics.write()
 
     def _test(self, count: str, wrong: float = 0.0, *, valid: bool = True) -> None:
-        self.step()
         self.friction = min(self.friction + 0.004, 0.6)
         friction = min(max(self.friction + wrong, 0.0), 0.9)
         estimate = estimate_at(self.number, self.rng, valid=valid, friction=friction)
@@ -86,23 +85,27 @@ class Prognosis(Walk):
     @rule(count=st.sampled_from(_COUNTS), tests=st.integers(1, 3))
     def test(self, count: str, tests: int) -> None:
         """Test the unit, with a count of its service hours or without."""
+        self.step()
         for _ in range(tests):
             self._test(count)
 
     @rule()
     def refuse(self) -> None:
         """A test without a valid estimate."""
+        self.step()
         self._test("right", valid=False)
 
     @rule(size=st.sampled_from((-0.3, 0.3)))
     def err(self, size: float) -> None:
         """A test that is off, once."""
+        self.step()
         self._test("right", size)
         self._test("right")
 
     @rule(change=st.sampled_from((-1.0, 0.2)))
     def change(self, change: float) -> None:
         """A repair, or a sudden fault, for good; the next tests show it."""
+        self.step()
         self.friction = max(self.friction + change, 0.0)
         for _ in range(3):
             self._test("right")
@@ -110,6 +113,7 @@ class Prognosis(Walk):
     @rule()
     def replace_counter(self) -> None:
         """Another counter of service hours, by which all later counts are lower or higher."""
+        self.step()
         self.offset_hours += 0.5 * _HOURS * self.number * (-1 if self.offset_hours > 0 else 1)
         for _ in range(3):
             self._test("right")

@@ -49,7 +49,6 @@ class Queue(Walk):
         self.current: Segment | None = None
 
     def _add(self, name: str, *, refused: bool, stretch: bool, most: int | None) -> None:
-        self.step()
         number, self.number = self.number, self.number + 1
         segment = Segment(
             number, _UNITS[name], _REFUSAL if refused else _WINDOW, is_stretch=stretch
@@ -85,11 +84,13 @@ class Queue(Walk):
     @rule(name=_unit, stretch=st.booleans(), most=st.sampled_from((1, 2, 3, None)))
     def add_window(self, name: str, stretch: bool, most: int | None) -> None:
         """Add a window."""
+        self.step()
         self._add(name, refused=False, stretch=stretch, most=most)
 
     @rule(name=_unit, count=st.sampled_from((1, 3, 130)), most=st.sampled_from((1, 2, None)))
     def add_refusals(self, name: str, count: int, most: int | None) -> None:
         """Add refusals, of a burst as well."""
+        self.step()
         for _ in range(count):
             self._add(name, refused=True, stretch=False, most=most)
 
@@ -137,7 +138,7 @@ class Queue(Walk):
         self.unanswered[name] = 0
         assert self.queue.unanswered[name] == 0
 
-    @precondition(lambda self: self._steps > 20)
+    @precondition(lambda self: self._steps > 15)
     @rule()
     def close(self) -> None:
         """Close it: all that waits is given back, in order."""

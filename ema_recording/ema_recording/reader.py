@@ -14,7 +14,13 @@ from typing import Any, Final, NamedTuple
 from ema_core.wording import counted
 from ema_recording.contents import Contents, Stretch, read_contents, read_messages
 from ema_recording.message_type import is_installed
-from ema_recording.packed import PackedError, StoredFiles, is_packed, unpack_message
+from ema_recording.packed import (
+    PackedError,
+    StoredFiles,
+    UnknownCompressionError,
+    is_packed,
+    unpack_message,
+)
 from ema_recording.records import DamageError, StoredMessage
 from ema_recording.schema import decoder, schema_text, to_installed
 
@@ -420,7 +426,7 @@ class Bag:
         try:
             with self._stored.open(path) as file:
                 messages = read_messages(file, stretch, self._files[path])
-        except DamageError as error:
+        except (DamageError, UnknownCompressionError) as error:  # the index says another one
             self._note(path, [f"the chunk at byte {stretch.offset} is lost: {error}"])
             messages = []
         outside = sum(

@@ -8,7 +8,8 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize("number", [0, 1, 2])
 def test_a_few_walks(held, number: int):
     counts = held("state_machines", number, 5)
-    assert counts["steps"] > 20
+    (steps,) = [count for name, count in counts.items() if name.endswith(": steps")]
+    assert steps > 20
 
 
 @pytest.mark.long
