@@ -30,7 +30,7 @@ PART: Final = Part(
     summary="what holds does so in all orders of steps; every state is reached",
     run=run,
     usual_s=90.0,
-    limit_s=900.0,
+    limit_s=1800.0,
     share=0.6,
     judge=judge,
 )
