@@ -23,7 +23,8 @@ TARGETS: Final = {
     "growth": 1_000,
     "table": 4_000,
 }
-"""Targets (`fuzz_targets`), with the number of inputs in a case: about a minute of them on an idle machine."""
+"""Targets (`fuzz_targets`), with the number of inputs in a case: about a minute on an idle
+machine."""
 
 ONE: Final = Path(__file__).with_name("fuzz_one.py")
 _RAISED: Final = re.compile(r"=== Uncaught Python exception: ===\n(.*?)(?:\n==\d|\Z)", re.DOTALL)
