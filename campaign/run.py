@@ -8,6 +8,7 @@ own. After each, the state is written to a file, from which an interrupted campa
 a table, and each failure with the command that repeats it; fails when there is one.
 """
 
+import signal
 import sys
 import time
 from pathlib import Path
@@ -53,6 +54,7 @@ class Campaign:
                 time.sleep(_POLL_S)
                 self._collect()
         finally:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # a launcher may send it twice
             for case in self._running:
                 case.stop()
             self._tally.save(self._state)
@@ -176,18 +178,19 @@ def main(
     state = resume or state
     tally.budget_s = budget or tally.budget_s
     parts = [part_of(name) for name in names or NAMES]
-    console.print(f"seed {tally.seed}, {tally.budget_s:g} s, state in {state}")
+    console.print(f"seed {tally.seed}, {tally.budget_s:g} s, state in {state}", soft_wrap=True)
     try:
         Campaign(parts, tally, state, slots).run()
     except KeyboardInterrupt:
-        console.print(f"stopped; to go on: python campaign/run.py --resume {state}")
+        words = f"stopped; to go on: python campaign/run.py --resume {state}"
+        console.print(words, soft_wrap=True)
         sys.exit(130)
     console.print(overview(parts, tally))
     failures = [
         line for part in parts for line in failures_of(part, tally.seed, tally.of(part.name))
     ]
     for line in failures:
-        console.print(escape(line), style="red", highlight=False)
+        console.print(escape(line), style="red", highlight=False, soft_wrap=True)
     sys.exit(1 if failures else 0)
 
 

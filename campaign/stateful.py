@@ -10,6 +10,9 @@ from part import Case
 LEAST_SHARE: Final = 0.01
 """Of the walks that are to reach each state [-]."""
 
+# A walk may be long and slow.
+_UNCHECKED: Final[Any] = list(hypothesis.HealthCheck)
+
 LEAST_WALKS: Final = 100
 """Number of walks below which no share is judged."""
 
@@ -67,7 +70,7 @@ def walk(case: Case, kind: type[Walk], walks: int, steps: int) -> None:
         deadline=None,
         database=None,
         print_blob=False,
-        suppress_health_check=list(hypothesis.HealthCheck),
+        suppress_health_check=_UNCHECKED,
     )
     try:
         run_state_machine_as_test(seeded, settings=settings)

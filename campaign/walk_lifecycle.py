@@ -5,7 +5,7 @@ from hypothesis.stateful import invariant, precondition, rule
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.context import Context
-from rclpy.logging import LoggingSeverity
+from rclpy.impl.logging_severity import LoggingSeverity
 from stateful import Walk
 
 from ema_ros.managed_node import ManagedNode

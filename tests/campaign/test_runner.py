@@ -2,11 +2,14 @@
 
 import importlib
 import json
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from ..waiting import wait_for
 
 RUN = Path(__file__).parents[2] / "campaign" / "run.py"
 
@@ -56,3 +59,23 @@ def test_failure_is_listed_with_the_command_that_repeats_it():
         "    repeat: python campaign/case.py files --seed 9 --case 3",
         "files: too few",
     ]
+
+
+@pytest.mark.slow
+def test_interrupted_campaign_leaves_no_process_and_says_how_to_go_on(tmp_path: Path):
+    state = tmp_path / "state.json"
+    command = [sys.executable, str(RUN), "--part", "files", "--state", str(state), "--seed", "7"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        groups = wait_for(lambda: children_of(process.pid), "cases that run")
+        for _ in range(2):  # as by Ctrl-C, and a launcher that passes it on
+            process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert f"--resume {state}" in output
+    wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in groups), "their end")
+    assert json.loads(state.read_text())["parts"].get("files", {"done": []})["done"] == []
+
+
+def children_of(pid: int) -> list[int]:
+    found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [int(one) for one in found]
