@@ -41,23 +41,27 @@ class Campaign:
         self._running: list[RunningCase] = []
         self._console = Console(stderr=True)
 
-    def run(self) -> None:
-        """Do cases until the time is used; Ctrl-C ends them, and they are not counted."""
-        began_s, used_s = time.monotonic(), self._tally.used_s
-        try:
-            while True:
-                self._tally.used_s = used_s + time.monotonic() - began_s
-                while self._start_next(self._tally.budget_s - self._tally.used_s):
-                    pass
-                if not self._running:
-                    break
-                time.sleep(_POLL_S)
-                self._collect()
-        finally:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # a launcher may send it twice
-            for case in self._running:
-                case.stop()
-            self._tally.save(self._state)
+    def run(self) -> bool:
+        """Do cases until the time is used; return False after Ctrl-C, which ends those that run.
+
+        These are not counted: they are done when the campaign is resumed.
+        """
+        began_s, used_s, told = time.monotonic(), self._tally.used_s, list[int]()
+        # Not as an exception, which might come between the start of a case and the note of it.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda number, _: told.append(number))
+        while not told:
+            self._tally.used_s = used_s + time.monotonic() - began_s
+            while not told and self._start_next(self._tally.budget_s - self._tally.used_s):
+                pass
+            if not self._running:
+                break
+            time.sleep(_POLL_S)
+            self._collect()
+        for case in self._running:
+            case.stop()
+        self._tally.save(self._state)
+        return not told
 
     def _start_next(self, left_s: float) -> bool:
         """Start the case whose part is furthest behind its share; return whether one was."""
@@ -179,9 +183,7 @@ def main(
     tally.budget_s = budget or tally.budget_s
     parts = [part_of(name) for name in names or NAMES]
     console.print(f"seed {tally.seed}, {tally.budget_s:g} s, state in {state}", soft_wrap=True)
-    try:
-        Campaign(parts, tally, state, slots).run()
-    except KeyboardInterrupt:
+    if not Campaign(parts, tally, state, slots).run():
         words = f"stopped; to go on: python campaign/run.py --resume {state}"
         console.print(words, soft_wrap=True)
         sys.exit(130)

@@ -195,6 +195,9 @@ def typestore(type_name: str, schema: str) -> Typestore:
         store.get_msgdef(type_name)
     except (TypesysError, SerdeError, LookupError) as error:
         raise ValueError(f"the definition of {type_name} cannot be read: {error}") from error
+    except RecursionError as error:
+        reason = "it is nested too deeply, or contains itself"
+        raise ValueError(f"the definition of {type_name} cannot be read: {reason}") from error
     return store
 
 

@@ -70,3 +70,11 @@ def test_only_regular_files_of_bounded_size_are_read(tmp_path, monkeypatch):
     monkeypatch.setattr(yaml_file, "MOST_BYTES", 4)
     with pytest.raises(ValueError, match="is larger than 4 bytes"):
         load_yaml(file)
+
+
+@pytest.mark.parametrize("value", ["!!timestamp x", "!!int ''", "!!bool maybe", "!!float [1]"])
+def test_tag_that_does_not_fit_its_value_is_refused(tmp_path, value):
+    path = tmp_path / "a.yaml"
+    path.write_text(f"friction: {value}\n")
+    with pytest.raises(ValueError, match=r"a\.yaml is not a YAML file"):
+        load_yaml(path)

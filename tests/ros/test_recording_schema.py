@@ -23,7 +23,7 @@ import ema_interfaces.msg
 from ema_interfaces.msg import FaultEstimate, TelemetryBlock
 from ema_recording.message_type import definition, message_class, type_hash, type_name
 from ema_recording.qos import offered_qos, offered_qos_profiles
-from ema_recording.schema import schema_text, to_installed
+from ema_recording.schema import decoder, schema_text, to_installed
 
 OWN_TYPES = [
     item
@@ -191,3 +191,9 @@ def test_offered_qos_is_what_discovery_reports(make_node):
 def test_offered_qos_is_read_by_rosbags():
     (read,) = parse_qos(offered_qos_profiles(QoSProfile(depth=7)))
     assert (read.depth, read.reliability.name, read.liveliness.name) == (7, "RELIABLE", "AUTOMATIC")
+
+
+def test_definition_that_contains_itself_is_refused():
+    text = f"b/C x\n{'=' * 80}\nMSG: b/C\nb/C y\n"
+    with pytest.raises(ValueError, match=r"definition of a/msg/B cannot be read: .*contains itse"):
+        decoder("a/msg/B", text)
