@@ -169,7 +169,7 @@ def _settings(data: bytes) -> None:
     if not isinstance(given, dict):
         return
     for kind in _SETTINGS:
-        names = [item.name for item in fields(kind)]
+        names = [item.name for item in fields(kind) if "description" in item.metadata]
         with suppress(ValueError):
             made = kind(**{name: given[name] for name in names if name in given})
             if isinstance(made, KnownLawTexts):
