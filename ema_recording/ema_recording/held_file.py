@@ -2,11 +2,15 @@
 
 import errno
 from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
 WRITE_BYTES: Final = 64 * 1024
 """How much is gathered for a write [B]."""
+
+Read = Callable[[int, int], bytes]
 
 
 class HeldFile:
@@ -28,6 +32,7 @@ class HeldFile:
     """
 
     def __init__(self, path: Path) -> None:
+        self._path = path
         self._file = path.open("xb", buffering=0)
         self._parts: deque[bytes] = deque()
         self._written = 0
@@ -68,6 +73,22 @@ class HeldFile:
                     self._parts.appendleft(part[count:])
                 self._written += count
                 self.waiting -= count
+
+    @contextmanager
+    def reading(self) -> Iterator[Read]:
+        """Yield what reads from an offset so many bytes [B], whether they are written or wait."""
+        waiting = b"".join(self._parts)
+        with self._path.open("rb") as file:
+
+            def read(offset: int, size: int) -> bytes:
+                data = b""
+                if offset < self._written:
+                    file.seek(offset)
+                    data = file.read(min(size, self._written - offset))
+                start = max(offset - self._written, 0)
+                return data + waiting[start : start + size - len(data)]
+
+            yield read
 
     def close(self) -> None:
         """Close the file; what waits is lost."""

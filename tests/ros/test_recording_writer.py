@@ -5,13 +5,16 @@ import signal
 import subprocess
 import sys
 import threading
+import tracemalloc
+from io import BufferedWriter
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 import yaml
 from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
@@ -20,6 +23,8 @@ from rosbags.interfaces import ConnectionExtRosbag2
 from std_msgs.msg import Header, String
 
 from ema_interfaces.msg import FaultHealth, Health, TelemetryBlock
+from ema_recording.chunk_index import index_when_closed
+from ema_recording.held_file import HeldFile
 from ema_recording.message_type import type_hash
 from ema_recording.qos import offered_qos
 from ema_recording.reader import Bag
@@ -73,6 +78,62 @@ def as_read(bag: Bag) -> Written:
         (item.topic, item.message, item.log_time_ns, item.publish_time_ns)
         for item in ros_messages(bag)
     ]
+
+
+def write_chunks(writer: Writer, chunks: int) -> None:
+    """Write chunks of messages on three topics, not all of them in each."""
+    data = bytes(range(200))
+    for number in range(chunks):
+        for channel in (1, 2, 3)[: 1 + number % 3]:
+            time_ns = START_NS + 10 * number + channel
+            writer.add_message(channel, time_ns, data, time_ns, number)
+        writer.flush()
+
+
+def begin_channels(writer: Writer) -> None:
+    writer.start(profile="ros2", library="test")
+    schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+    for name in ("one", "two", "three"):
+        writer.register_channel(name, "cdr", schema)
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.NONE])
+def test_index_read_from_the_file_is_that_which_the_library_keeps(
+    tmp_path: Path, compression: CompressionType
+):
+    paths = {is_read: tmp_path / f"{is_read}.mcap" for is_read in (True, False)}
+    for is_read, path in paths.items():
+        file = HeldFile(path)
+        writer: Any = Writer(cast(BufferedWriter, file), 4096, compression)
+        if is_read:
+            index_when_closed(writer, file)
+        begin_channels(writer)
+        write_chunks(writer, 50)
+        # What has not been written yet is read as well: here the last chunks wait.
+        file.flush, flush = (lambda: None), file.flush
+        write_chunks(writer, 10)
+        writer.add_metadata("name", {"key": "value"})
+        writer.finish()
+        flush()
+        file.close()
+    assert paths[True].read_bytes() == paths[False].read_bytes()
+    with paths[True].open("rb") as stored:
+        assert make_reader(stored).get_summary().statistics.chunk_count == 60
+
+
+def test_memory_of_a_writer_does_not_grow_with_its_chunks(tmp_path: Path):
+    file = HeldFile(tmp_path / "long.mcap")
+    writer = Writer(cast(BufferedWriter, file))
+    index_when_closed(writer, file)
+    begin_channels(writer)
+    write_chunks(writer, 100)
+    tracemalloc.start()
+    write_chunks(writer, 300)
+    grown = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    file.close()
+    # An index of a chunk takes more than 500 B; buffers of a few kB come and go.
+    assert grown < 300 * 100
 
 
 @pytest.fixture(params=["flight", "flight.mcap"])
