@@ -1,0 +1,398 @@
+"""Rules that what a graph published has to keep, whatever happened to its nodes and links.
+
+Nothing here needs ROS: a record of what was published goes in, violations come out. What a record
+cannot show, as what was sent while its recorder was out of touch, is excused by what the status of
+recorder and monitor counted, and by nothing else: what is lost without a word is a violation.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from graph_record import Answer, Block, FoundWindow, GraphRecord, HealthNote, StatusNote
+
+ANSWER_S: Final = 15.0
+"""Time after a window's last sample within which it is answered [s], under load as well."""
+
+_STATUS_S: Final = 2.5
+_NS: Final = 1_000_000_000
+_STALE: Final = 3
+_COUNTS: Final = ("blocks", "samples lost", "windows", "estimates valid", "estimates invalid")
+_AHEAD_NS: Final = 20_000_000
+_STAMP_NS: Final = 1_000
+
+
+class Violation(NamedTuple):
+    """A rule that was not kept, of which actuator, and how."""
+
+    rule: str
+    actuator_id: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.rule}: {self.actuator_id or 'graph'}: {self.text}"
+
+
+@dataclass
+class Findings:
+    """What the checker found.
+
+    Attributes
+    ----------
+    violations
+        Rules that were not kept.
+    counts
+        How much was checked, by name.
+    """
+
+    violations: list[Violation] = field(default_factory=list)
+    counts: Counter[str] = field(default_factory=Counter)
+
+
+@dataclass
+class Run:
+    """What a monitor said of an actuator between two starts of its node."""
+
+    statuses: list[StatusNote] = field(default_factory=list)
+    answers: list[Answer] = field(default_factory=list)
+
+    @property
+    def first_ns(self) -> int:
+        """When its first status was sent [ns]."""
+        return self.statuses[0].sent_ns
+
+    @property
+    def last_ns(self) -> int:
+        """When its last status was sent [ns]."""
+        return self.statuses[-1].sent_ns
+
+    def around(self, start_ns: int, end_ns: int) -> tuple[StatusNote, StatusNote] | None:
+        """Return the last status before a time and the first after another; None without both."""
+        before = [one for one in self.statuses if one.sent_ns <= start_ns]
+        after = [one for one in self.statuses if one.sent_ns >= end_ns]
+        return (before[-1], after[0]) if before and after else None
+
+
+def check(record: GraphRecord) -> Findings:
+    """Return the rules that what a graph published does not keep.
+
+    Parameters
+    ----------
+    record
+        What was published.
+    """
+    findings = Findings()
+    add, counts = findings.violations.append, findings.counts
+    lost = lost_messages(record)
+    for name in record.actuators():
+        one = _Actuator(record, name)
+        for rule, check_rule in _RULES.items():
+            for text in check_rule(one, lost):
+                add(Violation(rule, name, text))
+        counts.update(
+            blocks=len(one.blocks),
+            windows=len(one.answers),
+            valid=sum(item.valid for item in one.answers),
+            dropped=sum(item.dropped for item in one.answers),
+            healths=len(one.healths),
+            runs=len(one.runs),
+            found=len(one.found),
+        )
+    counts["lost by the recorder"] = lost
+    for text in _recorder(record):
+        add(Violation("counters", "", text))
+    return findings
+
+
+def lost_messages(record: GraphRecord) -> int:
+    """Return how many messages recorders said that they had lost."""
+    latest = {
+        status.name: status.count("lost messages")
+        for status in record.statuses
+        if status.name.endswith(": recording")
+    }
+    return sum(latest.values())
+
+
+class _Actuator:
+    """What a record has of one actuator."""
+
+    def __init__(self, record: GraphRecord, name: str) -> None:
+        self.name = name
+        self.is_simulated = bool(record.clock_ns)
+        self.end_ns = record.end_ns
+        self.blocks = [item for item in record.blocks if item.actuator_id == name]
+        self.answers = [item for item in record.answers if item.actuator_id == name]
+        self.healths = [item for item in record.healths if item.actuator_id == name]
+        self.found = [item for item in record.found if item.actuator_id == name]
+        own = f": {name} telemetry"
+        self.runs = _runs([item for item in record.statuses if item.name.endswith(own)])
+        _deal(self.answers, self.runs)
+        self.jumps_ns = [
+            late.sent_ns
+            for early, late in zip(self.blocks, self.blocks[1:], strict=False)
+            if late.stamp_ns <= early.stamp_ns
+        ]
+
+    def times_sent(self, time_ns: int) -> int:
+        """Return how many blocks were sent that hold a time."""
+        return sum(
+            block.stamp_ns - _STAMP_NS <= time_ns <= _end_ns(block) + _STAMP_NS
+            for block in self.blocks
+        )
+
+    def goes_back_between(self, early_ns: int, late_ns: int) -> bool:
+        """Return whether telemetry went back while things were sent, or shortly before."""
+        margin = round(ANSWER_S * _NS)
+        return any(early_ns - margin <= at_ns <= late_ns for at_ns in self.jumps_ns)
+
+
+def _runs(statuses: list[StatusNote]) -> list[Run]:
+    """Return the runs of a monitor: where its counts begin anew, it has."""
+    runs: list[Run] = []
+    for status in statuses:
+        if "blocks" not in status.values:
+            continue
+        before = runs[-1].statuses[-1] if runs else None
+        if before is None or any(status.count(key) < before.count(key) for key in _COUNTS):
+            runs.append(Run())
+        runs[-1].statuses.append(status)
+    return runs
+
+
+def _deal(answers: list[Answer], runs: list[Run]) -> None:
+    """Give each run its answers: between two runs the number of the window decides."""
+    place = 0
+    for answer in answers:
+        while place + 1 < len(runs) and answer.sent_ns >= runs[place + 1].first_ns:
+            place += 1
+        if not runs:
+            runs.append(Run())
+        numbers = [item.window for item in runs[place].answers]
+        is_between = runs[place].statuses and answer.sent_ns > runs[place].last_ns
+        if is_between and place + 1 < len(runs) and numbers and answer.window < numbers[-1]:
+            place += 1
+        runs[place].answers.append(answer)
+
+
+def _twice(one: _Actuator, _: int) -> Iterator[str]:
+    for run in one.runs:
+        for number, times in Counter(item.window for item in run.answers).items():
+            if times > 1:
+                yield f"window {number} has {times} answers in one run of the monitor"
+    ends = Counter(item.end_ns for item in one.answers if item.valid)
+    for end_ns, times in ends.items():
+        if times > max(1, one.times_sent(end_ns)):
+            yield f"the window that ends at {end_ns} ns was identified {times} times"
+
+
+def _unanswered(one: _Actuator, lost: int) -> Iterator[str]:
+    for run in one.runs:
+        numbers = {item.window for item in run.answers}
+        if numbers:
+            missing = sorted(set(range(min(numbers), max(numbers))) - numbers)
+            if len(missing) > lost:
+                yield (
+                    f"windows {_some(missing)} of a run have no answer, and the recorder lost "
+                    f"{lost} messages"
+                )
+        yield from _counted(one, run, lost)
+    answered = {(item.start_ns, item.end_ns) for item in one.answers}
+    silent = [
+        window
+        for window in one.found
+        if (window.start_ns, window.end_ns) not in answered and _had_to_answer(one, window)
+    ]
+    if len(silent) > lost:
+        ends = _some([window.end_ns for window in silent])
+        yield f"windows in the telemetry that end at {ends} ns have no answer"
+
+
+def _counted(one: _Actuator, run: Run, lost: int) -> Iterator[str]:
+    """Compare what a run counted with what it answered, some time before its end."""
+    if not run.statuses:
+        return
+    old = [item for item in run.statuses if run.last_ns - item.sent_ns > ANSWER_S * _NS]
+    if len(old) < 2:
+        return
+    first, last = old[0], old[-1]
+    counted = last.count("windows") - first.count("windows")
+    answered = sum(
+        first.count("windows") <= item.window < last.count("windows") for item in run.answers
+    )
+    if counted - answered > lost:
+        yield f"{counted} windows were counted, {answered} answered, {lost} messages lost"
+
+
+def _had_to_answer(one: _Actuator, window: FoundWindow) -> bool:
+    """Return whether a monitor ran in time, heard all of a window and had time to answer."""
+    duration_ns = window.end_ns - window.start_ns
+    start_ns = window.sent_ns - duration_ns - round(_STATUS_S * _NS)
+    if window.sent_ns + ANSWER_S * _NS > one.end_ns:
+        return False
+    for run in one.runs:
+        found = run.around(start_ns, window.sent_ns + round(_STATUS_S * _NS))
+        if found is None:
+            continue
+        before, after = found
+        if not before.count("blocks") or run.last_ns < window.sent_ns + ANSWER_S * _NS:
+            return False
+        heard_all = all(
+            before.count(key) == after.count(key) for key in ("samples lost", "defects")
+        )
+        return heard_all
+    return False
+
+
+def _refused_health(one: _Actuator, lost: int) -> Iterator[str]:
+    sent: dict[int, int] = {}
+    for item in one.answers:
+        if item.valid:
+            sent.setdefault(item.end_ns, item.sent_ns)
+    refused = {item.end_ns for item in one.answers if not item.valid} - sent.keys()
+    first_ns = min((item.sent_ns for item in one.answers), default=one.end_ns)
+    unknown = []
+    for health in one.healths:
+        if health.stamp_ns in refused:
+            yield f"the health of {health.stamp_ns} ns is of a test that was refused"
+        elif health.stamp_ns in sent:
+            if sent[health.stamp_ns] > health.sent_ns:
+                yield f"the health of {health.stamp_ns} ns was sent before its estimate"
+        elif health.stamp_ns and health.sent_ns > first_ns and not _is_resumed(one, health):
+            unknown.append(health.stamp_ns)
+    if len(unknown) > lost:
+        yield f"the healths of {_some(unknown)} ns have no estimate, {lost} messages were lost"
+
+
+def _is_resumed(one: _Actuator, health: HealthNote) -> bool:
+    """Return whether a health is of a test before the record, in the history of the unit."""
+    return not one.blocks or health.stamp_ns < one.blocks[0].stamp_ns
+
+
+def _order(one: _Actuator, _: int) -> Iterator[str]:
+    for run in one.runs:
+        for early, late in zip(run.answers, run.answers[1:], strict=False):
+            if late.window < early.window:
+                yield f"the answer to window {late.window} came after that to {early.window}"
+            went_back = one.goes_back_between(early.sent_ns, late.sent_ns)
+            if late.window > early.window and late.end_ns <= early.end_ns and not went_back:
+                yield f"window {late.window} ends before window {early.window}"
+    for early, late in zip(one.healths, one.healths[1:], strict=False):
+        if late.stamp_ns < early.stamp_ns and not one.goes_back_between(
+            early.sent_ns, late.sent_ns
+        ):
+            yield f"the health of {late.stamp_ns} ns came after that of {early.stamp_ns} ns"
+
+
+def _stamps(one: _Actuator, _: int) -> Iterator[str]:
+    for item in one.answers:
+        what = f"window {item.window}"
+        if item.stamp_ns != item.end_ns:
+            yield f"{what}: the stamp {item.stamp_ns} ns is not its end, {item.end_ns} ns"
+        if item.start_ns > item.end_ns or (item.valid and item.start_ns == item.end_ns):
+            yield f"{what}: it starts at {item.start_ns} ns and ends at {item.end_ns} ns"
+        if item.valid == item.refused:
+            yield f"{what}: valid = {item.valid} contradicts its verdict"
+        if not item.valid and not item.reason:
+            yield f"{what}: it is refused without a reason"
+        if item.valid and not item.is_finite:
+            yield f"{what}: a valid estimate has a fault that is no number"
+        if not one.is_simulated and item.sent_ns < item.end_ns - _AHEAD_NS:
+            yield f"{what}: its answer was sent before its end"
+    for early, late in zip(one.blocks, one.blocks[1:], strict=False):
+        if late.first_index == early.first_index + early.samples:
+            due_ns = early.stamp_ns + round(early.samples * early.period_s * _NS)
+            if late.stamp_ns < due_ns - _STAMP_NS and not one.is_simulated:
+                yield f"block {late.first_index}: its stamp is {due_ns - late.stamp_ns} ns early"
+
+
+def _counters(one: _Actuator, lost: int) -> Iterator[str]:
+    for run in one.runs:
+        if len(run.statuses) < 2:
+            continue
+        first, last = run.statuses[0], run.statuses[-1]
+        for key, wanted in (("estimates valid", True), ("estimates invalid", False)):
+            counted = last.count(key) - first.count(key)
+            within = [
+                item
+                for item in run.answers
+                if item.valid == wanted and first.sent_ns < item.sent_ns <= last.sent_ns
+            ]
+            # One may be between its answer and its count at either end.
+            if not -1 <= counted - len(within) <= 1 + lost:
+                yield f"{counted} {key} were counted, {len(within)} published"
+        dropped = last.count("windows dropped") - first.count("windows dropped")
+        told = sum(
+            item.dropped and first.sent_ns < item.sent_ns <= last.sent_ns for item in run.answers
+        )
+        waiting = last.count("windows waiting") + 1
+        if not -1 - waiting <= dropped - told <= 1 + waiting + lost:
+            yield f"{dropped} windows dropped were counted, {told} published"
+        yield from _heard(one, run)
+    missing = missing_blocks(one.blocks)
+    if missing > lost:
+        yield f"{missing} blocks are not in the bag, and the recorder says that it lost {lost}"
+
+
+def _heard(one: _Actuator, run: Run) -> Iterator[str]:
+    """Check that a monitor did not hear more than was sent, from when that is recorded."""
+    begin_ns = min((item.sent_ns for item in one.blocks), default=one.end_ns)
+    statuses = [item for item in run.statuses if item.sent_ns >= begin_ns]
+    if len(statuses) < 2:
+        return
+    sent = [item for item in one.blocks if item.sent_ns <= statuses[-1].sent_ns]
+    most = sum(_published(stretch) for stretch in _stretches(sent))
+    heard = statuses[-1].count("blocks") - statuses[0].count("blocks")
+    if heard > most:
+        yield f"the monitor heard {heard} blocks of {most}"
+
+
+def missing_blocks(blocks: list[Block]) -> int:
+    """Return how many blocks of an actuator are missing between others of the same publisher."""
+    return sum(_published(stretch) - len(stretch) for stretch in _stretches(blocks))
+
+
+def _published(stretch: list[Block]) -> int:
+    size = max(block.samples for block in stretch)
+    samples = stretch[-1].first_index + stretch[-1].samples - stretch[0].first_index
+    return max(len(stretch), round(samples / size) if size else 0)
+
+
+def _stretches(blocks: list[Block]) -> Iterator[list[Block]]:
+    """Yield the blocks between two starts of their publisher, or jumps back of a replay."""
+    stretch: list[Block] = []
+    for block in blocks:
+        if stretch and block.first_index <= stretch[-1].first_index:
+            yield stretch
+            stretch = []
+        stretch.append(block)
+    if stretch:
+        yield stretch
+
+
+def _recorder(record: GraphRecord) -> Iterator[str]:
+    counts = [one for one in record.statuses if one.name.endswith(": recording")]
+    for name in {one.name for one in counts}:
+        last = [one for one in counts if one.name == name][-1]
+        if last.count("messages") > record.messages:
+            yield (f"{name} counted {last.count('messages')} messages, {record.messages} are there")
+
+
+def _end_ns(block: Block) -> int:
+    return block.stamp_ns + round((block.samples - 1) * block.period_s * _NS)
+
+
+def _some(values: list[int]) -> str:
+    more = f" and {len(values) - 5} more" if len(values) > 5 else ""
+    return ", ".join(map(str, values[:5])) + more
+
+
+_RULES: Final[dict[str, Callable[[_Actuator, int], Iterator[str]]]] = {
+    "identified twice": _twice,
+    "unanswered": _unanswered,
+    "health of a refused test": _refused_health,
+    "order": _order,
+    "stamps": _stamps,
+    "counters": _counters,
+}

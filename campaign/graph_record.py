@@ -1,0 +1,243 @@
+"""What a graph published, as plain values, read from a bag of all its topics."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ema_core.description import ActuatorDescription
+from ema_core.faults import FAULT_NAMES
+from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.trigger import TriggerSettings
+from ema_monitor.windows.window import Window
+from ema_recording.reader import Bag, Recorded
+from ema_ros.description import description_from_message
+from ema_ros.stamps import stamp_from_message
+from ema_ros.telemetry import telemetry_from_message
+
+_TYPES: Final = {
+    "ema_interfaces/msg/TelemetryBlock",
+    "ema_interfaces/msg/ActuatorDescription",
+    "ema_interfaces/msg/FaultEstimate",
+    "ema_interfaces/msg/Health",
+    "diagnostic_msgs/msg/DiagnosticArray",
+    "rosgraph_msgs/msg/Clock",
+}
+_REFUSED: Final = 2
+_DROPPED: Final = "dropped: "
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of telemetry; ``sent_ns`` is when it was sent, of the machine's clock [ns]."""
+
+    actuator_id: str
+    stamp_ns: int
+    period_s: float
+    first_index: int
+    samples: int
+    sent_ns: int
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A ``fault_estimate``: the estimate of a window, or its refusal."""
+
+    actuator_id: str
+    serial_number: str
+    window: int
+    start_ns: int
+    end_ns: int
+    stamp_ns: int
+    valid: bool
+    refused: bool
+    is_finite: bool
+    reason: str
+    sent_ns: int
+
+    @property
+    def dropped(self) -> bool:
+        """Whether the window gave way to later ones."""
+        return self.reason.startswith(_DROPPED)
+
+
+@dataclass(frozen=True)
+class HealthNote:
+    """A ``health``."""
+
+    actuator_id: str
+    serial_number: str
+    stamp_ns: int
+    level: int
+    sent_ns: int
+
+
+@dataclass(frozen=True)
+class StatusNote:
+    """A status on ``/diagnostics``."""
+
+    name: str
+    level: int
+    message: str
+    values: Mapping[str, str]
+    sent_ns: int
+
+    def count(self, key: str) -> int:
+        """Return a figure of it; 0 where there is none."""
+        return int(self.values.get(key, "0"))
+
+
+@dataclass(frozen=True)
+class FoundWindow:
+    """A window that the recorded telemetry has; ``sent_ns`` is when its last block was sent."""
+
+    actuator_id: str
+    start_ns: int
+    end_ns: int
+    sent_ns: int
+
+
+@dataclass
+class GraphRecord:
+    """What a graph published, each list in the order in which it was sent.
+
+    Attributes
+    ----------
+    clock_ns
+        Times on ``/clock`` [ns]; empty where time is that of the machine.
+    start_ns, end_ns
+        When the first and the last message were sent [ns].
+    messages
+        Number of messages in the bag.
+    """
+
+    blocks: list[Block] = field(default_factory=list)
+    answers: list[Answer] = field(default_factory=list)
+    healths: list[HealthNote] = field(default_factory=list)
+    statuses: list[StatusNote] = field(default_factory=list)
+    found: list[FoundWindow] = field(default_factory=list)
+    clock_ns: list[int] = field(default_factory=list)
+    start_ns: int = 0
+    end_ns: int = 0
+    messages: int = 0
+
+    def actuators(self) -> list[str]:
+        """Return the names of the actuators."""
+        items = (*self.blocks, *self.answers, *self.healths)
+        return sorted({item.actuator_id for item in items})
+
+
+def read_graph(path: Path) -> GraphRecord:
+    """Return what a graph published.
+
+    Parameters
+    ----------
+    path
+        A bag, damaged or not.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        As of ``ema_recording.reader.Bag``.
+    """
+    bag = Bag(path)
+    record = GraphRecord()
+    record.messages = sum(topic.count for topic in bag.topics.values())
+    record.start_ns, record.end_ns = bag.start_ns or 0, bag.end_ns or 0
+    finders: dict[str, WindowFinder] = {}
+    known: set[tuple[str, int, int]] = set()
+    for item in bag.messages(bag.topics_of(*_TYPES)):
+        sent_ns = item.publish_time_ns
+        # What is latched comes again to who was out of touch.
+        key = (item.topic, sent_ns, hash(str(getattr(item.message, "actuator_id", ""))))
+        if item.type_name.endswith(("Health", "FaultEstimate")):
+            if key in known:
+                continue
+            known.add(key)
+        _note(record, finders, item, sent_ns)
+    for items in (record.blocks, record.answers, record.healths, record.statuses, record.found):
+        items.sort(key=lambda one: one.sent_ns)
+    return record
+
+
+def _note(
+    record: GraphRecord, finders: dict[str, WindowFinder], item: Recorded, sent_ns: int
+) -> None:
+    message, kind = item.message, item.type_name.rpartition("/")[2]
+    if kind == "Clock":
+        record.clock_ns.append(stamp_from_message(message.clock))
+    elif kind == "DiagnosticArray":
+        record.statuses += (_status(one, sent_ns) for one in message.status)
+    elif kind == "Health":
+        record.healths.append(
+            HealthNote(
+                message.actuator_id,
+                message.serial_number,
+                stamp_from_message(message.header.stamp),
+                message.level,
+                sent_ns,
+            )
+        )
+    elif kind == "FaultEstimate":
+        record.answers.append(_answer(message, sent_ns))
+    elif kind == "ActuatorDescription":
+        description = description_from_message(message)
+        _add_found(record, _finder(finders, description).describe(description), sent_ns)
+    else:
+        block = telemetry_from_message(message)
+        name = message.actuator_id
+        record.blocks.append(
+            Block(
+                name,
+                block.stamp_ns,
+                block.sample_period,
+                block.first_index,
+                len(block),
+                sent_ns,
+            )
+        )
+        if name not in finders:
+            finders[name] = WindowFinder(TriggerSettings())
+        _add_found(record, finders[name].feed(block), sent_ns)
+
+
+def _finder(finders: dict[str, WindowFinder], description: ActuatorDescription) -> WindowFinder:
+    name = description.actuator_id
+    if name not in finders:
+        finders[name] = WindowFinder(TriggerSettings())
+    return finders[name]
+
+
+def _add_found(record: GraphRecord, events: Iterable[Any], sent_ns: int) -> None:
+    for event in events:
+        if isinstance(event, Segment) and isinstance(event.window, Window):
+            window, name = event.window, event.description.actuator_id
+            record.found.append(FoundWindow(name, window.start_ns, window.end_ns, sent_ns))
+
+
+def _status(status: Any, sent_ns: int) -> StatusNote:
+    level = status.level
+    values = {pair.key: pair.value for pair in status.values}
+    if isinstance(level, bytes):
+        level = level[0]
+    return StatusNote(status.name, int(level), status.message, values, sent_ns)
+
+
+def _answer(message: Any, sent_ns: int) -> Answer:
+    values = np.array([float(getattr(message.faults, name)) for name in FAULT_NAMES])
+    seen = np.array([not message.unobservable >> bit & 1 for bit in range(len(values))])
+    return Answer(
+        message.actuator_id,
+        message.serial_number,
+        message.window,
+        stamp_from_message(message.window_start),
+        stamp_from_message(message.window_end),
+        stamp_from_message(message.header.stamp),
+        bool(message.valid),
+        message.verdict == _REFUSED,
+        bool(np.all(np.isfinite(values[seen]))),
+        message.reason,
+        sent_ns,
+    )

@@ -1,0 +1,246 @@
+"""Graphs under disturbances, recorded and held against the rules of the checker.
+
+A case is one graph under one disturbance at random moments: nodes that stand still for longer than
+a lease, so that each side takes the other for gone (a partition), restarts of publisher and
+monitor, time on ``/clock`` that goes back and forth, subscribers that do not take what they asked
+for, and four times the load.
+"""
+
+import multiprocessing
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from graph_checker import check
+from graph_processes import Graph, GraphError
+from graph_record import read_graph
+from part import Case, Part
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from ema_interfaces.msg import FaultEstimate, Health, TelemetryBlock
+from ema_interfaces.srv import SeekPlayback
+from ema_ros.stamps import stamp_to_message
+from ema_ros.topics import ACTUATOR_TOPICS, LATCHED, NAMESPACE, STREAM
+
+SETTLED_S: Final = 12.0
+DISTURBED_S: Final = 12.0
+"""How long a graph goes on before, and after, it is disturbed [s]."""
+
+_BUSY: Final = 4
+_ACTUATORS: Final = 4
+
+
+def run(case: Case) -> None:
+    """Do a case: the disturbances in turn."""
+    run_condition(case, list(CONDITIONS)[case.number % len(CONDITIONS)])
+
+
+def run_condition(case: Case, name: str, settled_s: float = SETTLED_S) -> None:
+    """Record a graph under a disturbance, and check what it published.
+
+    Parameters
+    ----------
+    case
+        What is random follows from it, and what is found goes to it.
+    name
+        One of ``CONDITIONS``.
+    settled_s
+        How long it goes on undisturbed [s].
+    """
+    bag = case.folder / "bag"
+    case.count(name)
+    with Graph(case.folder / "graph") as graph:
+        try:
+            CONDITIONS[name](graph, case.rng(), bag, settled_s)
+            for node in reversed(list(graph.processes)):
+                code = graph.stop(node)
+                case.require(code == 0, f"{name}: {node} ended with code {code}")
+        except GraphError as error:
+            case.fail(f"{name}: {error}")
+        for failure in graph.failures():
+            case.fail(f"{name}: {failure}")
+    findings = check(read_graph(bag))
+    for violation in findings.violations:
+        case.fail(f"{name}: {violation}")
+    for what, number in findings.counts.items():
+        case.count(what, number)
+
+
+def _begin(graph: Graph, bag: Path, actuators: int = 1) -> None:
+    """Start actuators, a monitor and a recorder, and wait until each actuator was identified."""
+    names = ["flap"] if actuators == 1 else [f"flap_{number}" for number in range(actuators)]
+    graph.start("monitor", history_folder="")
+    graph.start("recorder", output=str(bag))
+    for number, name in enumerate(names):
+        place = f"{NAMESPACE}/{name}"
+        remaps = (
+            ()
+            if actuators == 1
+            else (
+                f"__ns:={place}",
+                *(f"{topic}:={NAMESPACE}/{topic}" for topic in ACTUATOR_TOPICS),
+            )
+        )
+        graph.start(
+            "actuator" if actuators == 1 else f"actuator_{number}",
+            "actuator",
+            remaps,
+            actuator_id=name,
+            seed=number,
+        )
+    graph.wait_for(
+        lambda: {item.actuator_id for item in graph.valid_since(0.0)} >= set(names),
+        "a valid estimate of each actuator",
+    )
+
+
+def _goes_on(graph: Graph) -> None:
+    since_s = time.time()
+    graph.wait_for(lambda: graph.valid_since(since_s), "a valid estimate after the disturbance")
+
+
+def _calm(graph: Graph, rng: np.random.Generator, bag: Path, settled_s: float) -> None:
+    _begin(graph, bag)
+    graph.wait(2.0 * settled_s)
+
+
+def _standstill(victim: str) -> Callable[..., None]:
+    def run(graph: Graph, rng: np.random.Generator, bag: Path, settled_s: float) -> None:
+        _begin(graph, bag)
+        graph.wait(rng.uniform(0.3, 1.0) * settled_s)
+        graph.pause(victim)
+        # Shorter and longer than the lease of 5 s after which a node is taken for gone.
+        graph.wait(rng.uniform(1.0, 9.0))
+        graph.resume(victim)
+        _goes_on(graph)
+        graph.wait(DISTURBED_S)
+
+    return run
+
+
+def _restart(victim: str) -> Callable[..., None]:
+    def run(graph: Graph, rng: np.random.Generator, bag: Path, settled_s: float) -> None:
+        _begin(graph, bag)
+        graph.wait(rng.uniform(0.3, 1.0) * settled_s)
+        if rng.random() < 0.5:
+            graph.kill(victim)
+        else:
+            graph.stop(victim)
+        graph.wait(rng.uniform(0.0, 4.0))
+        graph.start(victim, **({"history_folder": ""} if victim == "monitor" else {}))
+        _goes_on(graph)
+        graph.wait(DISTURBED_S)
+
+    return run
+
+
+def _clock_jumps(graph: Graph, rng: np.random.Generator, bag: Path, settled_s: float) -> None:
+    """Play a recorded graph with seeks back and forward, and record monitor and player anew."""
+    source = bag.with_name("source")
+    _begin(graph, source)
+    graph.wait(settled_s)
+    for name in ("recorder", "monitor", "actuator"):
+        graph.stop(name)
+    span_s = max(settled_s, 5.0)
+    graph.start("monitor", use_sim_time=True, history_folder="")
+    graph.start("recorder", output=str(bag))
+    graph.wait_for(lambda: graph.says("/ema/monitor: lifecycle", "active"), "the monitor")
+    began_s = time.time()
+    graph.start("player", bag=str(source), actuator_only=True, stay=True)
+    graph.wait_for(lambda: graph.valid_since(began_s), "an estimate of the replay")
+    first_ns = min(sent_ns for sent_ns, _ in graph.blocks)
+    client = graph.node.create_client(SeekPlayback, f"{NAMESPACE}/player/seek")
+    for _ in range(4):
+        # Back and forward, to any moment of the bag.
+        to_ns = first_ns + round(1e9 * rng.uniform(0.5, 0.6 * span_s))
+        request = SeekPlayback.Request(time=stamp_to_message(to_ns))
+        answer = client.call_async(request)
+        graph.wait_for(answer.done, "an answer of the player to a seek")
+        if not answer.result().success:
+            raise GraphError(f"a seek to {to_ns} ns was refused: {answer.result().message}")
+        since_s = time.time()
+        graph.wait_for(lambda since_s=since_s: graph.valid_since(since_s), "an estimate")
+        graph.wait(rng.uniform(0.0, 2.0))
+
+
+def _slow_consumers(graph: Graph, rng: np.random.Generator, bag: Path, settled_s: float) -> None:
+    """Subscribe, reliably, and take a message a second, or none."""
+    _begin(graph, bag)
+    with _slow_subscribers(graph):
+        graph.wait(2.0 * settled_s)
+    _goes_on(graph)
+
+
+@contextmanager
+def _slow_subscribers(graph: Graph) -> Iterator[None]:
+    node = Node("slow", namespace="/campaign", context=graph.node.context)
+    try:
+        for kind, topic, qos in (
+            (TelemetryBlock, "telemetry", STREAM),
+            (FaultEstimate, "fault_estimate", STREAM),
+            (Health, "health", LATCHED),
+        ):
+            node.create_subscription(kind, f"{NAMESPACE}/{topic}", lambda _: time.sleep(1.0), qos)
+        executor = SingleThreadedExecutor(context=graph.node.context)
+        executor.add_node(node)
+        executor.spin_once(timeout_sec=1.0)
+        yield
+        executor.remove_node(node)
+        executor.shutdown()
+    finally:
+        node.destroy_node()
+
+
+def _load(graph: Graph, rng: np.random.Generator, bag: Path, settled_s: float) -> None:
+    """Four actuators in place of one, and four processes that take what processors there are."""
+    _begin(graph, bag, _ACTUATORS)
+    with _busy(_BUSY):
+        graph.wait(2.0 * settled_s)
+    _goes_on(graph)
+    graph.wait(DISTURBED_S)
+
+
+@contextmanager
+def _busy(count: int) -> Iterator[None]:
+    context = multiprocessing.get_context("spawn")
+    processes = [context.Process(target=_spin, daemon=True) for _ in range(count)]
+    for process in processes:
+        process.start()
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.join()
+
+
+def _spin() -> None:
+    while True:
+        pass
+
+
+CONDITIONS: Final[dict[str, Callable[[Graph, np.random.Generator, Path, float], None]]] = {
+    "calm": _calm,
+    "partition of the publisher": _standstill("actuator"),
+    "partition of the monitor": _standstill("monitor"),
+    "partition of the recorder": _standstill("recorder"),
+    "restart of the monitor": _restart("monitor"),
+    "restart of the publisher": _restart("actuator"),
+    "clock jumps": _clock_jumps,
+    "slow consumers": _slow_consumers,
+    "four times the load": _load,
+}
+"""Disturbances by name."""
+
+PART: Final = Part(
+    "graphs",
+    "no window identified twice or unanswered, no health of a refused test, order, stamps, counts",
+    run,
+    usual_s=70.0,
+    limit_s=400.0,
+    share=2.0,
+)

@@ -1,0 +1,233 @@
+"""Graphs that go on for hours: whether memory, threads, descriptors or shared memory grow.
+
+Case 0: four actuators, a monitor, a recorder and a dashboard. Case 1: eight actuators and two
+monitors that share them. Memory is the proportional set (PSS) of each process; its slope is that of
+a straight line through all samples after ten minutes, or a third of a shorter run, with a standard
+deviation that counts samples as dependent for as long as their residuals are.
+"""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from graph_checker import check
+from graph_processes import Graph, GraphError
+from graph_record import read_graph
+from numpy.typing import NDArray
+from part import Case, Part
+
+from ema_ros.topics import ACTUATOR_TOPICS, NAMESPACE
+
+MINUTES: Final = 120.0
+SETTLED_MIN: Final = 10.0
+MOST_MB_PER_MIN: Final = 0.05
+SIZES: Final = ((4, 1), (8, 2))
+"""Numbers of actuators and monitors of each case."""
+
+_SAMPLE_S: Final = 5.0
+_MB: Final = 1e-6
+_SIGMAS: Final = 2.0
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What a process takes, minutes after the start: PSS [MB], threads and descriptors."""
+
+    minute: float
+    memory_mb: float
+    threads: int
+    descriptors: int
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How a process grew over the time that is judged.
+
+    Attributes
+    ----------
+    memory_mb
+        At the end [MB].
+    slope, sigma
+        Growth of the memory and its standard deviation [MB/min].
+    threads, descriptors
+        Growth of their numbers from the first to the last third.
+    """
+
+    memory_mb: float
+    slope: float
+    sigma: float
+    threads: int
+    descriptors: int
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether nothing shows that it grows by more than it may."""
+        return (
+            self.slope - _SIGMAS * self.sigma <= MOST_MB_PER_MIN
+            and self.threads <= 0
+            and self.descriptors <= 0
+        )
+
+
+def run(case: Case) -> None:
+    """Do a case; its steps are minutes."""
+    minutes = float(case.steps or MINUTES)
+    bag = case.folder / "bag"
+    course: dict[str, list[Sample]] = {}
+    shared: list[int] = []
+    with Graph(case.folder / "graph") as graph:
+        try:
+            _begin(graph, case, bag)
+            started_s = time.monotonic()
+            while (minute := (time.monotonic() - started_s) / 60.0) < minutes:
+                graph.wait(_SAMPLE_S)
+                shared.append(shared_bytes())
+                for name, process in graph.processes.items():
+                    course.setdefault(name, []).append(sample(process.pid, minute))
+            for loss in _lost(graph):
+                case.fail(loss)
+            for name in reversed(list(graph.processes)):
+                code = graph.stop(name)
+                case.require(code == 0, f"{name} ended with code {code}")
+        except GraphError as error:
+            case.fail(str(error))
+        for failure in graph.failures():
+            case.fail(failure)
+    findings = check(read_graph(bag))
+    for violation in findings.violations:
+        case.fail(str(violation))
+    for what, number in findings.counts.items():
+        case.count(what, number)
+    _judge(case, course, shared, minutes)
+
+
+def _judge(case: Case, course: dict[str, list[Sample]], shared: list[int], minutes: float) -> None:
+    """Print how each process grew, and say which grew too much."""
+    settled = min(SETTLED_MIN, minutes / 3.0)
+    for name, samples in course.items():
+        one = growth_of(samples, settled)
+        words = (
+            f"{one.memory_mb:.1f} MB, {one.slope:+.3f} ± {one.sigma:.3f} MB/min, "
+            f"{one.threads:+d} threads, {one.descriptors:+d} descriptors"
+        )
+        print(f"{name}: {words}")
+        case.measure(f"growth of a {name.partition('_')[0]} [MB/min]", one.slope)
+        case.require(one.is_steady, f"{name} grows: {words}")
+    settled_shared = shared[len(shared) // 3 :] or [0]
+    grown_mb = (settled_shared[-1] - settled_shared[0]) * _MB
+    case.measure("growth of shared memory [MB]", grown_mb)
+    case.require(grown_mb <= 0.0, f"shared memory grew by {grown_mb:.1f} MB")
+
+
+def _begin(graph: Graph, case: Case, bag: Path) -> None:
+    actuators, monitors = SIZES[case.number % len(SIZES)]
+    rng = case.rng()
+    names = [f"flap_{number}" for number in range(actuators)]
+    graph.start("recorder", output=str(bag))
+    graph.start("dashboard", port=0)
+    for index in range(monitors):
+        shard = {"shard__count": monitors, "shard__index": index} if monitors > 1 else {}
+        listed = {"actuators": names} if monitors > 1 else {}
+        own = "monitor" if monitors == 1 else f"monitor_{index}"
+        graph.start(
+            own,
+            "monitor",
+            [f"__node:={own}"],
+            history_folder=str(case.folder / "history"),
+            **shard,
+            **listed,
+        )
+    for number, name in enumerate(names):
+        graph.start(
+            f"actuator_{number}",
+            "actuator",
+            [
+                f"__ns:={NAMESPACE}/{name}",
+                *(f"{topic}:={NAMESPACE}/{topic}" for topic in ACTUATOR_TOPICS),
+            ],
+            actuator_id=name,
+            seed=int(rng.integers(10**6)),
+        )
+    graph.wait_for(
+        lambda: {item.actuator_id for item in graph.valid_since(0.0)} >= set(names),
+        "a valid estimate of each actuator",
+    )
+
+
+def _lost(graph: Graph) -> list[str]:
+    """Return what the nodes say that they lost."""
+    found = []
+    for name, status in graph.status.items():
+        for key in ("samples lost", "windows dropped", "lost messages", "dropped messages"):
+            if int(float(status.values.get(key, "0"))):
+                found.append(f"{name}: {key} {status.values[key]}")
+    return found
+
+
+def sample(pid: int, minute: float) -> Sample:
+    """Return what a process takes now."""
+    folder = Path(f"/proc/{pid}")
+    rollup = (folder / "smaps_rollup").read_text()
+    pss_kib = int(rollup.partition("\nPss:")[2].split()[0])
+    return Sample(
+        minute,
+        pss_kib * 1024 * _MB,
+        sum(1 for _ in (folder / "task").iterdir()),
+        sum(1 for _ in (folder / "fd").iterdir()),
+    )
+
+
+def shared_bytes() -> int:
+    """Return how much shared memory Fast DDS has on this machine [B]."""
+    return sum(
+        path.stat().st_blocks * 512
+        for path in Path("/dev/shm").glob("*fastrtps_*")
+        if path.exists()
+    )
+
+
+def growth_of(samples: list[Sample], settled_min: float) -> Growth:
+    """Return how a process grew after a time for settling [min]."""
+    judged = [one for one in samples if one.minute >= settled_min]
+    minutes = np.array([one.minute for one in judged])
+    memory = np.array([one.memory_mb for one in judged])
+    slope, sigma = line(minutes, memory)
+    third = max(1, len(judged) // 3)
+    counts = [
+        max(getattr(one, key) for one in judged[-third:])
+        - max(getattr(one, key) for one in judged[:third])
+        for key in ("threads", "descriptors")
+    ]
+    return Growth(float(memory[-1]), slope, sigma, *counts)
+
+
+def line(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the slope of a straight line and its standard deviation.
+
+    Residuals of memory are not independent: their number is reduced by their correlation from one
+    to the next, as of an autoregressive process of the first order.
+    """
+    if len(x) < 4:
+        return 0.0, float("inf")
+    (slope, offset) = np.polyfit(x, y, 1)
+    residual = y - slope * x - offset
+    power = float(residual @ residual)
+    if power == 0.0:
+        return float(slope), 0.0
+    rho = min(max(float(residual[1:] @ residual[:-1]) / power, 0.0), 0.99)
+    independent = max(len(x) * (1.0 - rho) / (1.0 + rho), 3.0)
+    variance = power / len(x) / (independent - 2.0) / float(np.var(x))
+    return float(slope), float(np.sqrt(variance))
+
+
+PART: Final = Part(
+    "soak",
+    "for two hours no process grows by more than 0.05 MB/min, and nothing is lost",
+    run,
+    usual_s=60.0 * MINUTES + 60.0,
+    limit_s=60.0 * MINUTES + 600.0,
+    slots=2,
+    most_cases=len(SIZES),
+)
