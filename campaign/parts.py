@@ -5,7 +5,16 @@ from typing import Final
 
 from part import Part
 
-NAMES: Final = ("vectors", "fuzz", "files", "state_machines")
+NAMES: Final = (
+    "vectors",
+    "fuzz",
+    "files",
+    "state_machines",
+    "kills",
+    "graphs",
+    "soak",
+    "wrong_and_confident",
+)
 """Modules of the parts, in the order of the table."""
 
 
