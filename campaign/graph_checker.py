@@ -122,6 +122,7 @@ class _Actuator:
         self.name = name
         self.is_simulated = bool(record.clock_ns)
         self.end_ns = record.end_ns
+        self.told_jumps_ns = record.jumps_ns
         self.blocks = [item for item in record.blocks if item.actuator_id == name]
         self.answers = [item for item in record.answers if item.actuator_id == name]
         self.healths = [item for item in record.healths if item.actuator_id == name]
@@ -330,7 +331,8 @@ def _counters(one: _Actuator, lost: int) -> Iterator[str]:
         if not -1 - waiting <= dropped - told <= 1 + waiting + lost:
             yield f"{dropped} windows dropped were counted, {told} published"
         yield from _heard(one, run)
-    missing = missing_blocks(one.blocks)
+    stretches = _stretches(one.blocks, one.told_jumps_ns)
+    missing = sum(_published(stretch) - len(stretch) for stretch in stretches)
     if missing > lost:
         yield f"{missing} blocks are not in the bag, and the recorder says that it lost {lost}"
 
@@ -342,15 +344,10 @@ def _heard(one: _Actuator, run: Run) -> Iterator[str]:
     if len(statuses) < 2:
         return
     sent = [item for item in one.blocks if item.sent_ns <= statuses[-1].sent_ns]
-    most = sum(_published(stretch) for stretch in _stretches(sent))
+    most = sum(_published(stretch) for stretch in _stretches(sent, one.told_jumps_ns))
     heard = statuses[-1].count("blocks") - statuses[0].count("blocks")
     if heard > most:
         yield f"the monitor heard {heard} blocks of {most}"
-
-
-def missing_blocks(blocks: list[Block]) -> int:
-    """Return how many blocks of an actuator are missing between others of the same publisher."""
-    return sum(_published(stretch) - len(stretch) for stretch in _stretches(blocks))
 
 
 def _published(stretch: list[Block]) -> int:
@@ -359,11 +356,14 @@ def _published(stretch: list[Block]) -> int:
     return max(len(stretch), round(samples / size) if size else 0)
 
 
-def _stretches(blocks: list[Block]) -> Iterator[list[Block]]:
-    """Yield the blocks between two starts of their publisher, or jumps back of a replay."""
+def _stretches(blocks: list[Block], jumps_ns: list[int]) -> Iterator[list[Block]]:
+    """Yield the blocks between two starts of their publisher, or jumps of a replay."""
     stretch: list[Block] = []
     for block in blocks:
-        if stretch and block.first_index <= stretch[-1].first_index:
+        if stretch and (
+            block.first_index <= stretch[-1].first_index
+            or any(stretch[-1].sent_ns < at_ns <= block.sent_ns for at_ns in jumps_ns)
+        ):
             yield stretch
             stretch = []
         stretch.append(block)

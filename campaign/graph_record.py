@@ -23,6 +23,7 @@ _TYPES: Final = {
     "ema_interfaces/msg/FaultEstimate",
     "ema_interfaces/msg/Health",
     "diagnostic_msgs/msg/DiagnosticArray",
+    "ema_interfaces/msg/PlaybackState",
     "rosgraph_msgs/msg/Clock",
 }
 _REFUSED: Final = 2
@@ -107,6 +108,8 @@ class GraphRecord:
     ----------
     clock_ns
         Times on ``/clock`` [ns]; empty where time is that of the machine.
+    jumps_ns
+        When a player said that it goes on elsewhere [ns].
     start_ns, end_ns
         When the first and the last message were sent [ns].
     messages
@@ -119,6 +122,7 @@ class GraphRecord:
     statuses: list[StatusNote] = field(default_factory=list)
     found: list[FoundWindow] = field(default_factory=list)
     clock_ns: list[int] = field(default_factory=list)
+    jumps_ns: list[int] = field(default_factory=list)
     start_ns: int = 0
     end_ns: int = 0
     messages: int = 0
@@ -168,6 +172,8 @@ def _note(
     message, kind = item.message, item.type_name.rpartition("/")[2]
     if kind == "Clock":
         record.clock_ns.append(stamp_from_message(message.clock))
+    elif kind == "PlaybackState":
+        record.jumps_ns += [sent_ns] if message.jumped else []
     elif kind == "DiagnosticArray":
         record.statuses += (_status(one, sent_ns) for one in message.status)
     elif kind == "Health":

@@ -27,8 +27,8 @@ from ema_ros.stamps import stamp_to_message
 from ema_ros.topics import ACTUATOR_TOPICS, LATCHED, NAMESPACE, STREAM
 
 SETTLED_S: Final = 12.0
-DISTURBED_S: Final = 12.0
-"""How long a graph goes on before, and after, it is disturbed [s]."""
+DISTURBED_S: Final = 18.0
+"""How long a graph goes on before, and after, it is disturbed [s]: longer than answers may take."""
 
 _BUSY: Final = 4
 _ACTUATORS: Final = 4
@@ -39,7 +39,9 @@ def run(case: Case) -> None:
     run_condition(case, list(CONDITIONS)[case.number % len(CONDITIONS)])
 
 
-def run_condition(case: Case, name: str, settled_s: float = SETTLED_S) -> None:
+def run_condition(
+    case: Case, name: str, settled_s: float = SETTLED_S, disturbed_s: float = DISTURBED_S
+) -> None:
     """Record a graph under a disturbance, and check what it published.
 
     Parameters
@@ -48,14 +50,15 @@ def run_condition(case: Case, name: str, settled_s: float = SETTLED_S) -> None:
         What is random follows from it, and what is found goes to it.
     name
         One of ``CONDITIONS``.
-    settled_s
-        How long it goes on undisturbed [s].
+    settled_s, disturbed_s
+        How long it goes on before, and after, it is disturbed [s].
     """
     bag = case.folder / "bag"
     case.count(name)
     with Graph(case.folder / "graph") as graph:
         try:
             CONDITIONS[name](graph, case.rng(), bag, settled_s)
+            graph.wait(disturbed_s)
             for node in reversed(list(graph.processes)):
                 code = graph.stop(node)
                 case.require(code == 0, f"{name}: {node} ended with code {code}")
@@ -105,7 +108,7 @@ def _goes_on(graph: Graph) -> None:
 
 def _calm(graph: Graph, rng: np.random.Generator, bag: Path, settled_s: float) -> None:
     _begin(graph, bag)
-    graph.wait(2.0 * settled_s)
+    graph.wait(settled_s)
 
 
 def _standstill(victim: str) -> Callable[..., None]:
@@ -117,7 +120,6 @@ def _standstill(victim: str) -> Callable[..., None]:
         graph.wait(rng.uniform(1.0, 9.0))
         graph.resume(victim)
         _goes_on(graph)
-        graph.wait(DISTURBED_S)
 
     return run
 
@@ -133,7 +135,6 @@ def _restart(victim: str) -> Callable[..., None]:
         graph.wait(rng.uniform(0.0, 4.0))
         graph.start(victim, **({"history_folder": ""} if victim == "monitor" else {}))
         _goes_on(graph)
-        graph.wait(DISTURBED_S)
 
     return run
 
@@ -171,7 +172,7 @@ def _slow_consumers(graph: Graph, rng: np.random.Generator, bag: Path, settled_s
     """Subscribe, reliably, and take a message a second, or none."""
     _begin(graph, bag)
     with _slow_subscribers(graph):
-        graph.wait(2.0 * settled_s)
+        graph.wait(settled_s)
     _goes_on(graph)
 
 
@@ -199,9 +200,8 @@ def _load(graph: Graph, rng: np.random.Generator, bag: Path, settled_s: float) -
     """Four actuators in place of one, and four processes that take what processors there are."""
     _begin(graph, bag, _ACTUATORS)
     with _busy(_BUSY):
-        graph.wait(2.0 * settled_s)
+        graph.wait(settled_s)
     _goes_on(graph)
-    graph.wait(DISTURBED_S)
 
 
 @contextmanager

@@ -245,6 +245,13 @@ def test_what_the_recorder_counts_as_lost_is_no_violation(modules: Modules, reco
     assert rules(modules, record) == set()
 
 
+def test_jump_of_a_replay_that_is_told_is_no_loss(modules: Modules, record: Any):
+    del record.blocks[5701:5750]
+    assert rules(modules, record) == {"counters"}
+    record.jumps_ns = [record.blocks[5700].sent_ns + 1]
+    assert rules(modules, record) == set()
+
+
 def test_restarted_monitor_begins_its_numbers_anew(modules: Modules, record: Any):
     half = CYCLES // 2
     boundary_ns = record.answers[half].sent_ns - S // 4
