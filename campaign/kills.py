@@ -259,7 +259,12 @@ class KillCase:
         for name in others:
             if not any(f"/ema/{victim}" in text for text in graph.told[f"/ema/{name}: peers"]):
                 self._case.fail(f"{name} did not say that {victim} had gone for a while")
-        self._wait_until_back(graph, victim, time.time())
+        since_s = time.time()
+        self._wait_until_back(graph, victim, since_s)
+        graph.wait_for(
+            lambda: set(others) <= set(in_touch(graph, victim, since_s)),
+            f"all to be in touch again with {victim}",
+        )
 
     def _replay(self, graph: Graph) -> None:
         """Play what was recorded, with the player killed, into a monitor in simulated time."""
@@ -290,14 +295,14 @@ class KillCase:
             self._case.count(f"of them lost more than {limit_ms:g} ms", int(lost_ms > limit_ms))
 
 
-def in_touch(graph: Graph, victim: str) -> list[str]:
-    """Return the nodes that say that they are in touch with another one."""
+def in_touch(graph: Graph, victim: str, since_s: float = 0.0) -> list[str]:
+    """Return the nodes that say, after a time [s], that they are in touch with another one."""
     statuses = {name: graph.status.get(f"/ema/{name}: peers") for name in graph.processes}
     return [
         name
         for name, status in statuses.items()
         if status is not None
-        and status.came_s > graph.began_s[name]
+        and status.came_s > max(since_s, graph.began_s[name])
         and f"/ema/{victim}" in status.values["present"].split(", ")
     ]
 

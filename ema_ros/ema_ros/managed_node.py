@@ -19,7 +19,7 @@ from rclpy.qos import QoSProfile
 
 from ema_ros import topics
 from ema_ros.entities import destroy_entities, entities_of
-from ema_ros.peers import Peers, nodes_alive, nodes_in_touch, unheard_publishers
+from ema_ros.peers import EndpointNames, Peers, nodes_alive, nodes_in_touch, unheard_publishers
 from ema_ros.rclpy_private import (
     given_parameters,
     lifecycle_state,
@@ -73,6 +73,7 @@ class ManagedNode(LifecycleNode):
         self._configured = False
         self._kept: list[Any] = []
         self._peers = Peers()
+        self._names = EndpointNames()
         self.declare_parameter(_AUTOSTART, True, _AUTOSTART_DESCRIPTOR)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         wrap_change_state(self, self._refuse_impossible)
@@ -312,7 +313,8 @@ class ManagedNode(LifecycleNode):
 
     def _report_regularly(self) -> None:
         now_s = time.monotonic()
-        for lost in self._peers.update(nodes_in_touch(self), nodes_alive(self), now_s):
+        in_touch = nodes_in_touch(self, self._names)
+        for lost in self._peers.update(in_touch, nodes_alive(self), now_s):
             self.get_logger().warning(f"{lost} has gone from the graph")
         self._peers.unheard = unheard_publishers(self)
         self.report()

@@ -5,12 +5,15 @@ from typing import Final
 
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ema_ros.status import OK, WARN, Task
 
 FRESH_S: Final = 60.0
 """How long a node that has gone is worth a warning [s]."""
 
+_UNKNOWN: Final = "_NODE_NAME_UNKNOWN_"
+_MOST_ENDPOINTS: Final = 10_000
 _UNSEEN = {"/rosout", "/parameter_events", "/clock", "/diagnostics"}
 
 
@@ -51,29 +54,62 @@ class Peers:
         return Task("peers", OK, f"{len(self._present)} in touch", hardware_id, values)
 
 
-def nodes_in_touch(node: Node) -> set[str]:
+class EndpointNames:
+    """Names of nodes by their publishers and subscriptions, as far as they were ever known.
+
+    A node that was out of reach for longer than the lease of DDS, as it stood still or the network
+    was cut, comes back without its name: its data flow again, but the middleware does not receive
+    anew what is latched, the name among it.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[bytes, tuple[str, str]] = {}
+
+    def of(self, endpoint: TopicEndpointInfo) -> tuple[str, str]:
+        """Return namespace and name of the node of a publisher or subscription."""
+        gid, name = bytes(endpoint.endpoint_gid), (endpoint.node_namespace, endpoint.node_name)
+        if endpoint.node_name == _UNKNOWN:
+            return self._known.get(gid, name)
+        self._known.pop(gid, None)  # it becomes the last one
+        self._known[gid] = name
+        if len(self._known) > _MOST_ENDPOINTS:
+            del self._known[next(iter(self._known))]
+        return name
+
+
+def nodes_in_touch(node: Node, names: EndpointNames | None = None) -> set[str]:
     """Return the full names of the nodes that data flow from, and of near ones that share a topic.
 
     Near are those of the same namespace. Hidden nodes, as those of the command line, do not count.
+
+    Parameters
+    ----------
+    node
+        The node.
+    names
+        Those that were known at earlier calls; it is extended.
     """
+    name_of = (names or EndpointNames()).of
     namespace, own = node.get_namespace(), node.get_fully_qualified_name()
     received = {item.topic_name for item in node.subscriptions} - _UNSEEN
     shared = received | {item.topic_name for item in node.publishers} - _UNSEEN
-    sources = [item for topic in received for item in node.get_publishers_info_by_topic(topic)]
+    sources = [
+        name_of(item) for topic in received for item in node.get_publishers_info_by_topic(topic)
+    ]
     near = [
-        item
+        found
         for topic in shared
         for list_endpoints in (
             node.get_publishers_info_by_topic,
             node.get_subscriptions_info_by_topic,
         )
         for item in list_endpoints(topic)
-        if item.node_namespace == namespace
+        if (found := name_of(item))[0] == namespace
     ]
     found = {
-        f"{item.node_namespace.rstrip('/')}/{item.node_name}"
-        for item in (*sources, *near)
-        if not item.node_name.startswith("_")
+        f"{place.rstrip('/')}/{name}"
+        for place, name in (*sources, *near)
+        if not name.startswith("_")
     }
     return found - {own}
 
