@@ -18,7 +18,8 @@ ANSWER_S: Final = 15.0
 _STATUS_S: Final = 2.5
 _NS: Final = 1_000_000_000
 _STALE: Final = 3
-_COUNTS: Final = ("blocks", "samples lost", "windows", "estimates valid", "estimates invalid")
+_COUNTS: Final = ("blocks", "windows")
+_MOST_LATE: Final = 50
 _AHEAD_NS: Final = 20_000_000
 _STAMP_NS: Final = 1_000
 
@@ -155,11 +156,20 @@ def _runs(statuses: list[StatusNote]) -> list[Run]:
     for status in statuses:
         if "blocks" not in status.values:
             continue
-        before = runs[-1].statuses[-1] if runs else None
-        if before is None or any(status.count(key) < before.count(key) for key in _COUNTS):
+        if not runs or _begins_anew(runs[-1].statuses[-1], status):
             runs.append(Run())
         runs[-1].statuses.append(status)
     return runs
+
+
+def _begins_anew(before: StatusNote, status: StatusNote) -> bool:
+    """Return whether a status is of a later run than the one before.
+
+    Two threads of a monitor publish: one that was made a moment earlier may come later.
+    """
+    fell = {key: before.count(key) - status.count(key) for key in _COUNTS}
+    is_new = not status.count("blocks") and fell["blocks"] > 0
+    return is_new or fell["blocks"] > _MOST_LATE or fell["windows"] > 1
 
 
 def _deal(answers: list[Answer], runs: list[Run]) -> None:

@@ -1,8 +1,8 @@
 """Graphs that go on for hours: whether memory, threads, descriptors or shared memory grow.
 
 Case 0: four actuators, a monitor, a recorder and a dashboard. Case 1: eight actuators and two
-monitors that share them. Memory is the proportional set (PSS) of each process; its slope is that of
-a straight line through all samples after ten minutes, or a third of a shorter run, with a standard
+monitors that share them. Memory is what each process has for itself alone (anonymous: files that
+several map would change with what else runs); its slope is that of a straight line through all samples after ten minutes, or a third of a shorter run, with a standard
 deviation that counts samples as dependent for as long as their residuals are.
 """
 
@@ -33,7 +33,7 @@ _SIGMAS: Final = 2.0
 
 @dataclass(frozen=True)
 class Sample:
-    """What a process takes, minutes after the start: PSS [MB], threads and descriptors."""
+    """What a process takes, minutes after the start: memory [MB], threads and descriptors."""
 
     minute: float
     memory_mb: float
@@ -170,10 +170,10 @@ def sample(pid: int, minute: float) -> Sample:
     """Return what a process takes now."""
     folder = Path(f"/proc/{pid}")
     rollup = (folder / "smaps_rollup").read_text()
-    pss_kib = int(rollup.partition("\nPss:")[2].split()[0])
+    own_kib = int(rollup.partition("\nAnonymous:")[2].split()[0])
     return Sample(
         minute,
-        pss_kib * 1024 * _MB,
+        own_kib * 1024 * _MB,
         sum(1 for _ in (folder / "task").iterdir()),
         sum(1 for _ in (folder / "fd").iterdir()),
     )
