@@ -6,6 +6,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import tracemalloc
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
@@ -41,6 +42,33 @@ while True:
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "histories" / "flap.sqlite"
+
+
+def test_packed_estimate_of_an_earlier_test_is_the_same_to_the_last_bit():
+    history, tests = History(*UNIT), [made_test(n, seed=1, friction=0.1) for n in range(60)]
+    for number, test in enumerate(tests):
+        history.append(Entry(test, 10.0 * number, number + 1))
+    # The latest are the very objects.
+    assert history.entries[-1].estimate is tests[-1]
+    assert history.entries[0].estimate is not tests[0]
+    for kept_entry, test in zip(history.entries, tests, strict=True):
+        for item in fields(Estimate):
+            np.testing.assert_array_equal(
+                getattr(kept_entry.estimate, item.name), getattr(test, item.name)
+            )
+
+
+def test_memory_of_an_earlier_test_is_below_a_kilobyte():
+    history = History(*UNIT)
+    for number in range(100):
+        history.append(Entry(made_test(number, seed=1, friction=0.1), 10.0 * number, number + 1))
+    tracemalloc.start()
+    for number in range(100, 300):
+        history.append(Entry(made_test(number, seed=1, friction=0.1), 10.0 * number, number + 1))
+    grown = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    # The latest 20 are not packed, 2.5 kB each.
+    assert grown < 180 * 1000 + 20 * 2500
 
 
 def test_every_figure_comes_back_to_the_last_bit(path: Path):

@@ -14,7 +14,7 @@ from ema_monitor.prognosis.sentences import in_words
 from ema_monitor.prognosis.unit_event import FAULT, UnitEvent, kind_and_text
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Assessment:
     """Health and remaining life after a test.
 

@@ -25,6 +25,7 @@ from ema_monitor.prognosis.history_tables import (
     write_growth,
 )
 
+_UNPACKED: Final = 20
 # The third: tables or columns are missing.
 _DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
 
@@ -50,7 +51,8 @@ class History:
     Attributes
     ----------
     entries
-        The valid tests in the order in which they came.
+        The valid tests in the order in which they came; of all but the latest 20 the estimates are
+        packed.
     unused_cycles
         How many test cycles since the latest of them had no valid estimate.
     assessments
@@ -168,6 +170,8 @@ class History:
         self._stamps_ns.add(test.stamp_ns)
         if isinstance(test, Entry):
             self.entries.append(test)
+            if len(self.entries) > _UNPACKED:
+                self.entries[-_UNPACKED - 1].pack()
             self.unused_cycles = 0
         else:
             self.unused_cycles += 1

@@ -15,6 +15,7 @@ from ema_core.faults import FAULT_NAMES
 from ema_core.quantity import is_finite_number
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain_number
 from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.packed_estimate import pack, unpack
 
 _MOST_HOURS: Final = 1e7
 _MOST_CYCLES: Final = 10**12
@@ -23,7 +24,7 @@ _FORMATS: Final = ("ema_history 1", "ema_history 2")
 _CHECKSUM: Final = b', "crc32": "'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Count:
     """Service life of a unit as it was counted.
 
@@ -57,14 +58,13 @@ class Count:
             )
 
 
-@dataclass(frozen=True, eq=False)
 class Entry:
     """One valid test.
 
     Attributes
     ----------
-    estimate
-        Estimate of its window.
+    stamp_ns
+        Stamp of the window's end [ns].
     hours
         Service hour of the test by ``hours_per_cycle`` [h]; NaN where it is counted or unknown.
     cycles
@@ -79,21 +79,33 @@ class Entry:
         When the estimate is not valid, or a figure of it is impossible.
     """
 
-    estimate: Estimate
-    hours: float
-    cycles: int
-    count: Count | None = None
+    __slots__ = ("_estimate", "_packed", "count", "cycles", "hours", "stamp_ns")
 
-    def __post_init__(self) -> None:
-        Measurement.of(self.estimate, 0.0 if math.isnan(self.hours) else self.hours)
+    def __init__(
+        self, estimate: Estimate, hours: float, cycles: int, count: Count | None = None
+    ) -> None:
+        Measurement.of(estimate, 0.0 if math.isnan(hours) else hours)
+        self.stamp_ns = estimate.end_ns
+        self.hours = hours
+        self.cycles = cycles
+        self.count = count
+        self._estimate: Estimate | None = estimate
+        self._packed = b""
 
     @property
-    def stamp_ns(self) -> int:
-        """Stamp of the window's end [ns]."""
-        return self.estimate.end_ns
+    def estimate(self) -> Estimate:
+        """Estimate of its window; made anew at each call once it is packed."""
+        return self._estimate or unpack(self._packed)
+
+    def pack(self) -> None:
+        """Keep the estimate in a quarter of the memory, as one that is seldom read."""
+        if self._estimate is not None:
+            # In this order: another thread may be reading.
+            self._packed = pack(self._estimate)
+            self._estimate = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class UnusedCycle:
     """A test cycle that counts as use but has no valid estimate.
 

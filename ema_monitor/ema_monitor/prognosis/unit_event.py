@@ -21,7 +21,7 @@ _KINDS: Final = {
 _IMPORTED: Final = "test cycles are imported from"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class UnitEvent:
     """Something that happened to a unit or to its monitoring.
 
