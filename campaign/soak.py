@@ -8,6 +8,7 @@ counts samples as dependent for as long as their residuals are. Two hours leave 
 """
 
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -30,6 +31,8 @@ SIZES: Final = ((4, 1), (8, 2))
 _SAMPLE_S: Final = 5.0
 _MB: Final = 1e-6
 _SIGMAS: Final = 2.0
+_SHARED: Final = "/dev/shm/"
+_SECTOR_BYTES: Final = 512
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,8 @@ def run(case: Case) -> None:
             started_s = time.monotonic()
             while (minute := (time.monotonic() - started_s) / 60.0) < minutes:
                 graph.wait(_SAMPLE_S)
-                shared.append(shared_bytes())
+                pids = [process.pid for process in graph.processes.values()]
+                shared.append(shared_bytes(pids))
                 for name, process in graph.processes.items():
                     course.setdefault(name, []).append(sample(process.pid, minute))
             for loss in _lost(graph):
@@ -180,13 +184,14 @@ def sample(pid: int, minute: float) -> Sample:
     )
 
 
-def shared_bytes() -> int:
-    """Return how much shared memory Fast DDS has on this machine [B]."""
-    return sum(
-        path.stat().st_blocks * 512
-        for path in Path("/dev/shm").glob("*fastrtps_*")
-        if path.exists()
-    )
+def shared_bytes(pids: Iterable[int]) -> int:
+    """Return how much shared memory of Fast DDS some processes have [B]."""
+    paths = set()
+    for pid in pids:
+        for line in Path(f"/proc/{pid}/maps").read_text().splitlines():
+            if (at := line.find(_SHARED)) >= 0:
+                paths.add(Path(line[at:].removesuffix(" (deleted)")))
+    return sum(path.stat().st_blocks * _SECTOR_BYTES for path in paths if path.exists())
 
 
 def growth_of(samples: list[Sample], settled_min: float) -> Growth:
