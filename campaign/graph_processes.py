@@ -104,8 +104,10 @@ class Graph:
                 FaultEstimate, f"{NAMESPACE}/{FAULT_ESTIMATE}", self._note_estimate, STREAM
             )
             node.create_subscription(DiagnosticArray, "/diagnostics", self._note_status, STREAM)
+            # Typed as rclpy has it: with two arguments it is given what is known of the message.
+            note_block: Any = self._note_block
             node.create_subscription(
-                TelemetryBlock, f"{NAMESPACE}/{TELEMETRY}", self._note_block, STREAM, raw=True
+                TelemetryBlock, f"{NAMESPACE}/{TELEMETRY}", note_block, STREAM, raw=True
             )
             executor = SingleThreadedExecutor(context=context)
             executor.add_node(node)

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from graph_checker import check
@@ -161,8 +161,9 @@ def _clock_jumps(graph: Graph, rng: np.random.Generator, bag: Path, settled_s: f
         request = SeekPlayback.Request(time=stamp_to_message(to_ns))
         answer = client.call_async(request)
         graph.wait_for(answer.done, "an answer of the player to a seek")
-        if not answer.result().success:
-            raise GraphError(f"a seek to {to_ns} ns was refused: {answer.result().message}")
+        found: Any = answer.result()
+        if not found.success:
+            raise GraphError(f"a seek to {to_ns} ns was refused: {found.message}")
         since_s = time.time()
         graph.wait_for(lambda since_s=since_s: graph.valid_since(since_s), "an estimate")
         graph.wait(rng.uniform(0.0, 2.0))
