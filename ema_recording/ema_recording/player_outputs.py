@@ -16,6 +16,7 @@ from ema_recording.message_type import message_class, type_name
 from ema_recording.playable import CLOCK
 from ema_recording.played_bag import PlayedBag
 from ema_recording.reader import Recorded
+from ema_ros.peers import UNKNOWN_NODE
 
 _TELEMETRY: Final = type_name(TelemetryBlock)
 _HEALTH: Final = type_name(Health)
@@ -108,6 +109,7 @@ class PlayerOutputs:
             (item.node_name, item.node_namespace)
             for name in self._telemetry
             for item in self._node.get_subscriptions_info_by_topic(name)
+            if item.node_name != UNKNOWN_NODE
         }
         found = []
         for name, namespace in sorted(listeners):

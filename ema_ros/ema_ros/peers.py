@@ -12,7 +12,9 @@ from ema_ros.status import OK, WARN, Task
 FRESH_S: Final = 60.0
 """How long a node that has gone is worth a warning [s]."""
 
-_UNKNOWN: Final = "_NODE_NAME_UNKNOWN_"
+UNKNOWN_NODE: Final = "_NODE_NAME_UNKNOWN_"
+"""Name of a node of which its publishers and subscriptions alone are known, so far or again."""
+
 _MOST_ENDPOINTS: Final = 10_000
 _UNSEEN = {"/rosout", "/parameter_events", "/clock", "/diagnostics"}
 
@@ -68,7 +70,7 @@ class EndpointNames:
     def of(self, endpoint: TopicEndpointInfo) -> tuple[str, str]:
         """Return namespace and name of the node of a publisher or subscription."""
         gid, name = bytes(endpoint.endpoint_gid), (endpoint.node_namespace, endpoint.node_name)
-        if endpoint.node_name == _UNKNOWN:
+        if endpoint.node_name == UNKNOWN_NODE:
             return self._known.get(gid, name)
         self._known.pop(gid, None)  # it becomes the last one
         self._known[gid] = name

@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -438,3 +439,21 @@ def test_interrupted_player_does_not_wait_for_the_next_message(graph: Graph, tmp
             assert process.wait(timeout=DEADLINE_S) == 0
         finally:
             process.kill()
+
+
+def test_listener_whose_name_is_not_known_yet_does_not_end_the_status(
+    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path = tmp_path / "flight.mcap"
+    with BagWriter(path) as writer:
+        writer.add_topic("/ema/telemetry", TelemetryBlock, STREAM)
+        writer.write("/ema/telemetry", TelemetryBlock(actuator_id="flap"), START_NS)
+    player = graph.player(path, stay=True)
+    # So the middleware gives it between the discovery of a subscription and that of its node.
+    unknown = SimpleNamespace(
+        node_name="_NODE_NAME_UNKNOWN_", node_namespace="_NODE_NAMESPACE_UNKNOWN_"
+    )
+    monkeypatch.setattr(player, "get_subscriptions_info_by_topic", lambda _: [unknown])
+    assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    [playback] = [task for task in player.tasks() if task.name == "playback"]
+    assert playback.level == OK
