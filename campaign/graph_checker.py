@@ -15,6 +15,9 @@ from graph_record import Answer, Block, FoundWindow, GraphRecord, HealthNote, St
 ANSWER_S: Final = 15.0
 """Time after a window's last sample within which it is answered [s], under load as well."""
 
+DISCOVERY_S: Final = 10.0
+"""Time after which a recorder has found all topics [s]."""
+
 _STATUS_S: Final = 2.5
 _NS: Final = 1_000_000_000
 _STALE: Final = 3
@@ -67,6 +70,17 @@ class Run:
     def last_ns(self) -> int:
         """When its last status was sent [ns]."""
         return self.statuses[-1].sent_ns
+
+    @property
+    def heard_ns(self) -> int:
+        """When its answers are recorded from: a recorder finds one topic after the other [ns]."""
+        latest_ns = self.first_ns + round(DISCOVERY_S * _NS)
+        return min([latest_ns, *(item.sent_ns for item in self.answers)])
+
+    def counted(self) -> list[StatusNote]:
+        """Return the statuses from which on its answers are recorded."""
+        heard_ns = self.heard_ns if self.statuses else 0
+        return [item for item in self.statuses if item.sent_ns >= heard_ns]
 
     def around(self, start_ns: int, end_ns: int) -> tuple[StatusNote, StatusNote] | None:
         """Return the last status before a time and the first after another; None without both."""
@@ -222,9 +236,7 @@ def _unanswered(one: _Actuator, lost: int) -> Iterator[str]:
 
 def _counted(one: _Actuator, run: Run, lost: int) -> Iterator[str]:
     """Compare what a run counted with what it answered, some time before its end."""
-    if not run.statuses:
-        return
-    old = [item for item in run.statuses if run.last_ns - item.sent_ns > ANSWER_S * _NS]
+    old = [item for item in run.counted() if run.last_ns - item.sent_ns > ANSWER_S * _NS]
     if len(old) < 2:
         return
     first, last = old[0], old[-1]
@@ -252,7 +264,7 @@ def _had_to_answer(one: _Actuator, window: FoundWindow) -> bool:
         heard_all = all(
             before.count(key) == after.count(key) for key in ("samples lost", "defects")
         )
-        return heard_all
+        return heard_all and window.sent_ns > run.heard_ns
     return False
 
 
@@ -320,9 +332,10 @@ def _stamps(one: _Actuator, _: int) -> Iterator[str]:
 
 def _counters(one: _Actuator, lost: int) -> Iterator[str]:
     for run in one.runs:
-        if len(run.statuses) < 2:
+        statuses = run.counted()
+        if len(statuses) < 2:
             continue
-        first, last = run.statuses[0], run.statuses[-1]
+        first, last = statuses[0], statuses[-1]
         for key, wanted in (("estimates valid", True), ("estimates invalid", False)):
             counted = last.count(key) - first.count(key)
             within = [

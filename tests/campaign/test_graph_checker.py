@@ -245,6 +245,22 @@ def test_what_the_recorder_counts_as_lost_is_no_violation(modules: Modules, reco
     assert rules(modules, record) == set()
 
 
+def test_what_came_before_the_recorder_found_the_answers_is_no_violation(
+    modules: Modules, record: Any
+):
+    del record.answers[:2], record.healths[:2]
+    assert rules(modules, record) == set()
+    del record.answers[:6], record.healths[:5]
+    assert "unanswered" in rules(modules, record)
+
+
+def test_graph_without_status_is_checked_by_its_answers_alone(modules: Modules, record: Any):
+    record.statuses = []
+    assert rules(modules, record) == set()
+    twice_by_number(record)
+    assert rules(modules, record) == {"identified twice"}
+
+
 def test_jump_of_a_replay_that_is_told_is_no_loss(modules: Modules, record: Any):
     del record.blocks[5701:5750]
     assert rules(modules, record) == {"counters"}
