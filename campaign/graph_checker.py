@@ -21,8 +21,9 @@ DISCOVERY_S: Final = 10.0
 _STATUS_S: Final = 2.5
 _NS: Final = 1_000_000_000
 _STALE: Final = 3
-_COUNTS: Final = ("blocks", "windows")
+_COUNTS: Final = ("blocks", "windows", "estimates valid")
 _MOST_LATE: Final = 50
+_LATE_NS: Final = _NS
 _AHEAD_NS: Final = 20_000_000
 _STAMP_NS: Final = 1_000
 
@@ -179,11 +180,12 @@ def _runs(statuses: list[StatusNote]) -> list[Run]:
 def _begins_anew(before: StatusNote, status: StatusNote) -> bool:
     """Return whether a status is of a later run than the one before.
 
-    Two threads of a monitor publish: one that was made a moment earlier may come later.
+    Two threads of a monitor publish: one that was made a moment earlier may come later. To start
+    again takes longer than that.
     """
-    fell = {key: before.count(key) - status.count(key) for key in _COUNTS}
-    is_new = not status.count("blocks") and fell["blocks"] > 0
-    return is_new or fell["blocks"] > _MOST_LATE or fell["windows"] > 1
+    fell = any(status.count(key) < before.count(key) for key in _COUNTS)
+    is_far = before.count("blocks") - status.count("blocks") > _MOST_LATE
+    return fell and (is_far or status.sent_ns - before.sent_ns > _LATE_NS)
 
 
 def _deal(answers: list[Answer], runs: list[Run]) -> None:

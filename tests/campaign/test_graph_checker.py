@@ -254,6 +254,24 @@ def test_what_came_before_the_recorder_found_the_answers_is_no_violation(
     assert "unanswered" in rules(modules, record)
 
 
+def test_status_that_comes_late_begins_no_run_and_a_restart_soon_after_the_start_does(
+    modules: Modules, record: Any
+):
+    own = [place for place, one in enumerate(record.statuses) if "windows" in one.values]
+    early, late = (record.statuses[own[at]] for at in (20, 21))
+    fewer = {**late.values, "blocks": str(int(late.values["blocks"]) - 3)}
+    again = replace(late, values=fewer, sent_ns=late.sent_ns + S // 10)
+    record.statuses.insert(own[21] + 1, again)
+    assert modules.checker.check(record).counts["runs"] == 1
+    values = {**late.values, "blocks": "90", "windows": "0", "estimates valid": "0"}
+    few = {**values, "blocks": "95"}
+    record.statuses = [
+        replace(early, values=few),
+        replace(late, values=values, sent_ns=early.sent_ns + 3 * S),
+    ]
+    assert modules.checker.check(record).counts["runs"] == 2
+
+
 def test_graph_without_status_is_checked_by_its_answers_alone(modules: Modules, record: Any):
     record.statuses = []
     assert rules(modules, record) == set()
