@@ -24,6 +24,7 @@ _STALE: Final = 3
 _COUNTS: Final = ("blocks", "windows", "estimates valid")
 _MOST_LATE: Final = 50
 _LATE_NS: Final = _NS
+_WAITING_BLOCKS: Final = 1000
 _AHEAD_NS: Final = 20_000_000
 _STAMP_NS: Final = 1_000
 
@@ -257,11 +258,12 @@ def _had_to_answer(one: _Actuator, window: FoundWindow) -> bool:
     if window.sent_ns + ANSWER_S * _NS > one.end_ns:
         return False
     for run in one.runs:
-        found = run.around(start_ns, window.sent_ns + round(_STATUS_S * _NS))
+        # A monitor that stood still hears of a loss later.
+        found = run.around(start_ns, window.sent_ns + round(ANSWER_S * _NS))
         if found is None:
             continue
         before, after = found
-        if not before.count("blocks") or run.last_ns < window.sent_ns + ANSWER_S * _NS:
+        if not before.count("blocks"):
             return False
         heard_all = all(
             before.count(key) == after.count(key) for key in ("samples lost", "defects")
@@ -371,7 +373,8 @@ def _heard(one: _Actuator, run: Run) -> Iterator[str]:
     sent = [item for item in one.blocks if item.sent_ns <= statuses[-1].sent_ns]
     most = sum(_published(stretch) for stretch in _stretches(sent, one.told_jumps_ns))
     heard = statuses[-1].count("blocks") - statuses[0].count("blocks")
-    if heard > most:
+    # What it had not taken yet at the first status is heard as well.
+    if heard > most + _WAITING_BLOCKS:
         yield f"the monitor heard {heard} blocks of {most}"
 
 

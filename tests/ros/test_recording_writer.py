@@ -118,7 +118,8 @@ def test_index_read_from_the_file_is_that_which_the_library_keeps(
         file.close()
     assert paths[True].read_bytes() == paths[False].read_bytes()
     with paths[True].open("rb") as stored:
-        assert make_reader(stored).get_summary().statistics.chunk_count == 60
+        summary: Any = make_reader(stored).get_summary()
+    assert summary.statistics.chunk_count == 60
 
 
 def test_memory_of_a_writer_does_not_grow_with_its_chunks(tmp_path: Path):
