@@ -17,7 +17,8 @@ class SequenceGaps:
 
     The numbers of several publishers cannot be distinguished, so that nothing is counted. A gap
     counts once the publishers are the same after it as before it: a second publisher that has just
-    started is no loss.
+    started is no loss. One that is out of reach for a while, as either side stood still, and comes
+    back goes on with its numbers.
     """
 
     def __init__(self) -> None:
@@ -42,6 +43,8 @@ class SequenceGaps:
 
     def set_publishers(self, publishers: frozenset[Hashable]) -> None:
         """Set the publishers of the moment; to be called regularly."""
+        if not publishers:
+            return
         if publishers != self._publishers:
             self._publishers, self._last = publishers, None
         elif len(publishers) == 1:

@@ -346,6 +346,22 @@ def test_gaps_count_where_one_publisher_stays():
     assert gaps.lost == 2
 
 
+def test_what_a_publisher_sent_while_it_was_out_of_reach_counts_as_lost():
+    gaps = SequenceGaps()
+    gaps.set_publishers(frozenset("a"))
+    gaps.count(100)
+    gaps.set_publishers(frozenset())
+    gaps.count(1101)
+    gaps.set_publishers(frozenset("a"))
+    assert gaps.lost == 1000
+    # Another one in its place has numbers of its own.
+    gaps.set_publishers(frozenset())
+    gaps.count(5000)
+    gaps.set_publishers(frozenset("b"))
+    gaps.set_publishers(frozenset("b"))
+    assert gaps.lost == 1000
+
+
 def test_gaps_of_several_or_new_publishers_do_not_count():
     gaps = SequenceGaps()
     gaps.set_publishers(frozenset("a"))
