@@ -122,22 +122,26 @@ def failures_of(part: Part, seed: int, tally: PartTally) -> list[str]:
     return lines
 
 
+def counted_words(tally: PartTally) -> str:
+    """Return what was counted and measured in a part."""
+    words = [f"{name} {count:,}" for name, count in sorted(tally.counts.items())]
+    words += [f"{name} {value:.4g}" for name, value in sorted(tally.worst.items())]
+    return escape("; ".join(words) or "nothing")
+
+
 def overview(parts: list[Part], tally: Tally) -> Table:
     """Return the table of the parts."""
     title = f"campaign, seed {tally.seed}, {tally.used_s:.0f} s"
-    table = Table("part", "cases", "failures", "worst time", "worst memory", "found", title=title)
+    table = Table("part", "cases", "failures", "worst time", "worst memory", title=title)
     for part in parts:
         own = tally.of(part.name)
         failures = sum(map(len, own.failures.values())) + len(part.judge(own.counts))
-        found = [f"{name} {count:,}" for name, count in sorted(own.counts.items())]
-        found += [f"{name} {value:.4g}" for name, value in sorted(own.worst.items())]
         table.add_row(
             f"{part.name}\n[dim]{escape(part.summary)}[/]",
             f"{len(own.done):,}" if own.done else f"none: one takes {part.usual_s:g} s",
             f"[bold red]{failures}[/]" if failures else "0",
             f"{own.worst_s:.1f} s",
             f"{own.worst_mb:.0f} MB",
-            escape("\n".join(found)),
         )
     return table
 
@@ -188,6 +192,8 @@ def main(
         console.print(words, soft_wrap=True)
         sys.exit(130)
     console.print(overview(parts, tally))
+    for part in parts:
+        console.print(f"{part.name}: {counted_words(tally.of(part.name))}", highlight=False)
     failures = [
         line for part in parts for line in failures_of(part, tally.seed, tally.of(part.name))
     ]

@@ -251,3 +251,14 @@ def test_record_with_an_impossible_value_is_damaged(path: Path, name: str, value
     found, problem = hours(path)
     assert found == [0.0, 10.0]
     assert "set aside" in problem
+
+
+def test_record_that_is_no_text_is_damaged_and_the_other_tests_are_kept(path: Path):
+    kept(path)
+    with closing(sqlite3.connect(path)) as db, db:
+        statement = "UPDATE test SET record = CAST(record || x'ff' AS TEXT) WHERE number = 2"
+        db.execute(statement)
+    found, problem = hours(path)
+    assert "test 2 is damaged: its checksum is wrong" in problem
+    assert found == [0.0, 20.0]
+    assert hours(path) == (found, "")

@@ -212,6 +212,8 @@ class History:
         """
         self._release()
         db = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
+        # A text that is none has a wrong checksum, and is told and left out by it.
+        db.text_factory = lambda text: text.decode(errors="replace")
         try:
             # Held until the connection is closed, or the process ends.
             db.execute("PRAGMA locking_mode = EXCLUSIVE")
