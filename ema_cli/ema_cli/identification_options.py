@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 
@@ -16,12 +16,33 @@ from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.unknown_drive.unit import UnknownDriveUnit
 
-_OF_A_SERIES = (
+_ALGORITHM = click.option(
+    "--algorithm",
+    default=SearchSettings.algorithm,
+    type=NameChoice("algorithm", ALGORITHMS),
+)
+_SEARCH = (
+    click.option("--fitness", default=SearchSettings.fitness, type=NameChoice("fitness", FITNESS)),
     click.option(
-        "--algorithm",
-        default=SearchSettings.algorithm,
-        type=NameChoice("algorithm", ALGORITHMS),
+        "--budget",
+        default=SearchSettings.budget,
+        type=click.IntRange(1),
+        help="Largest number of model evaluations a window.",
     ),
+    click.option(
+        "--goodness-limit",
+        default=SearchSettings.goodness_limit,
+        type=click.FloatRange(0.1, 1e6),
+        help="Goodness of fit beyond which an estimate is degraded, or refused where most is "
+        "unexplained; more for a shorted motor.",
+    ),
+    click.option("--seed", default=0, type=click.IntRange(0), help="Of the algorithm."),
+)
+SEARCH_OPTIONS: Final = (_ALGORITHM, *_SEARCH)
+"""How each window is searched."""
+
+_OF_A_SERIES = (
+    _ALGORITHM,
     click.option(
         "--warm-start/--no-warm-start",
         default=SearchSettings.warm_start,
@@ -49,21 +70,7 @@ _OF_A_SERIES = (
     ),
 )
 _OF_EACH_SEARCH = (
-    click.option("--fitness", default=SearchSettings.fitness, type=NameChoice("fitness", FITNESS)),
-    click.option(
-        "--budget",
-        default=SearchSettings.budget,
-        type=click.IntRange(1),
-        help="Largest number of model evaluations a window.",
-    ),
-    click.option(
-        "--goodness-limit",
-        default=SearchSettings.goodness_limit,
-        type=click.FloatRange(0.1, 1e6),
-        help="Goodness of fit beyond which an estimate is degraded, or refused where most is "
-        "unexplained; more for a shorted motor.",
-    ),
-    click.option("--seed", default=0, type=click.IntRange(0), help="Of the algorithm."),
+    *_SEARCH,
     click.option(
         "--calibration",
         "calibration_file",

@@ -13,7 +13,7 @@ from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.advisory import Costs
 from ema_monitor.prognosis.growth.known_laws import FORM as FORM_OF_LAW
 from ema_monitor.prognosis.growth.known_laws import known_law
-from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
+from ema_monitor.prognosis.growth.settings import KnownLaw
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
@@ -44,7 +44,7 @@ def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> 
     return value
 
 
-_OPTIONS = (
+GROWTH_OPTIONS: Final = (
     click.option(
         "--hours-per-cycle",
         default=Service.hours_per_cycle,
@@ -72,6 +72,11 @@ _OPTIONS = (
         help="Where life ends, e.g. friction=0.4 or bandwidth=15; as the monitor's parameters "
         "limits.NAME and requirements.NAME.",
     ),
+)
+"""What health and life rest on, beside the tests."""
+
+_OPTIONS = (
+    *GROWTH_OPTIONS,
     click.option(
         "--end-hours",
         type=click.FloatRange(min=0.0),
@@ -160,6 +165,17 @@ def _settings(
     ValueError
         When a limit is unknown or out of its range, or a fault has two laws.
     """
+    return with_laws(with_limits(PrognosisSettings(service=service), limits), laws)
+
+
+def with_limits(settings: PrognosisSettings, limits: dict[str, float]) -> PrognosisSettings:
+    """Return settings with other limits of faults and requirements, those that are named.
+
+    Raises
+    ------
+    ValueError
+        When a limit is unknown or out of its range.
+    """
     of_faults, of_requirements = (
         [item.name for item in fields(kind)] for kind in (HealthLimits, RequirementLimits)
     )
@@ -167,14 +183,30 @@ def _settings(
         if name not in (*of_faults, *of_requirements):
             known = (*of_faults, *of_requirements)
             raise ValueError(f"--limit: {unknown_name('limit', name, known)}")
+    given = limits.items()
+    return replace(
+        settings,
+        limits=replace(settings.limits, **{n: v for n, v in given if n in of_faults}),
+        requirements=replace(
+            settings.requirements, **{n: v for n, v in given if n in of_requirements}
+        ),
+    )
+
+
+def with_laws(
+    settings: PrognosisSettings, laws: tuple[tuple[str, KnownLaw], ...]
+) -> PrognosisSettings:
+    """Return settings in which the laws of some faults are known, in place of others of them.
+
+    Raises
+    ------
+    ValueError
+        When a fault has two laws.
+    """
     if len(dict(laws)) < len(laws):
         raise ValueError("--known-law: a fault has more than one law")
-    return PrognosisSettings(
-        replace(HealthLimits(), **{n: v for n, v in limits.items() if n in of_faults}),
-        replace(RequirementLimits(), **{n: v for n, v in limits.items() if n in of_requirements}),
-        TrackerSettings(laws=dict(laws)),
-        service,
-    )
+    known = {**settings.tracker.laws, **dict(laws)}
+    return replace(settings, tracker=replace(settings.tracker, laws=known))
 
 
 prognosis_options = gathered(

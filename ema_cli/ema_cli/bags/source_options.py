@@ -18,15 +18,7 @@ USE_OPTIONS: Final = (
 """Help of ``--force`` where a bag is identified."""
 
 _DEFAULTS = TriggerSettings()
-_OPTIONS = (
-    click.option("--actuator-id", help="Which actuator, if the bag holds several."),
-    click.option(
-        "--actuator",
-        "actuator_file",
-        type=click.Path(path_type=Path, dir_okay=False),
-        help="YAML file that describes the actuator, for a bag without a description of it.",
-    ),
-    click.option("--topic", help="Topic of the telemetry, if there are several."),
+_REST = (
     click.option(
         "--threshold",
         default=_DEFAULTS.threshold,
@@ -38,16 +30,38 @@ _OPTIONS = (
         default=_DEFAULTS.rest_s,
         help="How long the command rests before a window [s].",
     ),
+)
+_LENGTH = click.option(
+    "--window-s",
+    default=_DEFAULTS.window_s,
+    help="Length of a window, that of the test command [s].",
+)
+_MAX_AGE = click.option(
+    "--measured-max-age",
+    "measured_max_age_s",
+    default=MAX_AGE_S,
+    type=click.FloatRange(0.0),
+    help="Age at the start of a window up to which a measurement in the bag holds for it [s].",
+)
+WINDOW_OPTIONS: Final = (*_REST, _LENGTH, _MAX_AGE)
+"""Which windows of test cycles are looked at, and which measurements hold for them."""
+
+_OPTIONS = (
+    click.option("--actuator-id", help="Which actuator, if the bag holds several."),
+    click.option(
+        "--actuator",
+        "actuator_file",
+        type=click.Path(path_type=Path, dir_okay=False),
+        help="YAML file that describes the actuator, for a bag without a description of it.",
+    ),
+    click.option("--topic", help="Topic of the telemetry, if there are several."),
+    *_REST,
     click.option(
         "--any-motion",
         is_flag=True,
         help="Windows are stretches of ordinary motion and not test cycles.",
     ),
-    click.option(
-        "--window-s",
-        default=_DEFAULTS.window_s,
-        help="Length of a window, that of the test command [s].",
-    ),
+    _LENGTH,
 )
 _MEASURED = (
     click.option(
@@ -58,13 +72,7 @@ _MEASURED = (
         "load_torque=0.1:0.005, instead of what the bag holds of it; may be repeated; known, with "
         f"unit: {describe_measurable()}.",
     ),
-    click.option(
-        "--measured-max-age",
-        "measured_max_age_s",
-        default=MAX_AGE_S,
-        type=click.FloatRange(0.0),
-        help="Age at the start of a window up to which a measurement in the bag holds for it [s].",
-    ),
+    _MAX_AGE,
 )
 
 

@@ -1,7 +1,6 @@
 """Health and life of a unit after each of its tests, as a monitor gives them, and the truth."""
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,13 +12,13 @@ from ema_cli.show.progress import progress_bar
 from ema_core.faults import FAULTS, N_FAULTS
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.following import outlooks
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS
-from ema_monitor.prognosis.service import CountLog
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_recording.windows import truth_at
 
@@ -87,16 +86,14 @@ def follow(
     unit = record.description
     key = (unit.actuator_id, unit.serial_number)
     prognostics = Prognostics(History(*key), settings)
-    # Only counts before a test are logged before it, however many there are in all.
-    counts, log = deque(record.counts), CountLog()
-    steps = []
     with progress_bar() as progress:
-        for estimate in progress.track(estimates, description="following growth"):
-            while counts and counts[0].stamp_ns <= estimate.end_ns:
-                log.add(key, counts.popleft())
-            count = log.latest(key, estimate.end_ns)
-            outlook = prognostics.update(estimate, parameters, settings, count)
-            steps.append(Step(estimate, outlook))
+        tracked = progress.track(estimates, description="following growth")
+        steps = [
+            Step(estimate, outlook)
+            for estimate, outlook in outlooks(
+                prognostics, key, tracked, record.counts, parameters, settings
+            )
+        ]
     last = next((step.outlook for step in reversed(steps) if step.outlook is not None), None)
     forecaster = prognostics.forecaster(last) if last is not None else None
     return Course(record, settings, parameters, steps, prognostics.growth, forecaster)

@@ -14,10 +14,10 @@ from ema_core.description import ActuatorDescription
 from ema_monitor.prognosis.history_entry import Count
 from ema_recording.metadata import METADATA_FILE
 from ema_recording.reader import Bag
-from ema_recording.telemetry import DESCRIPTION_TYPE, USAGE_TYPE
+from ema_recording.telemetry import DESCRIPTION_TYPE
+from ema_recording.usage import read_counts
 from ema_recording.windows import RecordedWindow
 from ema_ros.faults import StampedFaults
-from ema_ros.stamps import stamp_from_message
 
 CALIBRATION_FILE: Final = "calibration.yaml"
 """Name of the calibration of the unit whose bags lie in the same folder."""
@@ -147,7 +147,7 @@ def read_unit(
             remarks.append(str(error))
         tests += [(path, item) for item in found.windows]
         truths += found.truths
-        counted, wrong = _counts(bag, found.description)
+        counted, wrong = read_counts(bag, found.description)
         counts += counted
         remarks += [f"{path}: {remark}" for remark in wrong]
         if bag.damage != damage:  # found in what was counted
@@ -213,27 +213,6 @@ def _hint(path: Path) -> str:
     named = ", ".join(str(folder) for folder in folders[:_NAMED])
     more = f" and {len(folders) - _NAMED} more" if len(folders) > _NAMED else ""
     return f"; bags of a unit may be in {named}{more}: give one of these"
-
-
-def _counts(bag: Bag, unit: ActuatorDescription) -> tuple[list[Count], list[str]]:
-    """Return what was counted of a unit, and what is wrong with the counts in a bag."""
-    counts: list[Count] = []
-    remarks: dict[str, None] = {}
-    for item in bag.messages(bag.topics_of(USAGE_TYPE)):
-        message = item.message
-        if message.actuator_id != unit.actuator_id:
-            continue
-        # A count that names no unit is of the one that is described.
-        if message.serial_number not in ("", unit.serial_number):
-            remarks[f"usage of serial number {message.serial_number!r} is passed over"] = None
-            continue
-        # One that its sender did not stamp was read when it was recorded.
-        stamp_ns = stamp_from_message(message.header.stamp) or item.log_time_ns
-        try:
-            counts.append(Count(stamp_ns, message.flight_hours, message.cycles))
-        except ValueError as error:
-            remarks[f"usage is impossible: {error}"] = None
-    return counts, list(remarks)
 
 
 def _require_same_unit(

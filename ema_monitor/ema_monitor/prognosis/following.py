@@ -1,0 +1,42 @@
+"""Health and life of a unit test by test, from all its estimates and counts."""
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+
+from ema_core.parameters import ActuatorParameters
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.history_entry import Count
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.service import CountLog, UnitKey
+from ema_monitor.prognosis.settings import PrognosisSettings
+
+
+def outlooks(
+    prognostics: Prognostics,
+    key: UnitKey,
+    estimates: Iterable[Estimate],
+    counts: Sequence[Count],
+    parameters: ActuatorParameters | None,
+    settings: PrognosisSettings,
+) -> Iterator[tuple[Estimate, Outlook | None]]:
+    """Yield each estimate with the outlook after it, as a monitor gives it; None if it is invalid.
+
+    Parameters
+    ----------
+    prognostics
+        Of the unit; the tests are added to it.
+    estimates, counts
+        Tests, and service life that was counted, each in order of time.
+    parameters
+        Those of the unit, as calibrated; None where its drive is unknown.
+    settings
+        What the prognosis rests on.
+    """
+    # Only counts before a test are logged before it, however many there are in all.
+    waiting, log = deque(counts), CountLog()
+    for estimate in estimates:
+        while waiting and waiting[0].stamp_ns <= estimate.end_ns:
+            log.add(key, waiting.popleft())
+        count = log.latest(key, estimate.end_ns)
+        yield estimate, prognostics.update(estimate, parameters, settings, count)
