@@ -12,7 +12,7 @@ from packaging.requirements import Requirement
 ROOT = Path(__file__).parents[2]
 PACKAGES = sorted(path.parent.name for path in ROOT.glob("ema_*/setup.py"))
 DISTRIBUTIONS = {"yaml": "pyyaml", "foxglove": "foxglove-sdk"}
-WITHOUT_KEY = {"foxglove", "pyarrow"}
+WITHOUT_KEY = {"distributed", "duckdb", "foxglove", "fsspec", "pyarrow"}
 """Modules that rosdep does not know: pip installs them."""
 
 KEYS = {"yaml": "python3-yaml", "mcap": "python3-mcap-pip", "rosbags": "python3-rosbags-pip"}
