@@ -15,6 +15,7 @@ setup(
         "ema_core",
         "ema_monitor",
         "ema_sim",
+        "ema_tasks",
         "jinja2>=3.1,<4",
         "matplotlib>=3.8,<4",
         "numba>=0.61,<1",

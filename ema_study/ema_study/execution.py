@@ -1,11 +1,9 @@
-"""Runs on an executor: processes, threads, or any other of ``concurrent.futures``."""
+"""Runs in a pool: processes or threads of this machine, or a Dask cluster."""
 
 import multiprocessing
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from typing import Final
 
@@ -15,10 +13,12 @@ from ema_monitor.model.threads import available_cpus, limit_threads
 from ema_study.plan import Job
 from ema_study.result import RunResult
 from ema_study.run import run_job
+from ema_tasks.choice import open_pool
+from ema_tasks.pool import Pool
 
-EXECUTORS: Final = ("processes", "threads", "serial")
-"""Executors on this machine: several runs at once, in processes or in threads, or one by one. Each
-run has one thread, so that its time does not depend on the executor."""
+EXECUTORS: Final = ("processes", "threads", "serial", "dask")
+"""Several runs at once, in processes or threads of this machine, one by one, or on a Dask cluster.
+Each run has one thread, so that its time does not depend on the executor."""
 
 _ROUNDS: Final = 3
 _GENERATIONS: Final = 20
@@ -26,8 +26,8 @@ _RUNS_PER_WORKER: Final = 2
 
 
 @contextmanager
-def local_executor(kind: str, workers: int) -> Iterator[Executor]:
-    """Provide an executor on this machine; an exception in the block cancels its runs.
+def study_pool(kind: str, workers: int, scheduler: str = "") -> Iterator[Pool]:
+    """Provide a pool for runs; an exception in the block cancels those on this machine.
 
     Parameters
     ----------
@@ -35,57 +35,50 @@ def local_executor(kind: str, workers: int) -> Iterator[Executor]:
         One of ``EXECUTORS``.
     workers
         Number of runs at once; "serial" has one.
+    scheduler
+        Address of a Dask scheduler; empty for a cluster of local processes.
 
     Raises
     ------
     ValueError
         When the kind is unknown or there are no workers.
+    ClusterLostError
+        When the scheduler does not answer.
     """
     if kind not in EXECUTORS:
         raise ValueError(f"executor {kind!r} is unknown; known: {', '.join(EXECUTORS)}")
-    if workers < 1:
-        raise ValueError(f"workers = {workers}: expected at least 1")
+    # Forked children would inherit locks of threads that they do not have.
+    context = multiprocessing.get_context("spawn")
+    cancelled = context.Event() if kind == "processes" else threading.Event()
     if kind == "processes":
-        # Forked children would inherit locks of threads that they do not have.
-        context = multiprocessing.get_context("spawn")
-        cancelled = context.Event()
-        executor: Executor = ProcessPoolExecutor(
-            workers, context, initializer=_prepare, initargs=(cancelled.is_set,)
-        )
+        pool = open_pool(kind, workers, prepare=_prepare, given=(cancelled.is_set,))
+    elif kind == "dask":
+        pool = open_pool(kind, workers, scheduler)
     else:
-        cancelled = threading.Event()
-        executor = ThreadPoolExecutor(1 if kind == "serial" else workers)
+        pool = open_pool("threads", 1 if kind == "serial" else workers)
         _prepare(cancelled.is_set)
     try:
-        yield executor
-    except BaseException:
-        cancelled.set()
-        raise
+        with pool:
+            try:
+                yield pool
+            except BaseException:
+                cancelled.set()
+                raise
     finally:
-        executor.shutdown(cancel_futures=True)
-        if kind != "processes":
+        if kind in ("threads", "serial"):
+            _prepare(_never)
             limit_threads(None)
 
 
-def execute(jobs: Iterable[Job], executor: Executor) -> Iterator[RunResult]:
-    """Run jobs on any executor and yield their results as they end.
+def execute(jobs: Iterable[Job], pool: Pool) -> Iterator[RunResult]:
+    """Run jobs in a pool and yield their results as they end.
 
-    Other processes must have this package, too. Runs that have not begun are cancelled when this
-    iterator is closed.
+    Raises
+    ------
+    WorkerLostError, ClusterLostError
+        When a run ends each worker that it is given to, or the workers are out of reach.
     """
-    # An interrupt of the terminal reaches all processes. Those started here inherit the mask, so
-    # that only this process handles it.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        futures = [executor.submit(_run, job) for job in jobs]
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    try:
-        for future in as_completed(futures):
-            yield future.result()
-    finally:
-        for future in futures:
-            future.cancel()
+    return (outcome.result() for outcome in pool.run(_run, jobs))
 
 
 def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
@@ -112,7 +105,7 @@ def time_executors(model: str, workers: int | None = None) -> pd.DataFrame:
         Job(model, 10, "de", "friction low", "low", run, "all_generations", 50, generations)
         for run, generations in enumerate([1] + runs * [_GENERATIONS])
     )
-    with local_executor("processes", workers) as pool:
+    with study_pool("processes", workers) as pool:
         modes: dict[str, Callable[[], object]] = {
             "serial, one core": lambda: _in_turn(jobs, 1),
             "serial, each generation on all cores": lambda: _in_turn(jobs, None),
@@ -166,4 +159,6 @@ def _prepare(is_cancelled: Callable[[], bool]) -> None:
 
 
 def _run(job: Job) -> RunResult:
+    # A worker of a cluster was not prepared.
+    limit_threads(1)
     return run_job(job, _is_cancelled)

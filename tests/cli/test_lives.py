@@ -9,9 +9,10 @@ import pandas as pd
 import pytest
 
 from ema_cli.bags.unit_record import CALIBRATION_FILE
-from ema_cli.commands import lives as command
+from ema_cli.lives import making
 from ema_core.faults import FAULT_NAMES
 from ema_monitor.health import HealthLimits
+from ema_recording import read_telemetry
 from ema_recording.reader import Bag
 from ema_sim.lives import LifeSettings, constant_life, run_to_failure
 
@@ -28,8 +29,8 @@ def short():
         return run_to_failure(limits, rng, kind, FEW, with_repair=with_repair)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(command, "run_to_failure", run)
-        patch.setattr(command, "constant_life", lambda limits, rng: constant_life(limits, rng, FEW))
+        patch.setattr(making, "run_to_failure", run)
+        patch.setattr(making, "constant_life", lambda limits, rng: constant_life(limits, rng, FEW))
         yield
 
 
@@ -145,6 +146,20 @@ def test_same_seed_same_lives_however_many(ema, tmp_path, estimates):
     same, other = ((tmp_path / name / "life_0000.jsonl").read_text() for name in ("same", "other"))
     assert estimates == same
     assert estimates != other
+
+
+def test_lives_side_by_side_are_those_one_by_one(ema, tmp_path, short, two_lives):
+    given = ("--count", "2", "--seed", "5", "--fault", "backlash", "--executor", "threads")
+    result = ema("lives", "-o", tmp_path / "lives", *given, "--workers", "2")
+    assert result.exit_code == 0, result.output
+    one_by_one = two_lives / "lives.csv"
+    assert (tmp_path / "lives" / "lives.csv").read_text() == one_by_one.read_text()
+    for bag in two_lives.rglob("*.mcap"):
+        other = tmp_path / "lives" / bag.relative_to(two_lives)
+        telemetry = [
+            [block.current.tobytes() for block in read_telemetry(path)] for path in (bag, other)
+        ]
+        assert telemetry[0] == telemetry[1]
 
 
 def test_repair_is_told(ema, tmp_path, short):

@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import subprocess
-from concurrent.futures import BrokenExecutor
 from contextlib import suppress
 from functools import partial
 
@@ -14,6 +13,7 @@ import pytest
 from ema_cli.commands import thesis as command
 from ema_study.plan import Job
 from ema_study.store import RunStore
+from ema_tasks.pool import WorkerLostError
 
 from ..waiting import DEADLINE_S, wait_for
 
@@ -126,13 +126,13 @@ def test_folder_in_use_is_refused(ema, tmp_path, small):
 
 
 def test_worker_that_was_killed_is_reported_in_a_line(ema, tmp_path, small, monkeypatch):
-    def execute(jobs, executor):
-        raise BrokenExecutor("a process ended abruptly")
+    def execute(jobs, pool):
+        raise WorkerLostError("3 worker processes ended while they worked on it")
 
     monkeypatch.setattr(command, "execute", execute)
     result = ema("thesis", "-o", tmp_path, "--executor", "serial")
     assert result.exit_code == 1
-    assert "a worker process ended (a process ended abruptly)" in result.stderr
+    assert "3 worker processes ended while they worked on it; the runs so far" in result.stderr
 
 
 @pytest.mark.long

@@ -1,13 +1,16 @@
 """Runs on executors."""
 
+import json
 import os
 import signal
+import subprocess
+import sys
 import threading
-from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 
 import pytest
 
-from ema_study.execution import execute, local_executor, time_executors
+from ema_study.execution import execute, study_pool, time_executors
 from ema_study.plan import Job
 
 JOBS = [
@@ -21,24 +24,41 @@ def results(done):
 
 @pytest.fixture(scope="module")
 def serial():
-    with local_executor("serial", 1) as executor:
+    with study_pool("serial", 1) as executor:
         return results(execute(JOBS, executor))
 
 
-def test_any_executor_of_the_standard_library_will_do(serial):
-    with ThreadPoolExecutor(2) as executor:
-        assert results(execute(JOBS, executor)) == serial
-
-
 def test_threads_find_what_a_single_one_does(serial):
-    with local_executor("threads", 2) as executor:
+    with study_pool("threads", 2) as executor:
         assert results(execute(JOBS, executor)) == serial
 
 
 @pytest.mark.long
 def test_processes_find_what_a_single_one_does(serial):
-    with local_executor("processes", 2) as executor:
+    with study_pool("processes", 2) as executor:
         assert results(execute(JOBS, executor)) == serial
+
+
+@pytest.mark.long
+def test_dask_cluster_of_local_workers_finds_what_a_single_one_does(serial, tmp_path):
+    """In a process of its own: the threads of Dask's client stay until its end."""
+    script = f"""
+import json
+from pathlib import Path
+from ema_study.execution import execute, study_pool
+from ema_study.plan import Job
+jobs = [Job(**job) for job in {[asdict(job) for job in JOBS]!r}]
+if __name__ == "__main__":
+    with study_pool("dask", 2) as pool:
+        done = list(execute(jobs, pool))
+    print(json.dumps([[one.job.run, one.estimate] for one in done]))
+"""
+    (tmp_path / "study.py").write_text(script)
+    done = subprocess.run(
+        [sys.executable, tmp_path / "study.py"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert dict(json.loads(done.stdout.splitlines()[-1])) == serial
 
 
 @pytest.fixture
@@ -58,7 +78,7 @@ def test_interrupt_cancels_runs_that_have_begun():
     ]
 
     def study():
-        with local_executor("threads", 2) as executor:
+        with study_pool("threads", 2) as executor:
             list(execute(long, executor))
 
     interrupt = threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT))
@@ -71,12 +91,12 @@ def test_interrupt_cancels_runs_that_have_begun():
 @pytest.mark.parametrize(
     ("kind", "workers", "message"),
     [
-        ("cluster", 2, "executor 'cluster' is unknown; known: processes, threads, serial"),
+        ("cluster", 2, "executor 'cluster' is unknown; known: processes, threads, serial, dask"),
         ("threads", 0, "workers = 0: expected at least 1"),
     ],
 )
 def test_impossible_executor_is_refused(kind, workers, message):
-    with pytest.raises(ValueError, match=message), local_executor(kind, workers):
+    with pytest.raises(ValueError, match=message), study_pool(kind, workers):
         pass
 
 

@@ -1,30 +1,26 @@
 """``ema lives``: simulated lives to failure, as bags or as estimates."""
 
-import math
-import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import click
-import numpy as np
 import pandas as pd
 
-from ema_cli.bags.unit_record import CALIBRATION_FILE
 from ema_cli.errors import NameChoice, one_clear_line
-from ema_cli.lives.files import as_line, with_estimates, write_test
-from ema_cli.lives.tests_of_life import LifeTest, calibration_of_life, simulated_tests, unit_of_life
-from ema_cli.processes.stop_request import deferred_signals
+from ema_cli.executor_options import workers_or_all
+from ema_cli.lives.making import LifeJob, make_life, make_life_by_itself
+from ema_cli.processes.stop_request import StopRequest, deferred_signals
 from ema_cli.show.progress import progress_bar
-from ema_core.description import ActuatorDescription
-from ema_core.faults import COMPONENTS, TYPICAL
-from ema_monitor.health import HealthLimits
-from ema_sim.lives import SimulatedLife, constant_life, run_to_failure
+from ema_core.faults import TYPICAL
+from ema_monitor.model.threads import limit_threads
+from ema_tasks.choice import EXECUTORS, open_pool
+from ema_tasks.pool import ClusterLostError, WorkerLostError
 
 INDEX: Final = "lives.csv"
 """File with a line about each life."""
 
-_PART: Final = ".part"
+_SERIAL: Final = "serial"
 
 
 @click.command()
@@ -62,6 +58,25 @@ _PART: Final = ".part"
 @click.option(
     "--repair", "with_repair", is_flag=True, help="Repair the dominant fault once in each life."
 )
+@click.option(
+    "--executor",
+    default=_SERIAL,
+    type=click.Choice((_SERIAL, *EXECUTORS)),
+    help="Lives one by one, or side by side in processes, threads or on a Dask cluster, whose "
+    "workers need FOLDER at the same path; each on one core.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(1),
+    help="How many lives at once on this machine; by default as many as there are cores.",
+)
+@click.option(
+    "--scheduler",
+    default="",
+    metavar="ADDRESS",
+    help="With --executor dask: the cluster's scheduler; without it a cluster of local processes "
+    "is started.",
+)
 def lives(
     folder: Path,
     count: int,
@@ -70,6 +85,9 @@ def lives(
     form: str,
     is_constant: bool,
     with_repair: bool,
+    executor: str,
+    workers: int | None,
+    scheduler: str,
 ) -> None:
     """Simulate actuators from new until a fault reaches its limit, test by test.
 
@@ -79,87 +97,64 @@ def lives(
     """
     if is_constant and (kind or with_repair):
         raise click.UsageError("--constant excludes --fault and --repair")
+    if executor == _SERIAL and (workers or scheduler):
+        raise click.UsageError("--workers and --scheduler need --executor")
     with one_clear_line():
         if folder.exists():
             raise ValueError(f"{folder} is there already: give a folder that is not")
         folder.mkdir(parents=True)
-        index: list[dict[str, object]] = []
+        jobs = [
+            LifeJob(folder.resolve(), seed, number, kind, form, is_constant, with_repair)
+            for number in range(count)
+        ]
+        index: dict[int, dict[str, object]] = {}
         with deferred_signals() as stop, progress_bar() as progress:
-            task = progress.add_task("simulating", total=None)
-            for number in range(count):
-                of_life, of_sensors = np.random.default_rng([seed, number]).spawn(2)
-                life = _drawn(of_life, kind, is_constant=is_constant, with_repair=with_repair)
-                state = f"life {number + 1} of {count}"
-                progress.update(task, completed=0, total=len(life.hours), state=state)
-                description = unit_of_life(seed, number)
-                tests = simulated_tests(life, description, of_sensors, stop)
-                name = f"life_{number:04d}"
-                # Under another name until it is complete.
-                part = folder / f"{name}{_PART}"
-                write = _write_bags if form == "bags" else _write_estimates
-                try:
-                    for test in write(part, tests, description):
-                        progress.update(task, completed=test.number)
-                except OSError as error:
-                    _remove(part)
-                    words = error.strerror or str(error)
-                    raise OSError(error.errno, words, error.filename or str(part)) from error
-                if stop:
-                    _remove(part)
-                    raise ValueError(f"stopped: {number} of {count} lives are in {folder}")
-                part.rename(folder / (name if form == "bags" else f"{name}.jsonl"))
-                index.append(_index_line(name, description, life))
-                pd.DataFrame(index).to_csv(folder / INDEX, index=False)
+            if executor == _SERIAL:
+                made = _one_by_one(jobs, stop, progress)
+            else:
+                made = _side_by_side(jobs, stop, progress, executor, workers, scheduler)
+            for number, line in made:
+                index[number] = line
+                lines = [index[number] for number in sorted(index)]
+                pd.DataFrame(lines).to_csv(folder / INDEX, index=False)
+        if len(index) < count:
+            raise ValueError(f"stopped: {len(index)} of {count} lives are in {folder}")
     click.echo(f"{folder}: {count} {'life' if count == 1 else 'lives'}, the truth in {INDEX}")
 
 
-def _drawn(
-    rng: np.random.Generator, kind: str | None, *, is_constant: bool, with_repair: bool
-) -> SimulatedLife:
-    limits = HealthLimits()
-    by_fault = {name: limits.of(name) for name in COMPONENTS}
-    if is_constant:
-        return constant_life(by_fault, rng)
-    return run_to_failure(by_fault, rng, kind, with_repair=with_repair)
+def _one_by_one(
+    jobs: Sequence[LifeJob], stop: StopRequest, progress: Any
+) -> Iterator[tuple[int, dict[str, object]]]:
+    """Make lives in this process, until it is asked to stop."""
+    task = progress.add_task("simulating", total=None)
+    for job in jobs:
+
+        def follow(test: int, tests: int, job: LifeJob = job) -> None:
+            state = f"life {job.number + 1} of {len(jobs)}"
+            progress.update(task, completed=test, total=tests, state=state)
+
+        line = make_life(job, stop, follow)
+        if line is None:
+            return
+        yield job.number, line
 
 
-def _write_bags(
-    folder: Path, tests: Iterable[LifeTest], description: ActuatorDescription
-) -> Iterator[LifeTest]:
-    """Write the tests of a life and yield each as it is written."""
-    folder.mkdir()
-    calibration_of_life(description).save(folder / CALIBRATION_FILE)
-    for test in tests:
-        write_test(folder / f"test_{test.number:04d}.mcap", test, description)
-        yield test
-
-
-def _write_estimates(
-    path: Path, tests: Iterable[LifeTest], description: ActuatorDescription
-) -> Iterator[LifeTest]:
-    """Write the tests of a life and yield each as it is written."""
-    with path.open("w", encoding="utf-8") as file:
-        for test, estimate in with_estimates(tests, description):
-            file.write(as_line(test, estimate))
-            yield test
-
-
-def _remove(part: Path) -> None:
-    if part.is_dir():
-        shutil.rmtree(part)
-    else:
-        part.unlink(missing_ok=True)
-
-
-def _index_line(name: str, unit: ActuatorDescription, life: SimulatedLife) -> dict[str, object]:
-    """Return the line about a life; no end and no repair are empty cells."""
-    return {
-        "life": name,
-        "serial_number": unit.serial_number,
-        "dominant_fault": life.dominant,
-        "end_hours": life.end_hours if math.isfinite(life.end_hours) else None,
-        "repair_hours": life.repair_hours if math.isfinite(life.repair_hours) else None,
-        "tests": len(life.hours),
-        "missing": life.windows.count("missing"),
-        "disturbed": life.windows.count("noisy") + life.windows.count("gap"),
-    }
+def _side_by_side(
+    jobs: Sequence[LifeJob],
+    stop: StopRequest,
+    progress: Any,
+    executor: str,
+    workers: int | None,
+    scheduler: str,
+) -> Iterator[tuple[int, dict[str, object]]]:
+    """Make lives in a pool; once it is asked to stop, those that were begun are completed."""
+    task = progress.add_task("simulating", total=len(jobs))
+    try:
+        with open_pool(executor, workers_or_all(workers), scheduler) as pool:
+            for outcome in pool.run(make_life_by_itself, (job for job in jobs if not stop)):
+                progress.advance(task)
+                yield outcome.name.number, outcome.result()
+    except (ClusterLostError, WorkerLostError) as error:
+        raise ValueError(f"{error}; the lives so far are in {jobs[0].folder}") from error
+    finally:
+        limit_threads(None)

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Sequence
-from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from typing import Final
 
@@ -16,7 +15,7 @@ from ema_cli.show.progress import progress_bar
 from ema_core import __version__
 from ema_core.wording import counted
 from ema_monitor.model.threads import available_cpus
-from ema_study.execution import EXECUTORS, execute, local_executor, time_executors
+from ema_study.execution import EXECUTORS, execute, study_pool, time_executors
 from ema_study.models import MODELS
 from ema_study.plan import RUNS, Job, plan
 from ema_study.report import write_report
@@ -24,6 +23,7 @@ from ema_study.result import as_frame
 from ema_study.sources import single_fault_runs
 from ema_study.store import RunStore, numerics_version
 from ema_study.tables import study_tables, write_tables
+from ema_tasks.pool import ClusterLostError, WorkerLostError
 
 QUICK_RUNS: Final = 2
 
@@ -58,12 +58,20 @@ _TIMING = "timing.csv"
     "kind",
     default="processes",
     type=click.Choice(EXECUTORS),
-    help="Runs side by side in processes or threads, or one by one; each on one core.",
+    help="Runs side by side in processes or threads, one by one, or on a Dask cluster; each on one "
+    "core.",
 )
 @click.option(
     "--workers",
     type=click.IntRange(1),
     help="Processes or threads; by default as many as there are cores.",
+)
+@click.option(
+    "--scheduler",
+    default="",
+    metavar="ADDRESS",
+    help="With --executor dask: the cluster's scheduler; without it a cluster of local processes "
+    "is started.",
 )
 def thesis(
     folder: Path,
@@ -72,6 +80,7 @@ def thesis(
     quick: bool,
     kind: str,
     workers: int | None,
+    scheduler: str,
 ) -> None:
     """Repeat the thesis's study: ten single faults and a multiple one by GA, PSO, DE and GWO.
 
@@ -82,6 +91,8 @@ def thesis(
         raise click.UsageError("--quick and --runs exclude each other")
     if kind == "serial" and workers is not None:
         raise click.UsageError("--executor serial and --workers exclude each other")
+    if scheduler and kind != "dask":
+        raise click.UsageError("--scheduler is for --executor dask")
     workers = 1 if kind == "serial" else workers or available_cpus()
     runs = runs or (QUICK_RUNS if quick else RUNS)
     models = tuple(dict.fromkeys(models))
@@ -92,17 +103,16 @@ def thesis(
             click.echo(f"{folder}: {done} of {len(jobs)} runs are already done")
         started = time.perf_counter()
         try:
-            _run(missing, store, kind, workers)
+            _run(missing, store, kind, workers, scheduler)
             timing = _timing(folder, models)
         except KeyboardInterrupt:
             done = len(jobs) - len(store.missing(jobs))
             raise click.ClickException(
                 f"stopped with {done} of {len(jobs)} runs in {folder}; the same command resumes"
             ) from None
-        except BrokenExecutor as error:
+        except (WorkerLostError, ClusterLostError) as error:
             raise click.ClickException(
-                f"a worker process ended ({error}); the runs so far are in {folder}, the same "
-                "command resumes"
+                f"{error}; the runs so far are in {folder}, the same command resumes"
             ) from error
         minutes = (time.perf_counter() - started) / 60.0
         click.echo("writing tables, figures and report")
@@ -125,12 +135,12 @@ def thesis(
     click.echo(f"{counted(len(missing), 'run')} in {minutes:.1f} min; report: {report}")
 
 
-def _run(jobs: Sequence[Job], store: RunStore, kind: str, workers: int) -> None:
+def _run(jobs: Sequence[Job], store: RunStore, kind: str, workers: int, scheduler: str) -> None:
     if not jobs:
         return
-    with progress_bar() as progress, local_executor(kind, workers) as executor:
+    with progress_bar() as progress, study_pool(kind, workers, scheduler) as pool:
         task = progress.add_task("study", total=len(jobs), state="starting")
-        for result in execute(jobs, executor):
+        for result in execute(jobs, pool):
             store.add(result)
             job, error = result.job, result.error_percent
             state = f"{job.model}: {job.algorithm}, {job.case}, run {job.run}: {error:.2f} %"
