@@ -12,6 +12,7 @@ setup(
     packages=find_packages(include=[package, f"{package}.*"]),
     package_data={f"{package}.report": ["templates/*"]},
     install_requires=[
+        "ema_archive",
         "ema_core",
         "ema_dashboard",
         "ema_inputs",
@@ -20,6 +21,7 @@ setup(
         "ema_ros",
         "ema_sim",
         "ema_study",
+        "ema_tasks",
         "click>=8.1,<9",
         "jinja2>=3.1,<4",
         "markupsafe>=2.1,<4",

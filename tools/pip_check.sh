@@ -14,24 +14,34 @@ trap 'rm -rf "$place"' EXIT
 # Without hashes: with them pip would want hashes of our own folders, too.
 grep -oE '^[^ #]+==[^ ]+' "$root/requirements/lock.txt" | grep -v '^ros-' >"$place/constraints.txt"
 # Copies: pip would build within the sources.
-for package in ema_core ema_ros ema_sim ema_monitor ema_recording; do
+for package in ema_core ema_ros ema_sim ema_monitor ema_recording ema_tasks ema_archive; do
     cp -r "$root/$package" "$place/$package"
 done
 cd "$place"
 venv/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
-    ./ema_core ./ema_ros ./ema_sim ./ema_monitor ./ema_recording
+    ./ema_core ./ema_ros ./ema_sim ./ema_monitor ./ema_recording ./ema_tasks ./ema_archive
 rm -rf ema_*
 XDG_CACHE_HOME=$place venv/bin/python - "$root/bags/faulty_flap.mcap" <<'EOF'
 import sys
+from pathlib import Path
 
+from ema_archive.manifest import Manifest
+from ema_archive.query import answer
+from ema_archive.running import run, scan
 from ema_monitor import identify
 from ema_recording import read_windows
+from ema_tasks.local import ThreadPool
 
 found = read_windows(sys.argv[1])
 estimate = identify(found.usable[0], found.description)
 print(estimate)
+with Manifest(Path("archive"), is_new=True) as manifest, ThreadPool(1) as pool:
+    scan(manifest, [str(Path(sys.argv[1]).parent)])
+    run(manifest, pool)
+_, kept = answer(Path("archive"), "select friction from estimates where valid")
+assert kept == [(estimate.faults.friction,)], kept
 assert "rclpy" not in sys.modules
 assert estimate.valid
 assert abs(estimate.faults.friction - 0.25) < 4.0 * estimate.sigma.friction
 EOF
-echo "pip install without ROS: reads a bag and identifies"
+echo "pip install without ROS: reads a bag, identifies, and keeps an archive"

@@ -1,0 +1,108 @@
+"""Tests of a fleet that are drawn instead of recorded; workers import this."""
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from prognosis_whole import estimate_of_measurement
+
+from ema_archive.bag_task import DONE, BagResult, BagTask, UnitRows
+from ema_archive.partitions import write_health
+from ema_archive.provenance import estimation_software
+from ema_archive.sources import content_digest
+from ema_archive.tables import HEALTH, count_row, estimate_row
+from ema_core.faults import N_FAULTS, fault_vector
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.history_entry import Count
+
+MODEL: Final = "drawn"
+HOURS_A_TEST: Final = 24.0
+_SIGMA: Final = 0.004
+_NS_PER_HOUR: Final = 3_600_000_000_000
+
+
+def make_stubs(folder: Path, units: int, tests: int) -> None:
+    """Make a small file a test, in a folder a unit; tests are a day apart."""
+    for unit in range(units):
+        place = folder / f"unit_{unit:04d}"
+        place.mkdir(parents=True)
+        for number in range(tests // units):
+            stub = json.dumps({"unit": unit, "number": number, "of": tests // units})
+            (place / f"test_{number:05d}.mcap").write_text(stub)
+
+
+def draw(task: BagTask) -> BagResult:
+    """Return an estimate that is drawn, in the place of one that is identified."""
+    path = Path(task.url)
+    test = json.loads(path.read_text())
+    unit, number = test["unit"], test["number"]
+    rng = np.random.default_rng([unit, number])
+    share = number / test["of"]
+    shown = fault_vector({"friction": 1.0, "backlash": 1.0}) > 0.0
+    truth = fault_vector({"friction": 0.4 * share**2, "backlash": 0.3 * share})
+    faults = np.clip(truth + shown * _SIGMA * rng.standard_normal(N_FAULTS), 0.0, 0.99)
+    hours = number * HOURS_A_TEST
+    covariance, hidden = _SIGMA**2 * np.eye(N_FAULTS), np.zeros(N_FAULTS, dtype=bool)
+    measurement = Measurement(hours, faults, covariance, hidden)
+    calibration = Calibration.builtin()
+    estimate = estimate_of_measurement(measurement, calibration)
+    names = {"actuator_id": "flap", "serial_number": f"drawn-{unit:04d}"}
+    sha256 = content_digest(path)
+    made = {
+        "bag": task.url,
+        "bag_sha256": sha256,
+        "software": estimation_software(),
+        "settings": task.settings.estimation_id,
+    }
+    count = Count(estimate.start_ns, hours, number)
+    rows = UnitRows(
+        **names,
+        model=MODEL,
+        calibration_id=calibration.calibration_id,
+        estimates=[estimate_row(estimate, 0) | names | made],
+        usage=[count_row(count, 0) | names | {"bag": task.url}],
+    )
+    return BagResult(task, DONE, sha256=sha256, units=[rows])
+
+
+def write_drawn_health(archive: Path, units: int, tests: int) -> list[dict[str, Any]]:
+    """Write rows of health of a fleet at once; return the latest row of each unit."""
+    import pyarrow as pa
+
+    latest = []
+    for unit in range(units):
+        rng = np.random.default_rng([1, unit])
+        end = 0.2 + rng.random()
+        share = np.linspace(0.0, end, tests)
+        level = np.select([share > 1.0, share > 0.6], [2, 1], 0)
+        stamps = (np.arange(tests, dtype=np.int64) + 1) * 24 * _NS_PER_HOUR
+        columns: dict[str, Any] = {
+            "actuator_id": ["flap"] * tests,
+            "serial_number": [f"drawn-{unit:04d}"] * tests,
+            "tested": stamps // 1000,
+            "stamp_ns": stamps,
+            "hours": np.arange(tests) * HOURS_A_TEST,
+            "cycles": np.arange(tests),
+            "level": level,
+            "health_index": np.clip(1.0 - share, 0.0, 1.0),
+            "severity": np.clip(np.ceil(4.0 * share), 0, 4),
+            "confidence": np.ones(tests),
+            "dominant_fault": np.where(level > 0, "friction", ""),
+            "rul_known": np.ones(tests, dtype=bool),
+            "rul_05": 800.0 * (1.2 - share),
+            "rul_50": 1000.0 * (1.2 - share),
+            "rul_95": 1300.0 * (1.2 - share),
+            "events": [[]] * tests,
+        }
+        arrays = [
+            pa.array(columns[field.name], field.type)
+            if field.name in columns
+            else pa.nulls(tests, field.type)
+            for field in HEALTH
+        ]
+        table = pa.Table.from_arrays(arrays, schema=HEALTH)
+        write_health(archive, MODEL, f"flap+drawn-{unit:04d}", table)
+        latest += table.slice(tests - 1).to_pylist()
+    return latest

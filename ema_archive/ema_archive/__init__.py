@@ -1,0 +1,1 @@
+"""The bags of a fleet as tables."""

@@ -1,0 +1,61 @@
+"""Which calibration a bag of an archive is identified with."""
+
+from functools import lru_cache
+from urllib.parse import quote
+
+from ema_archive.sources import local_copy, mark_of
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.loading import AnyCalibration, load_calibration
+
+_KEPT = 256
+
+
+def source_of(pattern: str, beside: str) -> str:
+    """Return where the calibration of a bag comes from; empty for the shipped one.
+
+    Parameters
+    ----------
+    pattern
+        That of the archive's settings.
+    beside
+        The calibration beside the bag; empty when there is none.
+    """
+    return pattern or beside
+
+
+def calibration_of(source: str, actuator_id: str, serial_number: str) -> AnyCalibration | str:
+    """Return the calibration of a unit, or why there is none.
+
+    Parameters
+    ----------
+    source
+        As of `source_of`; ``{actuator_id}`` and ``{serial_number}`` stand for those of the unit.
+
+    Raises
+    ------
+    OSError
+        When a file that is there cannot be read.
+    """
+    if not source:
+        return Calibration.builtin()
+    url = source
+    for name, value in (("actuator_id", actuator_id), ("serial_number", serial_number)):
+        url = url.replace(f"{{{name}}}", quote(value, safe=" "))
+    mark = mark_of(url)
+    if not mark:
+        return f"there is no calibration: {url} is missing"
+    return _loaded(url, mark)
+
+
+def identity_of(calibration: AnyCalibration | str) -> str:
+    """Return the identity of a calibration; empty when there is none."""
+    return "" if isinstance(calibration, str) else calibration.calibration_id
+
+
+@lru_cache(_KEPT)
+def _loaded(url: str, mark: str) -> AnyCalibration | str:
+    with local_copy(url) as path:
+        try:
+            return load_calibration(path)
+        except ValueError as error:
+            return f"the calibration cannot be used: {str(error).replace(str(path), url)}"

@@ -1,0 +1,66 @@
+"""Which software a result follows from: a digest of the sources that it depends on."""
+
+import hashlib
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+import numba
+import numpy as np
+
+_ESTIMATION: Final = (
+    "ema_core",
+    "ema_monitor.calibration",
+    "ema_monitor.identification",
+    "ema_monitor.model",
+    "ema_monitor.optimizers",
+    "ema_monitor.unknown_drive",
+    "ema_monitor.windows",
+    "ema_recording.reader",
+    "ema_recording.contents",
+    "ema_recording.packed",
+    "ema_recording.schema",
+    "ema_recording.telemetry",
+    "ema_recording.usage",
+    "ema_recording.windows",
+    "ema_ros.description",
+    "ema_ros.measured",
+    "ema_ros.telemetry",
+    "ema_archive.bag_task",
+    "ema_archive.tables",
+)
+_PROGNOSIS: Final = (
+    "ema_core",
+    "ema_monitor.health",
+    "ema_monitor.model",
+    "ema_monitor.prognosis",
+    "ema_archive.resuming",
+    "ema_archive.tables",
+    "ema_archive.unit_task",
+)
+
+
+@cache
+def estimation_software() -> str:
+    """Return a digest of all sources that the estimates of a bag depend on."""
+    return _digest(_ESTIMATION)
+
+
+@cache
+def prognosis_software() -> str:
+    """Return a digest of all sources that health and life depend on, beside the estimates."""
+    return _digest(_PROGNOSIS)
+
+
+def _digest(names: tuple[str, ...]) -> str:
+    digest = hashlib.sha256(f"{np.__version__} {numba.__version__}".encode())
+    for name in names:
+        spec = find_spec(name)
+        if spec is None or spec.origin is None:
+            raise RuntimeError(f"module {name} has no source")
+        source = Path(spec.origin)
+        is_package = spec.submodule_search_locations is not None
+        for path in sorted(source.parent.rglob("*.py")) if is_package else [source]:
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]

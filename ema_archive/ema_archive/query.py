@@ -1,0 +1,168 @@
+"""Questions to the tables of an archive, in SQL; nothing else can be read, and nothing written."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+import duckdb
+import pyarrow as pa
+
+from ema_archive.partitions import SCHEMAS, TABLES
+from ema_archive.summaries import SUMMARIES
+
+VIEWS: Final = (
+    "latest_health",
+    "worst_first",
+    "growth",
+    "alarms",
+    "false_alarms",
+    "refused",
+    "refused_why",
+)
+"""Ready views, beside the tables."""
+
+_PARTITIONED: Final = {
+    "estimates": ("model", "unit", "month"),
+    "usage": ("model", "unit", "month"),
+    "health": ("model", "unit"),
+}
+FORMATS: Final = {".csv": "(FORMAT csv, HEADER)", ".parquet": "(FORMAT parquet, COMPRESSION zstd)"}
+"""How a table is exported, by the suffix of the file."""
+
+
+@contextmanager
+def opened(archive: Path, *, exports_to: Path | None = None) -> Iterator[duckdb.DuckDBPyConnection]:
+    """Yield a connection with a view for each table of an archive, and the ready ones.
+
+    It reads the tables of the archive and no other file, and its settings cannot be changed.
+
+    Parameters
+    ----------
+    exports_to
+        The one file that may be written.
+    """
+    with duckdb.connect() as db:
+        tables = (archive / TABLES).resolve()
+        _make_views(db, tables)
+        db.execute(f"SET allowed_directories = [{_text(f'{tables}/')}]")
+        if exports_to is not None:
+            db.execute(f"SET allowed_paths = [{_text(str(exports_to))}]")
+        db.execute("SET enable_external_access = false")
+        db.execute("SET lock_configuration = true")
+        yield db
+
+
+def columns_of(archive: Path) -> dict[str, list[tuple[str, str]]]:
+    """Return name and type of each column, by table and view."""
+    with opened(archive) as db:
+        names = [
+            row[0]
+            for row in db.execute(
+                "SELECT view_name FROM duckdb_views() WHERE NOT internal ORDER BY 1"
+            ).fetchall()
+        ]
+        return {
+            name: [(row[0], row[1]) for row in db.execute(f"DESCRIBE {name}").fetchall()]
+            for name in names
+        }
+
+
+def answer(archive: Path, question: str) -> tuple[list[str], list[tuple[Any, ...]]]:
+    """Return the names of the columns and the rows that a query in SQL gives.
+
+    Raises
+    ------
+    ValueError
+        When it is no query, or cannot be answered.
+    """
+    with opened(archive) as db:
+        relation = _asked(db, question)
+        return list(relation.columns), relation.fetchall()
+
+
+def export(archive: Path, question: str, path: Path) -> int:
+    """Write the answer to a query, or a table or view by its name, to a file; return its rows.
+
+    Parameters
+    ----------
+    path
+        The file: ``.csv`` or ``.parquet``.
+
+    Raises
+    ------
+    ValueError
+        When the query cannot be answered, or the file is of another kind.
+    OSError
+        When it cannot be written.
+    """
+    if path.suffix not in FORMATS:
+        raise ValueError(f"{path}: expected a name that ends in {' or '.join(FORMATS)}")
+    if question.isidentifier():
+        question = f"SELECT * FROM {question}"
+    path = path.resolve()
+    with opened(archive, exports_to=path) as db:
+        query = _asked(db, question).sql_query()
+        try:
+            done = db.execute(f"COPY ({query}) TO {_text(str(path))} {FORMATS[path.suffix]}")
+        except duckdb.IOException as error:
+            raise OSError(f"{path} cannot be written: {error}") from error
+        except duckdb.Error as error:
+            raise ValueError(_first_line(error)) from error
+        return int((done.fetchone() or (0,))[0])
+
+
+def _asked(db: duckdb.DuckDBPyConnection, question: str) -> duckdb.DuckDBPyRelation:
+    try:
+        statements = db.extract_statements(question)
+        if [one.type for one in statements] != [duckdb.StatementType.SELECT]:
+            raise ValueError(
+                'expected one query, such as "select * from worst_first limit 20"; tables: '
+                f"{', '.join((*_PARTITIONED, 'bags', 'units'))}; views: {', '.join(VIEWS)}"
+            )
+        return db.sql(statements[0].query)
+    except duckdb.Error as error:
+        raise ValueError(_first_line(error)) from error
+
+
+def _first_line(error: Exception) -> str:
+    return " ".join(str(error).split("\n\n")[0].split())
+
+
+def _make_views(db: duckdb.DuckDBPyConnection, tables: Path) -> None:
+    for name, keys in _PARTITIONED.items():
+        pattern = "/".join([*("*" for _ in keys), "*.parquet"])
+        if next((tables / name).glob(pattern), None) is None:
+            schema = pa.schema([*SCHEMAS[name], *((key, pa.string()) for key in keys)])
+            _make_empty(db, name, schema)
+            continue
+        types = ", ".join(f"'{key}': VARCHAR" for key in keys)
+        db.execute(
+            f"CREATE VIEW {name} AS SELECT * FROM read_parquet("
+            f"{_text(str(tables / name / pattern))}, hive_partitioning = true, "
+            f"hive_types = {{{types}}})"
+        )
+    for name, schema in SUMMARIES.items():
+        path = tables / f"{name}.parquet"
+        if path.exists():
+            db.execute(f"CREATE VIEW {name} AS SELECT * FROM read_parquet({_text(str(path))})")
+        else:
+            _make_empty(db, name, schema)
+    for statement in _statements(files("ema_archive").joinpath("views.sql").read_text()):
+        db.execute(statement)
+
+
+def _make_empty(db: duckdb.DuckDBPyConnection, name: str, schema: pa.Schema) -> None:
+    empty = schema.empty_table()
+    db.register(f"_{name}", empty)
+    db.execute(f"CREATE TABLE {name} AS SELECT * FROM _{name}")
+    db.unregister(f"_{name}")
+
+
+def _statements(text: str) -> Sequence[str]:
+    return [one for one in text.split(";\n") if "CREATE" in one]
+
+
+def _text(words: str) -> str:
+    return "'" + words.replace("'", "''") + "'"

@@ -1,0 +1,274 @@
+"""Bring an archive up to date: bags to estimates, then units to health and life."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from ema_archive.bag_task import DAMAGED, DONE, FAILED, BagResult, BagTask, diagnose_bag
+from ema_archive.calibrations import source_of
+from ema_archive.manifest import Manifest, UnitEntry
+from ema_archive.partitions import read_state, read_unit, replace_rows, write_health, write_state
+from ema_archive.settings import ArchiveSettings
+from ema_archive.sources import full_url, list_bags
+from ema_archive.summaries import write_summaries
+from ema_archive.unit_task import UnitResult, UnitTask, follow_unit
+from ema_tasks.pool import ClusterLostError, Outcome, Pool, WorkerLostError
+
+_MOST_GATHERED: Final = 2000
+_LONGEST_GATHERED_S: Final = 30.0
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is.
+
+    Attributes
+    ----------
+    what
+        "bags" or "units".
+    done, total
+        How many are done, of how many.
+    failures
+        How many of those done could not be used.
+    latest
+        The latest that could not, and why; empty when there was none.
+    """
+
+    what: str
+    done: int
+    total: int
+    failures: int = 0
+    latest: str = ""
+
+
+Follow = Callable[[Progress], None]
+
+
+@dataclass
+class Tally:
+    """What a run did.
+
+    Attributes
+    ----------
+    bags, damaged, failed
+        Bags that were done; of these those that cannot, or could not, be read.
+    units, followed
+        Units whose health and life was found, and how many of their windows were followed for it.
+    not_followed
+        Units whose health and life could not be found, with the reason.
+    """
+
+    bags: int = 0
+    damaged: int = 0
+    failed: int = 0
+    units: int = 0
+    followed: int = 0
+    not_followed: dict[str, str] = field(default_factory=dict)
+
+
+def scan(
+    manifest: Manifest, sources: Sequence[str], follow: Callable[[int], None] = lambda _: None
+) -> int:
+    """List the bags of the sources of an archive, those given anew included; return how many.
+
+    Parameters
+    ----------
+    follow
+        Called with the number of bags so far.
+
+    Raises
+    ------
+    ValueError, OSError
+        As of `list_bags`; what was noted before stays.
+    """
+    every = list(dict.fromkeys([*manifest.sources, *(full_url(source) for source in sources)]))
+    number, found = manifest.next_scan, 0
+    for source in every:
+        for bags in list_bags(source, manifest.archive.resolve()):
+            manifest.note(bags, number)
+            found += len(bags)
+            follow(found)
+    # Only now: where a store is out of reach, its bags are not gone.
+    manifest.end_scan(number, every)
+    return found
+
+
+def run(
+    manifest: Manifest,
+    pool: Pool,
+    follow: Follow = lambda _: None,
+    diagnose: Callable[[BagTask], BagResult] = diagnose_bag,
+) -> Tally:
+    """Do what is to be done in an archive.
+
+    What is done is in the tables within half a minute, also when the run is ended by an exception.
+
+    Parameters
+    ----------
+    follow
+        Called after each bag and each unit.
+    diagnose
+        What is done with a bag.
+
+    Raises
+    ------
+    OSError
+        When the archive cannot be written; or a calibration cannot be read.
+    ClusterLostError
+        When the workers are out of reach.
+    """
+    tally = Tally()
+    try:
+        run_bags(manifest, pool, tally, follow, diagnose)
+        run_units(manifest, pool, tally, follow)
+    finally:
+        write_summaries(manifest)
+    return tally
+
+
+def run_bags(
+    manifest: Manifest,
+    pool: Pool,
+    tally: Tally,
+    follow: Follow = lambda _: None,
+    diagnose: Callable[[BagTask], BagResult] = diagnose_bag,
+) -> None:
+    """Do the bags that are to be done; arguments as of `run`, and what to count in."""
+    settings = manifest.settings
+    total = manifest.find_due(settings)
+    latest = ""
+    follow(Progress("bags", 0, total))
+    gathered = _Gathered(manifest, settings)
+    tasks = (
+        BagTask(url, mark, source_of(settings.calibration, beside), settings)
+        for url, mark, beside in manifest.due(settings)
+    )
+    try:
+        # Closed, so that another run may use the pool.
+        with closing(pool.run(diagnose, tasks)) as outcomes:
+            for outcome in outcomes:
+                result = _bag_result(outcome)
+                tally.bags += 1
+                tally.damaged += result.state == DAMAGED
+                tally.failed += result.state == FAILED
+                if result.state != DONE:
+                    latest = result.reason
+                gathered.add(result)
+                follow(Progress("bags", tally.bags, total, tally.damaged + tally.failed, latest))
+    except OSError:
+        # The disk: what is gathered cannot be written either, and is done again.
+        raise
+    except BaseException:
+        gathered.commit()
+        raise
+    gathered.commit()
+
+
+def _bag_result(outcome: Outcome) -> BagResult:
+    task, error = outcome.name, outcome.error
+    if error is None:
+        return outcome.value
+    if isinstance(error, ClusterLostError):
+        raise error
+    if isinstance(error, WorkerLostError):
+        return BagResult(task, DAMAGED, str(error))
+    return BagResult(task, FAILED, f"{type(error).__name__}: {error}")
+
+
+class _Gathered:
+    """Results that are not in the tables yet."""
+
+    def __init__(self, manifest: Manifest, settings: ArchiveSettings) -> None:
+        self._manifest, self._settings = manifest, settings
+        self._results: list[BagResult] = []
+        self._began = time.monotonic()
+
+    def add(self, result: BagResult) -> None:
+        """Add a result; now and then all are written."""
+        self._results.append(result)
+        age_s = time.monotonic() - self._began
+        if len(self._results) >= _MOST_GATHERED or age_s >= _LONGEST_GATHERED_S:
+            self.commit()
+
+    def commit(self) -> None:
+        """Write rows to the tables, each file as a whole, then note them as done.
+
+        After a kill between both they are done again, in the place of these.
+        """
+        if self._results:
+            write_results(self._manifest, self._results, self._settings)
+        self._results, self._began = [], time.monotonic()
+
+
+def write_results(
+    manifest: Manifest, results: Sequence[BagResult], settings: ArchiveSettings
+) -> None:
+    """Put the rows of bags into the tables and note what became of them."""
+    kept = [one for one in results if one.state != FAILED]
+    parts = {(one.task.url, part.model, part.unit): part for one in kept for part in one.units}
+    archive = manifest.archive
+    for place, urls in sorted(manifest.begin(kept).items()):
+        model, unit, month = place
+        found = [part for url in sorted(urls) if (part := parts.get((url, model, unit)))]
+        for table in ("estimates", "usage"):
+            rows = [row for part in found for row in part.rows(table, month)]
+            replace_rows(archive, table, place, urls, rows)
+    manifest.commit(results, settings)
+
+
+def run_units(
+    manifest: Manifest, pool: Pool, tally: Tally, follow: Follow = lambda _: None
+) -> None:
+    """Follow the units that are to be followed; arguments as of `run`, and what to count in."""
+    settings = manifest.settings
+    due = manifest.units_due(settings)
+    follow(Progress("units", 0, len(due)))
+    entries = {entry.unit: entry for entry in due}
+    for outcome in _followed(manifest, pool, due, settings):
+        if outcome.error is not None:
+            if isinstance(outcome.error, ClusterLostError):
+                raise outcome.error
+            # The others are followed all the same; this one stays due.
+            words = f"{type(outcome.error).__name__}: {outcome.error}"
+            tally.not_followed[outcome.name] = words
+            continue
+        result: UnitResult = outcome.value
+        entry = entries[outcome.name]
+        write_health(manifest.archive, entry.model, entry.unit, result.health)
+        write_state(manifest.archive, entry.unit, result.kept)
+        manifest.commit_unit(entry, result)
+        tally.units += 1
+        tally.followed += result.repeated
+        follow(Progress("units", tally.units, len(due)))
+
+
+def _followed(
+    manifest: Manifest, pool: Pool, due: Sequence[UnitEntry], settings: ArchiveSettings
+) -> Iterator[Outcome]:
+    try:
+        for entry in due:
+            while not pool.has_room:
+                yield pool.next()
+            task = _unit_task(manifest.archive, entry, settings)
+            pool.submit(entry.unit, follow_unit, task)
+        while pool.pending:
+            yield pool.next()
+    finally:
+        pool.forget()
+
+
+def _unit_task(archive: Path, entry: UnitEntry, settings: ArchiveSettings) -> UnitTask:
+    return UnitTask(
+        entry.unit,
+        entry.actuator_id,
+        entry.serial_number,
+        entry.source,
+        settings,
+        read_unit(archive, "estimates", entry.unit),
+        read_unit(archive, "usage", entry.unit),
+        read_unit(archive, "health", entry.unit),
+        read_state(archive, entry.unit),
+    )

@@ -1,0 +1,118 @@
+"""What an archive is computed with, as values that a file keeps and tasks are given."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Self
+
+from ema_monitor.health import HealthLimits
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
+from ema_monitor.prognosis.requirements.requirements import RequirementLimits
+from ema_monitor.prognosis.service import Service
+from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.windows.measurements import MAX_AGE_S
+from ema_monitor.windows.trigger import TriggerSettings
+
+
+@dataclass(frozen=True)
+class ArchiveSettings:
+    """What an archive is computed with.
+
+    Attributes
+    ----------
+    calibration
+        Path of the calibrations, in which ``{actuator_id}`` and ``{serial_number}`` stand for those
+        of a unit; when empty, ``calibration.yaml`` beside a bag, or else the shipped one.
+    trigger
+        Which windows of a bag are looked at.
+    measured_max_age_s
+        Age up to which a recorded measurement of a hidden cause holds for a window [s].
+    search
+        How faults are searched in a window. Each search begins cold, so that the estimates of a bag
+        follow from that bag alone.
+    prognosis
+        What health and life follow from, beside the estimates.
+    """
+
+    calibration: str = ""
+    trigger: TriggerSettings = field(default_factory=TriggerSettings)
+    measured_max_age_s: float = MAX_AGE_S
+    search: SearchSettings = field(default_factory=lambda: SearchSettings(warm_start=False))
+    prognosis: PrognosisSettings = field(default_factory=PrognosisSettings)
+
+    @property
+    def estimation_id(self) -> str:
+        """Identity of what estimates follow from."""
+        return digest(
+            {
+                "trigger": asdict(self.trigger),
+                "measured_max_age_s": self.measured_max_age_s,
+                "search": _values(self.search),
+            }
+        )
+
+    @property
+    def prognosis_id(self) -> str:
+        """Identity of what health and life follow from."""
+        return digest(_of_prognosis(self.prognosis))
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return plain values, for `of_mapping`."""
+        return {
+            "calibration": self.calibration,
+            "trigger": asdict(self.trigger),
+            "measured_max_age_s": self.measured_max_age_s,
+            "search": _values(self.search),
+            "prognosis": _of_prognosis(self.prognosis),
+        }
+
+    @classmethod
+    def of_mapping(cls, values: Mapping[str, Any]) -> Self:
+        """Return the settings of plain values.
+
+        Raises
+        ------
+        ValueError, KeyError, TypeError
+            When they are none.
+        """
+        prognosis = values["prognosis"]
+        tracker = dict(prognosis["tracker"])
+        laws = {name: KnownLaw(**law) for name, law in tracker.pop("laws").items()}
+        return cls(
+            values["calibration"],
+            TriggerSettings(**values["trigger"]),
+            values["measured_max_age_s"],
+            SearchSettings(**values["search"]),
+            PrognosisSettings(
+                HealthLimits(**prognosis["limits"]),
+                RequirementLimits(**prognosis["requirements"]),
+                TrackerSettings(laws=laws, **tracker),
+                Service(**prognosis["service"]),
+            ),
+        )
+
+
+def digest(values: Any) -> str:
+    """Return an identity of plain values: equal ones have an equal one."""
+    text = json.dumps(values, sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _values(search: SearchSettings) -> dict[str, Any]:
+    # A stop rule of a caller's own is code: it has no place in a file.
+    return {
+        item.name: getattr(search, item.name) for item in fields(search) if item.name != "stop_rule"
+    }
+
+
+def _of_prognosis(settings: PrognosisSettings) -> dict[str, Any]:
+    tracker = {item.name: getattr(settings.tracker, item.name) for item in fields(settings.tracker)}
+    tracker["laws"] = {name: asdict(law) for name, law in settings.tracker.laws.items()}
+    return {
+        "limits": asdict(settings.limits),
+        "requirements": asdict(settings.requirements),
+        "tracker": tracker,
+        "service": asdict(settings.service),
+    }

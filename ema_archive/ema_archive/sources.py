@@ -1,0 +1,169 @@
+"""Bags in folders and object stores: what is there, and a copy to read where it is not local."""
+
+import hashlib
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import fsspec
+from fsspec.implementations.local import LocalFileSystem
+
+from ema_recording.metadata import METADATA_FILE
+
+CALIBRATION_FILE: Final = "calibration.yaml"
+"""Name of the calibration of the unit whose bags lie in the same folder."""
+
+_CHUNK: Final = 1 << 20
+_CHANGE_MARKS: Final = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified")
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A bag as its folder lists it.
+
+    Attributes
+    ----------
+    url
+        Where it is: a path, or an address of an object store.
+    folder
+        Where the folder is that holds it.
+    size
+        Its size [bytes].
+    mark
+        What changes when its content does: size, and the mark of the store or the time.
+    beside
+        Where the calibration beside it is; empty when there is none.
+    """
+
+    url: str
+    folder: str
+    size: int
+    mark: str
+    beside: str
+
+
+def list_bags(source: str, without: Path | None = None) -> Iterator[list[Listed]]:
+    """Yield the bags of each folder of a source, folder by folder.
+
+    Parameters
+    ----------
+    source
+        A folder, or the address of one in an object store, as fsspec has them.
+    without
+        A local folder that is passed over.
+
+    Raises
+    ------
+    ValueError
+        When the address is of no store that is known here.
+    OSError
+        When it cannot be read, or there is no such folder.
+    """
+    files, root = _opened(source)
+    if not files.isdir(root):
+        raise FileNotFoundError(f"{source}: there is no such folder")
+    for folder, folders, entries in files.walk(root, detail=True, on_error="raise"):
+        if without is not None and isinstance(files, LocalFileSystem) and Path(folder) == without:
+            folders.clear()
+            continue
+        beside = entries.get(CALIBRATION_FILE)
+        calibration = _url(files, beside["name"]) if beside else ""
+        bags = [
+            Listed(
+                _url(files, info["name"]),
+                _url(files, folder),
+                int(info["size"]),
+                _mark([info]),
+                calibration,
+            )
+            for name, info in entries.items()
+            if name.endswith(".mcap")
+        ]
+        for name, info in sorted(folders.items()):
+            inside = files.ls(info["name"], detail=True)
+            if any(item["name"].endswith(f"/{METADATA_FILE}") for item in inside):
+                del folders[name]
+                size = sum(int(item["size"] or 0) for item in inside)
+                bags.append(
+                    Listed(
+                        _url(files, info["name"]),
+                        _url(files, folder),
+                        size,
+                        _mark(sorted(inside, key=lambda item: item["name"])),
+                        calibration,
+                    )
+                )
+        if bags:
+            yield sorted(bags, key=lambda bag: bag.url)
+
+
+@contextmanager
+def local_copy(url: str) -> Iterator[Path]:
+    """Yield a path at which what is at an address can be read; a copy is removed afterwards.
+
+    Raises
+    ------
+    OSError
+        When it cannot be read.
+    """
+    files, path = _opened(url)
+    if isinstance(files, LocalFileSystem):
+        yield Path(path)
+        return
+    with tempfile.TemporaryDirectory(prefix="ema_archive_") as folder:
+        copy = Path(folder) / path.rstrip("/").rpartition("/")[2]
+        files.get(path, str(copy), recursive=files.isdir(path))
+        yield copy
+
+
+def content_digest(path: Path) -> str:
+    """Return a SHA-256 of a file, or of the files of a folder and their names."""
+    digest = hashlib.sha256()
+    for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
+        if not file.is_file():
+            continue
+        if file != path:
+            digest.update(f"{file.relative_to(path)}\0".encode())
+        with file.open("rb") as opened:
+            while chunk := opened.read(_CHUNK):
+                digest.update(chunk)
+    return digest.hexdigest()
+
+
+def mark_of(url: str) -> str:
+    """Return what changes when a file at an address does; empty when there is none."""
+    files, path = _opened(url)
+    try:
+        return _mark([files.info(path)])
+    except FileNotFoundError:
+        return ""
+
+
+def full_url(source: str) -> str:
+    """Return the address of a source that holds wherever a process works."""
+    files, root = _opened(source)
+    return _url(files, root)
+
+
+def _opened(url: str) -> tuple[Any, str]:
+    try:
+        return fsspec.core.url_to_fs(url)
+    except ImportError as error:
+        raise ValueError(f"{url}: this store needs another package: {error}") from error
+
+
+def _url(files: Any, path: str) -> str:
+    return path if isinstance(files, LocalFileSystem) else files.unstrip_protocol(path)
+
+
+def _mark(infos: list[dict[str, Any]]) -> str:
+    parts = []
+    for info in infos:
+        marks = (str(info[name]) for name in _CHANGE_MARKS if info.get(name) is not None)
+        parts.append(f"{info['size']} {next(marks, '')}")
+    if len(parts) == 1:
+        return parts[0]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]

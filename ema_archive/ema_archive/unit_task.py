@@ -1,0 +1,153 @@
+"""The task of a unit: from the rows of its estimates and counts to those of health and life."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import pyarrow as pa
+
+from ema_archive.calibrations import calibration_of, identity_of
+from ema_archive.provenance import prognosis_software
+from ema_archive.resuming import KeptState, can_resume, entry_columns, resumed, state_digest
+from ema_archive.settings import ArchiveSettings
+from ema_archive.tables import (
+    HEALTH,
+    count_from,
+    estimate_from,
+    growth_rows,
+    health_row,
+)
+from ema_monitor.model.threads import limit_threads
+from ema_monitor.prognosis.following import outlooks
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.prognostics import Prognostics
+
+
+@dataclass(frozen=True)
+class UnitTask:
+    """What a worker is to do with the tests of a unit.
+
+    Attributes
+    ----------
+    unit
+        Its name, as in paths.
+    source
+        Where its calibration comes from.
+    estimates, usage, health
+        Its rows in these tables, in order of time.
+    kept
+        What an earlier task kept; empty when nothing.
+    """
+
+    unit: str
+    actuator_id: str
+    serial_number: str
+    source: str
+    settings: ArchiveSettings
+    estimates: pa.Table
+    usage: pa.Table
+    health: pa.Table
+    kept: bytes
+
+
+@dataclass(frozen=True)
+class UnitResult:
+    """Health and life of a unit.
+
+    Attributes
+    ----------
+    made_by
+        Identity of what they follow from, beside its tests.
+    health
+        Rows of the table of health, one a valid test.
+    latest
+        The last of them, as plain values; None when there is none.
+    growth
+        Rows of the table of growth.
+    kept
+        What a later task goes on from; empty when nothing.
+    repeated
+        Number of windows that were followed; the others were known.
+    """
+
+    unit: str
+    made_by: str
+    health: pa.Table
+    latest: dict[str, Any] | None
+    growth: list[dict[str, Any]]
+    kept: bytes
+    repeated: int
+
+
+def made_by(settings: ArchiveSettings, calibration_id: str) -> str:
+    """Return the identity of what health and life follow from, beside the tests of a unit."""
+    return f"{prognosis_software()} {settings.prognosis_id} {calibration_id}"
+
+
+def follow_unit(task: UnitTask) -> UnitResult:
+    """Return health and life of a unit after each test, as ``ema prognose`` gives them.
+
+    Where tests are added at the end, those before are not repeated.
+    """
+    limit_threads(1)
+    key = (task.actuator_id, task.serial_number)
+    calibration = calibration_of(task.source, *key)
+    parameters = None if isinstance(calibration, str) else calibration.unit_parameters
+    settings = task.settings.prognosis
+    maker = made_by(task.settings, identity_of(calibration))
+    estimates, usage = task.estimates.to_pylist(), task.usage.to_pylist()
+    prognostics, known, rows = _begun(task, maker, estimates, usage)
+    shared = {
+        "actuator_id": task.actuator_id,
+        "serial_number": task.serial_number,
+        "software": prognosis_software(),
+        "settings": task.settings.prognosis_id,
+    }
+    later = (estimate_from(row) for row in estimates[known:])
+    counts = [count_from(row) for row in usage]
+    last = None
+    for estimate, outlook in outlooks(prognostics, key, later, counts, parameters, settings):
+        if outlook is not None:
+            history = prognostics.history
+            kept = entry_columns(history.entries[-1], history.assessments[outlook.stamp_ns])
+            rows.append(health_row(outlook, estimate.calibration_id) | shared | kept)
+            last = outlook
+    if last is None:
+        # Of a refused test nothing follows: health is that of the test before.
+        last = prognostics.resume(parameters, settings)
+    names = {name: shared[name] for name in ("actuator_id", "serial_number")}
+    state = b""
+    if can_resume(settings) and rows:
+        digest = state_digest(estimates, usage)
+        growth = prognostics.growth.state()
+        state = KeptState(maker, len(estimates), digest, growth).as_bytes()
+    return UnitResult(
+        task.unit,
+        maker,
+        pa.Table.from_pylist(rows, HEALTH),
+        rows[-1] if rows else None,
+        [] if last is None else [row | names for row in growth_rows(last)],
+        state,
+        len(estimates) - known,
+    )
+
+
+def _begun(
+    task: UnitTask, maker: str, estimates: list[dict[str, Any]], usage: list[dict[str, Any]]
+) -> tuple[Prognostics, int, list[dict[str, Any]]]:
+    """Return the prognosis to go on from, how many windows it knows, and their rows of health."""
+    key, settings = (task.actuator_id, task.serial_number), task.settings.prognosis
+    kept = KeptState.of_bytes(task.kept) if task.kept else None
+    if kept is not None and kept.made_by == maker and kept.tests <= len(estimates):
+        before, health = estimates[: kept.tests], task.health.to_pylist()
+        if state_digest(before, usage) == kept.digest:
+            stamps = {row["end_ns"] for row in before if row["valid"]}
+            # As they are made: stamps of a table are dates when they are read.
+            rows = [
+                row | {"tested": row["stamp_ns"] // 1000}
+                for row in health
+                if row["stamp_ns"] in stamps
+            ]
+            prognostics = resumed(key, kept, settings, before, rows)
+            if prognostics is not None and len(rows) >= len(stamps):
+                return prognostics, kept.tests, rows
+    return Prognostics(History(*key), settings), 0, []

@@ -1,0 +1,55 @@
+-- Views over the tables of an archive. Levels: 0 OK, 1 WARN, 2 ERROR, 3 STALE.
+CREATE VIEW latest_health AS SELECT * FROM units;
+
+-- The worst first: by level, then by the median of the remaining life, then by health.
+CREATE VIEW worst_first AS
+SELECT
+    model, actuator_id, serial_number, ['OK', 'WARN', 'ERROR', 'STALE'][level + 1] AS health,
+    dominant_fault, health_index, rul_05, rul_50, rul_95, hours, tested
+FROM units
+ORDER BY
+    CASE level WHEN 3 THEN -1 ELSE level END DESC,
+    CASE WHEN rul_known THEN rul_50 ELSE 'inf'::DOUBLE END,
+    health_index, model, unit;
+
+-- An alarm is a run of tests in WARN or ERROR. False is one that later tests took back, though
+-- nothing was done to the unit meanwhile: no repair, and no step of a fault.
+CREATE VIEW alarms AS
+WITH marked AS (
+    SELECT
+        *, level IN (1, 2) AS is_alarm,
+        count(*) FILTER (WHERE level NOT IN (1, 2))
+            OVER (PARTITION BY model, unit ORDER BY stamp_ns) AS quiet_before
+    FROM health
+),
+ends AS (
+    SELECT
+        *, lead(events) OVER tests AS next_events, lead(stamp_ns) OVER tests AS next_ns
+    FROM marked
+    WINDOW tests AS (PARTITION BY model, unit ORDER BY stamp_ns)
+)
+SELECT
+    model, unit, any_value(actuator_id) AS actuator_id, any_value(serial_number) AS serial_number,
+    min(tested) AS began, max(tested) AS last_test, count(*) AS tests, max(level) AS level,
+    arg_max(dominant_fault, level) AS dominant_fault,
+    last(next_ns ORDER BY stamp_ns) IS NOT NULL AS is_over,
+    coalesce(len(list_filter(last(next_events ORDER BY stamp_ns),
+        lambda event: event.kind IN ('repair', 'step'))) > 0, false) AS was_repaired
+FROM ends WHERE is_alarm GROUP BY model, unit, quiet_before;
+
+CREATE VIEW false_alarms AS
+SELECT * FROM alarms WHERE is_over AND NOT was_repaired ORDER BY began, model, unit;
+
+-- What gave no estimate: bags that cannot be read or have no window, and refused windows.
+CREATE VIEW refused AS
+SELECT bag, NULL::INTEGER AS number, NULL::TIMESTAMP AS tested, state AS what, reason
+FROM bags WHERE state <> 'new' AND reason <> ''
+UNION ALL
+SELECT bag, number, tested, 'refused' AS what, reason FROM estimates WHERE NOT valid;
+
+-- The same reasons, whatever figures are in them, counted.
+CREATE VIEW refused_why AS
+SELECT
+    what, regexp_replace(replace(reason, bag, 'BAG'), '-?[0-9]+([.][0-9]+)?(e[-+]?[0-9]+)?', '#', 'g') AS reason,
+    count(*) AS count, min(bag) AS for_instance
+FROM refused GROUP BY ALL ORDER BY count DESC, 1, 2;

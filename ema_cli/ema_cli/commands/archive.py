@@ -1,0 +1,249 @@
+"""``ema archive``: the bags of a fleet as tables, brought up to date and asked."""
+
+import json
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from ema_archive.manifest import Manifest, Status
+from ema_archive.query import FORMATS, answer, columns_of, export
+from ema_archive.running import Progress, run, scan
+from ema_archive.summaries import are_current, write_summaries
+from ema_cli.archive_options import GivenSettings, settings_options
+from ema_cli.errors import REFUSED, one_clear_line
+from ema_cli.executor_options import ExecutorOptions, executor_options
+from ema_cli.show.prognosis_table import as_values
+from ema_cli.show.progress import progress_bar
+from ema_core.wording import counted
+from ema_monitor.model.threads import limit_threads
+from ema_tasks.pool import ClusterLostError
+
+_ARCHIVE = click.argument("folder", metavar="ARCHIVE", type=click.Path(path_type=Path))
+_LONGEST_REASON: Final = 200
+
+
+@click.group()
+def archive() -> None:
+    """Keep what the bags of a fleet say as tables: estimates, health, life and growth.
+
+    ARCHIVE is the folder of the tables. `scan` lists bags, `run` does those that are new or whose
+    content, calibration, settings or software has changed, `status` tells how many these are,
+    `query` and `export` ask the tables in SQL. docs/archive.md has the columns and views.
+    """
+
+
+@archive.command("scan")
+@_ARCHIVE
+@click.argument("sources", metavar="[SOURCE]...", nargs=-1)
+@settings_options
+def scan_(folder: Path, sources: tuple[str, ...], given: GivenSettings) -> None:
+    """List the bags in each SOURCE and below, a folder or an address such as s3://fleet/bags.
+
+    The archive remembers its sources and its settings: later scans need none. Options that are
+    given hold from now on; what follows from the others is not done again.
+    """
+    with one_clear_line(), Manifest(folder, is_new=True) as manifest:
+        manifest.settings = given.applied_to(manifest.settings)
+        if not sources and not manifest.sources:
+            raise click.UsageError(f"{folder} has no bags yet: give a SOURCE of them")
+        with progress_bar() as progress:
+            task = progress.add_task("listing", total=None)
+            found = scan(
+                manifest,
+                sources,
+                lambda count: progress.update(task, state=counted(count, "bag")),
+            )
+        status = manifest.status(manifest.settings)
+        write_summaries(manifest)
+    click.echo(f"{folder}: {counted(found, 'bag')}")
+    click.echo(_due_in_words(status))
+
+
+@archive.command("run")
+@_ARCHIVE
+@executor_options
+def run_(folder: Path, executor: ExecutorOptions) -> None:
+    """Do what is to be done: bags to estimates, then units to health and life.
+
+    Stop it with Ctrl-C at any time: the same command resumes. Bags that cannot be read become rows
+    with their reason, and exit code 3 says that there were such.
+    """
+    with _clear_of_clusters(), one_clear_line(), Manifest(folder) as manifest:
+        with progress_bar() as progress:
+            task = progress.add_task("starting", total=None)
+            shown, began_s = "", time.monotonic()
+
+            def follow(now: Progress) -> None:
+                nonlocal task, shown, began_s
+                if now.what != shown:
+                    progress.update(task, visible=False)
+                    task, shown = progress.add_task(now.what, total=now.total), now.what
+                    began_s = time.monotonic()
+                state = f"{now.done} of {now.total}"
+                if now.done:
+                    rate = now.done / max(time.monotonic() - began_s, 1e-3)
+                    state += f", {rate:.1f} a second"
+                if now.failures:
+                    state += f", {now.failures} failed"
+                progress.update(task, completed=now.done, state=state)
+
+            try:
+                with executor.open() as pool:
+                    where = f"on {pool.description}"
+                    if pool.dashboard:
+                        where += f", dashboard {pool.dashboard}"
+                    click.echo(where, err=True)
+                    tally = run(manifest, pool, follow)
+            except KeyboardInterrupt:
+                left = manifest.find_due(manifest.settings)
+                raise click.ClickException(
+                    f"stopped: {counted(left, 'bag')} of {folder} left; the same command resumes"
+                ) from None
+            finally:
+                limit_threads(None)
+        status = manifest.status(manifest.settings)
+    click.echo(
+        f"{counted(tally.bags, 'bag')} done, {counted(tally.units, 'unit')} followed; "
+        f"{tally.damaged} damaged, {tally.failed} could not be read"
+    )
+    click.echo(_due_in_words(status))
+    for unit, reason in tally.not_followed.items():
+        click.echo(f"unit {unit} could not be followed: {reason}", err=True)
+    if tally.damaged or tally.failed:
+        click.echo(f'why: ema archive query {folder} "select * from refused_why"', err=True)
+    if tally.damaged or tally.failed or tally.not_followed:
+        sys.exit(REFUSED)
+
+
+@archive.command("status")
+@_ARCHIVE
+@click.option("--json", "as_json", is_flag=True, help="Print one object.")
+def status_(folder: Path, as_json: bool) -> None:
+    """Tell how many bags and units there are, and what is out of date, and why."""
+    with one_clear_line(), Manifest(folder, writes=False) as manifest:
+        settings = manifest.settings
+        status, sources = manifest.status(settings), manifest.sources
+    if as_json:
+        values = asdict(status) | {"sources": sources, "settings": settings.as_mapping()}
+        click.echo(json.dumps(values, indent=2))
+        return
+    click.echo(f"{counted(status.bags, 'bag')} of {', '.join(sources)}")
+    click.echo(
+        f"{counted(status.windows, 'window')}, {status.valid} valid; "
+        f"{counted(status.units, 'unit')}"
+    )
+    for count, what in (
+        (status.damaged, "cannot be read"),
+        (status.failed, "could not be read the last time"),
+        (status.gone, "no longer there: what was found of them stays"),
+    ):
+        if count:
+            click.echo(f"{counted(count, 'bag')} {what}")
+    click.echo(_due_in_words(status))
+
+
+@archive.command("query")
+@_ARCHIVE
+@click.argument("question", metavar="[SQL]", required=False)
+@click.option("--json", "as_json", is_flag=True, help="Print a list, an object a row.")
+def query_(folder: Path, question: str | None, as_json: bool) -> None:
+    """Ask the tables in SQL, such as "select * from worst_first limit 20".
+
+    Without SQL the tables and views are listed with their columns. The query reads the tables of
+    the archive alone, and changes nothing.
+    """
+    with one_clear_line():
+        _bring_summaries_up_to_date(folder)
+        if question is None:
+            for name, columns in columns_of(folder).items():
+                click.echo(f"{name}: {', '.join(f'{column} {kind}' for column, kind in columns)}")
+            return
+        names, rows = answer(folder, question)
+    if as_json:
+        objects = [dict(zip(names, map(_plain, row), strict=True)) for row in rows]
+        click.echo(json.dumps(objects, indent=2))
+        return
+    _print(names, rows)
+
+
+@archive.command("export")
+@_ARCHIVE
+@click.argument("what", metavar="TABLE|SQL")
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    help=f"File to write: {' or '.join(FORMATS)}.",
+)
+@click.option("--force", is_flag=True, help="Replace a file that is there.")
+def export_(folder: Path, what: str, output: Path, force: bool) -> None:
+    """Write a table or view, or the answer to a query in SQL, to a CSV or Parquet file."""
+    with one_clear_line():
+        if output.exists() and not force:
+            raise ValueError(f"{output} is there already: --force replaces it")
+        _bring_summaries_up_to_date(folder)
+        rows = export(folder, what, output)
+    click.echo(f"{output}: {counted(rows, 'row')}")
+
+
+def _bring_summaries_up_to_date(folder: Path) -> None:
+    """Write the tables of one file if a killed run did not, unless another command does."""
+    with Manifest(folder, writes=False) as manifest:
+        if are_current(manifest):
+            return
+    try:
+        with Manifest(folder) as manifest:
+            write_summaries(manifest)
+    except ValueError as error:
+        click.echo(f"bags, units and growth are those before the present run: {error}", err=True)
+
+
+@contextmanager
+def _clear_of_clusters() -> Iterator[None]:
+    try:
+        yield
+    except ClusterLostError as error:
+        raise click.ClickException(
+            f"{error}; what was done is kept, the same command resumes"
+        ) from error
+
+
+def _due_in_words(status: Status) -> str:
+    if not status.due and not status.units_due:
+        return "all is up to date"
+    reasons = ", ".join(f"{count} {why}" for why, count in status.reasons.items())
+    bags = counted(status.due, "bag") + (f" ({reasons})" if reasons else "")
+    return f"to be done: {bags}, {counted(status.units_due, 'unit')}"
+
+
+def _plain(value: Any) -> Any:
+    return as_values(value) if isinstance(value, int | float | list | None) else str(value)
+
+
+def _print(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+    if not sys.stdout.isatty():
+        # For other programs: whole values, a tab between.
+        click.echo("\t".join(names))
+        for row in rows:
+            click.echo("\t".join(" ".join(str(_plain(value)).split()) for value in row))
+        return
+    table = Table(*names)
+    for row in rows:
+        table.add_row(*(_shown(value) for value in row))
+    Console().print(table)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    words = "" if value is None else str(value)
+    return words if len(words) <= _LONGEST_REASON else f"{words[:_LONGEST_REASON]} ..."

@@ -1,0 +1,201 @@
+"""Killed workers, a killed run and a full disk: nothing is lost, and nothing is there twice."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections import Counter
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from ema_archive import partitions
+from ema_archive.manifest import Manifest
+from ema_archive.running import Tally, run, run_bags, scan
+from ema_tasks.local import ThreadPool
+
+from ..waiting import wait_for
+from .conftest import exactly, table_of
+
+
+@pytest.fixture
+def scanned(made_fleet, tmp_path):
+    folder = tmp_path / "archive"
+    with Manifest(folder, is_new=True) as manifest:
+        scan(manifest, [str(made_fleet)])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def undisturbed(made_fleet, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("undisturbed") / "archive"
+    with Manifest(folder, is_new=True) as manifest, ThreadPool(2) as pool:
+        scan(manifest, [str(made_fleet)])
+        run(manifest, pool)
+    return folder
+
+
+def assert_whole(archive, undisturbed):
+    for name in ("estimates", "usage", "health"):
+        assert exactly(archive, name) == exactly(undisturbed, name), name
+    bags = Counter(table_of(archive, "estimates")["bag"].to_pylist())
+    assert len(bags) == 10
+    assert bags.most_common(1)[0][1] == max(
+        Counter(table_of(undisturbed, "estimates")["bag"].to_pylist()).values()
+    )
+
+
+@pytest.mark.long
+def test_killed_workers_lose_nothing(scanned, undisturbed):
+    """Workers are killed as fast as they come, so that a task has two or three tries."""
+    with subprocess.Popen(["ema", "archive", "run", scanned, "--workers", "2"]) as command:
+        kills, seen = 0, set()
+        while command.poll() is None and kills < 4:
+            for pid in workers_of(command.pid) - seen:
+                wait_for(lambda pid=pid: has_begun(pid), "the work of a worker")
+                seen.add(pid)
+                os.kill(pid, signal.SIGKILL)
+                kills += 1
+    assert kills == 4
+    # A bag that lost three workers is a row, which is done again when asked for.
+    with Manifest(scanned) as manifest, ThreadPool(2) as pool:
+        run(manifest, pool)
+    assert_whole(scanned, undisturbed)
+
+
+def workers_of(pid: int) -> set[int]:
+    """Return the processes that multiprocessing started for tasks."""
+    found = set()
+    for task in Path(f"/proc/{pid}/task").glob("*/children"):
+        for child in task.read_text().split():
+            words = Path(f"/proc/{child}/cmdline").read_bytes()
+            if b"spawn_main" in words:
+                found.add(int(child))
+    return found
+
+
+def has_begun(pid: int) -> bool:
+    """Whether a process has loaded the kernels: it is past its start."""
+    try:
+        maps = Path(f"/proc/{pid}/maps").read_text()
+    except OSError:
+        return True
+    return "llvmlite" in maps
+
+
+@pytest.mark.slow
+def test_killed_run_goes_on_where_it_was(scanned, undisturbed, monkeypatch):
+    """It is killed at the worst moment: rows are written, and not yet noted as done."""
+    script = """
+import os, signal, sys
+from pathlib import Path
+from ema_archive import running
+from ema_archive.manifest import Manifest
+from ema_tasks.local import ThreadPool
+running._MOST_GATHERED = 3
+commits = []
+def commit(self, *given):
+    commits.append(given)
+    if len(commits) == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    as_before(self, *given)
+as_before, Manifest.commit = Manifest.commit, commit
+with Manifest(Path(sys.argv[1])) as manifest, ThreadPool(2) as pool:
+    running.run(manifest, pool)
+"""
+    done = subprocess.run([sys.executable, "-c", script, scanned], check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert table_of(scanned, "estimates").num_rows >= 6
+    with Manifest(scanned) as manifest, ThreadPool(2) as pool:
+        # What was written and not noted is done again, in the place of what is there.
+        assert manifest.find_due(manifest.settings) == 7
+        run(manifest, pool)
+    assert_whole(scanned, undisturbed)
+
+
+@pytest.mark.slow
+def test_full_disk_leaves_what_was_written(scanned, undisturbed, monkeypatch):
+    writes = 0
+
+    def write(table, path, **options):
+        nonlocal writes
+        writes += 1
+        if writes == 3:
+            Path(path).write_bytes(b"PAR1")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return as_before(table, path, **options)
+
+    as_before = partitions.pq.write_table
+    monkeypatch.setattr(partitions.pq, "write_table", write)
+    with Manifest(scanned) as manifest, ThreadPool(2) as pool:
+        with pytest.raises(OSError, match="No space left on device"):
+            run(manifest, pool)
+        assert not list(scanned.rglob("*.partial"))
+        run(manifest, pool)
+    assert_whole(scanned, undisturbed)
+
+
+@pytest.mark.slow
+def test_only_one_command_changes_an_archive(ema, scanned):
+    with Manifest(scanned):
+        result = ema("archive", "run", scanned)
+        assert result.exit_code == 1
+        assert "is being changed by another command" in result.stderr
+        assert ema("archive", "status", scanned).exit_code == 0
+
+
+@pytest.mark.slow
+def test_interrupt_keeps_what_was_done(scanned, undisturbed):
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    seen = []
+
+    def follow(progress):
+        seen.append(progress.done)
+        if progress.done == 4:
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+    try:
+        with (
+            pytest.raises(KeyboardInterrupt),
+            Manifest(scanned) as manifest,
+            ThreadPool(2) as pool,
+        ):
+            run(manifest, pool, follow)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    with Manifest(scanned) as manifest, ThreadPool(2) as pool:
+        assert manifest.find_due(manifest.settings) == 10 - max(seen)
+        run(manifest, pool)
+    assert_whole(scanned, undisturbed)
+
+
+@pytest.mark.slow
+def test_database_that_cannot_be_written_leaves_nothing_half_done(scanned, undisturbed, ema):
+    with Manifest(scanned) as manifest, ThreadPool(2) as pool:
+        # As many pages as it has: the next one finds the disk full.
+        pages = manifest._db.execute("PRAGMA page_count").fetchone()[0]
+        manifest._db.execute(f"PRAGMA max_page_count = {pages}")
+        with pytest.raises(OSError, match="cannot be written: database or disk is full"):
+            run(manifest, pool)
+        manifest._db.execute("PRAGMA max_page_count = 1000000")
+        run(manifest, pool)
+    assert_whole(scanned, undisturbed)
+
+
+@pytest.mark.slow
+def test_unit_that_cannot_be_followed_does_not_keep_the_others(ema, scanned):
+    with Manifest(scanned) as manifest, ThreadPool(2) as pool:
+        run_bags(manifest, pool, Tally())
+    [first, *_] = sorted((scanned / "tables" / "usage").rglob("*.parquet"))
+    rows = pq.ParquetFile(first).read()
+    broken = pa.array([-1.0] * rows.num_rows)
+    pq.write_table(rows.set_column(rows.column_names.index("hours"), "hours", broken), first)
+    result = ema("archive", "run", scanned, "--executor", "threads")
+    assert result.exit_code == 3
+    assert "0 bags done, 1 unit followed" in result.stdout
+    assert "could not be followed: ValueError: flight_hours = -1 h" in result.stderr
+    assert result.stdout.endswith("to be done: 0 bags, 1 unit\n")

@@ -1,0 +1,159 @@
+"""Questions in SQL: the ready views, and nothing beyond the tables."""
+
+import csv
+import json
+from dataclasses import replace
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from ema_archive.manifest import Manifest
+from ema_archive.partitions import write_health
+from ema_archive.query import VIEWS, answer, columns_of
+from ema_archive.running import run, scan
+from ema_archive.tables import HEALTH
+from ema_tasks.local import ThreadPool
+
+
+@pytest.fixture(scope="module")
+def archive(made_fleet, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("asked") / "archive"
+    with Manifest(folder, is_new=True) as manifest, ThreadPool(2) as pool:
+        scan(manifest, [str(made_fleet)])
+        run(manifest, pool)
+    return folder
+
+
+def test_every_view_can_be_read_of_an_archive_without_bags(tmp_path):
+    (tmp_path / "empty").mkdir()
+    with Manifest(tmp_path / "archive", is_new=True) as manifest:
+        assert scan(manifest, [str(tmp_path / "empty")]) == 0
+    columns = columns_of(tmp_path / "archive")
+    assert {*VIEWS} <= {*columns, "growth"}
+    for view in VIEWS:
+        assert answer(tmp_path / "archive", f"select * from {view}")[1] == []
+
+
+@pytest.mark.slow
+def test_worst_come_first(ema, archive):
+    result = ema("archive", "query", archive, "select * from worst_first limit 20", "--json")
+    rows = json.loads(result.stdout)
+    assert len(rows) == 2
+    order = ["STALE", "OK", "WARN", "ERROR"]
+    levels = [order.index(row["health"]) for row in rows]
+    assert levels == sorted(levels, reverse=True)
+    assert "friction" in {row["dominant_fault"] for row in rows}
+
+
+@pytest.mark.slow
+def test_refused_windows_have_their_reason(archive):
+    names, rows = answer(archive, "select * from refused_why")
+    assert names == ["what", "reason", "count", "for_instance"]
+    # A gap in a test of each unit.
+    assert ("refused", 2) in {(row[0], row[2]) for row in rows}
+
+
+@pytest.mark.slow
+def test_partitions_are_columns(archive):
+    _, rows = answer(archive, "select month, count(*) from estimates group by month order by month")
+    assert [row[0] for row in rows] == ["1970-01", "1970-02", "1970-03"]
+
+
+@pytest.mark.parametrize(
+    ("question", "message"),
+    [
+        ("select * from read_csv('/etc/passwd')", "Permission Error"),
+        ("select * from '/etc/passwd'", "Permission|Catalog"),
+        ("drop view worst_first", "expected one query"),
+        ("copy (select 1) to '/tmp/x.csv'", "expected one query"),
+        ("select 1; select 2", "expected one query"),
+        ("set enable_external_access = true", "expected one query"),
+        ("select nothing from worst_first", "nothing"),
+        ("selec 1", "syntax error"),
+        ("", "expected one query"),
+    ],
+)
+def test_question_that_is_none_or_reaches_outside_is_refused(archive, question, message):
+    with pytest.raises(ValueError, match=message):
+        answer(archive, question)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["worst_first", "select serial_number, level from units"])
+def test_export_writes_what_a_query_gives(ema, archive, tmp_path, what):
+    for name in ("told.csv", "told.parquet"):
+        result = ema("archive", "export", archive, what, "-o", tmp_path / name)
+        assert (result.exit_code, result.stdout) == (0, f"{tmp_path / name}: 2 rows\n")
+    table = pq.read_table(tmp_path / "told.parquet")
+    with (tmp_path / "told.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == table.column_names
+    assert [row["serial_number"] for row in rows] == table["serial_number"].to_pylist()
+    again = ema("archive", "export", archive, what, "-o", tmp_path / "told.csv")
+    assert again.exit_code == 1
+    assert "is there already: --force replaces it" in again.stderr
+    other = ema("archive", "export", archive, what, "-o", tmp_path / "told.txt")
+    assert "expected a name that ends in .csv or .parquet" in other.stderr
+
+
+@pytest.mark.slow
+def test_tables_of_a_killed_run_are_brought_up_to_date(ema, archive):
+    (archive / "tables" / "units.parquet").unlink()
+    (archive / "tables" / "bags.parquet").unlink()
+    rows = json.loads(ema("archive", "query", archive, "from units", "--json").stdout)
+    assert len(rows) == 2
+
+
+def test_folder_that_is_no_archive_is_named(ema, tmp_path):
+    result = ema("archive", "query", tmp_path, "select 1")
+    assert result.exit_code == 1
+    assert f"{tmp_path} is no archive, it has no archive.sqlite" in result.stderr
+    (tmp_path / "letter.txt").touch()
+    result = ema("archive", "scan", tmp_path, tmp_path)
+    assert "is a folder with other files: an archive is made in a new folder" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("events", "expected"),
+    [
+        # Levels of the tests of a unit, which of them were repairs, and the false alarms.
+        (([0, 1, 0], []), 1),
+        (([0, 1, 2, 0, 0, 1, 1, 0], []), 2),
+        (([0, 1, 1], []), 0),
+        (([0, 1, 0], [2]), 0),
+        (([1, 3, 0], []), 1),
+    ],
+)
+def test_false_alarm_is_one_that_later_tests_take_back_without_a_repair(tmp_path, events, expected):
+    levels, repairs = events
+    rows = [
+        {
+            "actuator_id": "flap",
+            "serial_number": "1",
+            "stamp_ns": number,
+            "tested": number,
+            "level": level,
+            "dominant_fault": "friction" if level else "",
+            "events": [{"kind": "repair", "text": "", "hours": 0.0, "stamp_ns": number}]
+            if number in repairs
+            else [],
+        }
+        for number, level in enumerate(levels)
+    ]
+    write_health(tmp_path, "model", "flap+1", pa.Table.from_pylist(rows, HEALTH))
+    _, found = answer(tmp_path, "select tests, level from false_alarms")
+    assert len(found) == expected
+
+
+def test_settings_of_the_archive_are_kept_exactly():
+    from ema_archive.settings import ArchiveSettings
+    from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS
+
+    settings = ArchiveSettings(calibration="/c/{serial_number}.yaml")
+    tracker = replace(settings.prognosis.tracker, laws={"friction": NOMINAL_LAWS["friction"]})
+    settings = replace(settings, prognosis=replace(settings.prognosis, tracker=tracker))
+    again = ArchiveSettings.of_mapping(json.loads(json.dumps(settings.as_mapping())))
+    assert again == settings
+    assert again.prognosis_id == settings.prognosis_id != ArchiveSettings().prognosis_id
+    assert again.estimation_id == ArchiveSettings().estimation_id

@@ -1,0 +1,209 @@
+"""What is done again, and only that: what is new or follows from something that changed."""
+
+import contextlib
+import json
+import os
+from dataclasses import replace
+
+import pytest
+
+from ema_archive.manifest import Manifest
+from ema_archive.running import run, scan
+from ema_core.description import ActuatorDescription
+from ema_monitor.calibration.calibration import Calibration
+from ema_recording.writer import BagWriter
+from ema_ros import topics
+from ema_ros.actuator_messages import messages_of_block
+from ema_ros.description import description_to_message
+from ema_sim import simulate
+from ema_tasks.local import ThreadPool
+
+from .conftest import exactly, table_of
+
+
+def bring_up_to_date(archive, *sources, workers=2):
+    """Scan and run in this process; return what was done and what was due before."""
+    with Manifest(archive, is_new=True) as manifest, ThreadPool(workers) as pool:
+        scan(manifest, [str(source) for source in sources])
+        due = manifest.status(manifest.settings)
+        return run(manifest, pool), due
+
+
+@pytest.fixture
+def archive(fleet, tmp_path):
+    folder = tmp_path / "archive"
+    tally, due = bring_up_to_date(folder, fleet)
+    assert (tally.bags, tally.units) == (due.due, 2) == (10, 2)
+    return folder
+
+
+@pytest.mark.slow
+def test_nothing_is_done_twice(archive, fleet):
+    before = {path: path.stat().st_mtime_ns for path in archive.rglob("*.parquet")}
+    tally, due = bring_up_to_date(archive, fleet)
+    assert (tally.bags, tally.units, due.due) == (0, 0, 0)
+    assert before.keys() == {path for path in archive.rglob("*.parquet")}
+
+
+@pytest.mark.slow
+def test_bag_that_comes_or_changes_is_done_alone(archive, fleet):
+    whole = exactly(archive, "estimates")
+    bag = fleet / "unit_0" / "5.mcap"
+    content = bag.read_bytes()
+    # Cut off, as by a full disk: its window is no longer whole.
+    bag.write_bytes(content[: len(content) // 3])
+    tally, due = bring_up_to_date(archive)
+    assert (tally.bags, tally.units, due.reasons) == (1, 1, {"changed": 1})
+    rows = table_of(archive, "estimates").to_pylist()
+    assert not any(row["valid"] for row in rows if row["bag"] == str(bag))
+    bag.unlink()
+    tally, due = bring_up_to_date(archive)
+    assert (tally.bags, due.gone) == (0, 1)
+    bag.write_bytes(content)
+    tally, due = bring_up_to_date(archive)
+    assert (tally.bags, tally.units, due.gone) == (1, 1, 0)
+    assert exactly(archive, "estimates") == whole
+
+
+@pytest.mark.slow
+def test_changed_calibration_marks_the_bags_of_its_unit(ema, archive, fleet):
+    path = fleet / "unit_1" / "calibration.yaml"
+    calibration = Calibration.load(path)
+    replace(calibration, windows=calibration.windows + 1).save(path)
+    status = json.loads(ema("archive", "status", archive, "--json").stdout)
+    assert status["reasons"] == {"other calibration": 5}
+    assert status["units_due"] == 1
+    tally, _ = bring_up_to_date(archive)
+    assert (tally.bags, tally.units) == (5, 1)
+    assert ema("archive", "status", archive).stdout.endswith("all is up to date\n")
+
+
+@pytest.mark.slow
+def test_calibration_that_comes_is_used(archive, fleet):
+    path = fleet / "unit_1" / "calibration.yaml"
+    path.rename(fleet / "kept.yaml")
+    tally, due = bring_up_to_date(archive)
+    # The shipped one is of another unit.
+    assert (tally.bags, due.reasons) == (5, {"other calibration": 5})
+    assert sum(not valid for valid in table_of(archive, "estimates")["valid"].to_pylist()) >= 5
+    (fleet / "kept.yaml").rename(path)
+    tally, due = bring_up_to_date(archive)
+    assert (tally.bags, due.reasons) == (5, {"other calibration": 5})
+
+
+@pytest.mark.slow
+def test_tests_that_come_one_by_one_give_what_all_at_once_do(archive, fleet, tmp_path):
+    """And those before are not repeated, unless one comes late."""
+    bags, other = tmp_path / "coming", tmp_path / "other"
+    folder = bags / "unit_0"
+    folder.mkdir(parents=True)
+    (fleet / "unit_0" / "calibration.yaml").rename(folder / "calibration.yaml")
+    followed = []
+    # By time; the fourth comes last.
+    for name in ("9", "8", "7", "5", "6"):
+        (fleet / "unit_0" / f"{name}.mcap").rename(folder / f"{name}.mcap")
+        tally, _ = bring_up_to_date(other, bags)
+        assert (tally.bags, tally.units) == (1, 1)
+        followed.append(tally.followed)
+    assert followed == [1, 1, 1, 1, 5]
+    rows = [row for row in exactly(archive, "health") if "-0000'" in row]
+    assert exactly(other, "health") == rows
+
+
+@pytest.mark.slow
+def test_limit_changes_health_and_no_estimate(ema, archive):
+    estimates = exactly(archive, "estimates")
+    result = ema("archive", "scan", archive, "--limit", "friction=0.2,free_play=1e-3")
+    assert result.stdout.endswith("to be done: 0 bags, 2 units\n")
+    tally, _ = bring_up_to_date(archive)
+    assert (tally.bags, tally.units) == (0, 2)
+    assert exactly(archive, "estimates") == estimates
+    # Another option leaves it as it is.
+    ema("archive", "scan", archive, "--duty", "1.5")
+    with Manifest(archive) as manifest:
+        prognosis = manifest.settings.prognosis
+    assert (prognosis.limits.friction, prognosis.service.duty) == (0.2, 1.5)
+
+
+@pytest.mark.slow
+def test_other_software_does_all_bags_again(archive, monkeypatch):
+    for module in ("ema_archive.manifest", "ema_archive.bag_task"):
+        monkeypatch.setattr(f"{module}.estimation_software", lambda: "another")
+    with Manifest(archive) as manifest:
+        assert manifest.status(manifest.settings).reasons == {"other software": 10}
+
+
+@pytest.mark.slow
+def test_touched_bag_gives_the_same_rows(archive, fleet):
+    whole = exactly(archive, "health")
+    for bag in fleet.rglob("*.mcap"):
+        os.utime(bag, ns=(1, 1))
+    _, due = bring_up_to_date(archive)
+    assert due.reasons == {"changed": 10}
+    assert exactly(archive, "health") == whole
+
+
+@pytest.mark.slow
+def test_bags_that_cannot_be_used_are_rows_with_their_reason(ema, fleet, tmp_path):
+    (fleet / "unit_0" / "empty.mcap").write_bytes(b"")
+    (fleet / "unit_0" / "none.mcap").write_bytes(b"nothing of this is MCAP" * 100)
+    folder = tmp_path / "archive"
+    ema("archive", "scan", folder, fleet / "unit_0")
+    result = ema("archive", "run", folder, "--executor", "threads", "--workers", "2")
+    assert result.exit_code == 3
+    assert "2 damaged, 0 could not be read" in result.stdout
+    rows = json.loads(
+        ema(
+            "archive",
+            "query",
+            folder,
+            "select bag, reason from refused where what = 'damaged' order by bag",
+            "--json",
+        ).stdout
+    )
+    assert [row["bag"].rpartition("/")[2] for row in rows] == ["empty.mcap", "none.mcap"]
+    for row in rows:
+        assert row["bag"] in row["reason"]
+        said = ema("estimate", row["bag"])
+        assert said.exit_code == 1
+        assert row["reason"] in said.stderr
+    # They are not tried again, until they change.
+    assert ema("archive", "run", folder).exit_code == 0
+
+
+@pytest.mark.slow
+def test_bag_of_two_actuators_has_rows_of_both(tmp_path):
+    """As of an aircraft: one recorder, several actuators."""
+    path = tmp_path / "bags" / "two.mcap"
+    path.parent.mkdir()
+    units = [ActuatorDescription(actuator_id=name) for name in ("left", "right")]
+    with contextlib.closing(BagWriter(path)) as writer:
+        topic_classes = topics.ACTUATOR_TOPICS.items()
+        for name, (message_class, qos) in topic_classes:
+            writer.add_topic(f"{topics.NAMESPACE}/{name}", message_class, qos)
+        telemetry = simulate()
+        for unit in units:
+            described = {topics.DESCRIPTION: description_to_message(unit, 0)}
+            for name, message in (described | messages_of_block(unit, telemetry, 0.0)).items():
+                writer.write(f"{topics.NAMESPACE}/{name}", message, telemetry.stamp_ns, 0)
+    bring_up_to_date(tmp_path / "archive", path.parent)
+    rows = table_of(tmp_path / "archive", "estimates").to_pylist()
+    assert sorted(row["actuator_id"] for row in rows) == ["left", "right"]
+    assert all(row["valid"] for row in rows)
+
+
+@pytest.mark.slow
+def test_bags_in_an_object_store_give_the_same_rows(archive, fleet, tmp_path):
+    import fsspec
+
+    # Its files are not for several threads at once.
+    store = fsspec.filesystem("memory")
+    store.put(str(fleet), "/fleet", recursive=True)
+    try:
+        tally, _ = bring_up_to_date(tmp_path / "remote", "memory://fleet", workers=1)
+    finally:
+        store.rm("/fleet", recursive=True)
+    assert (tally.bags, tally.damaged, tally.failed) == (10, 0, 0)
+    assert exactly(tmp_path / "remote", "health") == exactly(archive, "health")
+    [first, *_] = table_of(tmp_path / "remote", "estimates")["bag"].to_pylist()
+    assert first.startswith("memory://")
