@@ -87,7 +87,7 @@ def has_begun(pid: int) -> bool:
     return "llvmlite" in maps
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_killed_run_goes_on_where_it_was(scanned, undisturbed, monkeypatch):
     """It is killed at the worst moment: rows are written, and not yet noted as done."""
     script = """
@@ -148,7 +148,7 @@ def test_only_one_command_changes_an_archive(ema, scanned):
         assert ema("archive", "status", scanned).exit_code == 0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_interrupt_keeps_what_was_done(scanned, undisturbed):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     seen = []
@@ -173,7 +173,7 @@ def test_interrupt_keeps_what_was_done(scanned, undisturbed):
     assert_whole(scanned, undisturbed)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_database_that_cannot_be_written_leaves_nothing_half_done(scanned, undisturbed, ema):
     with Manifest(scanned) as manifest, ThreadPool(2) as pool:
         # As many pages as it has: the next one finds the disk full.
@@ -186,7 +186,7 @@ def test_database_that_cannot_be_written_leaves_nothing_half_done(scanned, undis
     assert_whole(scanned, undisturbed)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_unit_that_cannot_be_followed_does_not_keep_the_others(ema, scanned):
     with Manifest(scanned) as manifest, ThreadPool(2) as pool:
         run_bags(manifest, pool, Tally())

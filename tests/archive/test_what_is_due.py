@@ -37,7 +37,7 @@ def archive(fleet, tmp_path):
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_done_twice(archive, fleet):
     before = {path: path.stat().st_mtime_ns for path in archive.rglob("*.parquet")}
     tally, due = bring_up_to_date(archive, fleet)
@@ -78,7 +78,7 @@ def test_changed_calibration_marks_the_bags_of_its_unit(ema, archive, fleet):
     assert ema("archive", "status", archive).stdout.endswith("all is up to date\n")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_calibration_that_comes_is_used(archive, fleet):
     path = fleet / "unit_1" / "calibration.yaml"
     path.rename(fleet / "kept.yaml")
@@ -125,7 +125,7 @@ def test_limit_changes_health_and_no_estimate(ema, archive):
     assert (prognosis.limits.friction, prognosis.service.duty) == (0.2, 1.5)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_other_software_does_all_bags_again(archive, monkeypatch):
     for module in ("ema_archive.manifest", "ema_archive.bag_task"):
         monkeypatch.setattr(f"{module}.estimation_software", lambda: "another")
@@ -133,7 +133,7 @@ def test_other_software_does_all_bags_again(archive, monkeypatch):
         assert manifest.status(manifest.settings).reasons == {"other software": 10}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_touched_bag_gives_the_same_rows(archive, fleet):
     whole = exactly(archive, "health")
     for bag in fleet.rglob("*.mcap"):
