@@ -20,6 +20,7 @@ VIEWS: Final = (
     "false_alarms",
     "refused",
     "refused_why",
+    "runs_to_failure",
 )
 """Ready views, beside the tables."""
 

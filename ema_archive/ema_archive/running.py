@@ -250,7 +250,8 @@ def _followed(
 ) -> Iterator[Outcome]:
     try:
         for entry in due:
-            while not pool.has_room:
+            # The rows of a unit are megabytes: no more of them wait than are needed next.
+            while pool.pending > pool.workers:
                 yield pool.next()
             task = _unit_task(manifest.archive, entry, settings)
             pool.submit(entry.unit, follow_unit, task)

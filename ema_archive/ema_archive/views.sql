@@ -53,3 +53,31 @@ SELECT
     what, regexp_replace(replace(reason, bag, 'BAG'), '-?[0-9]+([.][0-9]+)?(e[-+]?[0-9]+)?', '#', 'g') AS reason,
     count(*) AS count, min(bag) AS for_instance
 FROM refused GROUP BY ALL ORDER BY count DESC, 1, 2;
+
+-- Runs to failure, for other methods of prognosis: a repair begins another life of a unit, and a
+-- life ends with its first test in ERROR, by the limits of the archive. Of a life that has not
+-- ended nothing is known of what is left of it.
+CREATE VIEW runs_to_failure AS
+WITH lives AS (
+    SELECT
+        *, count(*) FILTER (WHERE len(list_filter(events, lambda event: event.kind = 'repair')) > 0)
+            OVER (PARTITION BY model, unit ORDER BY stamp_ns) AS life
+    FROM health
+),
+ends AS (
+    SELECT model, unit, life, min(hours) FILTER (WHERE level = 2) AS end_hours
+    FROM lives GROUP BY model, unit, life
+)
+SELECT
+    model, unit, life, lives.cycles AS cycle, lives.hours, lives.level,
+    estimates.friction, estimates.friction_sigma, estimates.backlash, estimates.backlash_sigma,
+    estimates.short_circuit_a, estimates.short_circuit_a_sigma, estimates.short_circuit_b, estimates.short_circuit_b_sigma,
+    estimates.short_circuit_c, estimates.short_circuit_c_sigma, estimates.eccentricity, estimates.eccentricity_sigma,
+    estimates.eccentricity_phase, estimates.eccentricity_phase_sigma, estimates.gain, estimates.gain_sigma,
+    end_hours,
+    CASE WHEN end_hours IS NOT NULL THEN greatest(end_hours - lives.hours, 0) END AS hours_left
+FROM lives
+JOIN ends USING (model, unit, life)
+JOIN estimates USING (model, unit)
+WHERE estimates.valid AND estimates.end_ns = lives.stamp_ns
+ORDER BY model, unit, lives.stamp_ns;

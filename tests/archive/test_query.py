@@ -9,10 +9,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from ema_archive.manifest import Manifest
-from ema_archive.partitions import write_health
+from ema_archive.partitions import replace_rows, write_health
 from ema_archive.query import VIEWS, answer, columns_of
 from ema_archive.running import run, scan
 from ema_archive.tables import HEALTH
+from ema_core.faults import FAULT_NAMES
 from ema_tasks.local import ThreadPool
 
 
@@ -144,6 +145,38 @@ def test_false_alarm_is_one_that_later_tests_take_back_without_a_repair(tmp_path
     write_health(tmp_path, "model", "flap+1", pa.Table.from_pylist(rows, HEALTH))
     _, found = answer(tmp_path, "select tests, level from false_alarms")
     assert len(found) == expected
+
+
+def test_runs_to_failure_are_labelled_with_the_hours_left(tmp_path):
+    """A repair begins another life; what is left of a life that goes on is not known."""
+    place = ("model", "flap+1", "1970-01")
+    levels, repaired = [0, 1, 2, 2, 0, 0], 4
+    shared = {"actuator_id": "flap", "serial_number": "1"}
+    health = [
+        shared
+        | {
+            "stamp_ns": number,
+            "hours": 10.0 * number,
+            "cycles": number,
+            "level": level,
+            "events": [{"kind": "repair", "text": "", "hours": 0.0, "stamp_ns": number}]
+            if number == repaired
+            else [],
+        }
+        for number, level in enumerate(levels)
+    ]
+    write_health(tmp_path, *place[:2], pa.Table.from_pylist(health, HEALTH))
+    estimates = [
+        shared | {"end_ns": number, "valid": True, "friction": 0.1 * number, "bag": str(number)}
+        for number in range(len(levels))
+    ]
+    replace_rows(tmp_path, "estimates", place, set(), estimates)
+    names, rows = answer(tmp_path, "select * from runs_to_failure")
+    assert {*FAULT_NAMES, *(f"{name}_sigma" for name in FAULT_NAMES)} <= {*names}
+    found = [dict(zip(names, row, strict=True)) for row in rows]
+    assert [row["life"] for row in found] == [0, 0, 0, 0, 1, 1]
+    assert [row["hours_left"] for row in found] == [20.0, 10.0, 0.0, 0.0, None, None]
+    assert [row["friction"] for row in found] == [0.1 * number for number in range(len(levels))]
 
 
 def test_settings_of_the_archive_are_kept_exactly():
