@@ -88,8 +88,37 @@ class ErrorModel:
             raise ValueError(f"{path}: {sum(spoiled)} spoiled windows have a valid estimate")
         return cls(truth, sigma, correlation, standardised)
 
+    def draw_correlated(
+        self,
+        hours: NDArray[np.float64],
+        faults: NDArray[np.float64],
+        correlation: float,
+        rng: np.random.Generator,
+    ) -> list[Measurement]:
+        """Return estimates whose errors, in units of sigma, follow an AR(1) process.
+
+        Parameters
+        ----------
+        hours, faults
+            Service hours [h] and true faults of the tests, ``(n,)`` and ``(n, 8)``.
+        correlation
+            That of the errors of successive tests [-].
+        rng
+            Random numbers.
+        """
+        fresh = np.sqrt(1.0 - correlation**2)
+        z, found = self._errors(rng), []
+        for hour, vector in zip(hours, faults, strict=True):
+            found.append(self.draw(float(hour), vector, rng, z))
+            z = correlation * z + fresh * self._errors(rng)
+        return found
+
     def draw(
-        self, hours: float, faults: NDArray[np.float64], rng: np.random.Generator
+        self,
+        hours: float,
+        faults: NDArray[np.float64],
+        rng: np.random.Generator,
+        standardised: NDArray[np.float64] | None = None,
     ) -> Measurement:
         """Return what the estimator could say of a test.
 
@@ -101,6 +130,8 @@ class ErrorModel:
             True faults, ``(8,)``.
         rng
             Random numbers.
+        standardised
+            Errors in units of sigma, ``(8,)``; drawn when None.
         """
         gap = np.sqrt(np.abs(self.truth - healthy_faults()))
         own = np.sqrt(np.abs(faults - healthy_faults()))
@@ -111,7 +142,7 @@ class ErrorModel:
         if hidden[ECCENTRICITY_PHASE]:
             # It may be seen all the same, if the eccentricity is: about as those that are.
             sigma[ECCENTRICITY_PHASE] = np.nanmedian(self.sigma[:, ECCENTRICITY_PHASE])
-        error = self._errors(rng) * sigma
+        error = (self._errors(rng) if standardised is None else standardised) * sigma
         found = faults + error
         away = np.abs(found - healthy_faults())
         back = away < SIGNIFICANT_SIGMAS * sigma

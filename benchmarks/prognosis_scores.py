@@ -61,8 +61,8 @@ class LifeScore:
         Convergence over the time from first prediction to end [-].
     inside, intervals
         How many 90 % intervals hold the truth, of how many.
-    inside_late, intervals_late
-        The same in the second half of life.
+    inside_late, beyond_late, intervals_late
+        How many hold the truth, and lie wholly beyond it, in the second half of life, of how many.
     seconds
         Median processor time from estimate to prediction [s].
     """
@@ -85,6 +85,7 @@ class LifeScore:
     inside: int
     intervals: int
     inside_late: int
+    beyond_late: int
     intervals_late: int
     seconds: float
 
@@ -138,6 +139,7 @@ class LifeScore:
             inside=int(np.sum(covered)),
             intervals=int(np.sum(there)),
             inside_late=int(np.sum(covered & late)),
+            beyond_late=int(np.sum((made.low > truth) & late)),
             intervals_late=int(np.sum(there & late)),
             seconds=float(np.nanmedian(made.seconds)),
         )
@@ -168,6 +170,7 @@ def summary(scores: Sequence[LifeScore]) -> dict[str, Any]:
         "alpha_lambda": _at_lambdas(np.mean([score.passed for score in scores], axis=0)),
         "coverage": share("inside", "intervals"),
         "coverage_late": share("inside_late", "intervals_late"),
+        "beyond_late": share("beyond_late", "intervals_late"),
         "horizon_share": median("horizon_share"),
         "convergence_share": median("convergence_share"),
         "first_share": float(np.nanmedian([s.first_hours / s.end_hours for s in scores])),

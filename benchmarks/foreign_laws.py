@@ -1,0 +1,267 @@
+"""Laws of growth that are not in the bank of the tracker, drawn for one life each.
+
+Everything is in shares of the limit, y = x / limit, and in hours u of growth, and stepped for many
+samples at once, so that an oracle can continue a life with the same code that made it. The laws of
+``HELD_OUT`` are kept out of development: the tracker is run on them once, at the end.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Law(Protocol):
+    """A law with the figures of one life.
+
+    Attributes
+    ----------
+    start
+        Share of the limit at which a new, or repaired, component begins [-].
+    """
+
+    start: float
+
+    def states(self, n: int, rng: np.random.Generator) -> Array:
+        """Return what is random and lasts from step to step, of n samples, ``(k, n)``."""
+        ...
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        """Return the growth over h hours from the hour u since new on [-]; states change."""
+        ...
+
+    def wave(self, u: Array | float) -> Array | float:
+        """Return the reversible part at an hour, as a share of the limit [-]."""
+        ...
+
+
+class _Steady:
+    """What most laws have: nothing random but the noise of growth, and no wave."""
+
+    start = 0.0
+
+    def states(self, n: int, rng: np.random.Generator) -> Array:
+        del rng
+        return np.empty((0, n))
+
+    def wave(self, u: Array | float) -> Array | float:
+        return 0.0 * u
+
+
+class Logistic(_Steady):
+    """dy/du = k y (1 - y / K): it accelerates, then slows down towards K beyond the limit."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.start, self.top = rng.uniform(0.02, 0.06), rng.uniform(1.05, 1.6)
+        odds = (self.top - self.start) / self.start / (self.top - 1.0)
+        self.k = np.log(odds) / life
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        del u, states, rng
+        return self.k * h * y * (1.0 - y / self.top)
+
+
+class Missions(_Steady):
+    """Linear wear whose rate is that of the mission, which changes every few hundred hours."""
+
+    factors = np.array([0.5, 1.0, 2.0])
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.life, self.hours = life, rng.uniform(100.0, 400.0)
+
+    def states(self, n: int, rng: np.random.Generator) -> Array:
+        return np.stack([rng.choice(self.factors, n), rng.exponential(self.hours, n)])
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        del y, u
+        states[1] -= h
+        ended = np.flatnonzero(states[1] < 0.0)
+        states[0, ended] = rng.choice(self.factors, ended.size)
+        states[1, ended] = rng.exponential(self.hours, ended.size)
+        return states[0] * (h / self.life / self.factors.mean())
+
+
+class Avalanche(_Steady):
+    """Insulation: hardly any growth until an onset late in life, then dy/du = g (y + c)^m."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.onset, self.slow = rng.uniform(0.35, 0.6) * life, rng.uniform(0.08, 0.2)
+        self.c, self.m = rng.uniform(0.05, 0.15), rng.uniform(1.05, 1.4)
+        self.rate, power = self.slow / self.onset, 1.0 - self.m
+        span = ((1.0 + self.c) ** power - (self.slow + self.c) ** power) / power
+        self.g = span / (life - self.onset)
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        del states, rng
+        return h * (self.g * (y + self.c) ** self.m if u > self.onset else np.full_like(y, self.rate))
+
+
+class Seasonal(_Steady):
+    """Linear growth under a wave of 3 to 6 % of the limit, of some hundred hours.
+
+    Of a limit of half the range, that is up to 3 % of the range.
+    """
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.life, self.amplitude = life, rng.uniform(0.03, 0.06)
+        self.period, self.phase = rng.uniform(300.0, 1000.0), rng.uniform(0.0, 2.0 * np.pi)
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        del u, states, rng
+        return np.full_like(y, h / self.life)
+
+    def wave(self, u: Array | float) -> Array | float:
+        return self.amplitude * np.sin(2.0 * np.pi * u / self.period + self.phase)
+
+
+class Paris(_Steady):
+    """dy/du = C (y + y0)^m from a small crack on, as Paris' law with the length of the crack."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.start, self.m = rng.uniform(0.1, 0.25), rng.uniform(1.2, 1.7)
+        power = 1.0 - self.m
+        self.c = (1.0 - self.start**power) / power / life
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        del u, states, rng
+        return h * self.c * y**self.m
+
+
+class LostLubrication(_Steady):
+    """Linear wear whose rate becomes another once and for all."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.at = rng.uniform(0.35, 0.65) * life
+        self.factor = rng.uniform(2.0, 4.0) if rng.random() < 0.7 else rng.uniform(0.3, 0.6)
+        self.rate = 1.0 / (self.at + self.factor * (life - self.at))
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        del states, rng
+        return np.full_like(y, h * self.rate * (self.factor if u > self.at else 1.0))
+
+
+class Weibull(_Steady):
+    """y follows the distribution of Weibull: an S whose steepest part is before the limit."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.shape, self.reached = rng.uniform(1.8, 3.5), rng.uniform(0.6, 0.95)
+        self.scale = life / (-np.log1p(-self.reached)) ** (1.0 / self.shape)
+
+    def _value(self, u: float) -> float:
+        return float(-np.expm1(-((u / self.scale) ** self.shape)) / self.reached)
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        del states, rng
+        return np.full_like(y, self._value(u + h) - self._value(u))
+
+
+class Staged(_Steady):
+    """Creep: a first part that saturates, a steady one, and one that accelerates."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        shares = rng.dirichlet([4.0, 5.0, 6.0])
+        first, last = rng.uniform(0.05, 0.15) * life, rng.uniform(0.1, 0.2) * life
+        self.parts = (*(shares / [1.0, life, 1.0]), first, last, life)
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        del states, rng
+        settling, steady, ending, first, last, life = self.parts
+        rate = settling / first * np.exp(-u / first) + steady
+        return np.full_like(y, h * (rate + ending / last * np.exp((u - life) / last)))
+
+
+class Shocks(_Steady):
+    """Damage in steps: a compound Poisson process over a little steady wear."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.life, self.shocks = life, rng.uniform(40.0, 100.0)
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        del u, states
+        count = rng.poisson(self.shocks * h / self.life, y.size)
+        return 0.2 * h / self.life + 0.8 / self.shocks * rng.standard_gamma(count)
+
+
+class Thermal(_Steady):
+    """Wear at a rate that a season modulates."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.life, self.depth = life, rng.uniform(0.4, 0.8)
+        self.period, self.phase = rng.uniform(300.0, 1000.0), rng.uniform(0.0, 2.0 * np.pi)
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        del states, rng
+        rate = 1.0 + self.depth * np.sin(2.0 * np.pi * u / self.period + self.phase)
+        return np.full_like(y, h / self.life * rate)
+
+
+class RunningIn(_Steady):
+    """y = (u / T)^p with p below 1: wear that slows down for good."""
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.life, self.p = life, rng.uniform(0.5, 0.8)
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        del states, rng
+        grown = ((u + h) / self.life) ** self.p - (u / self.life) ** self.p
+        return np.full_like(y, grown)
+
+
+class Wandering(_Steady):
+    """Linear wear the logarithm of whose rate wanders (Ornstein and Uhlenbeck)."""
+
+    sigma = 0.6
+
+    def __init__(self, life: float, rng: np.random.Generator) -> None:
+        self.life, self.hours = life, rng.uniform(150.0, 500.0)
+
+    def states(self, n: int, rng: np.random.Generator) -> Array:
+        return self.sigma * rng.standard_normal((1, n))
+
+    def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
+        del u
+        kept = np.exp(-h / self.hours)
+        spread = self.sigma * np.sqrt(1.0 - kept**2)
+        states[0] = kept * states[0] + spread * rng.standard_normal(y.size)
+        return h / self.life * np.exp(states[0] - 0.5 * self.sigma**2)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A law, and the kinds of fault that it is drawn for."""
+
+    law: type[Law]
+    faults: tuple[str, ...]
+
+
+_WORN: Final = ("friction", "backlash", "eccentricity")
+_ALL: Final = (*_WORN, "short_circuit", "gain")
+
+DEVELOPMENT: Final[Mapping[str, Kind]] = MappingProxyType(
+    {
+        "logistic": Kind(Logistic, _ALL),
+        "missions": Kind(Missions, _ALL),
+        "avalanche": Kind(Avalanche, ("short_circuit",)),
+        "seasonal": Kind(Seasonal, _WORN),
+        "paris": Kind(Paris, _ALL),
+        "lost lubrication": Kind(LostLubrication, _WORN),
+    }
+)
+"""Laws that the tracker was developed with."""
+
+HELD_OUT: Final[Mapping[str, Kind]] = MappingProxyType(
+    {
+        "weibull": Kind(Weibull, _ALL),
+        "staged": Kind(Staged, _ALL),
+        "shocks": Kind(Shocks, _ALL),
+        "thermal": Kind(Thermal, _WORN),
+        "running in": Kind(RunningIn, _ALL),
+        "wandering": Kind(Wandering, _ALL),
+    }
+)
+"""Laws that nothing was developed with."""

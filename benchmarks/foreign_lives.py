@@ -1,0 +1,289 @@
+"""Lives by laws that the tracker does not have, with estimates whose errors last.
+
+Tests are 5 to 20 h apart, one in ten is missing, and the errors of successive estimates are
+correlated by 0.5. In every six lives of a law three have nothing else; one has a gap of months
+without tests, one a repair, and in one a second fault grows by another law under the same load.
+Lives of constant faults have the same tests, and every other one a wave in a fault.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from foreign_laws import DEVELOPMENT, HELD_OUT, Kind, Law, Seasonal
+from numpy.typing import NDArray
+from prognosis_estimates import error_model
+from prognosis_lives import LIMITS
+
+from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES, HIGHEST, KINDS, healthy_faults
+from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_sim.lives import constant_life
+
+SEED: Final = 18_018
+"""Root of the seeds of these lives."""
+
+STEP_HOURS: Final = 2.5
+VARIATIONS: Final = ("plain", "plain", "plain", "gap", "repair", "two faults")
+CORRELATION: Final = 0.5
+"""Of the errors of successive estimates [-]."""
+
+_LIVES_HOURS: Final = (900.0, 2300.0)
+_LONGEST: Final = 4.0
+_NOISES: Final = (0.1, 0.4)
+_OTHERS_MOST: Final = 0.15
+_MISSING: Final = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Grown:
+    """A component that grows by a foreign law.
+
+    Attributes
+    ----------
+    name
+        Component.
+    side
+        Side of its healthy value on which it grows.
+    law
+        Law with the figures of this life.
+    hours, share, states
+        Steps of the whole life [h], the share of the limit at each without its wave [-], and the
+        states of the law, ``(n,)``, ``(n,)`` and ``(n, k)``.
+    since
+        Service hour from which the law counts, that of a repair or 0 [h].
+    """
+
+    name: str
+    side: float
+    law: Law
+    hours: NDArray[np.float64]
+    share: NDArray[np.float64]
+    states: NDArray[np.float64]
+    since: float
+
+    @property
+    def away(self) -> NDArray[np.float64]:
+        """Distance from healthy at each step, its wave included [-], ``(n,)``."""
+        return np.maximum(self.share + self.law.wave(self.hours), 0.0) * LIMITS[self.name]
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignLife:
+    """What happens in a life.
+
+    Attributes
+    ----------
+    grown
+        Components that grow to a limit, that which ends life first.
+    hours, faults
+        Service hours of the tests with an estimate [h] and true faults, ``(n,)`` and ``(n, 8)``.
+    end_hours
+        Service hour at which a fault first reaches its limit [h]; infinite when none grows.
+    start_hours
+        Service hour from which predictions are scored: that of the repair, or 0 [h].
+    noise
+        Standard deviation of the logarithm of the growth of ten hours [-].
+    """
+
+    grown: tuple[Grown, ...]
+    hours: NDArray[np.float64]
+    faults: NDArray[np.float64]
+    end_hours: float
+    start_hours: float
+    noise: float
+
+    @property
+    def dominant(self) -> str:
+        """Component that ends life."""
+        return self.grown[0].name
+
+
+@dataclass(frozen=True)
+class ForeignCase:
+    """A life by its law and number.
+
+    Attributes
+    ----------
+    kind
+        Name of its law; empty where nothing grows.
+    number
+        Number of the life.
+    """
+
+    kind: str
+    number: int
+
+    @property
+    def variation(self) -> str:
+        """What the life has beside its law."""
+        return VARIATIONS[self.number % len(VARIATIONS)] if self.kind else ""
+
+    def rng(self, purpose: int) -> np.random.Generator:
+        """Return the random numbers for a purpose."""
+        return np.random.default_rng([SEED, *self.kind.encode(), self.number, purpose])
+
+    def life(self) -> ForeignLife:
+        """Return what happens in it."""
+        rng = self.rng(0)
+        if not self.kind:
+            return _constant(rng, with_wave=self.number % 2 == 1)
+        while (life := _drawn(self, rng)) is None:
+            pass
+        return life
+
+    def measurements(self, life: ForeignLife) -> list[Measurement]:
+        """Return the estimates of its tests, always the same."""
+        rng = self.rng(1)
+        return error_model().draw_correlated(life.hours, life.faults, CORRELATION, rng)
+
+
+def lives_of(kinds: Mapping[str, Kind], count: int) -> list[ForeignCase]:
+    """Return a number of lives of each law."""
+    return [ForeignCase(kind, number) for kind in kinds for number in range(count)]
+
+
+def constant_lives(count: int) -> list[ForeignCase]:
+    """Return lives without growth, every other one with a wave."""
+    return [ForeignCase("", number) for number in range(count)]
+
+
+def continued(
+    law: Law,
+    share: NDArray[np.float64],
+    states: NDArray[np.float64],
+    hours: NDArray[np.float64],
+    noise: float,
+    rngs: tuple[np.random.Generator, np.random.Generator],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return shares of the limit and states of a law at hours of its own.
+
+    Parameters
+    ----------
+    law
+        The law.
+    share, states
+        At the first of the hours, ``(n,)`` and ``(k, n)``.
+    hours
+        Steps [h], ``(m,)``.
+    noise
+        Standard deviation of the logarithm of the growth of ten hours [-].
+    rngs
+        Random numbers of the law, and of the noise.
+
+    Returns
+    -------
+    tuple
+        Shares, ``(m, n)``, and states, ``(m, k, n)``.
+    """
+    own, common = rngs
+    shares, kept = [share], [states.copy()]
+    for start, h in zip(hours[:-1], np.diff(hours), strict=True):
+        step = law.step(shares[-1], float(start), float(h), states, own)
+        sigma = math.sqrt(math.log1p(math.expm1(noise**2) * 10.0 / h))
+        factor = np.exp(sigma * common.standard_normal(share.size) - 0.5 * sigma**2)
+        shares.append(np.minimum(shares[-1] + factor * step, 10.0))
+        kept.append(states.copy())
+    return np.array(shares), np.array(kept)
+
+
+def _grown(
+    case: ForeignCase,
+    kind: str,
+    fault: str,
+    law: Law,
+    until: float,
+    repair: float,
+    noise: float,
+    stream: int,
+) -> Grown:
+    """Return a component's growth until a service hour [h]."""
+    rng = case.rng(stream)
+    name = str(rng.choice([one.name for one in KINDS[fault]]))
+    is_two_sided = KINDS[fault][0].is_two_sided
+    side = float(rng.choice([-1.0, 1.0])) if is_two_sided else 1.0
+    parts = []
+    for since, end in ((0.0, repair), (repair, until)) if repair else ((0.0, until),):
+        hours = np.arange(0.0, end - since, STEP_HOURS)
+        # Faults of one unit share their load, so the noise of their growth is the same.
+        rngs = (rng, case.rng(2))
+        states = law.states(1, rng)
+        shares, kept = continued(law, np.array([law.start]), states, hours, noise, rngs)
+        parts.append((hours + since, shares[:, 0], kept[:, :, 0]))
+    hours, share, states = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Grown(name, side, law, hours, share, states, repair)
+
+
+def _drawn(case: ForeignCase, rng: np.random.Generator) -> ForeignLife | None:
+    """Return a life; None when another fault than that of its law would end it."""
+    kinds = DEVELOPMENT if case.kind in DEVELOPMENT else HELD_OUT
+    faults = kinds[case.kind].faults
+    # Each variation meets each fault.
+    fault = faults[(case.number + case.number // len(VARIATIONS)) % len(faults)]
+    span = rng.uniform(*_LIVES_HOURS)
+    noise = rng.uniform(*_NOISES)
+    repair = 0.0
+    if case.variation == "repair":
+        repair = float(STEP_HOURS * round(rng.uniform(0.3, 0.6) * span / STEP_HOURS))
+    law = kinds[case.kind].law(span, rng)
+    until = repair + _LONGEST * span
+    stream = int(rng.integers(10, 1_000_000))
+    grown = [_grown(case, case.kind, fault, law, until, repair, noise, stream)]
+    if case.variation == "two faults":
+        others = [name for name, kind in kinds.items() for one in kind.faults if one != fault]
+        other = str(rng.choice(others))
+        of_it = [one for one in kinds[other].faults if one != fault]
+        second = kinds[other].law(span * rng.uniform(0.9, 1.5), rng)
+        grown.append(
+            _grown(case, other, str(rng.choice(of_it)), second, until, 0.0, noise, stream + 1)
+        )
+    ends = [_end(one, repair) for one in grown]
+    end = min(ends)
+    if ends[0] > end or not 600.0 < end - repair < _LONGEST * span:
+        return None
+    gaps = rng.uniform(5.0, 20.0, int(end / 5.0) + 1)
+    tests = np.cumsum(gaps)
+    if case.variation == "gap":
+        begin = rng.uniform(0.3, 0.7) * end
+        tests = tests[(tests < begin) | (tests > begin + rng.uniform(200.0, 400.0))]
+    tests = tests[(tests < end) & (rng.random(tests.size) >= _MISSING)]
+    vectors = np.tile(healthy_faults(), (tests.size, 1))
+    vectors[:, ECCENTRICITY_PHASE] = rng.random()
+    growing = {one.name for one in grown}
+    for members in KINDS.values():
+        # The others grow a little.
+        slope = rng.uniform(0.0, _OTHERS_MOST) * LIMITS[members[0].name] / end
+        if not growing & {one.name for one in members}:
+            vectors[:, FAULT_NAMES.index(members[0].name)] += slope * tests
+    for one in grown:
+        column = FAULT_NAMES.index(one.name)
+        away = np.interp(tests, one.hours, one.away)
+        vectors[:, column] = healthy_faults()[column] + one.side * away
+    return ForeignLife(
+        tuple(grown), tests, np.clip(vectors, 0.0, HIGHEST), end, repair, noise
+    )
+
+
+def _end(grown: Grown, after: float) -> float:
+    """Return the hour of the first passage of the limit [h]; infinite when there is none."""
+    limit, away = LIMITS[grown.name], grown.away
+    over = np.flatnonzero(away >= limit)
+    if not over.size or grown.hours[over[0]] < after:
+        return math.inf if not over.size else float(grown.hours[over[0]])
+    at = int(over[0])
+    part = (limit - away[at - 1]) / (away[at] - away[at - 1])
+    return float(grown.hours[at - 1] + part * (grown.hours[at] - grown.hours[at - 1]))
+
+
+def _constant(rng: np.random.Generator, *, with_wave: bool) -> ForeignLife:
+    """Return a life of constant faults, one of them under a wave if asked for."""
+    still = constant_life(LIMITS, rng)
+    tests = np.cumsum(rng.uniform(5.0, 20.0, still.hours.size))
+    tests = tests[rng.random(tests.size) >= _MISSING]
+    vectors = np.tile(still.faults[0], (tests.size, 1))
+    if with_wave:
+        waving = [FAULT_NAMES.index(name) for name in ("friction", "backlash", "eccentricity")]
+        column = int(rng.choice(waving))
+        vectors[:, column] += LIMITS[FAULT_NAMES[column]] * Seasonal(1.0, rng).wave(tests)
+    return ForeignLife((), tests, np.clip(vectors, 0.0, HIGHEST), math.inf, 0.0, 0.0)

@@ -1,0 +1,216 @@
+"""Simple fits and an oracle, for lives by foreign laws.
+
+The fits are told which component ends life, and of a repair, of which they use nothing before. A
+fit predicts once a line through its tests rises by three standard errors.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from foreign_lives import ForeignLife, continued
+from numpy.typing import NDArray
+from prognosis_lives import LIMITS
+from prognosis_predictors import Predictions
+
+from ema_core.faults import FAULT_NAMES, healthy_faults
+from ema_monitor.prognosis.growth.measurement import Measurement
+
+SAMPLES: Final = 200
+LATEST: Final = 60
+"""Tests of the line through the latest ones."""
+
+_LEAST_TESTS: Final = 5
+_SIGNIFICANT: Final = 3.0
+_ORACLE_STEP_HOURS: Final = 5.0
+_ORACLE_HOURS: Final = 4000.0
+_LATEST_GP: Final = 120
+_AHEAD: Final = np.concatenate([np.linspace(0.02, 1.0, 25), np.linspace(1.1, 4.0, 15)])
+"""Hours ahead at which a Gaussian process is drawn, in hours observed."""
+
+Array = NDArray[np.float64]
+Fit = Callable[[Array, Array, np.random.Generator], Array | None]
+"""Samples of the hours to the limit from hours up to now, ``(n,)`` [h], and shares of the limit,
+``(n,)``."""
+
+
+def followed(fit: Fit, life: ForeignLife, measurements: Sequence[Measurement]) -> Predictions:
+    """Return the predictions of a fit after each test of a life."""
+    name = life.grown[0].name
+    column = FAULT_NAMES.index(name)
+    rng = np.random.default_rng(0)
+    used = [one for one in measurements if one.hours >= life.start_hours]
+    hours = np.array([one.hours for one in used])
+    share = np.array([one.faults[column] for one in used]) - healthy_faults()[column]
+    share *= life.grown[0].side / LIMITS[name]
+    shown = np.array([not one.unobservable[column] for one in used])
+    samples: list[Array | None] = [None] * (len(measurements) - len(used))
+    seconds = [np.nan] * len(samples)
+    for number in range(len(used)):
+        start = time.process_time()
+        seen = np.flatnonzero(shown[: number + 1])
+        made = None
+        if seen.size >= _LEAST_TESTS:
+            made = fit(hours[seen] - hours[number], share[seen], rng)
+        samples.append(made)
+        seconds.append(time.process_time() - start)
+    return Predictions.of(measurements, samples, seconds)
+
+
+def _polynomial(
+    t: Array, y: Array, degree: int, rng: np.random.Generator
+) -> tuple[Array, Array] | None:
+    """Return coefficients, constant first, and samples of them, ``(k,)`` and ``(n, k)``."""
+    if t.size < degree + 3:
+        return None
+    scale = max(-t[0], 1.0)
+    design = np.vander(t / scale, degree + 1, increasing=True)
+    covariance = np.linalg.pinv(design.T @ design)
+    figures = covariance @ design.T @ y
+    scatter = float(np.sum((y - design @ figures) ** 2)) / (t.size - degree - 1)
+    root = np.linalg.cholesky(scatter * covariance + 1e-18 * np.eye(degree + 1))
+    drawn = figures + rng.standard_normal((SAMPLES, degree + 1)) @ root.T
+    return figures / scale ** np.arange(degree + 1), drawn / scale ** np.arange(degree + 1)
+
+
+def _rises(t: Array, y: Array) -> bool:
+    """Return whether a line rises by three standard errors."""
+    away = t - t.mean()
+    spread = float(away @ away)
+    slope = float(away @ y) / spread
+    scatter = np.sum((y - y.mean() - slope * away) ** 2) / (t.size - 2)
+    return slope > _SIGNIFICANT * np.sqrt(scatter / spread) and slope > 0.0
+
+
+def _line(t: Array, y: Array, rng: np.random.Generator) -> Array | None:
+    found = _polynomial(t, y, 1, rng) if _rises(t, y) else None
+    if found is None:
+        return None
+    level, slope = found[1].T
+    until = np.maximum(1.0 - level, 0.0) / np.where(slope > 0.0, slope, np.nan)
+    return np.nan_to_num(until, nan=np.inf)
+
+
+def _latest_line(t: Array, y: Array, rng: np.random.Generator) -> Array | None:
+    return _line(t[-LATEST:], y[-LATEST:], rng)
+
+
+def _quadratic(t: Array, y: Array, rng: np.random.Generator) -> Array | None:
+    found = _polynomial(t, y, 2, rng) if _rises(t, y) else None
+    if found is None:
+        return None
+    c, b, a = found[1].T
+    c = np.minimum(c - 1.0, 0.0)
+    under = b**2 - 4.0 * a * c
+    # The first crossing; the form that is exact when a is 0.
+    root = -2.0 * c / (b + np.sqrt(np.maximum(under, 0.0)))
+    return np.where((under >= 0.0) & (root >= 0.0), root, np.inf)
+
+
+def _exponential(t: Array, y: Array, rng: np.random.Generator) -> Array | None:
+    """Fit log y by a line with weights y^2, and resample its residuals."""
+    if not _rises(t, y):
+        return None
+    used = y > 0.01
+    t, y = t[used], y[used]
+    if t.size < _LEAST_TESTS or np.ptp(t) == 0.0:
+        return None
+    scale = max(-t[0], 1.0)
+    design = np.column_stack([np.ones_like(t), t / scale])
+    weighted = design * y[:, None] ** 2
+    inverse = np.linalg.pinv(weighted.T @ design) @ weighted.T
+    fitted = design @ (inverse @ np.log(y))
+    residual = (np.log(y) - fitted) * y
+    drawn = fitted + residual[rng.integers(y.size, size=(SAMPLES, y.size))] / y
+    level, slope = inverse @ drawn.T
+    slope = np.where(slope > 0.0, slope / scale, np.nan)
+    return np.nan_to_num(np.maximum(-level, 0.0) / slope, nan=np.inf)
+
+
+def _gaussian_process(t: Array, y: Array, rng: np.random.Generator) -> Array | None:
+    """Draw futures of a line plus a squared exponential, whose figures are the most likely."""
+    if not _rises(t, y):
+        return None
+    t, y = t[-_LATEST_GP:], y[-_LATEST_GP:]
+    span = max(-t[0], 1.0)
+    a, b = t / span, _AHEAD
+    everything = np.concatenate([a, b])
+    gap = (everything[:, None] - everything) ** 2
+    line = 1.0 + everything[:, None] * everything
+    n = a.size
+    scatter = max(float(np.std(np.diff(y))), 1e-4)
+    best, chosen = -np.inf, None
+    for length in (0.15, 0.4, 1.0, 2.5):
+        for size in (0.03, 0.1, 0.3, 1.0):
+            kernel = 4.0 * line + size**2 * np.exp(-0.5 * gap / length**2)
+            root = np.linalg.cholesky(kernel[:n, :n] + scatter**2 * np.eye(n))
+            white = np.linalg.solve(root, y)
+            evidence = -0.5 * white @ white - np.sum(np.log(np.diag(root)))
+            if evidence > best:
+                best, chosen = evidence, (kernel, root, white)
+    if chosen is None:
+        return None
+    kernel, root, white = chosen
+    across = np.linalg.solve(root, kernel[:n, n:])
+    covariance = kernel[n:, n:] - across.T @ across
+    values, vectors = np.linalg.eigh(covariance)
+    spread = vectors * np.sqrt(np.maximum(values, 0.0))
+    future = across.T @ white + rng.standard_normal((SAMPLES, b.size)) @ spread.T
+    over = future >= 1.0
+    first = np.argmax(over, axis=1)
+    return np.where(over.any(axis=1), b[first] * span, np.inf)
+
+
+def _by(fit: Fit) -> Callable[[ForeignLife, Sequence[Measurement]], Predictions]:
+    def predict(life: ForeignLife, measurements: Sequence[Measurement]) -> Predictions:
+        return followed(fit, life, measurements)
+
+    return predict
+
+
+SIMPLE_FITS: Final = MappingProxyType(
+    {
+        "straight line": _by(_line),
+        "line of 60 tests": _by(_latest_line),
+        "quadratic": _by(_quadratic),
+        "exponential": _by(_exponential),
+    }
+)
+"""Fits that the tracker has to be better than in every kind of life."""
+
+FITS: Final[Mapping[str, Callable[[ForeignLife, Sequence[Measurement]], Predictions]]] = (
+    MappingProxyType({**SIMPLE_FITS, "Gaussian process": _by(_gaussian_process)})
+)
+
+
+def oracle(life: ForeignLife, measurements: Sequence[Measurement]) -> Predictions:
+    """Return the lives of futures by the law, from the true state on.
+
+    It knows the law, its figures and the state; the noise of growth, and missions and shocks to
+    come, it does not know.
+    """
+    samples: list[Array | None] = []
+    seconds: list[float] = []
+    rng = np.random.default_rng(0)
+    for measurement in measurements:
+        start = time.process_time()
+        hours = measurement.hours
+        left = np.full(SAMPLES, np.inf)
+        for one in life.grown:
+            if hours < life.start_hours:
+                continue
+            at = max(int(np.searchsorted(one.hours, hours, "right")) - 1, 0)
+            ahead = min(_ORACLE_HOURS, 3.0 * (life.end_hours - hours) + 100.0)
+            steps = hours - one.since + np.arange(0.0, ahead, _ORACLE_STEP_HOURS)
+            share = np.full(SAMPLES, float(np.interp(hours, one.hours, one.share)))
+            states = np.tile(one.states[at][:, None], SAMPLES)
+            futures, _ = continued(one.law, share, states, steps, life.noise, (rng, rng))
+            wave = one.law.wave(steps + one.since) + np.zeros(steps.size)
+            over = futures + wave[:, None] >= 1.0
+            first = np.where(over.any(axis=0), steps[np.argmax(over, axis=0)], np.inf)
+            left = np.minimum(left, np.maximum(first - steps[0] - 0.5 * _ORACLE_STEP_HOURS, 0.0))
+        samples.append(left if np.any(np.isfinite(left)) else None)
+        seconds.append(time.process_time() - start)
+    return Predictions.of(measurements, samples, seconds)

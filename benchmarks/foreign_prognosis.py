@@ -1,0 +1,185 @@
+"""Accuracy and honesty of the remaining life over lives by laws that the tracker does not have.
+
+    tools/peers.sh python benchmarks/foreign_prognosis.py [--lives N] [--constant N] [--held-out]
+        [--no-peers] [--json FILE]
+
+Lives (foreign_lives.py) are by six laws that the tracker was developed with, or by six others with
+--held-out. No law is known. On the same estimates: straight lines through all and through the last
+60 tests, a quadratic, an exponential with bootstrap, a Gaussian process, progpy's particle filter
+with the law and rate of the type, and an oracle that knows the law, its figures and the state.
+Prints tables and writes JSON.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+import click
+import numpy as np
+from foreign_laws import DEVELOPMENT, HELD_OUT
+from foreign_lives import SEED, ForeignCase, constant_lives, lives_of
+from foreign_predictors import FITS, SIMPLE_FITS, oracle
+from prognosis_predictors import Predictor, law_unknown
+from prognosis_scores import LifeScore, summary
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from trials import workers
+
+try:
+    from prognosis_progpy import particle_filter
+except ImportError:
+    particle_filter = None
+
+TRACKER: Final = "law unknown"
+METHODS: Final[Mapping[str, Any]] = {
+    TRACKER: law_unknown,
+    **FITS,
+    **({"progpy": particle_filter} if particle_filter else {}),
+    "oracle": oracle,
+}
+
+LEAST_ACCURACY: Final = 0.72
+COVERAGE: Final = (0.85, 0.95)
+COVERAGE_OF_KIND: Final = (0.80, 0.97)
+MOST_BEYOND: Final = 0.06
+
+
+def score(case: ForeignCase) -> dict[str, LifeScore]:
+    """Score a life by all methods."""
+    return _scored(case, METHODS)
+
+
+def score_tracker(case: ForeignCase) -> dict[str, LifeScore]:
+    """Score a life by the tracker alone."""
+    return _scored(case, {TRACKER: law_unknown})
+
+
+def _scored(case: ForeignCase, methods: Mapping[str, Predictor]) -> dict[str, LifeScore]:
+    life = case.life()
+    measurements = case.measurements(life)
+    left = life.end_hours - life.start_hours
+    told = [one for one in measurements if one.hours >= life.start_hours]
+    result = {}
+    for name, predict in methods.items():
+        # progpy's filter knows of no repair: it begins with it.
+        made = predict(life, told if name == "progpy" else measurements)
+        since = made.since(life.start_hours)
+        result[name] = LifeScore.of(case.kind, case.number, left, since)
+    return result
+
+
+def reported(case: ForeignCase) -> int:
+    """Return after how many tests of a constant life a remaining life is told."""
+    life = case.life()
+    made = law_unknown(life, case.measurements(life))
+    return int(np.sum(np.isfinite(made.median)))
+
+
+def figures_of(
+    cases: Sequence[ForeignCase], scores: Sequence[Mapping[str, LifeScore]]
+) -> dict[str, Any]:
+    """Return the figures of each method: of all lives, by law and by variation."""
+    result: dict[str, Any] = {}
+    for name in scores[0]:
+        of_it = [(case, one[name]) for case, one in zip(cases, scores, strict=True)]
+        kinds = dict.fromkeys(case.kind for case in cases)
+        variations = dict.fromkeys(case.variation for case in cases)
+        result[name] = {
+            "all": summary([one for _, one in of_it]),
+            **{kind: summary([one for case, one in of_it if case.kind == kind]) for kind in kinds},
+            **{
+                f"with {variation}": summary(
+                    [one for case, one in of_it if case.variation == variation]
+                )
+                for variation in variations
+            },
+        }
+    return result
+
+
+def show(console: Console, figures: Mapping[str, Any]) -> None:
+    """Print the tables."""
+    methods = figures["methods"]
+    ours = methods[TRACKER]
+    table = Table("lives", *methods, title=f"accuracy over the second half of life, {TRACKER}")
+    for kind in ours:
+        rows = [f"{of_it[kind]['cra']:.3f}" for of_it in methods.values()]
+        table.add_row(kind, *rows)
+    console.print(table)
+    table = Table("lives", *methods, title="alpha-lambda at 0.75 / coverage / 5 % beyond the truth")
+    for kind in ours:
+        table.add_row(kind, *(_honesty(of_it[kind]) for of_it in methods.values()))
+    console.print(table)
+    judged = [kind for kind in ours if kind != "all" and not kind.startswith("with ")]
+    fits = [methods[name] for name in SIMPLE_FITS if name in methods]
+    behind = [
+        kind
+        for kind in judged
+        if any(fit[kind]["cra"] >= ours[kind]["cra"] for fit in fits)
+    ]
+    low, high = COVERAGE_OF_KIND
+    uncovered = [kind for kind in judged if not low <= ours[kind]["coverage"] <= high]
+    table = Table("what", "target", "measured")
+    table.add_row("accuracy", f">= {LEAST_ACCURACY}", f"{ours['all']['cra']:.3f}")
+    table.add_row("kinds not above each simple fit", "none", ", ".join(behind) or "none")
+    table.add_row("coverage", f"{COVERAGE[0]} to {COVERAGE[1]}", f"{ours['all']['coverage']:.3f}")
+    table.add_row(f"kinds not covered {low} to {high}", "none", ", ".join(uncovered) or "none")
+    table.add_row(
+        "5 % quantile beyond the truth, second half",
+        f"<= {MOST_BEYOND}",
+        f"{ours['all']['beyond_late']:.3f}",
+    )
+    table.add_row("update [ms]", "<= 20", f"{1e3 * ours['all']['seconds']:.1f}")
+    for name, of_it in figures["constant"].items():
+        table.add_row(f"constant lives, {name}: told a life", "0", f"{of_it[0]} of {of_it[1]}")
+    console.print(table)
+
+
+def _honesty(one: Mapping[str, Any]) -> str:
+    return f"{one['alpha_lambda']['0.75']:.2f} / {one['coverage']:.2f} / {one['beyond_late']:.2f}"
+
+
+@click.command()
+@click.option("--lives", default=30, show_default=True, type=click.IntRange(1), help="of each law")
+@click.option("--constant", "constants", default=300, show_default=True, type=click.IntRange(0))
+@click.option("--held-out", is_flag=True, help="the laws kept out of development; run once")
+@click.option("--no-peers", is_flag=True, help="the tracker alone")
+@click.option("--json", "output", type=click.Path(path_type=Path, dir_okay=False))
+def main(lives: int, constants: int, held_out: bool, no_peers: bool, output: Path | None) -> None:
+    """Print the tables and write the JSON file."""
+    cases = lives_of(HELD_OUT if held_out else DEVELOPMENT, lives)
+    still = constant_lives(constants)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with (
+        Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress,
+        workers(progress) as pool,
+    ):
+        scores = pool.map("lives by foreign laws", score_tracker if no_peers else score, cases)
+        told = pool.map("constant lives", reported, still)
+    figures = {
+        "seed": SEED,
+        "held_out": held_out,
+        "methods": figures_of(cases, scores),
+        "constant": {
+            name: (sum(told[at] > 0 for at in which), len(which))
+            for name, which in (
+                ("steady", range(0, len(told), 2)),
+                ("with a wave", range(1, len(told), 2)),
+            )
+        },
+        "lives": {
+            name: [asdict(one[name]) | {"variation": case.variation}
+                   for case, one in zip(cases, scores, strict=True)]
+            for name in scores[0]
+        },
+    }
+    show(Console(width=185), figures)
+    if output:
+        output.write_text(json.dumps(figures))
+
+
+if __name__ == "__main__":
+    main()
