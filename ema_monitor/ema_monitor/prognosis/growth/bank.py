@@ -3,9 +3,9 @@
 Within a cell law, shape and rate are fixed, so that what is left is one smooth scalar state, the
 fault's distance from healthy, and a Gaussian holds it (unscented transform through the exact
 solution of the law). The cells' probabilities carry all that is not Gaussian: which law, how
-bent, how fast. This is the static multiple-model estimator (Magill 1965; Bar-Shalom, Li and
-Kirubarajan 2001, section 11.6.2), with the merging of the interacting one (section 11.6.6) for
-the onset of growth and for changes of it.
+bent, how fast. This is the multiple-model estimator (Magill 1965; Bar-Shalom, Li and Kirubarajan
+2001, section 11.6), with the merging of the interacting one (section 11.6.6) for the onset of
+growth, for changes of it, and for rates that wander.
 """
 
 from copy import copy
@@ -13,11 +13,13 @@ from copy import copy
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.growth_laws import increment
-from ema_monitor.prognosis.growth.cells import Cells
+from ema_core.growth_laws import LAWS
+from ema_monitor.prognosis.growth.cells import N_WANDERING_RATES, Cells
+from ema_monitor.prognosis.growth.filters import grow_cells, measure_cells
 from ema_monitor.prognosis.growth.measurement import REACH
 from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
 from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.wander import mix_paces, transitions
 
 _LEAST = 1e-280
 _STANDSTILL = 1e-3
@@ -36,7 +38,8 @@ class Bank:
     Attributes
     ----------
     weight
-        Probability of each cell; sums to 1 over the cells of a component.
+        Probability of each cell; sums to 1 over the cells of a component, or to 1 with those of
+        its waves.
     mean, variance
         Signed distance from healthy in each cell [-].
     members
@@ -62,7 +65,14 @@ class Bank:
         arriving = cells.prior.copy()
         arriving[self._constant] *= _STANDSTILL
         self._arriving = arriving / self.sums(arriving)[cells.component]
-        self._two_sided = (self.sums((cells.side < 0.0).astype(float)) > 0.0)[cells.component]
+        self.two_sided = self.sums((cells.side < 0.0).astype(float)) > 0.0
+        self._two_sided = self.two_sided[cells.component]
+        self._law = np.repeat(
+            [LAWS.index(law) for law in cells.slices],
+            [part.stop - part.start for part in cells.slices.values()],
+        )
+        self._before = self.mean, self.variance
+        self._slope = np.ones_like(self.mean)
 
     def frozen(self) -> "Bank":
         """Return a copy that does not change with this one."""
@@ -79,12 +89,20 @@ class Bank:
 
     def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return mean and variance of each component's signed distance, ``(7,)`` each."""
-        mean = self.sums(self.weight * self.mean)
+        total = np.maximum(self.sums(self.weight), _LEAST)
+        mean = self.sums(self.weight * self.mean) / total
         away = self.mean - mean[self.cells.component]
-        return mean, self.sums(self.weight * (self.variance + away**2))
+        return mean, self.sums(self.weight * (self.variance + away**2)) / total
 
     def advance(self, hours: float) -> None:
-        """Let all cells grow over some hours [h]."""
+        """Let all cells grow over some hours [h], after growth has begun or changed."""
+        self._change()
+        if hours > 0.0:
+            steps = transitions(hours)
+            for starts, step in zip(self.cells.blocks, steps, strict=True):
+                mix_paces(self.weight, self.mean, self.variance, starts, N_WANDERING_RATES, step)
+        self._before = self.mean.copy(), self.variance.copy()
+        self._slope = np.ones_like(self.mean)
         if hours <= 0.0:
             return
         cells = self.cells
@@ -95,16 +113,11 @@ class Bank:
                 self.mean[part] += cells.side[part] * cells.rate[part] * hours
                 self.variance[part] += cells.diffusion[part] ** 2 * hours
                 continue
-            side, rate, shape = cells.side[part], cells.rate[part], cells.shape[part]
-            x, sd = side * self.mean[part], np.sqrt(self.variance[part])
-            points = np.maximum(np.stack([x - sd, x + sd]), 0.0)
-            steps = np.minimum(increment(law, points, rate, shape, hours), 1.0)
-            low, high = points + steps
-            step = 0.5 * (steps[0] + steps[1])
-            self.mean[part] = side * 0.5 * (low + high)
-            self.variance[part] = (0.5 * (high - low)) ** 2 + step**2 * self.noise_hours / hours
+            figures = (self._law, cells.side, cells.rate, cells.shape)
+            states = (self.mean, self.variance, self._slope)
+            grow_cells(*(one[part] for one in (*figures, *states)), hours, self.noise_hours)
 
-    def change(self) -> None:
+    def _change(self) -> None:
         """Let growth begin, or become another, with the probabilities of the settings."""
         cells, settings = self.cells, self._settings
         leaving = np.full_like(self.weight, settings.change_probability)
@@ -130,8 +143,11 @@ class Bank:
         noise: NDArray[np.float64],
         used: NDArray[np.bool_],
         near_healthy: NDArray[np.bool_],
-    ) -> None:
-        """Update all cells by a test.
+        carried: NDArray[np.float64],
+        fresh: NDArray[np.float64],
+        value_before: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Update the levels of all cells by a test.
 
         Parameters
         ----------
@@ -139,62 +155,38 @@ class Bank:
             Signed distances from healthy and variances of their errors, ``(7,)``.
         used, near_healthy
             Components that the test shows, and those of them that were set to healthy, ``(7,)``.
+        carried, fresh, value_before
+            As of ``measure_cells``.
+
+        Returns
+        -------
+        numpy.ndarray
+            Logarithms of the likelihoods of the cells, ``(n,)``; 0 of components not shown.
         """
         component = self.cells.component
         log_likelihood = np.zeros_like(self.weight)
         plain = np.flatnonzero((used & ~near_healthy)[component])
-        own = component[plain]
-        log_likelihood[plain] = self._measure_values(plain, value[own], noise[own])
+        settings = self._settings
+        states = (self.mean, self.variance, self._slope, *self._before)
+        measure_cells(
+            *(plain, component, *states, value, fresh, carried, value_before),
+            *(settings.occasional_error, settings.occasional_probability, log_likelihood),
+        )
         near = np.flatnonzero((used & near_healthy)[component])
         mean, variance = self.mean[near], self.variance[near]
         log_p = np.empty(near.size)
         own = component[near]
         near_healthy_update(mean, variance, noise[own], REACH[own], self._two_sided[near], log_p)
         self.mean[near], self.variance[near], log_likelihood[near] = mean, variance, log_p
-        highest = np.full(self._n, -np.inf)
-        np.maximum.at(highest, component, log_likelihood)
-        weight = self.weight * np.exp(log_likelihood - highest[component])
-        self.weight = np.maximum(weight / self.sums(weight)[component], _LEAST)
-
-    def _measure_values(
-        self,
-        at: NDArray[np.intp],
-        value: NDArray[np.float64],
-        noise: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
-        """Update cells by values with occasional errors: a mixture of two Gaussians, merged.
-
-        Returns the logarithm of the likelihood of each value.
-        """
-        settings = self._settings
-        innovation, variance = value - self.mean[at], self.variance[at]
-        usual, large = variance + noise, variance + noise + settings.occasional_error**2
-        squared = innovation**2
-        rare = settings.occasional_probability
-        log_usual = np.log1p(-rare) - 0.5 * (squared / usual + np.log(usual))
-        log_large = np.log(max(rare, _LEAST)) - 0.5 * (squared / large + np.log(large))
-        log_likelihood = np.logaddexp(log_usual, log_large)
-        share = np.exp(log_large - log_likelihood)
-        gain_usual, gain_large = variance / usual, variance / large
-        gain = gain_usual + share * (gain_large - gain_usual)
-        self.mean[at] += gain * innovation
-        spread = share * (1.0 - share) * (gain_usual - gain_large) ** 2 * squared
-        self.variance[at] = variance * (1.0 - gain) + spread
         return log_likelihood
 
-    def restart(self, component: int, value: float, variance: float, *, keep: float) -> None:
+    def restart(self, component: int, value: float, variance: float) -> None:
         """Start a component's level anew.
 
         Parameters
         ----------
         component, value, variance
             Number of the component, its new signed distance from healthy, and its variance [-].
-        keep
-            Power to which the cells' probabilities are kept, relative to the prior: 0 reopens
-            the prior, 1 keeps all that is known of the growth [-].
         """
         at = self.members[component]
         self.mean[at], self.variance[at] = value, variance
-        prior = self.cells.prior[at]
-        weight = prior * (self.weight[at] / prior) ** keep
-        self.weight[at] = weight / weight.sum()

@@ -9,7 +9,11 @@ the lives that it is tested on.
 Laws bend their curves in ways of their own, so their second figures cannot be compared. The bend
 can: the speed of growth at the limit over the mean speed on the way there, 1 for a straight line.
 Where no law is known, one grid of bends serves all of them, and every curve is as probable as any
-other. Damage does not slow down and does not heal, so bends are above 1.
+other. Bends of steady growth are above 1.
+
+Growth seldom keeps to one law for life. Beside cells of a steady rate there are those whose rate
+wanders about that of a law (``wander``): by the pace, a factor that forgets itself within some
+hundred hours. They follow what no law of the grid describes: load, lubrication, what slows down.
 """
 
 from collections.abc import Callable
@@ -23,6 +27,7 @@ from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.growth_laws import LAWS, hours_until
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
+from ema_monitor.prognosis.growth.wander import FACTORS, PACES, SHARES, WANDER_HOURS
 
 BENDS: Final = tuple(np.geomspace(1.15, 6.0, 12).tolist())
 """Bends of curves of unknown law [-].
@@ -121,6 +126,26 @@ RATE_SPACING: Final = float(np.log(LIFE_HOURS[1] / LIFE_HOURS[0]))
 """Distance of neighbouring rates in the logarithm [-]."""
 CONSTANT_PRIOR: Final = 0.5
 """Prior probability that a component does not grow [-]."""
+WANDERING_PRIOR: Final = 0.5
+"""Prior probability that the rate of a component that grows wanders, its law unknown [-]."""
+
+N_WANDERING_RATES: Final = 33
+_BENDS_OF_WEAR: Final = (4.0,)
+_BENDS_OF_HEAT: Final = (2.0, 3.0, 4.5, 6.0, 9.0, 14.0)
+_SETTLING: Final = 0.7
+"""Share of its first speed that growth which slows down has lost at the limit [-]."""
+
+
+def wandering_curves(limit: float) -> list[Curve]:
+    """Return the curves about which a rate may wander.
+
+    Few, for a wandering rate bends them further, and most of them steep: growth that will
+    accelerate must be thought of before it does.
+    """
+    figures = [("linear", 0.0), ("archard", -_SETTLING / limit)]
+    figures += [("archard", _root(_bend_of_wear, bend) / limit) for bend in _BENDS_OF_WEAR]
+    figures += [("self_heating", _root(_bend_of_heat, bend) / limit) for bend in _BENDS_OF_HEAT]
+    return [Curve(law, shape, 0.0, 1.0 / len(figures)) for law, shape in figures]
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +161,17 @@ class Cells:
     side
         Side of the healthy value on which it grows, -1 or 1.
     rate, shape
-        Figures of the law.
+        Figures of the law; the rate is that of now, its pace included.
+    base
+        The rate without its pace.
+    spacing
+        Distance of neighbouring rates in the logarithm [-].
+    pace, hours
+        Logarithm of the pace [-] and the hours within which it forgets itself; 0 and infinite
+        where the rate is steady.
+    blocks
+        Where the cells of each wandering curve begin, by ``WANDER_HOURS``, ``(k, m)``; its cells
+        are those of each pace in turn.
     diffusion
         Of ``drift`` its s [1/sqrt(h)]; else 0.
     limit
@@ -153,6 +188,11 @@ class Cells:
     diffusion: NDArray[np.float64]
     limit: NDArray[np.float64]
     prior: NDArray[np.float64]
+    base: NDArray[np.float64]
+    spacing: NDArray[np.float64]
+    pace: NDArray[np.float64]
+    hours: NDArray[np.float64]
+    blocks: NDArray[np.intp]
 
 
 def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
@@ -160,32 +200,70 @@ def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
     by_law: dict[str, list[NDArray[np.float64]]] = {law: [] for law in LAWS}
     for number, name in enumerate(COMPONENTS):
         limit, known = limits.of(name), settings.laws.get(name)
-        still = [[number], [1.0], [0.0], [0.0], [0.0], [limit], [CONSTANT_PRIOR]]
-        by_law["constant"].append(np.array(still))
+        still = [number, 1.0, 0.0, 0.0, 0.0, limit, CONSTANT_PRIOR, 0.0, 0.0, 0.0, np.inf, 0.0]
+        by_law["constant"].append(np.array(still)[:, None])
+        steady = 1.0 if known else 1.0 - WANDERING_PRIOR
         for curve in curves_of(limit, known, two_sided=_is_two_sided(number)):
-            by_law[curve.law].append(_cells_of(curve, number, limit, known))
+            by_law[curve.law].append(_cells_of(curve, number, limit, known, steady))
+        if known is None:
+            for curve in wandering_curves(limit):
+                by_law[curve.law].append(_wandering_cells(curve, number, limit))
     stops = np.cumsum([0, *(sum(part.shape[1] for part in of_it) for of_it in by_law.values())])
     slices = {law: slice(*stops[i : i + 2].tolist()) for i, law in enumerate(by_law)}
     parts = [part for of_it in by_law.values() for part in of_it]
-    component, side, rate, shape, diffusion, limit, prior = np.concatenate(parts, axis=1)
+    component, side, rate, shape, diffusion, limit, prior, base, spacing, pace, hours, first = (
+        np.concatenate(parts, axis=1)
+    )
     number = component.astype(np.intp)
     prior /= np.bincount(number, prior)[number]
-    return Cells(slices, number, side, rate, shape, diffusion, limit, prior)
+    blocks = [np.flatnonzero((first > 0.0) & (hours == of_it)) for of_it in WANDER_HOURS]
+    figures = (rate, shape, diffusion, limit, prior, base, spacing, pace, hours)
+    return Cells(slices, number, side, *figures, np.array(blocks))
 
 
 def _cells_of(
-    curve: Curve, number: int, limit: float, known: KnownLaw | None
+    curve: Curve, number: int, limit: float, known: KnownLaw | None, share: float
 ) -> NDArray[np.float64]:
-    """Return component, side, rate, shape, diffusion, limit and prior, ``(7, n)``."""
-    # Hours of the law at rate 1: T is in proportion to 1 / a, and to c.
-    at_one = float(hours_until(curve.law, 0.0, 1.0, curve.shape, limit))
-    rate = LIFE_HOURS / at_one if curve.law == "power" else at_one / LIFE_HOURS
+    """Return the figures of cells of a steady rate, in the order of ``grid``, ``(12, n)``."""
+    rate = _rates(curve, limit, LIFE_HOURS)
     sides = (-1.0, 1.0) if _is_two_sided(number) else (1.0,)
-    prior = _rate_prior(rate, known) * (1.0 - CONSTANT_PRIOR) * curve.share / len(sides)
-    figures = (curve.shape, curve.diffusion, limit, prior)
+    prior = _rate_prior(rate, known) * share * (1.0 - CONSTANT_PRIOR) * curve.share / len(sides)
+    figures = (curve.shape, curve.diffusion, limit, prior, rate, RATE_SPACING, 0.0, np.inf, 0.0)
     return np.concatenate(
         [np.stack(np.broadcast_arrays(number, side, rate, *figures)) for side in sides], axis=1
     )
+
+
+def _wandering_cells(curve: Curve, number: int, limit: float) -> NDArray[np.float64]:
+    """Return the figures of cells of a wandering rate, in the order of ``grid``, ``(12, n)``."""
+    lives = np.geomspace(LIFE_HOURS[0], LIFE_HOURS[-1], N_WANDERING_RATES)
+    base = np.tile(_rates(curve, limit, lives), PACES.size)
+    spacing = float(np.log(lives[1] / lives[0]))
+    sides = (-1.0, 1.0) if _is_two_sided(number) else (1.0,)
+    share = WANDERING_PRIOR * (1.0 - CONSTANT_PRIOR) * curve.share
+    prior = np.repeat(SHARES, lives.size) * share / lives.size / len(sides) / len(WANDER_HOURS)
+    rate, pace = base * np.repeat(FACTORS, lives.size), np.repeat(PACES, lives.size)
+    first = np.arange(base.size) == 0
+    return np.concatenate(
+        [
+            np.stack(
+                np.broadcast_arrays(
+                    *(number, side, rate, curve.shape, 0.0, limit, prior),
+                    *(base, spacing, pace, hours, first),
+                )
+            )
+            for side in sides
+            for hours in WANDER_HOURS
+        ],
+        axis=1,
+    )
+
+
+def _rates(curve: Curve, limit: float, lives: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rates of a law by the hours from healthy to the limit, ``(n,)``."""
+    # Hours of the law at rate 1: T is in proportion to 1 / a, and to c.
+    at_one = float(hours_until(curve.law, 0.0, 1.0, curve.shape, limit))
+    return lives / at_one if curve.law == "power" else at_one / lives
 
 
 def _is_two_sided(number: int) -> bool:

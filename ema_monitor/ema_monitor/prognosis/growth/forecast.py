@@ -1,20 +1,26 @@
-"""Samples of a bank of filters, continued into the future.
+"""Samples of what is known of growth, continued into the future.
 
 Process noise multiplies each increment by a factor, so a fault grows as its law says, in a time
 of its own whose increments are random with mean 1. To first order in the variance that time is a
 Wiener process with drift, and the hours until it reaches those of the noiseless law follow an
 inverse Gaussian; of drift and diffusion they do so exactly (Chhikara and Folks, The Inverse
-Gaussian Distribution, 1989).
+Gaussian Distribution, 1989). Where the rate wanders, that time runs at the pace.
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.growth_laws import hours_until, increment
+from ema_monitor.prognosis.growth import wander
 from ema_monitor.prognosis.growth.bank import Bank
-from ema_monitor.prognosis.growth.cells import RATE_SPACING, Cells
+from ema_monitor.prognosis.growth.cells import Cells
+from ema_monitor.prognosis.growth.wave_lives import WaveDraw, draw_waves, wave_lives, wave_values
+from ema_monitor.prognosis.growth.waves import Waves
+
+_PACE_SPACING: Final = float(wander.PACES[1] - wander.PACES[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +34,13 @@ class Draw:
     cell
         Cell number.
     x
-        Distance from healthy, towards the side to which the cell grows [-].
+        Distance from healthy, towards the side to which the cell grows, with its wave [-].
     rate
-        Rate of the law.
+        Rate of the law at pace 1.
+    pace
+        Logarithm of the pace [-].
+    waves
+        Those samples that are under a wave, in place of those of the cells.
     """
 
     cells: Cells
@@ -38,10 +48,12 @@ class Draw:
     cell: NDArray[np.intp]
     x: NDArray[np.float64]
     rate: NDArray[np.float64]
+    pace: NDArray[np.float64]
+    waves: WaveDraw | None = None
 
 
-def draw(bank: Bank, n: int, rng: np.random.Generator) -> Draw:
-    """Return n samples of each component of a bank."""
+def draw(bank: Bank, n: int, rng: np.random.Generator, waves: Waves | None = None) -> Draw:
+    """Return n samples of each component of a bank, and of its waves."""
     cells = bank.cells
     cell = np.empty((len(bank.members), n), dtype=np.intp)
     for number, of_it in enumerate(bank.members):
@@ -51,9 +63,15 @@ def draw(bank: Bank, n: int, rng: np.random.Generator) -> Draw:
         cell[number] = rng.permutation(of_it[np.minimum(np.searchsorted(at, points), at.size - 1)])
     sd = np.sqrt(bank.variance[cell])
     x = cells.side[cell] * (bank.mean[cell] + sd * rng.standard_normal(cell.shape))
-    # The grid's rates stand for the cells between them.
-    rate = cells.rate[cell] * np.exp(RATE_SPACING * (rng.random(cell.shape) - 0.5))
-    return Draw(cells, bank.noise_hours, cell, x, rate)
+    # The grid's rates and paces stand for what lies between them.
+    rate = cells.base[cell] * np.exp(cells.spacing[cell] * (rng.random(cell.shape) - 0.5))
+    wanders = np.isfinite(cells.hours[cell])
+    between = _PACE_SPACING * (rng.random(cell.shape) - 0.5)
+    pace = cells.pace[cell] + np.where(wanders, between, 0.0)
+    drawn = None if waves is None else draw_waves(waves, n, rng)
+    if drawn is not None:
+        x[drawn.at] = cells.side[cell[drawn.at]] * (drawn.state[:, 0] + drawn.state[:, 2])
+    return Draw(cells, bank.noise_hours, cell, x, rate, pace, drawn)
 
 
 def lives(sample: Draw, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -71,8 +89,17 @@ def lives(sample: Draw, rng: np.random.Generator) -> NDArray[np.float64]:
             scale[at] = ((limit - x) / cells.diffusion[own]) ** 2
         else:
             scale[at] = hours[at] ** 2 / max(sample.noise_hours, 1e-12)
+    # Growth that slows down may never get there.
+    hours[np.isnan(hours)] = np.inf
     passing = np.isfinite(hours) & (hours > 0.0) & (scale > 0.0)
     hours[passing] = rng.wald(hours[passing], scale[passing])
+    wandering = np.isfinite(cells.hours[cell]) & passing
+    normal = rng.standard_normal((int(wandering.sum()), wander.STEPS))
+    hours[wandering] = wander.hours_of(
+        hours[wandering], sample.pace[wandering], cells.hours[cell[wandering]], normal
+    )
+    if sample.waves is not None:
+        hours[sample.waves.at] = wave_lives(sample.waves, cells, rng)
     return hours
 
 
@@ -97,19 +124,40 @@ def futures(
         np.sqrt(steps)[:, None, None] * rng.standard_normal((hours.size, *cell.shape)), axis=0
     )
     values = np.empty((hours.size, *cell.shape))
-    time = hours[:, None]
+    time = _paced(sample, steps, rng)
     for law, part in cells.slices.items():
         at = (cell >= part.start) & (cell < part.stop)
         own = cell[at]
         x, rate = sample.x[at], sample.rate[at]
         if law == "drift":
-            grown = x + rate * time + cells.diffusion[own] * wiener[:, at]
+            grown = x + rate * hours[:, None] + cells.diffusion[own] * wiener[:, at]
         elif law == "constant":
-            grown = x + 0.0 * time
+            grown = x + 0.0 * hours[:, None]
         else:
             x = np.maximum(x, 0.0)
-            own_time = np.maximum(time + np.sqrt(sample.noise_hours) * wiener[:, at], 0.0)
-            own_time = np.maximum.accumulate(own_time, axis=0)
+            own_time = time[:, at] + np.sqrt(sample.noise_hours) * wiener[:, at]
+            own_time = np.maximum.accumulate(np.maximum(own_time, 0.0), axis=0)
             grown = x + increment(law, x, rate, cells.shape[own], own_time)
         values[:, at] = side[at] * grown
+    if sample.waves is not None:
+        values[:, *sample.waves.at] = wave_values(sample.waves, hours)
     return values
+
+
+def _paced(
+    sample: Draw, steps: NDArray[np.float64], rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return the times of growth after some steps [h], ``(m, 7, n)``."""
+    memory = sample.cells.hours[sample.cell]
+    wanders = np.isfinite(memory)
+    times = np.tile(np.cumsum(steps)[:, None, None], sample.cell.shape)
+    memory, pace = memory[wanders], sample.pace[wanders]
+    passed = np.zeros(pace.size)
+    for number, step in enumerate(steps):
+        kept = np.exp(-step / memory)
+        spread = wander.SIGMA * np.sqrt(1.0 - kept**2)
+        after = kept * pace + spread * rng.standard_normal(pace.size)
+        passed = passed + 0.5 * step * np.exp(-wander.LOG_MEAN) * (np.exp(pace) + np.exp(after))
+        times[number, wanders] = passed
+        pace = after
+    return times

@@ -79,6 +79,9 @@ class TrackerSettings:
         Probability that a component which does not grow begins to, each test [-].
     change_probability
         Probability that the growth of a component changes altogether, each test [-].
+    forgetting
+        Power to which the probabilities of kinds of growth are kept at each test, towards their
+        prior, of a component whose law is unknown [-].
     sigma_floor
         Error of an estimate beside its covariance [-].
     occasional_error, occasional_probability
@@ -103,12 +106,13 @@ class TrackerSettings:
     process_noise_hours: float = quantity(10.0, "h", 1e-3, 1e5, "hours for which a factor holds")
     onset_probability: float = quantity(5e-3, "-", 0.0, 0.5, "probability of onset, each test")
     change_probability: float = quantity(1e-3, "-", 0.0, 0.5, "probability of change, each test")
+    forgetting: float = quantity(0.98, "-", 0.5, 1.0, "power of what was learnt, each test")
     sigma_floor: float = quantity(1e-3, "-", 0.0, 0.1, "sigma added to that of an estimate")
     occasional_error: float = quantity(0.01, "-", 0.0, 1.0, "sigma of an occasional error")
     occasional_probability: float = quantity(0.05, "-", 0.0, 0.5, "its probability")
     event_sigmas: float = quantity(5.0, "-", 3.0, 20.0, "deviation at which an event is suspected")
     horizon_hours: float = quantity(20_000.0, "h", 1.0, 1e7, "longest life that is published")
-    horizon_factor: float = quantity(10.0, "-", 1.0, 1e3, "the same, over hours observed")
+    horizon_factor: float = quantity(3.0, "-", 1.0, 1e3, "the same, over hours observed")
     samples: int = quantity(2000, "-", 100, 100_000, "samples of a prediction")
 
     def __post_init__(self) -> None:

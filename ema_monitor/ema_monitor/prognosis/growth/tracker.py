@@ -1,7 +1,7 @@
 """Bayesian tracker of how an actuator's faults grow.
 
 State and growth are estimated together: each component has a bank of Gaussian filters on a grid
-of laws, shapes and rates (``bank``). A grid was chosen rather than particles, because given law,
+of laws, shapes and rates (``bank``), beside filters of faults under a wave (``waves``). A grid was chosen rather than particles, because given law,
 shape and rate only one smooth scalar is left, which a Gaussian holds; because static parameters
 make particles degenerate and the usual cure, jitter, forgets what long lives taught; because the
 probabilities of laws are then exact marginal likelihoods; and because nothing is random before
@@ -21,10 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULTS, HIGHEST, healthy_faults
 from ema_core.growth_laws import increment
 from ema_monitor.health import ONE_SIDED_95, HealthLimits
-from ema_monitor.prognosis.growth.bank import Bank
-from ema_monitor.prognosis.growth.cells import grid
 from ema_monitor.prognosis.growth.forecast import draw, futures, lives
 from ema_monitor.prognosis.growth.measurement import HEALTHY, INDICES, Measurement
+from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.outliers import Event, Opening, OutlierDetector
 from ema_monitor.prognosis.growth.prediction import Fan, Prognosis, prognosis_of
 from ema_monitor.prognosis.growth.settings import TrackerSettings
@@ -106,7 +105,7 @@ class Tracker:
     ) -> None:
         self._limits = limits or HealthLimits()
         self._settings = settings or TrackerSettings()
-        self._bank = Bank(grid(self._limits, self._settings), self._settings)
+        self._mixture = Mixture(self._limits, self._settings)
         self._opening = Opening(self._settings)
         self._outliers = OutlierDetector(self._settings)
         self._tests = np.zeros(len(COMPONENTS), dtype=np.intp)
@@ -119,16 +118,15 @@ class Tracker:
     def frozen(self) -> "Tracker":
         """Return a copy for predictions that later tests do not change."""
         twin = copy(self)
-        twin._bank = self._bank.frozen()
+        twin._mixture = self._mixture.frozen()
         twin._tests, twin._growing = self._tests.copy(), self._growing.copy()
         twin._first_hours = self._first_hours.copy()
         return twin
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Return all that is known, for ``restore``."""
-        bank = self._bank
         return {
-            "bank": np.stack([bank.weight, bank.mean, bank.variance]),
+            **self._mixture.state(),
             "opening": self._opening.state(),
             **self._outliers.state(),
             "tests": self._tests,
@@ -145,10 +143,7 @@ class Tracker:
         ValueError, KeyError
             When it is none.
         """
-        bank = self._bank
-        if state["bank"].shape != (3, bank.weight.size):
-            raise ValueError(f"the grid has shape {state['bank'].shape}, not {bank.weight.shape}")
-        bank.weight, bank.mean, bank.variance = map(np.ascontiguousarray, state["bank"])
+        self._mixture.restore(state)
         self._opening.restore(state["opening"])
         self._outliers.restore(state)
         self._tests, self._first_hours = state["tests"], state["first_hours"]
@@ -193,14 +188,16 @@ class Tracker:
             elapsed = measurement.hours - first.hours
         else:
             events = []
-        self._bank.advance(elapsed)
-        mean, variance = self._bank.moments()
+        self._mixture.advance(elapsed)
+        mean, variance = self._mixture.moments()
         odd, changed, held = self._outliers.judge(measurement, mean, variance, self._tests)
         for number in np.flatnonzero(changed):
             rose = abs(measurement.value[number]) > abs(mean[number])
             self._restart(int(number), measurement, keep=KEPT_AFTER_STEP if rose else 0.0)
         if not held.all():
             self._use(measurement, changed, held)
+        else:
+            self._mixture.skip()
         return events + odd
 
     def _use(
@@ -215,25 +212,19 @@ class Tracker:
         for number in np.flatnonzero(first):
             self._restart(int(number), measurement, keep=0.0)
         used &= ~first
-        self._bank.change()
-        mean, variance = self._bank.moments()
+        mean, variance = self._mixture.moments()
         value, noise = measurement.without_common_errors(
             mean, variance, used & ~measurement.near_healthy
         )
-        self._bank.measure(value, noise, used, used & measurement.near_healthy)
+        self._mixture.measure(value, noise, used, used & measurement.near_healthy)
         self._tests += measurement.seen & np.logical_not(held)
-        constant = self._constant()
+        constant = self._mixture.constant()
         begins = (constant < BEGINS_BELOW) & (self._tests >= LEAST_TESTS)
         self._growing = np.where(self._growing, constant < ENDS_ABOVE, begins)
 
-    def _constant(self) -> NDArray[np.float64]:
-        """Return the probability that each component does not grow, ``(7,)``."""
-        return self._bank.weight[self._bank.cells.slices["constant"]]
-
     def _restart(self, number: int, measurement: Measurement, keep: float) -> None:
-        # The one test that a level starts from may have an occasional error.
-        variance = measurement.noise[number] + self._settings.occasional_error**2
-        self._bank.restart(number, float(measurement.value[number]), float(variance), keep=keep)
+        value, noise = float(measurement.value[number]), float(measurement.noise[number])
+        self._mixture.restart(number, value, noise, keep=keep)
         self._tests[number] = 0
         if keep == 0.0:
             self._first_hours[number] = measurement.hours
@@ -241,16 +232,20 @@ class Tracker:
 
     def components(self) -> tuple[TrackedFault, ...]:
         """Return what is known of each component."""
-        bank, cells, weight = self._bank, self._bank.cells, self._bank.weight
-        mean, variance = bank.moments()
+        bank, waves = self._mixture.bank, self._mixture.waves
+        cells, weight = bank.cells, bank.weight
+        mean, variance = self._mixture.moments()
         rates = np.zeros_like(weight)
         for law, part in cells.slices.items():
             x = np.clip(cells.side[part] * bank.mean[part], 0.0, 1.0)
             an_hour = increment(law, x, cells.rate[part], cells.shape[part], 1.0)
             rates[part] = np.minimum(an_hour, 1.0)
         rates *= cells.side
-        trend = bank.sums(weight * rates)
-        trend_sigma = np.sqrt(bank.sums(weight * (rates - trend[cells.component]) ** 2))
+        waving = np.where(waves.grows, waves.mean[..., 1], 0.0)
+        trend = bank.sums(weight * rates) + np.sum(waves.weight * waving, axis=1)
+        squares = bank.sums(weight * (rates - trend[cells.component]) ** 2)
+        squares += np.sum(waves.weight * (waving - trend[:, None]) ** 2, axis=1)
+        trend_sigma = np.sqrt(squares)
         figures = np.array([HEALTHY + mean, np.sqrt(variance), trend, trend_sigma])
         figures[:, self._tests == 0] = np.nan
         figures[0] = np.clip(figures[0], 0.0, HIGHEST[INDICES])
@@ -258,6 +253,9 @@ class Tracker:
             law: np.bincount(cells.component[part], weight[part], len(COMPONENTS)).tolist()
             for law, part in cells.slices.items()
         }
+        of_waves = np.sum(waves.weight * waves.grows, axis=1)
+        laws["linear"] = (laws["linear"] + of_waves).tolist()
+        laws["constant"] = self._mixture.constant().tolist()
         return tuple(
             TrackedFault(
                 name,
@@ -293,9 +291,9 @@ class Tracker:
         """
         _check_duty(duty)
         rng = self._rng()
-        sample = draw(self._bank, self._settings.samples, rng)
+        sample = draw(self._mixture.bank, self._settings.samples, rng, self._mixture.waves)
         hours = lives(sample, rng) / duty
-        mean, variance = self._bank.moments()
+        mean, variance = self._mixture.moments()
         limits = [self._limits.of(name) for name in COMPONENTS]
         is_shown = self._tests > 0
         is_over = is_shown & (np.abs(mean) - ONE_SIDED_95 * np.sqrt(variance) > limits)
@@ -311,7 +309,7 @@ class Tracker:
         if not self._tests[number]:
             return "fewer than two tests that agree so far"
         if not self._growing[number]:
-            probability = 1.0 - float(self._constant()[number])
+            probability = 1.0 - float(self._mixture.constant()[number])
             if probability > _LIKELY:
                 return f"growth is not certain yet: its probability is {probability:.3f}"
             return "no significant growth"
@@ -349,7 +347,8 @@ class Tracker:
         if times.ndim != 1 or not np.all(np.diff(times, prepend=0.0) >= 0.0):
             raise ValueError(f"hours = {hours} h: expected ascending numbers of at least 0")
         rng = self._rng()
-        away = futures(draw(self._bank, n, rng), times * duty, rng)
+        sample = draw(self._mixture.bank, n, rng, self._mixture.waves)
+        away = futures(sample, times * duty, rng)
         vectors = np.tile(healthy_faults(), (times.size, n, 1))
         vectors[..., INDICES] += np.moveaxis(away, 1, 2)
         vectors[..., ECCENTRICITY_PHASE] = self._phase

@@ -1,0 +1,227 @@
+"""All that is thought of how the components of a unit grow: cells and waves, weighed together.
+
+Probabilities of cells and waves are exact marginal likelihoods, but for what growth was like long
+ago: each test draws those of growth, given that a component of unknown law grows at all, towards
+their prior by a small power (Raftery, Karny and Ettler 2010, dynamic model averaging), for no law
+holds for life. Whether it grows at all is not forgotten.
+"""
+
+from collections.abc import Mapping
+from copy import copy
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import COMPONENTS
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.growth.bank import Bank
+from ema_monitor.prognosis.growth.cells import grid
+from ema_monitor.prognosis.growth.errors import EstimateErrors, LastTest
+from ema_monitor.prognosis.growth.filters import temper
+from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.waves import Waves
+
+_LEAST = 1e-280
+
+Moments = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Mean and variance of each component, ``(7,)`` each."""
+
+
+class Mixture:
+    """Cells, waves, and the errors of the estimates that both are measured by.
+
+    Parameters
+    ----------
+    limits
+        Where life ends.
+    settings
+        What is assumed.
+
+    Attributes
+    ----------
+    bank, waves, errors
+        The parts.
+    """
+
+    def __init__(self, limits: HealthLimits, settings: TrackerSettings) -> None:
+        self._settings = settings
+        self.bank = Bank(grid(limits, settings), settings)
+        self.waves = Waves(limits, settings)
+        self.errors = EstimateErrors()
+        is_known = np.array([name in settings.laws for name in COMPONENTS])
+        self._power = np.where(is_known, 1.0, settings.forgetting)
+        self._component = self.bank.cells.component
+        self._is_constant = np.zeros(self._component.size, dtype=bool)
+        self._is_constant[self.bank.cells.slices["constant"]] = True
+        waving = self.waves.prior.sum(axis=1)
+        self._prior = self.bank.cells.prior * (1.0 - waving)[self._component]
+        self.bank.weight = self._prior.copy()
+        self._last = LastTest.none()
+        self._known: Moments = self.moments()
+
+    def frozen(self) -> "Mixture":
+        """Return a copy that does not change with this one."""
+        twin = copy(self)
+        twin.bank, twin.waves = self.bank.frozen(), self.waves.frozen()
+        return twin
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return all that is known, for ``restore``."""
+        bank, last = self.bank, self._last
+        return {
+            "bank": np.stack([bank.weight, bank.mean, bank.variance]),
+            "wave_weight": self.waves.weight,
+            "wave_mean": self.waves.mean,
+            "wave_covariance": self.waves.covariance,
+            "errors": self.errors.log_probability,
+            "last": np.array([last.value, last.noise, last.used]),
+        }
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from what ``state`` of one of the same limits and settings returned.
+
+        Raises
+        ------
+        ValueError, KeyError
+            When it is none.
+        """
+        bank, waves = self.bank, self.waves
+        if state["bank"].shape != (3, bank.weight.size):
+            raise ValueError(f"the grid has shape {state['bank'].shape}, not {bank.weight.shape}")
+        if state["wave_covariance"].shape != waves.covariance.shape:
+            raise ValueError(f"waves have shape {state['wave_covariance'].shape}")
+        bank.weight, bank.mean, bank.variance = map(np.ascontiguousarray, state["bank"])
+        waves.weight, waves.mean = state["wave_weight"], state["wave_mean"]
+        waves.covariance = state["wave_covariance"]
+        self.errors.log_probability = state["errors"]
+        value, noise, used = state["last"]
+        self._last = LastTest(value, noise, used.astype(np.bool_))
+
+    def moments(self) -> Moments:
+        """Return mean and variance of each component's signed distance, ``(7,)`` each."""
+        bank, waves = self.bank, self.waves
+        mean, variance = waves.moments()
+        first = bank.sums(bank.weight * bank.mean) + np.sum(waves.weight * mean, axis=1)
+        away = bank.mean - first[self._component]
+        second = bank.sums(bank.weight * (bank.variance + away**2))
+        return first, second + np.sum(
+            waves.weight * (variance + (mean - first[:, None]) ** 2), axis=1
+        )
+
+    def constant(self) -> NDArray[np.float64]:
+        """Return the probability that each component does not grow, ``(7,)``."""
+        still = np.sum(self.waves.weight[:, ~self.waves.grows], axis=1)
+        return self.bank.weight[self.bank.cells.slices["constant"]] + still
+
+    def advance(self, hours: float) -> None:
+        """Let all grow over some hours, at least 0 [h]."""
+        self._known = self.moments()
+        self.bank.advance(hours)
+        self.waves.advance(hours)
+
+    def _forget(self, used: NDArray[np.bool_]) -> None:
+        """Draw the probabilities of growth towards their prior, given that there is growth.
+
+        Parameters
+        ----------
+        used
+            Components of which the test tells something, ``(7,)``.
+        """
+        bank, waves = self.bank, self.waves
+        growing, waving = ~self._is_constant, waves.grows
+        before, powers = self._growth(), np.where(used, self._power, 1.0)
+        kept = bank.weight[self._is_constant]
+        temper(bank.weight, self._prior, self._component, powers)
+        bank.weight[self._is_constant] = kept
+        power = powers[:, None]
+        waves.weight[:, waving] = np.where(
+            waves.prior[:, waving] > 0.0,
+            np.maximum(waves.weight[:, waving], _LEAST) ** power
+            * waves.prior[:, waving] ** (1.0 - power),
+            0.0,
+        )
+        scale = before / np.maximum(self._growth(), _LEAST)
+        bank.weight[growing] *= scale[self._component[growing]]
+        waves.weight[:, waving] *= scale[:, None]
+
+    def _growth(self) -> NDArray[np.float64]:
+        """Return the sum of what grows, ``(7,)``."""
+        cells = self.bank.sums(np.where(self._is_constant, 0.0, self.bank.weight))
+        return cells + np.sum(self.waves.weight[:, self.waves.grows], axis=1)
+
+    def measure(
+        self,
+        value: NDArray[np.float64],
+        noise: NDArray[np.float64],
+        used: NDArray[np.bool_],
+        near_healthy: NDArray[np.bool_],
+    ) -> None:
+        """Update by a test.
+
+        Parameters
+        ----------
+        value, noise
+            Signed distances from healthy and variances of their errors, ``(7,)``.
+        used, near_healthy
+            Components that the test shows, and those of them that were set to healthy, ``(7,)``.
+        """
+        self._forget(used)
+        bank, waves, errors, last = self.bank, self.waves, self.errors, self._last
+        settings, plain = self._settings, used & ~near_healthy
+        occasional = (settings.occasional_error, settings.occasional_probability)
+        both = plain & last.used
+        errors.learn(self.moments(), self._known, (value, noise), last, both, occasional)
+        correlation, variance = errors.correlation, errors.factor**2 * noise
+        carried = last.carried(noise, correlation)
+        fresh = np.where(last.used, 1.0 - correlation**2, 1.0) * variance
+        of_cells = bank.measure(value, noise, used, near_healthy, carried, fresh, last.value)
+        of_waves = np.zeros_like(waves.weight)
+        waves.measure(np.flatnonzero(plain), value, fresh, carried, last.value, of_waves)
+        near = np.flatnonzero(used & near_healthy)
+        waves.measure_near(near, noise, bank.two_sided, of_waves)
+        self._weigh(of_cells, of_waves)
+        self._last = LastTest(value, noise, plain)
+
+    def _weigh(self, of_cells: NDArray[np.float64], of_waves: NDArray[np.float64]) -> None:
+        """Multiply all probabilities by likelihoods, given by their logarithms."""
+        bank, waves = self.bank, self.waves
+        highest = np.full(len(COMPONENTS), -np.inf)
+        np.maximum.at(highest, self._component, of_cells)
+        highest = np.maximum(highest, of_waves.max(axis=1))
+        cells = bank.weight * np.exp(of_cells - highest[self._component])
+        waving = waves.weight * np.exp(of_waves - highest[:, None])
+        total = bank.sums(cells) + waving.sum(axis=1)
+        bank.weight = np.maximum(cells / total[self._component], _LEAST)
+        waves.weight = waving / total[:, None]
+
+    def skip(self) -> None:
+        """Leave a test unused: the errors of the one before no longer last into the next."""
+        last = self._last
+        self._last = LastTest(last.value, last.noise, np.zeros_like(last.used))
+
+    def restart(self, number: int, value: float, noise: float, *, keep: float) -> None:
+        """Start a component's level anew from one test, which may have an occasional error.
+
+        Parameters
+        ----------
+        number, value, noise
+            Number of the component, its new signed distance from healthy, and the variance of its
+            error [-].
+        keep
+            Power to which the probabilities are kept, relative to the prior: 0 reopens the prior,
+            1 keeps all that is known of the growth [-].
+        """
+        bank, waves, last = self.bank, self.waves, self._last
+        variance = noise + self._settings.occasional_error**2
+        bank.restart(number, value, variance)
+        waves.restart(number, value, variance)
+        at = bank.members[number]
+        prior, waving = self._prior[at], waves.prior[number]
+        cells = prior * (bank.weight[at] / prior) ** keep
+        own = waving * (waves.weight[number] / np.maximum(waving, _LEAST)) ** keep
+        total = cells.sum() + own.sum()
+        bank.weight[at], waves.weight[number] = cells / total, own / total
+        values, noises, used = last.value.copy(), last.noise.copy(), last.used.copy()
+        values[number], noises[number], used[number] = value, noise, False
+        self._last = LastTest(values, noises, used)
