@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from ema_core.growth_laws import LAWS
 from ema_monitor.prognosis.growth.cells import N_WANDERING_RATES, Cells
-from ema_monitor.prognosis.growth.filters import grow_cells, measure_cells
+from ema_monitor.prognosis.growth.filters import change_cells, grow_cells, measure_cells
 from ema_monitor.prognosis.growth.measurement import REACH
 from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
 from ema_monitor.prognosis.growth.settings import TrackerSettings
-from ema_monitor.prognosis.growth.wander import mix_paces, transitions
+from ema_monitor.prognosis.growth.wander import mix_paces, transition
 
 _LEAST = 1e-280
 _STANDSTILL = 1e-3
@@ -98,9 +98,8 @@ class Bank:
         """Let all cells grow over some hours [h], after growth has begun or changed."""
         self._change()
         if hours > 0.0:
-            steps = transitions(hours)
-            for starts, step in zip(self.cells.blocks, steps, strict=True):
-                mix_paces(self.weight, self.mean, self.variance, starts, N_WANDERING_RATES, step)
+            states = (self.weight, self.mean, self.variance)
+            mix_paces(*states, self.cells.blocks, N_WANDERING_RATES, transition(hours))
         self._before = self.mean.copy(), self.variance.copy()
         self._slope = np.ones_like(self.mean)
         if hours <= 0.0:
@@ -119,23 +118,11 @@ class Bank:
 
     def _change(self) -> None:
         """Let growth begin, or become another, with the probabilities of the settings."""
-        cells, settings = self.cells, self._settings
+        settings, component = self._settings, self.cells.component
         leaving = np.full_like(self.weight, settings.change_probability)
         leaving[self._constant] = settings.onset_probability
-        out = leaving * self.weight
-        mass = np.maximum(self.sums(out), _LEAST)
-        mean = self.sums(out * self.mean) / mass
-        away = self.mean - mean[cells.component]
-        variance = self.sums(out * (self.variance + away**2)) / mass
-        self.weight -= out
-        arriving = self._arriving * mass[cells.component]
-        total = np.maximum(self.weight + arriving, _LEAST)
-        share = arriving / total
-        gap = mean[cells.component] - self.mean
-        self.mean += share * gap
-        self.variance += share * (variance[cells.component] - self.variance)
-        self.variance += share * (1.0 - share) * gap**2
-        self.weight = total
+        states = (self.weight, self.mean, self.variance)
+        change_cells(*states, component, leaving, self._arriving, self._n)
 
     def measure(
         self,

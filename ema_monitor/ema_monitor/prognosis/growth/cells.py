@@ -27,7 +27,7 @@ from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.growth_laws import LAWS, hours_until
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.settings import KnownLaw, TrackerSettings
-from ema_monitor.prognosis.growth.wander import FACTORS, PACES, SHARES, WANDER_HOURS
+from ema_monitor.prognosis.growth.wander import FACTORS, PACES, SHARES
 
 BENDS: Final = tuple(np.geomspace(1.15, 6.0, 12).tolist())
 """Bends of curves of unknown law [-].
@@ -121,9 +121,7 @@ def _root(bend_of: Callable[[float], float], bend: float) -> float:
 
 N_RATES: Final = 97
 LIFE_HOURS: Final = np.geomspace(50.0, 30_000.0, N_RATES)
-"""Hours from healthy to the limit on the grid [h]."""
-RATE_SPACING: Final = float(np.log(LIFE_HOURS[1] / LIFE_HOURS[0]))
-"""Distance of neighbouring rates in the logarithm [-]."""
+"""Hours from healthy to the limit on the grid [h]; every other one where no law is known."""
 CONSTANT_PRIOR: Final = 0.5
 """Prior probability that a component does not grow [-]."""
 WANDERING_PRIOR: Final = 0.5
@@ -166,12 +164,10 @@ class Cells:
         The rate without its pace.
     spacing
         Distance of neighbouring rates in the logarithm [-].
-    pace, hours
-        Logarithm of the pace [-] and the hours within which it forgets itself; 0 and infinite
-        where the rate is steady.
+    wanders, pace
+        Whether the rate wanders, and the logarithm of its pace [-], 0 where it does not.
     blocks
-        Where the cells of each wandering curve begin, by ``WANDER_HOURS``, ``(k, m)``; its cells
-        are those of each pace in turn.
+        Where the cells of each wandering curve begin, ``(m,)``: those of each pace in turn.
     diffusion
         Of ``drift`` its s [1/sqrt(h)]; else 0.
     limit
@@ -190,8 +186,8 @@ class Cells:
     prior: NDArray[np.float64]
     base: NDArray[np.float64]
     spacing: NDArray[np.float64]
+    wanders: NDArray[np.bool_]
     pace: NDArray[np.float64]
-    hours: NDArray[np.float64]
     blocks: NDArray[np.intp]
 
 
@@ -200,7 +196,7 @@ def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
     by_law: dict[str, list[NDArray[np.float64]]] = {law: [] for law in LAWS}
     for number, name in enumerate(COMPONENTS):
         limit, known = limits.of(name), settings.laws.get(name)
-        still = [number, 1.0, 0.0, 0.0, 0.0, limit, CONSTANT_PRIOR, 0.0, 0.0, 0.0, np.inf, 0.0]
+        still = [number, 1.0, 0.0, 0.0, 0.0, limit, CONSTANT_PRIOR, *[0.0] * 5]
         by_law["constant"].append(np.array(still)[:, None])
         steady = 1.0 if known else 1.0 - WANDERING_PRIOR
         for curve in curves_of(limit, known, two_sided=_is_two_sided(number)):
@@ -211,24 +207,26 @@ def grid(limits: HealthLimits, settings: TrackerSettings) -> Cells:
     stops = np.cumsum([0, *(sum(part.shape[1] for part in of_it) for of_it in by_law.values())])
     slices = {law: slice(*stops[i : i + 2].tolist()) for i, law in enumerate(by_law)}
     parts = [part for of_it in by_law.values() for part in of_it]
-    component, side, rate, shape, diffusion, limit, prior, base, spacing, pace, hours, first = (
+    component, side, rate, shape, diffusion, limit, prior, base, spacing, wanders, pace, first = (
         np.concatenate(parts, axis=1)
     )
     number = component.astype(np.intp)
     prior /= np.bincount(number, prior)[number]
-    blocks = [np.flatnonzero((first > 0.0) & (hours == of_it)) for of_it in WANDER_HOURS]
-    figures = (rate, shape, diffusion, limit, prior, base, spacing, pace, hours)
-    return Cells(slices, number, side, *figures, np.array(blocks))
+    figures = (rate, shape, diffusion, limit, prior, base, spacing)
+    return Cells(
+        slices, number, side, *figures, wanders.astype(np.bool_), pace, np.flatnonzero(first)
+    )
 
 
 def _cells_of(
     curve: Curve, number: int, limit: float, known: KnownLaw | None, share: float
 ) -> NDArray[np.float64]:
     """Return the figures of cells of a steady rate, in the order of ``grid``, ``(12, n)``."""
-    rate = _rates(curve, limit, LIFE_HOURS)
+    lives = LIFE_HOURS if known else LIFE_HOURS[::2]
+    rate, spacing = _rates(curve, limit, lives), float(np.log(lives[1] / lives[0]))
     sides = (-1.0, 1.0) if _is_two_sided(number) else (1.0,)
     prior = _rate_prior(rate, known) * share * (1.0 - CONSTANT_PRIOR) * curve.share / len(sides)
-    figures = (curve.shape, curve.diffusion, limit, prior, rate, RATE_SPACING, 0.0, np.inf, 0.0)
+    figures = (curve.shape, curve.diffusion, limit, prior, rate, spacing, 0.0, 0.0, 0.0)
     return np.concatenate(
         [np.stack(np.broadcast_arrays(number, side, rate, *figures)) for side in sides], axis=1
     )
@@ -241,7 +239,7 @@ def _wandering_cells(curve: Curve, number: int, limit: float) -> NDArray[np.floa
     spacing = float(np.log(lives[1] / lives[0]))
     sides = (-1.0, 1.0) if _is_two_sided(number) else (1.0,)
     share = WANDERING_PRIOR * (1.0 - CONSTANT_PRIOR) * curve.share
-    prior = np.repeat(SHARES, lives.size) * share / lives.size / len(sides) / len(WANDER_HOURS)
+    prior = np.repeat(SHARES, lives.size) * share / lives.size / len(sides)
     rate, pace = base * np.repeat(FACTORS, lives.size), np.repeat(PACES, lives.size)
     first = np.arange(base.size) == 0
     return np.concatenate(
@@ -249,11 +247,10 @@ def _wandering_cells(curve: Curve, number: int, limit: float) -> NDArray[np.floa
             np.stack(
                 np.broadcast_arrays(
                     *(number, side, rate, curve.shape, 0.0, limit, prior),
-                    *(base, spacing, pace, hours, first),
+                    *(base, spacing, 1.0, pace, first),
                 )
             )
             for side in sides
-            for hours in WANDER_HOURS
         ],
         axis=1,
     )
@@ -271,7 +268,7 @@ def _is_two_sided(number: int) -> bool:
 
 
 def _rate_prior(rate: NDArray[np.float64], known: KnownLaw | None) -> NDArray[np.float64]:
-    flat = np.full(N_RATES, 1.0 / N_RATES)
+    flat = np.full(rate.size, 1.0 / rate.size)
     if known is None:
         return flat
     away = (np.log(rate / known.rate) / known.rate_sigma) ** 2

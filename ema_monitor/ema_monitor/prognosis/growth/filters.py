@@ -81,6 +81,50 @@ def grow_cells(
 
 
 @kernel()
+def change_cells(
+    weight: NDArray[np.float64],
+    mean: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    component: NDArray[np.intp],
+    leaving: NDArray[np.float64],
+    arriving: NDArray[np.float64],
+    n: int,
+) -> None:
+    """Move probability from cell to cell of each component, in place, merging what arrives.
+
+    Parameters
+    ----------
+    weight, mean, variance, component
+        Of all cells, ``(m,)``.
+    leaving
+        Probability of leaving each, ``(m,)``.
+    arriving
+        Share of what leaves a component's cells that arrives at each, ``(m,)``.
+    n
+        Number of components.
+    """
+    mass, first, second = np.zeros(n), np.zeros(n), np.zeros(n)
+    for i in range(weight.size):
+        k, out = component[i], leaving[i] * weight[i]
+        mass[k] += out
+        first[k] += out * mean[i]
+        second[k] += out * (variance[i] + mean[i] * mean[i])
+        weight[i] -= out
+    for k in range(n):
+        mass[k] = max(mass[k], 1e-280)
+        first[k] /= mass[k]
+        second[k] = max(second[k] / mass[k] - first[k] * first[k], 0.0)
+    for i in range(weight.size):
+        k = component[i]
+        new = arriving[i] * mass[k]
+        total = max(weight[i] + new, 1e-280)
+        share, gap = new / total, first[k] - mean[i]
+        mean[i] += share * gap
+        variance[i] += share * (second[k] - variance[i]) + share * (1.0 - share) * gap * gap
+        weight[i] = total
+
+
+@kernel()
 def temper(
     weight: NDArray[np.float64],
     prior: NDArray[np.float64],

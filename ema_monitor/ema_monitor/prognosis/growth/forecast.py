@@ -65,7 +65,7 @@ def draw(bank: Bank, n: int, rng: np.random.Generator, waves: Waves | None = Non
     x = cells.side[cell] * (bank.mean[cell] + sd * rng.standard_normal(cell.shape))
     # The grid's rates and paces stand for what lies between them.
     rate = cells.base[cell] * np.exp(cells.spacing[cell] * (rng.random(cell.shape) - 0.5))
-    wanders = np.isfinite(cells.hours[cell])
+    wanders = cells.wanders[cell]
     between = _PACE_SPACING * (rng.random(cell.shape) - 0.5)
     pace = cells.pace[cell] + np.where(wanders, between, 0.0)
     drawn = None if waves is None else draw_waves(waves, n, rng)
@@ -93,11 +93,9 @@ def lives(sample: Draw, rng: np.random.Generator) -> NDArray[np.float64]:
     hours[np.isnan(hours)] = np.inf
     passing = np.isfinite(hours) & (hours > 0.0) & (scale > 0.0)
     hours[passing] = rng.wald(hours[passing], scale[passing])
-    wandering = np.isfinite(cells.hours[cell]) & passing
+    wandering = cells.wanders[cell] & passing
     normal = rng.standard_normal((int(wandering.sum()), wander.STEPS))
-    hours[wandering] = wander.hours_of(
-        hours[wandering], sample.pace[wandering], cells.hours[cell[wandering]], normal
-    )
+    hours[wandering] = wander.hours_of(hours[wandering], sample.pace[wandering], normal)
     if sample.waves is not None:
         hours[sample.waves.at] = wave_lives(sample.waves, cells, rng)
     return hours
@@ -148,13 +146,12 @@ def _paced(
     sample: Draw, steps: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Return the times of growth after some steps [h], ``(m, 7, n)``."""
-    memory = sample.cells.hours[sample.cell]
-    wanders = np.isfinite(memory)
+    wanders = sample.cells.wanders[sample.cell]
     times = np.tile(np.cumsum(steps)[:, None, None], sample.cell.shape)
-    memory, pace = memory[wanders], sample.pace[wanders]
+    pace = sample.pace[wanders]
     passed = np.zeros(pace.size)
     for number, step in enumerate(steps):
-        kept = np.exp(-step / memory)
+        kept = np.exp(-step / wander.WANDER_HOURS)
         spread = wander.SIGMA * np.sqrt(1.0 - kept**2)
         after = kept * pace + spread * rng.standard_normal(pace.size)
         passed = passed + 0.5 * step * np.exp(-wander.LOG_MEAN) * (np.exp(pace) + np.exp(after))

@@ -48,7 +48,7 @@ class Mixture:
         self._settings = settings
         self.bank = Bank(grid(limits, settings), settings)
         self.waves = Waves(limits, settings)
-        self.errors = EstimateErrors()
+        self.errors = EstimateErrors(self.bank.noise_hours)
         is_known = np.array([name in settings.laws for name in COMPONENTS])
         self._power = np.where(is_known, 1.0, settings.forgetting)
         self._component = self.bank.cells.component
@@ -58,7 +58,6 @@ class Mixture:
         self._prior = self.bank.cells.prior * (1.0 - waving)[self._component]
         self.bank.weight = self._prior.copy()
         self._last = LastTest.none()
-        self._known: Moments = self.moments()
 
     def frozen(self) -> "Mixture":
         """Return a copy that does not change with this one."""
@@ -75,6 +74,9 @@ class Mixture:
             "wave_mean": self.waves.mean,
             "wave_covariance": self.waves.covariance,
             "errors": self.errors.log_probability,
+            "error_mean": self.errors.mean,
+            "error_covariance": self.errors.covariance,
+            "error_hours": self.errors.hours,
             "last": np.array([last.value, last.noise, last.used]),
         }
 
@@ -94,7 +96,9 @@ class Mixture:
         bank.weight, bank.mean, bank.variance = map(np.ascontiguousarray, state["bank"])
         waves.weight, waves.mean = state["wave_weight"], state["wave_mean"]
         waves.covariance = state["wave_covariance"]
-        self.errors.log_probability = state["errors"]
+        errors = self.errors
+        errors.log_probability, errors.hours = state["errors"], state["error_hours"]
+        errors.mean, errors.covariance = state["error_mean"], state["error_covariance"]
         value, noise, used = state["last"]
         self._last = LastTest(value, noise, used.astype(np.bool_))
 
@@ -116,7 +120,7 @@ class Mixture:
 
     def advance(self, hours: float) -> None:
         """Let all grow over some hours, at least 0 [h]."""
-        self._known = self.moments()
+        self.errors.advance(hours)
         self.bank.advance(hours)
         self.waves.advance(hours)
 
@@ -170,8 +174,7 @@ class Mixture:
         bank, waves, errors, last = self.bank, self.waves, self.errors, self._last
         settings, plain = self._settings, used & ~near_healthy
         occasional = (settings.occasional_error, settings.occasional_probability)
-        both = plain & last.used
-        errors.learn(self.moments(), self._known, (value, noise), last, both, occasional)
+        errors.learn(value, noise, plain, last, occasional)
         correlation, variance = errors.correlation, errors.factor**2 * noise
         carried = last.carried(noise, correlation)
         fresh = np.where(last.used, 1.0 - correlation**2, 1.0) * variance
@@ -214,6 +217,7 @@ class Mixture:
         """
         bank, waves, last = self.bank, self.waves, self._last
         variance = noise + self._settings.occasional_error**2
+        self.errors.restart(number)
         bank.restart(number, value, variance)
         waves.restart(number, value, variance)
         at = bank.members[number]

@@ -15,8 +15,8 @@ from ema_core._jit import kernel
 SIGMA: Final = 0.5
 """Standard deviation of the logarithm of the pace [-]."""
 
-WANDER_HOURS: Final = (200.0, 1000.0)
-"""Hours within which a pace forgets itself: that of missions, and that of lubrication [h]."""
+WANDER_HOURS: Final = 500.0
+"""Hours within which a pace forgets itself [h]; from 200 to 2,000 it matters little."""
 
 PACES: Final = SIGMA * np.linspace(-2.4, 2.4, 7)
 """Logarithms of the paces of the grid [-]."""
@@ -34,34 +34,25 @@ STEPS: Final = 24
 _STEP_SHARE: Final = 1.0 / 12.0
 
 
-def _generators() -> list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
-    """Return eigenvalues and vectors of the rates of change of each of ``WANDER_HOURS``."""
-    made = []
+def _generator() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return eigenvalues, left and right vectors of the rates of change between paces."""
     root = np.sqrt(SHARES)
-    for hours in WANDER_HOURS:
-        diffusion = SIGMA**2 / hours / (PACES[1] - PACES[0]) ** 2
-        # In detailed balance with the stationary probabilities, so symmetric when scaled.
-        beside = np.full(PACES.size - 1, diffusion)
-        scaled = np.diag(beside, 1) + np.diag(beside, -1)
-        scaled -= np.diag((scaled @ root) / root)
-        values, vectors = np.linalg.eigh(scaled)
-        made.append((values, vectors / root[:, None], vectors.T * root))
-    return made
+    diffusion = SIGMA**2 / WANDER_HOURS / (PACES[1] - PACES[0]) ** 2
+    # In detailed balance with the stationary probabilities, so symmetric when scaled.
+    beside = np.full(PACES.size - 1, diffusion)
+    scaled = np.diag(beside, 1) + np.diag(beside, -1)
+    scaled -= np.diag((scaled @ root) / root)
+    values, vectors = np.linalg.eigh(scaled)
+    return values, vectors / root[:, None], vectors.T * root
 
 
-_GENERATORS: Final = _generators()
+_GENERATOR: Final = _generator()
 
 
-def transitions(hours: float) -> NDArray[np.float64]:
-    """Return the probabilities from pace to pace over some hours [h], by ``WANDER_HOURS``.
-
-    Returns
-    -------
-    numpy.ndarray
-        Probabilities from the second to the third index [-], ``(2, p, p)``.
-    """
-    made = [(left * np.exp(values * hours)) @ right for values, left, right in _GENERATORS]
-    return np.maximum(np.array(made), 0.0)
+def transition(hours: float) -> NDArray[np.float64]:
+    """Return the probabilities from pace to pace, by row and column, over some hours [h]."""
+    values, left, right = _GENERATOR
+    return np.maximum((left * np.exp(values * hours)) @ right, 0.0)
 
 
 @kernel()
@@ -71,7 +62,7 @@ def mix_paces(
     variance: NDArray[np.float64],
     starts: NDArray[np.intp],
     rates: int,
-    transition: NDArray[np.float64],
+    probability: NDArray[np.float64],
 ) -> None:
     """Let the paces of cells change, in place, merging what comes to each.
 
@@ -83,10 +74,10 @@ def mix_paces(
         First cells of the blocks of a curve.
     rates
         Number of rates of a curve.
-    transition
+    probability
         Probabilities from pace to pace, ``(p, p)``.
     """
-    n = transition.shape[0]
+    n = probability.shape[0]
     w, m, s = np.empty(n), np.empty(n), np.empty(n)
     for start in starts:
         for rate in range(rates):
@@ -94,7 +85,7 @@ def mix_paces(
                 w[to], m[to], s[to] = 0.0, 0.0, 0.0
                 for at in range(n):
                     cell = start + at * rates + rate
-                    part = transition[at, to] * weight[cell]
+                    part = probability[at, to] * weight[cell]
                     w[to] += part
                     m[to] += part * mean[cell]
                     s[to] += part * (variance[cell] + mean[cell] ** 2)
@@ -110,7 +101,6 @@ def mix_paces(
 def hours_of(
     own: NDArray[np.float64],
     pace: NDArray[np.float64],
-    hours: NDArray[np.float64],
     normal: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return the hours in which a wandering pace makes growth pass its own hours.
@@ -119,8 +109,8 @@ def hours_of(
     ----------
     own
         Hours at pace 1 [h], ``(n,)``.
-    pace, hours
-        Logarithm of the pace now [-], and the hours within which it forgets itself [h], ``(n,)``.
+    pace
+        Logarithm of the pace now [-], ``(n,)``.
     normal
         Standard normal numbers, ``(n, STEPS)``.
 
@@ -133,7 +123,7 @@ def hours_of(
     for i in range(own.size):
         z, done, spent = pace[i], 0.0, 0.0
         step = own[i] * _STEP_SHARE
-        kept = np.exp(-step / hours[i])
+        kept = np.exp(-step / WANDER_HOURS)
         spread = SIGMA * np.sqrt(1.0 - kept * kept)
         left = True
         for k in range(normal.shape[1]):

@@ -20,8 +20,8 @@ from ema_monitor.prognosis.growth.settings import TrackerSettings
 PERIODS: Final = 200.0 * 1.15 ** np.arange(16)
 """Hours of a wave on the grid [h]."""
 
-AMPLITUDE: Final = 0.02
-"""Standard deviation of each of the two parts of a wave [-]."""
+AMPLITUDE: Final = 0.04
+"""Standard deviation of each of the two parts of a wave, as a share of the limit [-]."""
 
 PRIOR: Final = 0.1
 """Probability of a wave in a component of unknown law [-]."""
@@ -71,6 +71,7 @@ class Waves:
         self.prior = np.where(has_wave[:, None], PRIOR * share, 0.0)
         self.weight = self.prior.copy()
         limit = np.array([limits.of(name) for name in COMPONENTS])
+        self._wave_variance = (AMPLITUDE * limit) ** 2
         self._rate_variance = (limit[:, None] / np.repeat(_LIVES, PERIODS.size)) ** 2
         self.mean = np.zeros((n, k, 4))
         self.covariance = np.zeros((n, k, 4, 4))
@@ -97,7 +98,7 @@ class Waves:
         number, value, variance
             Of the component, its new signed distance from healthy, and its variance [-].
         """
-        wave = AMPLITUDE**2
+        wave = self._wave_variance[number]
         self.mean[number] = [value, 0.0, 0.0, 0.0]
         one = np.zeros_like(self.covariance[number])
         # The level is what the wave leaves of the value.
@@ -132,7 +133,7 @@ class Waves:
         noise[..., 0, 0] = rate * self._noise_hours * hours + walk * hours**2 / 3.0
         noise[..., 0, 1] = noise[..., 1, 0] = walk * hours / 2.0
         noise[..., 1, 1] = walk
-        noise[..., 2, 2] = noise[..., 3, 3] = AMPLITUDE**2 * (1.0 - kept**2)
+        noise[..., 2, 2] = noise[..., 3, 3] = self._wave_variance[:, None] * (1.0 - kept**2)
         self._before, self._step = (self.mean, self.covariance), (step, noise)
         self.mean = np.einsum("kij,nkj->nki", step, self.mean)
         self.covariance = step @ self.covariance @ np.swapaxes(step, 1, 2) + noise
