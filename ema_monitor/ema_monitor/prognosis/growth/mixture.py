@@ -175,7 +175,8 @@ class Mixture:
         settings, plain = self._settings, used & ~near_healthy
         occasional = (settings.occasional_error, settings.occasional_probability)
         errors.learn(value, noise, plain, last, occasional)
-        correlation, variance = errors.correlation, errors.factor**2 * noise
+        # Scatter shows no error that stays: an estimate is never better than it says.
+        correlation, variance = errors.correlation, max(errors.factor, 1.0) ** 2 * noise
         carried = last.carried(noise, correlation)
         fresh = np.where(last.used, 1.0 - correlation**2, 1.0) * variance
         of_cells = bank.measure(value, noise, used, near_healthy, carried, fresh, last.value)
