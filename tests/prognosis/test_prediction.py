@@ -130,9 +130,9 @@ def test_overall_life_counts_a_fault_whose_growth_is_not_certain_yet():
     tracker = Tracker()
     growth = {
         "backlash": Growth("linear", 2e-4, noise=0.3),
-        "short_circuit_c": Growth("self_heating", 3.5e-4, 6.0, noise=0.3, onset=350.0),
+        "short_circuit_c": Growth("self_heating", 3.5e-4, 6.0, noise=0.3, onset=430.0),
     }
-    feed(tracker, growth, 410.0, np.random.default_rng(2))
+    feed(tracker, growth, 500.0, np.random.default_rng(2))
     prognosis = tracker.predict()
     assert not prognosis.components["short_circuit_c"].known
     assert "growth is not certain yet" in prognosis.components["short_circuit_c"].reason
@@ -168,7 +168,7 @@ def test_life_beyond_the_horizon_is_not_told():
 
 
 def test_fan_starts_at_the_present_and_widens(tracker):
-    fan = tracker.fan([0.0, 50.0, 200.0, 400.0])
+    fan = tracker.fan([0.0, 20.0, 50.0, 90.0])
     friction = fan.values["friction"]
     assert friction.shape == (5, 4)
     assert set(fan.values) == set(COMPONENTS)

@@ -88,9 +88,9 @@ def test_jump_of_the_size_of_occasional_errors_must_show_three_times():
     feed(tracker, {}, 400.0, rng, {"backlash": 0.1})
     kinds = []
     for hours in (410.0, 420.0, 430.0):
-        kinds += [e.kind for e in tracker.update(observed(hours, {"backlash": 0.13}, None))]
+        kinds += [e.kind for e in tracker.update(observed(hours, {"backlash": 0.138}, None))]
     assert kinds == ["step"]
-    assert of(tracker, "backlash").value == pytest.approx(0.13, abs=SIGMA)
+    assert of(tracker, "backlash").value == pytest.approx(0.138, abs=SIGMA)
 
 
 def test_two_wrong_tests_in_a_row_do_not_pass_for_a_change():

@@ -71,7 +71,7 @@ class Bank:
             [LAWS.index(law) for law in cells.slices],
             [part.stop - part.start for part in cells.slices.values()],
         )
-        self._before = self.mean, self.variance
+        self._before = self.mean.copy(), self.variance.copy()
         self._slope = np.ones_like(self.mean)
 
     def frozen(self) -> "Bank":
@@ -95,8 +95,7 @@ class Bank:
         return mean, self.sums(self.weight * (self.variance + away**2)) / total
 
     def advance(self, hours: float) -> None:
-        """Let all cells grow over some hours [h], after growth has begun or changed."""
-        self._change()
+        """Let all cells grow over some hours [h]."""
         if hours > 0.0:
             states = (self.weight, self.mean, self.variance)
             mix_paces(*states, self.cells.blocks, N_WANDERING_RATES, transition(hours))
@@ -116,13 +115,17 @@ class Bank:
             states = (self.mean, self.variance, self._slope)
             grow_cells(*(one[part] for one in (*figures, *states)), hours, self.noise_hours)
 
-    def _change(self) -> None:
+    def change(self) -> None:
         """Let growth begin, or become another, with the probabilities of the settings."""
         settings, component = self._settings, self.cells.component
         leaving = np.full_like(self.weight, settings.change_probability)
         leaving[self._constant] = settings.onset_probability
-        states = (self.weight, self.mean, self.variance)
-        change_cells(*states, component, leaving, self._arriving, self._n)
+        # What is known of the test before changes with it.
+        for weight, mean, variance in (
+            (self.weight.copy(), *self._before),
+            (self.weight, self.mean, self.variance),
+        ):
+            change_cells(weight, mean, variance, component, leaving, self._arriving, self._n)
 
     def measure(
         self,

@@ -171,6 +171,7 @@ class Mixture:
             Components that the test shows, and those of them that were set to healthy, ``(7,)``.
         """
         self._forget(used)
+        self.bank.change()
         bank, waves, errors, last = self.bank, self.waves, self.errors, self._last
         settings, plain = self._settings, used & ~near_healthy
         occasional = (settings.occasional_error, settings.occasional_probability)

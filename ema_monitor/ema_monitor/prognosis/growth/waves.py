@@ -17,7 +17,7 @@ from ema_monitor.prognosis.growth.measurement import REACH
 from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
-PERIODS: Final = 200.0 * 1.15 ** np.arange(16)
+PERIODS: Final = 200.0 * 1.15 ** np.arange(13)
 """Hours of a wave on the grid [h]."""
 
 AMPLITUDE: Final = 0.04
@@ -26,7 +26,7 @@ AMPLITUDE: Final = 0.04
 PRIOR: Final = 0.1
 """Probability of a wave in a component of unknown law [-]."""
 
-LASTING: Final = 4.0
+LASTING: Final = 20.0
 """Periods within which a wave forgets its amplitude and phase."""
 
 _LIVES: Final = np.array([np.inf, 2500.0, 600.0])
