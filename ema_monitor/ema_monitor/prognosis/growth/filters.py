@@ -176,11 +176,12 @@ def measure_cells(
     """
     for i in at:
         k = component[i]
-        c, f = carried[k], slope[i]
+        c = carried[k]
+        # Merged, the two variances need not fit the slope any longer.
+        joint = min(slope[i] * variance_before[i], math.sqrt(variance[i] * variance_before[i]))
         innovation = value[k] - mean[i] - c * (value_before[k] - mean_before[i])
-        shared = variance[i] - c * f * variance_before[i]
-        usual = variance[i] - 2.0 * c * f * variance_before[i] + c * c * variance_before[i]
-        usual += fresh[k]
+        shared = variance[i] - c * joint
+        usual = variance[i] - 2.0 * c * joint + c * c * variance_before[i] + fresh[k]
         wide = usual + large * large
         squared = innovation * innovation
         log_usual = math.log1p(-rare) - 0.5 * (squared / usual + math.log(usual))
