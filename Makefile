@@ -99,6 +99,7 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python resume.py --json resume.json
 	$(activate) && cd benchmarks && python memory.py --json memory.json
 	tools/peers.sh python benchmarks/prognosis.py --json benchmarks/prognosis.json
+	tools/peers.sh python benchmarks/foreign_prognosis.py --json benchmarks/foreign_prognosis.json
 	$(activate) && cd benchmarks && python advisory.py --json advisory.json
 	$(activate) && cd benchmarks && python plots.py
 	$(activate) && cd benchmarks && python prognosis_plots.py
