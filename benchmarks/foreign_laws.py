@@ -27,6 +27,8 @@ class Law(Protocol):
 
     start: float
 
+    def __init__(self, life: float, rng: np.random.Generator) -> None: ...
+
     def states(self, n: int, rng: np.random.Generator) -> Array:
         """Return what is random and lasts from step to step, of n samples, ``(k, n)``."""
         ...
@@ -98,7 +100,9 @@ class Avalanche(_Steady):
 
     def step(self, y: Array, u: float, h: float, states: Array, rng: np.random.Generator) -> Array:
         del states, rng
-        return h * (self.g * (y + self.c) ** self.m if u > self.onset else np.full_like(y, self.rate))
+        return h * (
+            self.g * (y + self.c) ** self.m if u > self.onset else np.full_like(y, self.rate)
+        )
 
 
 class Seasonal(_Steady):

@@ -260,9 +260,7 @@ def _drawn(case: ForeignCase, rng: np.random.Generator) -> ForeignLife | None:
         column = FAULT_NAMES.index(one.name)
         away = np.interp(tests, one.hours, one.away)
         vectors[:, column] = healthy_faults()[column] + one.side * away
-    return ForeignLife(
-        tuple(grown), tests, np.clip(vectors, 0.0, HIGHEST), end, repair, noise
-    )
+    return ForeignLife(tuple(grown), tests, np.clip(vectors, 0.0, HIGHEST), end, repair, noise)
 
 
 def _end(grown: Grown, after: float) -> float:

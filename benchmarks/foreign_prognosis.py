@@ -21,7 +21,7 @@ import numpy as np
 from foreign_laws import DEVELOPMENT, HELD_OUT
 from foreign_lives import SEED, ForeignCase, constant_lives, lives_of
 from foreign_predictors import FITS, SIMPLE_FITS, oracle
-from prognosis_predictors import Predictor, law_unknown
+from prognosis_predictors import law_unknown
 from prognosis_scores import LifeScore, summary
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -57,7 +57,7 @@ def score_tracker(case: ForeignCase) -> dict[str, LifeScore]:
     return _scored(case, {TRACKER: law_unknown})
 
 
-def _scored(case: ForeignCase, methods: Mapping[str, Predictor]) -> dict[str, LifeScore]:
+def _scored(case: ForeignCase, methods: Mapping[str, Any]) -> dict[str, LifeScore]:
     life = case.life()
     measurements = case.measurements(life)
     left = life.end_hours - life.start_hours
@@ -74,7 +74,7 @@ def _scored(case: ForeignCase, methods: Mapping[str, Predictor]) -> dict[str, Li
 def reported(case: ForeignCase) -> int:
     """Return after how many tests of a constant life a remaining life is told."""
     life = case.life()
-    made = law_unknown(life, case.measurements(life))
+    made = METHODS[TRACKER](life, case.measurements(life))
     return int(np.sum(np.isfinite(made.median)))
 
 
@@ -115,11 +115,7 @@ def show(console: Console, figures: Mapping[str, Any]) -> None:
     console.print(table)
     judged = [kind for kind in ours if kind != "all" and not kind.startswith("with ")]
     fits = [methods[name] for name in SIMPLE_FITS if name in methods]
-    behind = [
-        kind
-        for kind in judged
-        if any(fit[kind]["cra"] >= ours[kind]["cra"] for fit in fits)
-    ]
+    behind = [kind for kind in judged if any(fit[kind]["cra"] >= ours[kind]["cra"] for fit in fits)]
     low, high = COVERAGE_OF_KIND
     uncovered = [kind for kind in judged if not low <= ours[kind]["coverage"] <= high]
     table = Table("what", "target", "measured")
@@ -171,8 +167,10 @@ def main(lives: int, constants: int, held_out: bool, no_peers: bool, output: Pat
             )
         },
         "lives": {
-            name: [asdict(one[name]) | {"variation": case.variation}
-                   for case, one in zip(cases, scores, strict=True)]
+            name: [
+                asdict(one[name]) | {"variation": case.variation}
+                for case, one in zip(cases, scores, strict=True)
+            ]
             for name in scores[0]
         },
     }

@@ -1,4 +1,4 @@
-"""A pace that wanders: a factor of the rate of growth that forgets itself within some hundred hours.
+"""A pace that wanders: a factor of the rate of growth that forgets itself in some hundred hours.
 
 Its logarithm z is an Ornstein-Uhlenbeck process of mean 0 and standard deviation ``SIGMA``, on a
 grid of paces: a birth and death process between neighbours with the same stationary distribution

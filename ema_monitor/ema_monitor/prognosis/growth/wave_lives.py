@@ -73,9 +73,7 @@ def wave_lives(sample: WaveDraw, cells: Cells, rng: np.random.Generator) -> NDAr
 
 
 @kernel()
-def _first_passages(
-    state: NDArray[np.float64], omega: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _first_passages(state: NDArray[np.float64], omega: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return hours until level and wave first reach 1 [h], ``(m,)``."""
     result = np.empty(omega.size)
     for i in range(omega.size):

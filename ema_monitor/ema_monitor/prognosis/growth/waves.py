@@ -17,7 +17,7 @@ from ema_monitor.prognosis.growth.measurement import REACH
 from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
-PERIODS: Final = 200.0 * 1.15 ** np.arange(13)
+PERIODS: Final = np.asarray(200.0 * 1.15 ** np.arange(13), dtype=np.float64)
 """Hours of a wave on the grid [h]."""
 
 AMPLITUDE: Final = 0.04
