@@ -125,7 +125,7 @@ def test_advice_over_a_life_goes_from_continue_to_remove_before_the_limit():
     assert (early.action, math.isnan(early.rate)) == ("continue", True)
     assert "no remaining life is known" in early.reason
     actions = {}
-    for tests in (15, 30, 40, 44):
+    for tests in (26, 34, 40, 44):
         unit, outlook = grown(tests)
         after = unit.forecaster(outlook)
         assert after is not None

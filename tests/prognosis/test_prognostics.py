@@ -255,7 +255,7 @@ def test_component_that_no_test_has_shown_ends_no_life(hidden: str):
     prognostics = Prognostics(History(*UNIT), TEN_HOURS)
     outlook = None
     number = FAULT_NAMES.index(hidden)
-    for test in range(25):
+    for test in range(60):
         found = made_test(test, seed=3, friction=friction(test))
         covariance = found.covariance.copy()
         covariance[number], covariance[:, number] = np.nan, np.nan
@@ -294,5 +294,5 @@ def test_earlier_of_two_lives():
 @pytest.mark.slow
 def test_settings_of_the_tracker_change_its_outlook():
     short = replace(TEN_HOURS, tracker=TrackerSettings(horizon_hours=50.0))
-    _, outlooks = lived(40, short)
+    _, outlooks = lived(65, short)
     assert "horizon of 50 h" in outlooks[-1].lives["friction"].reason
