@@ -120,7 +120,8 @@ def show(console: Console, figures: Mapping[str, Any]) -> None:
     uncovered = [kind for kind in judged if not low <= ours[kind]["coverage"] <= high]
     table = Table("what", "target", "measured")
     table.add_row("accuracy", f">= {LEAST_ACCURACY}", f"{ours['all']['cra']:.3f}")
-    table.add_row("kinds not above each simple fit", "none", ", ".join(behind) or "none")
+    above = ", ".join(behind) or "none" if fits else "not run"
+    table.add_row("kinds not above each simple fit", "none", above)
     table.add_row("coverage", f"{COVERAGE[0]} to {COVERAGE[1]}", f"{ours['all']['coverage']:.3f}")
     table.add_row(f"kinds not covered {low} to {high}", "none", ", ".join(uncovered) or "none")
     table.add_row(
