@@ -37,6 +37,7 @@ OTHER_LAWS: Final[Mapping[str, TypicalGrowth]] = {
 """Growth by laws that are not those of the type, in lives of about the same length."""
 
 _GROWING, _CONSTANT, _REAL, _REPAIRED, _OTHERWISE, _ADVISED, _ADVISED_OTHERS = range(7)
+_FLEET, _FLEET_OTHERWISE, _NEXT = range(7, 10)
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class ScoredLife:
         rng = self.rng(0)
         if self.stream == _CONSTANT:
             return constant_life(LIMITS, rng)
-        typical = OTHER_LAWS if self.stream == _OTHERWISE else TYPICAL
+        typical = OTHER_LAWS if self.stream in (_OTHERWISE, _FLEET_OTHERWISE) else TYPICAL
         repaired = self.stream == _REPAIRED
         return run_to_failure(LIMITS, rng, self.kind, with_repair=repaired, typical=typical)
 
@@ -103,6 +104,21 @@ def advised(count: int) -> list[ScoredLife]:
 def advised_others(count: int) -> list[ScoredLife]:
     """Return lives to failure of the same population, which fixed intervals are fitted to."""
     return [ScoredLife(number, _ADVISED_OTHERS) for number in range(count)]
+
+
+def fleet(count: int) -> list[ScoredLife]:
+    """Return lives to failure of the units of a fleet."""
+    return [ScoredLife(number, _FLEET) for number in range(count)]
+
+
+def fleet_otherwise(count: int) -> list[ScoredLife]:
+    """Return those of another kind of unit, whose faults grow by other laws."""
+    return [ScoredLife(number, _FLEET_OTHERWISE) for number in range(count)]
+
+
+def next_units(count: int) -> list[ScoredLife]:
+    """Return lives to failure of units that come after the fleet."""
+    return [ScoredLife(number, _NEXT) for number in range(count)]
 
 
 def estimate_of(

@@ -88,7 +88,8 @@ class Predictions:
 Predictor = Callable[[SimulatedLife, Sequence[Measurement]], Predictions]
 
 
-def _tracked(measurements: Sequence[Measurement], settings: TrackerSettings) -> Predictions:
+def tracked(measurements: Sequence[Measurement], settings: TrackerSettings) -> Predictions:
+    """Return what a tracker with settings predicts after each test."""
     tracker = Tracker(HealthLimits(), settings)
     samples: list[NDArray[np.float64] | None] = []
     seconds: list[float] = []
@@ -103,12 +104,12 @@ def _tracked(measurements: Sequence[Measurement], settings: TrackerSettings) -> 
 
 def law_known(_: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:
     """Return what a tracker with known laws and typical rates predicts."""
-    return _tracked(measurements, SETTINGS["law known"])
+    return tracked(measurements, SETTINGS["law known"])
 
 
 def law_unknown(_: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:
     """Return what the tracker predicts as shipped."""
-    return _tracked(measurements, SETTINGS["law unknown"])
+    return tracked(measurements, SETTINGS["law unknown"])
 
 
 def linear_trend(_: SimulatedLife, measurements: Sequence[Measurement]) -> Predictions:

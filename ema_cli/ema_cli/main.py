@@ -21,6 +21,7 @@ _COMMANDS: Final = {
     "compare": "Compare algorithms on one window of BAG: what each finds, how well, and how fast.",
     "prognose": "Predict how many flight hours a unit has left, from the tests in each "
     "BAG or folder of bags.",
+    "learn": "Learn how the units of a fleet grow, from the HISTORY of each.",
     "thesis": "Repeat the thesis's study: ten single faults and a multiple one by "
     "GA, PSO, DE and GWO.",
     "report": "Write what the tests in each BAG or folder of bags say of a unit as one page.",

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any, Final
 
 import click
@@ -11,6 +12,7 @@ from ema_cli.gathered_options import gathered
 from ema_core.wording import as_identifier, unknown_name
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.advisory import Costs
+from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.growth.known_laws import FORM as FORM_OF_LAW
 from ema_monitor.prognosis.growth.known_laws import known_law
 from ema_monitor.prognosis.growth.settings import KnownLaw
@@ -63,6 +65,12 @@ GROWTH_OPTIONS: Final = (
         multiple=True,
         help=f"A law that is known, {FORM}, e.g. friction=exponential; those not named are "
         "averaged over all laws.",
+    ),
+    click.option(
+        "--fleet",
+        "fleet_file",
+        type=click.Path(path_type=Path, exists=True, dir_okay=False),
+        help="How other units of the model grew, a file of `ema learn`.",
     ),
     click.option(
         "--limit",
@@ -127,6 +135,7 @@ def _build(
     *,
     limits: tuple[list[tuple[str, float]], ...],
     laws: tuple[tuple[str, KnownLaw], ...],
+    fleet_file: Path | None,
     duty: float,
     hours_per_cycle: float,
     end_hours: float | None,
@@ -135,6 +144,8 @@ def _build(
     cost_unit: str,
 ) -> PrognosisOptions:
     settings = _settings(merged(limits, "--limit"), laws, Service(duty, hours_per_cycle))
+    if fleet_file is not None:
+        settings = replace(settings, fleet=Fleet.read(fleet_file))
     return PrognosisOptions(
         settings, _costs(merged(costs, "--cost"), cost_unit), end_hours, at_hours
     )
@@ -212,7 +223,17 @@ def with_laws(
 prognosis_options = gathered(
     "prognosis",
     _build,
-    ("limits", "laws", "duty", "hours_per_cycle", "end_hours", "at_hours", "costs", "cost_unit"),
+    (
+        "limits",
+        "laws",
+        "fleet_file",
+        "duty",
+        "hours_per_cycle",
+        "end_hours",
+        "at_hours",
+        "costs",
+        "cost_unit",
+    ),
     _OPTIONS,
 )
 """Gives a command the options as ``prognosis``."""

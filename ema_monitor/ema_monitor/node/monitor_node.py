@@ -30,6 +30,7 @@ from ema_monitor.node.summary import summary_of
 from ema_monitor.node.units import Units
 from ema_monitor.node.worker import IdentificationWorker
 from ema_monitor.prognosis.advisory import Costs
+from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.trigger import TriggerSettings
@@ -122,6 +123,7 @@ class MonitorNode(ManagedNode):
         described = load_description(Path(files.actuator_file)) if files.actuator_file else None
         # Now, as no window waits for them yet.
         compile_monitor_kernels(self.tell_progress, lambda: self.is_ending)
+        fleet = Fleet.read(folder_of(files.fleet_file)) if files.fleet_file else None
         message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
         self._estimates = self.add_publisher(message_class, topics.FAULT_ESTIMATE, qos)
         self._calls = MonitorCalls(
@@ -135,7 +137,7 @@ class MonitorNode(ManagedNode):
             self._forget,
         )
         self._stale_timer = self.create_timer(_STALE_CHECK_S, self._check_staleness)
-        self._prognosis.begin(files.history_folder)
+        self._prognosis.begin(files.history_folder, fleet)
         self._in_sim_time = self._uses_sim_time()
         self._is_configured = True
         self._units.expect_listed()

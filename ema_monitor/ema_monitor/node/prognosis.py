@@ -24,6 +24,7 @@ from ema_monitor.node.recordable import Recordable
 from ema_monitor.node.settings import folder_of
 from ema_monitor.node.summary import unknown_health
 from ema_monitor.node.units import Units
+from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.known_laws import KnownLawTexts
 from ema_monitor.prognosis.growth.settings import TrackerSettings
@@ -172,6 +173,7 @@ class MonitorPrognosis:
         self._laws = LiveSettings(node, KnownLawTexts, "known_law.")
         self._service = LiveSettings(node, Service)
         self._recordable = Recordable(node)
+        self._fleet: Fleet | None = None
         self._histories = MonitorHistories(self._requirements_of)
         self._to_refresh: SimpleQueue[ActuatorDescription] = SimpleQueue()
         self._logged: dict[UnitKey, str] = {}
@@ -185,15 +187,17 @@ class MonitorPrognosis:
             self._requirements.value,
             replace(self._tracker.value, laws=self._laws.value.laws()),
             self._service.value,
+            self._fleet,
         )
 
-    def begin(self, history_folder: str) -> None:
-        """Store histories in a folder from now on, and offer the service.
+    def begin(self, history_folder: str, fleet: Fleet | None) -> None:
+        """Store histories in a folder from now on, use a fleet if there is one, and offer services.
 
         They are in memory alone when the folder is empty, and always in simulated time: a bag that
         is replayed must not mix with tests of the actuator itself.
         """
         self._folder = folder_of(history_folder) if history_folder else None
+        self._fleet = fleet
         self._histories.begin(self._recordable.begin(self._folder))
         self._refresh_soon = self._node.create_guard_condition(
             self._refresh_all, callback_group=WaitingCallbackGroup()

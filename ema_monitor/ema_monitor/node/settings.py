@@ -37,6 +37,9 @@ class Files:
         "$ROS_HOME/ema/history",
         "folder for the tests of each unit; empty, and in simulated time: in memory only",
     )
+    fleet_file: str = text(
+        "", "how other units of the model grew, a file that `ema learn` wrote; empty: not known"
+    )
 
     def __post_init__(self) -> None:
         check_quantities(self)

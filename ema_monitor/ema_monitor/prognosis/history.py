@@ -9,7 +9,7 @@ from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 from ema_monitor.prognosis.assessment import Assessment
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, import_lines
@@ -50,6 +50,8 @@ class History:
 
     Attributes
     ----------
+    unit
+        Actuator and serial number.
     entries
         The valid tests in the order in which they came; of all but the latest 20 the estimates are
         packed.
@@ -72,7 +74,7 @@ class History:
         self.assessments: dict[int, Assessment] = {}
         self.growth = b""
         self.imported = ""
-        self._unit = (actuator_id, serial_number)
+        self.unit = (actuator_id, serial_number)
         self._tests: list[Entry | UnusedCycle] = []
         self._stamps_ns: set[int] = set()
         self.path = path
@@ -80,7 +82,7 @@ class History:
         self._db: sqlite3.Connection | None = None
         self._file_id = (0, 0)
         # End of the chain in the file; the tests after it are to be written.
-        self._head = empty(self._unit)
+        self._head = empty(self.unit)
         # Stamps of assessments that are not in the file as they are here.
         self._changed: dict[int, None] = {}
         self._mended = ""
@@ -193,7 +195,7 @@ class History:
                     raise
                 self._set_aside(path, error)
         if not self._tests and not self._mended and earlier.exists():
-            tests, self.imported = import_lines(earlier, *self._unit)
+            tests, self.imported = import_lines(earlier, *self.unit)
             for test in tests:
                 self._add(test)
         if self._head.tests < len(self._tests):
@@ -217,12 +219,12 @@ class History:
         try:
             # Held until the connection is closed, or the process ends.
             db.execute("PRAGMA locking_mode = EXCLUSIVE")
-            check_kind(db, self._unit)
+            check_kind(db, self.unit)
             db.execute("PRAGMA journal_mode = WAL")
             db.execute("PRAGMA synchronous = FULL")
             # After each test: a copy or a move of the file alone has all tests.
             db.execute("PRAGMA wal_autocheckpoint = 1")
-            prepare(db, self._unit)
+            prepare(db, self.unit)
         except BaseException:
             db.close()
             raise
@@ -232,7 +234,7 @@ class History:
     def _read(self, db: sqlite3.Connection) -> None:
         """Add what is intact in the file; raise for the rest."""
         try:
-            head = read_tests(db, self._unit, self._add)
+            head = read_tests(db, self.unit, self._add)
         finally:
             for one in read_assessments(db):
                 self.assessments[one.stamp_ns] = one
@@ -264,9 +266,7 @@ class History:
         """Read a copy of a file and its log, if there is one."""
         with TemporaryDirectory() as folder, closing(self):
             copy = Path(folder) / path.name
-            for suffix in ("", "-wal"):
-                if (source := _with(path, suffix)).exists():
-                    shutil.copyfile(source, _with(copy, suffix))
+            _copy_database(path, copy)
             if copy.exists():
                 self._read(self._connect(copy))
 
@@ -308,12 +308,47 @@ class History:
 
     def _forget_written(self) -> None:
         """Note that nothing is in the file that is used from now on."""
-        self._head = empty(self._unit)
+        self._head = empty(self.unit)
         self._changed = dict.fromkeys(self.assessments)
 
     def _insert(self, db: sqlite3.Connection, tests: list[Entry | UnusedCycle]) -> None:
         """Add tests to the file in one transaction."""
         self._head = insert_tests(db, self._head, tests)
+
+
+def read_history(path: Path) -> History:
+    """Return the history in a file, which is neither changed nor kept from a monitor that has it.
+
+    Parameters
+    ----------
+    path
+        The file, as ``history_path`` names it.
+
+    Raises
+    ------
+    ValueError
+        When it is no history, or is damaged; the message names it.
+    OSError
+        When it cannot be read.
+    """
+    actuator_id, plus, serial_number = path.name.removesuffix(".sqlite").partition("+")
+    if not plus or path.suffix != ".sqlite":
+        raise ValueError(f"{path}: expected a history named ACTUATOR+SERIAL.sqlite")
+    with TemporaryDirectory() as folder:
+        copy = Path(folder) / path.name
+        _copy_database(path, copy)
+        history = History(unquote(actuator_id), unquote(serial_number), copy)
+        history.close()
+        if history.problem:
+            raise ValueError(history.problem.replace(str(copy), str(path)))
+        return history
+
+
+def _copy_database(path: Path, copy: Path) -> None:
+    """Copy a file and its log, if there is one."""
+    for suffix in ("", "-wal"):
+        if (source := _with(path, suffix)).exists():
+            shutil.copyfile(source, _with(copy, suffix))
 
 
 def history_path(folder: Path, actuator_id: str, serial_number: str) -> Path:

@@ -12,6 +12,7 @@ from ema_core.wording import counted
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment, assessment_of
 from ema_monitor.prognosis.forecaster import Forecaster
+from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, Entry, UnusedCycle
@@ -70,7 +71,7 @@ class Prognostics:
         self._lock = threading.RLock()
         self._settings = settings = settings or PrognosisSettings()
         self.growth = GrowthRecord(
-            settings.limits, settings.tracker, history.entries, history.growth
+            settings.limits, self._tracker_settings(settings), history.entries, history.growth
         )
         history.growth = b""
         # Tests of the state of the tracker that was kept last.
@@ -212,9 +213,24 @@ class Prognostics:
     def _apply(self, settings: PrognosisSettings) -> None:
         """Use settings from now on; a tracker that assumes other things begins anew."""
         old, self._settings = self._settings, settings
-        if (old.limits, old.tracker) != (settings.limits, settings.tracker):
-            self.growth = GrowthRecord(settings.limits, settings.tracker, self.history.entries)
+        is_other_fleet = old.fleet is not settings.fleet
+        if is_other_fleet or (old.limits, old.tracker) != (settings.limits, settings.tracker):
+            tracker = self._tracker_settings(settings)
+            self.growth = GrowthRecord(settings.limits, tracker, self.history.entries)
             self._kept_tests = 0
+
+    def _tracker_settings(self, settings: PrognosisSettings) -> TrackerSettings:
+        """Return what the tracker assumes, with what the other units of the fleet say."""
+        self._fleet_in_words = ""
+        if settings.fleet is None:
+            return settings.tracker
+        try:
+            fleet = settings.fleet.prior(settings.limits, without=self.history.unit)
+        except ValueError as error:
+            self._fleet_in_words = f"the fleet is not used: {error}"
+            return settings.tracker
+        self._fleet_in_words = fleet.in_words()
+        return replace(settings.tracker, fleet=fleet)
 
     def _outlook_with_events(self, parameters: ActuatorParameters | None) -> Outlook:
         outlook = self._outlook(parameters)
@@ -232,7 +248,12 @@ class Prognostics:
         if parameters is not None:
             requirements = self._requirements_of(parameters, self._settings.requirements)
         outlook = outlook_of(self.growth, self._settings, requirements)
-        return replace(outlook, events=self._events, failed_since=self._failed_since(outlook))
+        return replace(
+            outlook,
+            assumption="; ".join(filter(None, [outlook.assumption, self._fleet_in_words])),
+            events=self._events,
+            failed_since=self._failed_since(outlook),
+        )
 
     def _failed_since(self, outlook: Outlook) -> float:
         """Return the hour of the first of the latest tests that have all been ERROR [h]."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
@@ -22,12 +23,15 @@ class PrognosisSettings:
         What is assumed of growth.
     service
         What is assumed of use.
+    fleet
+        What other units say of growth; None when there are none.
     """
 
     limits: HealthLimits = field(default_factory=HealthLimits)
     requirements: RequirementLimits = field(default_factory=RequirementLimits)
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
     service: Service = field(default_factory=Service)
+    fleet: Fleet | None = None
 
 
 def duty_of(settings: PrognosisSettings, duty: float) -> PrognosisSettings:

@@ -19,6 +19,7 @@ from ema_monitor.prognosis.growth.bank import Bank
 from ema_monitor.prognosis.growth.cells import grid
 from ema_monitor.prognosis.growth.errors import EstimateErrors, LastTest
 from ema_monitor.prognosis.growth.filters import temper
+from ema_monitor.prognosis.growth.fleet import with_fleet
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.waves import Waves
 
@@ -46,7 +47,8 @@ class Mixture:
 
     def __init__(self, limits: HealthLimits, settings: TrackerSettings) -> None:
         self._settings = settings
-        self.bank = Bank(grid(limits, settings), settings)
+        cells = with_fleet(grid(limits, settings), settings.fleet, settings.laws)
+        self.bank = Bank(cells, settings)
         self.waves = Waves(limits, settings)
         self.errors = EstimateErrors(self.bank.noise_hours)
         is_known = np.array([name in settings.laws for name in COMPONENTS])

@@ -8,6 +8,7 @@ from typing import Final
 from ema_core.faults import COMPONENTS, TYPICAL, kind_of
 from ema_core.growth_laws import LAWS
 from ema_core.quantity import check_quantities, quantity, text
+from ema_monitor.prognosis.growth.fleet_prior import FleetPrior
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,8 @@ class TrackerSettings:
     ----------
     laws
         Law by component; of what is not named the law is unknown, and all are averaged.
+    fleet
+        How other units grew; None when that is unknown. A known law is used all the same.
     process_noise
         Sigma of the lognormal factor of an increment over ``process_noise_hours`` [-].
     process_noise_hours
@@ -102,6 +105,7 @@ class TrackerSettings:
     """
 
     laws: Mapping[str, KnownLaw] = field(default_factory=dict)
+    fleet: FleetPrior | None = None
     process_noise: float = quantity(0.3, "-", 0.0, 3.0, "sigma of an increment's lognormal factor")
     process_noise_hours: float = quantity(10.0, "h", 1e-3, 1e5, "hours for which a factor holds")
     onset_probability: float = quantity(5e-3, "-", 0.0, 0.5, "probability of onset, each test")

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULTS, HIGHEST, healthy_faults
 from ema_core.growth_laws import increment
 from ema_monitor.health import ONE_SIDED_95, HealthLimits
+from ema_monitor.prognosis.growth.fleet import GrownFault, grown_faults
 from ema_monitor.prognosis.growth.forecast import draw, futures, lives
 from ema_monitor.prognosis.growth.measurement import HEALTHY, INDICES, Measurement
 from ema_monitor.prognosis.growth.mixture import Mixture
@@ -229,6 +230,11 @@ class Tracker:
         if keep == 0.0:
             self._first_hours[number] = measurement.hours
             self._growing[number] = False
+
+    def grown_faults(self) -> list[GrownFault]:
+        """Return what is said of the faults that grow, for the prior of a fleet."""
+        bank = self._mixture.bank
+        return grown_faults(bank.cells, bank.weight, self._growing)
 
     def components(self) -> tuple[TrackedFault, ...]:
         """Return what is known of each component."""

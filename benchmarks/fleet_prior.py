@@ -1,0 +1,118 @@
+"""How much the prognosis of a unit gains by the growth of others, and that it does not lose.
+
+    python benchmarks/fleet_prior.py [--fleet N] [--lives N] [--json FILE]
+
+The law is not known. Lives by drawn estimates, as of prognosis.py, on seeds of their own, are
+scored without a fleet, with that of N earlier units of the same kind, which lived to their ends,
+and with one of N units whose faults grow by other laws. The difference of a life to the same life
+without a fleet has a standard error over the lives.
+
+Prints a table; writes JSON.
+"""
+
+import json
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from prognosis_estimates import drawn
+from prognosis_lives import ScoredLife, fleet, fleet_otherwise, next_units
+from prognosis_predictors import tracked
+from prognosis_scores import LifeScore, summary
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.table import Table
+from trials import workers
+
+from ema_core.faults import TYPICAL
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.fleet import Fleet, FleetUnit
+from ema_monitor.prognosis.growth.fleet import grid_digest
+from ema_monitor.prognosis.growth.fleet_prior import FleetPrior
+from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker import Tracker
+
+WITHOUT, SAME, OTHER = "no fleet", "fleet", "fleet of another kind"
+
+
+def unit_of(scored: ScoredLife) -> FleetUnit:
+    """Return what a life says of growth."""
+    measurements = drawn(scored, scored.life())
+    tracker = Tracker(HealthLimits(), TrackerSettings())
+    for measurement in measurements:
+        tracker.update(measurement)
+    return FleetUnit(len(measurements), tuple(tracker.grown_faults()))
+
+
+def scores_of(priors: dict[str, FleetPrior | None], scored: ScoredLife) -> dict[str, LifeScore]:
+    """Return the scores of a life with each prior."""
+    life = scored.life()
+    measurements = drawn(scored, life)
+    return {
+        name: LifeScore.of(
+            scored.kind,
+            scored.number,
+            life.end_hours,
+            tracked(measurements, TrackerSettings(fleet=prior)),
+        )
+        for name, prior in priors.items()
+    }
+
+
+@click.command()
+@click.option("--fleet", "units", default=30, help="Units of each fleet.")
+@click.option("--lives", default=150, help="Lives that are scored.")
+@click.option("--json", "output", type=click.Path(path_type=Path), help="Where the figures go.")
+def main(units: int, lives: int, output: Path | None) -> None:
+    """Compare the prognosis without a fleet, with its own, and with another."""
+    limits = HealthLimits()
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with (
+        Progress(*columns, console=Console(stderr=True)) as progress,
+        workers(progress) as pool,
+    ):
+        known: dict[str, FleetPrior | None] = {WITHOUT: None}
+        for name, members in ((SAME, fleet(units)), (OTHER, fleet_otherwise(units))):
+            said = {str(n): unit for n, unit in enumerate(pool.map(name, unit_of, members))}
+            known[name] = Fleet(grid_digest(limits), said).prior(limits)
+        found = pool.map("lives", partial(scores_of, known), next_units(lives))
+    rows = [row for kind in (*TYPICAL, "all") for row in _rows(kind, found)]
+    table = Table(title=f"law unknown, fleets of {units}, {lives} lives")
+    for name in rows[0]:
+        table.add_column(name.replace("_", " "))
+    for row in rows:
+        table.add_row(
+            *(f"{value:.3f}" if isinstance(value, float) else str(value) for value in row.values())
+        )
+    Console().print(table)
+    if output is not None:
+        output.write_text(json.dumps({"units": units, "rows": rows}, indent=1))
+
+
+def _rows(kind: str, found: Sequence[dict[str, LifeScore]]) -> list[dict[str, Any]]:
+    """Return the figures of a kind of dominant fault, or of all, with each prior."""
+    chosen = [one for one in found if kind in (one[WITHOUT].kind, "all")]
+    rows = []
+    for name in (WITHOUT, SAME, OTHER) if chosen else ():
+        figures = summary([one[name] for one in chosen])
+        gain = np.array([one[name].cra - one[WITHOUT].cra for one in chosen])
+        rows.append(
+            {
+                "fault": kind,
+                "prior": name,
+                "lives": len(chosen),
+                "accuracy": figures["cra"],
+                "gain": float(gain.mean()),
+                "its_standard_error": float(gain.std(ddof=1) / np.sqrt(len(gain))),
+                "alpha_lambda": figures["alpha_lambda"]["0.75"],
+                "coverage": figures["coverage"],
+            }
+        )
+    return rows
+
+
+if __name__ == "__main__":
+    main()

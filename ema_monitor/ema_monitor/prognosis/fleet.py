@@ -1,0 +1,201 @@
+"""What the histories of other units say of growth: gathered, put together, and kept in a file."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final, NamedTuple
+from zipfile import BadZipFile
+
+import numpy as np
+
+from ema_core.files import complete_file, open_regular_file
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.growth.fleet import (
+    GrownFault,
+    curves_without_fleet,
+    distribution,
+    grid_digest,
+)
+from ema_monitor.prognosis.growth.fleet_prior import FleetPrior
+
+SUFFIX: Final = ".npz"
+"""How the name of a file of a fleet ends."""
+_FORMAT: Final = 1
+_MOST_BYTES: Final = 500_000_000
+
+
+class FleetUnit(NamedTuple):
+    """What a unit says.
+
+    Attributes
+    ----------
+    tests
+        Tests that it rests on.
+    faults
+        Faults that grow.
+    """
+
+    tests: int
+    faults: tuple[GrownFault, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """What units say of growth, each by the digest of its actuator and serial number.
+
+    Attributes
+    ----------
+    grid
+        Digest of the curves, rates and limits that it is about.
+    units
+        The units.
+    names
+        Names of the fleets that it was put together from.
+    """
+
+    grid: str
+    units: Mapping[str, FleetUnit] = field(default_factory=lambda: MappingProxyType({}))
+    names: frozenset[str] = frozenset()
+
+    def together(self, other: "Fleet") -> "Fleet":
+        """Return both; of a unit that is in both, what rests on more tests.
+
+        Raises
+        ------
+        ValueError
+            When they are about other limits.
+        """
+        if self.grid != other.grid:
+            raise ValueError(
+                "the fleets are about other limits, or by another version: grid "
+                f"{other.grid} and {self.grid}"
+            )
+        units = dict(self.units)
+        for digest, unit in other.units.items():
+            if digest not in units or units[digest].tests < unit.tests:
+                units[digest] = unit
+        return Fleet(self.grid, units, self.names | other.names)
+
+    def prior(self, limits: HealthLimits, without: tuple[str, str] | None = None) -> FleetPrior:
+        """Return the distribution of curves and rates over the units.
+
+        Parameters
+        ----------
+        limits
+            Where the life of the next unit ends.
+        without
+            Actuator and serial number of a unit that is left out: its own tests must not count
+            twice.
+
+        Raises
+        ------
+        ValueError
+            When the fleet is about other limits.
+        """
+        if self.grid != (expected := grid_digest(limits)):
+            raise ValueError(
+                f"the fleet is about other limits, or by another version: grid {self.grid}, "
+                f"expected {expected}"
+            )
+        own = unit_digest(*without) if without else ""
+        found: dict[str, list[GrownFault]] = {}
+        digest, count = hashlib.sha256(self.grid.encode()), 0
+        for name, unit in sorted(self.units.items()):
+            if name == own or not unit.faults:
+                continue
+            count += 1
+            for fault in unit.faults:
+                found.setdefault(fault.kind, []).append(fault)
+                digest.update(fault.kind.encode() + fault.log_likelihood.tobytes())
+        before = curves_without_fleet(limits)
+        shares = {
+            kind: distribution([fault.log_likelihood for fault in faults], before[kind])
+            for kind, faults in found.items()
+        }
+        return FleetPrior(
+            digest.hexdigest()[:16],
+            count,
+            ", ".join(sorted(self.names)),
+            MappingProxyType({kind: len(faults) for kind, faults in found.items()}),
+            MappingProxyType(shares),
+        )
+
+    def write(self, path: Path) -> None:
+        """Write it to a file, whole or not at all.
+
+        Raises
+        ------
+        OSError
+            When the file cannot be written.
+        """
+        digests = sorted(self.units)
+        faults = [
+            (number, fault)
+            for number, digest in enumerate(digests)
+            for fault in self.units[digest].faults
+        ]
+        arrays = {
+            "format": np.array(_FORMAT),
+            "grid": np.array(self.grid),
+            "names": np.array(sorted(self.names), dtype=np.str_),
+            "units": np.array(digests, dtype=np.str_),
+            "tests": np.array([self.units[digest].tests for digest in digests], dtype=np.int64),
+        }
+        for kind in sorted({fault.kind for _, fault in faults}):
+            of_it = [(number, fault) for number, fault in faults if fault.kind == kind]
+            arrays[f"unit_of.{kind}"] = np.array([number for number, _ in of_it], dtype=np.int64)
+            arrays[f"growth.{kind}"] = np.stack([fault.log_likelihood for _, fault in of_it])
+        with complete_file(path) as partial, partial.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **arrays)
+
+    @classmethod
+    def read(cls, path: Path) -> "Fleet":
+        """Read what ``write`` wrote.
+
+        Raises
+        ------
+        ValueError
+            When it is no such file; the message names it.
+        OSError
+            When it cannot be read.
+        """
+        try:
+            with open_regular_file(path) as opened, np.load(opened, allow_pickle=False) as file:
+                # Sizes first: a small file may open to a large array.
+                size = sum(item.file_size for item in file.zip.infolist())
+                if size > _MOST_BYTES:
+                    raise ValueError(f"it opens to {size} bytes, at most {_MOST_BYTES}")
+                return cls._of_arrays(dict(file))
+        except (ValueError, KeyError, IndexError, TypeError, EOFError, BadZipFile) as error:
+            raise ValueError(f"{path}: no file of a fleet: {error}") from error
+
+    @classmethod
+    def _of_arrays(cls, arrays: dict[str, np.ndarray]) -> "Fleet":
+        if arrays["format"] != _FORMAT:
+            raise ValueError(f"format {arrays['format']}, expected {_FORMAT}")
+        faults: list[list[GrownFault]] = [[] for _ in arrays["units"]]
+        before = curves_without_fleet(HealthLimits())
+        for name in arrays:
+            if not name.startswith("growth."):
+                continue
+            kind = name.removeprefix("growth.")
+            if kind not in before:
+                raise ValueError(f"unknown kind of fault {kind!r}")
+            log = arrays[name].astype(np.float16)
+            if log.shape[1:] != before[kind].shape or not np.all(log <= 0.0):
+                raise ValueError(f"{name} has impossible values or the shape {log.shape}")
+            for number, one in zip(arrays[f"unit_of.{kind}"], log, strict=True):
+                faults[number].append(GrownFault(kind, one))
+        units = {
+            str(digest): FleetUnit(int(tests), tuple(of_it))
+            for digest, tests, of_it in zip(arrays["units"], arrays["tests"], faults, strict=True)
+        }
+        names = frozenset(str(name) for name in arrays["names"])
+        return cls(str(arrays["grid"]), units, names)
+
+
+def unit_digest(actuator_id: str, serial_number: str) -> str:
+    """Return what stands for a unit in a file that does not name it."""
+    return hashlib.sha256(f"{actuator_id}\0{serial_number}".encode()).hexdigest()[:16]

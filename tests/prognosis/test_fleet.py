@@ -1,0 +1,229 @@
+"""What units say of growth: put together, kept in a file, and used for the next unit."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ema_core.faults import kind_of
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.fleet import Fleet, FleetUnit
+from ema_monitor.prognosis.fleet_learning import fleet_of
+from ema_monitor.prognosis.growth.fleet import (
+    GrownFault,
+    curves_without_fleet,
+    distribution,
+    grid_digest,
+)
+from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.history import History, history_path, read_history
+from ema_monitor.prognosis.history_entry import Entry
+from ema_monitor.prognosis.prognostics import KEPT_EVERY, Prognostics
+from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_sim.growth import Growth
+
+from .made_tests import made_test
+from .tracked_lives import feed
+
+LIMITS = HealthLimits()
+GRID = grid_digest(LIMITS)
+BEFORE = curves_without_fleet(LIMITS)
+
+
+def grown(rate: float, seed: int, until: float = 900.0, law: str = "linear") -> FleetUnit:
+    """What a unit says whose friction grows."""
+    tracker = Tracker()
+    feed(tracker, {"friction": Growth(law, rate)}, until, np.random.default_rng(seed))
+    return FleetUnit(tracker.updates, tuple(tracker.grown_faults()))
+
+
+@pytest.fixture(scope="module")
+def units() -> dict[str, FleetUnit]:
+    rates = 5e-4 * np.exp(0.1 * np.random.default_rng(0).standard_normal(8))
+    return {str(seed): grown(rate, seed) for seed, rate in enumerate(rates)}
+
+
+def history_of(serial: str, path: Path | None, n: int = 40) -> History:
+    history = History("flap", serial, path)
+    for number in range(n):
+        estimate = made_test(number, seed=int(serial), friction=0.005 * number)
+        history.append(Entry(estimate, 10.0 * number, number + 1))
+    return history
+
+
+def test_parts_give_the_whole_to_the_last_bit_in_any_order(units):
+    whole = Fleet(GRID, units).prior(LIMITS)
+    names = list(units)
+    one, other = (
+        Fleet(GRID, {name: units[name] for name in half}) for half in (names[:3], names[2:])
+    )
+    for both in (one.together(other), other.together(one)):
+        prior = both.prior(LIMITS)
+        assert prior == whole
+        assert (prior.units, prior.counts) == (8, {"friction": 8})
+        np.testing.assert_array_equal(prior.shares["friction"], whole.shares["friction"])
+
+
+def test_of_a_unit_that_is_in_both_parts_the_one_with_more_tests_counts(units):
+    early = FleetUnit(3, ())
+    for one, other in (({"a": early}, {"a": units["0"]}), ({"a": units["0"]}, {"a": early})):
+        assert Fleet(GRID, one).together(Fleet(GRID, other)).units["a"] is units["0"]
+
+
+def test_a_distribution_is_that_of_the_units_and_keeps_a_share_of_what_was_before():
+    before = BEFORE["friction"]
+    log = np.full(before.shape, -30.0, dtype=np.float16)
+    log[5, 40] = 0.0
+    for n, least in ((1, 0.03), (100, 0.7)):
+        share = distribution([log] * n, before)
+        assert share.sum() == pytest.approx(1.0)
+        # Neighbours in rate are as likely by the width of the smoothing, 0.25 of the logarithm.
+        assert share[5, 30:51].sum() > least
+        assert np.all(share > 0.19 * before)
+    # What says nothing changes nothing.
+    flat = distribution([np.zeros_like(log)] * 20, before)
+    np.testing.assert_allclose(flat, before, rtol=1e-6)
+
+
+def test_the_next_unit_is_predicted_earlier_and_nearer_and_another_kind_as_without(units):
+    prior = Fleet(GRID, units).prior(LIMITS)
+
+    def life(rate: float, until: float, with_fleet: bool) -> tuple[bool, float, float]:
+        tracker = Tracker(LIMITS, TrackerSettings(fleet=prior if with_fleet else None))
+        feed(tracker, {"friction": Growth("linear", rate)}, until, np.random.default_rng(99))
+        overall = tracker.predict().overall
+        return overall.known, overall.hours_50, overall.hours_95 - overall.hours_05
+
+    # The same kind, a fifth of its life of 1,000 h over.
+    known, median, width = life(5e-4, 200.0, True)
+    _, median_without, width_without = life(5e-4, 200.0, False)
+    assert known
+    assert abs(median - 800.0) <= min(abs(median_without - 800.0), 0.1 * 800.0)
+    assert width < 0.8 * width_without
+    # One that grows four times as fast is found all the same: 250 h of life, 125 h over.
+    known, median, _ = life(2e-3, 130.0, True)
+    assert known
+    assert median == pytest.approx(life(2e-3, 130.0, False)[1], rel=0.15)
+
+
+def test_a_file_gives_back_what_was_written_and_no_name_of_a_unit(tmp_path: Path):
+    histories = [history_of(serial, None) for serial in ("1", "2")]
+    fleet = fleet_of(histories, LIMITS, "line A")
+    path = tmp_path / "fleet.npz"
+    fleet.write(path)
+    again = Fleet.read(path)
+    assert again.prior(LIMITS) == fleet.prior(LIMITS)
+    assert again.prior(LIMITS).in_words() == "growth is likely as of 2 others (line A)"
+    assert b"flap" not in path.read_bytes()
+    # A unit's own tests do not count twice.
+    assert again.prior(LIMITS, without=("flap", "2")).units == 1
+    assert again.prior(LIMITS, without=("flap", "3")).units == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [(b"", "No data left"), (b"PK\x03\x04 no archive", "zip"), (b"tests, hours", "pickled")],
+)
+def test_what_is_no_fleet_is_refused_by_name(tmp_path: Path, content, reason):
+    path = tmp_path / "fleet.npz"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=f"{path}: no file of a fleet: .*{reason}"):
+        Fleet.read(path)
+
+
+def test_arrays_of_another_kind_are_refused_by_name(tmp_path: Path, units):
+    path = tmp_path / "fleet.npz"
+    Fleet(GRID, units).write(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    for change, reason in (
+        ({"growth.friction": arrays["growth.friction"][:, :, :-1]}, "the shape"),
+        ({"growth.friction": arrays["growth.friction"] * np.float16(np.nan)}, "impossible values"),
+        ({"growth.wear": arrays["growth.friction"]}, "unknown kind of fault 'wear'"),
+        ({"format": np.array(2)}, "format 2, expected 1"),
+        ({"tests": arrays["tests"][:-1]}, "shorter"),
+    ):
+        np.savez(path, **{**arrays, **change})
+        with pytest.raises(ValueError, match=f"{path}: no file of a fleet: .*{reason}"):
+            Fleet.read(path)
+    del arrays["grid"]
+    np.savez(path, **arrays)
+    with pytest.raises(ValueError, match="no file of a fleet: 'grid"):
+        Fleet.read(path)
+
+
+def test_other_limits_are_refused_and_said_and_the_prognosis_goes_on(units):
+    fleet = Fleet(GRID, units)
+    other = HealthLimits(friction=0.3)
+    with pytest.raises(ValueError, match="about other limits"):
+        fleet.prior(other)
+    with pytest.raises(ValueError, match="about other limits"):
+        fleet.together(Fleet(grid_digest(other)))
+    history = history_of("1", None)
+    settings = PrognosisSettings(limits=other, fleet=fleet)
+    outlook = Prognostics(history, settings).resume(None, settings)
+    assert outlook is not None
+    assert "the fleet is not used: the fleet is about other limits" in outlook.assumption
+    assert outlook.rul_faults.known
+
+
+def test_an_outlook_says_whose_growth_it_assumes_and_a_restart_goes_on_with_it(
+    tmp_path: Path, units
+):
+    path = history_path(tmp_path, "flap", "1")
+    history_of("1", path, KEPT_EVERY).close()
+    settings = PrognosisSettings(fleet=Fleet(GRID, units, frozenset(["line A"])))
+
+    def opened(with_settings: PrognosisSettings) -> Prognostics:
+        prognostics = Prognostics(History("flap", "1", path), with_settings)
+        prognostics.write()
+        prognostics.history.close()
+        return prognostics
+
+    first, second = opened(settings), opened(settings)
+    outlook = second.resume(None, settings)
+    assert outlook is not None
+    assert outlook.assumption.endswith("; growth is likely as of 8 others (line A)")
+    assert second.growth.kept_tests == KEPT_EVERY
+    assert outlook.rul_faults == first.resume(None, settings).rul_faults
+    # What was kept with a fleet is not used without one, nor with another.
+    plain = PrognosisSettings()
+    assert opened(plain).growth.kept_tests == 0
+    fewer = Fleet(GRID, {name: units[name] for name in list(units)[:4]})
+    assert opened(PrognosisSettings(fleet=fewer)).growth.kept_tests == 0
+    assert second.resume(None, plain).assumption == "future use as in the past"
+
+
+def test_a_history_is_read_without_a_change_even_while_a_monitor_has_it(tmp_path: Path):
+    path = history_path(tmp_path, "left/flap", "1")
+    path.parent.mkdir(exist_ok=True)
+    in_use = History("left/flap", "1", path)
+    in_use.append(Entry(made_test(0, friction=0.1), 0.0, 1))
+    before = path.read_bytes()
+    read = read_history(path)
+    assert (read.unit, len(read.entries)) == (("left/flap", "1"), 1)
+    assert path.read_bytes() == before
+    in_use.close()
+    with pytest.raises(ValueError, match=r"expected a history named ACTUATOR\+SERIAL.sqlite"):
+        read_history(tmp_path / "fleet.npz")
+    damaged = history_path(tmp_path, "flap", "2")
+    damaged.write_bytes(b"no database" * 100)
+    with pytest.raises(ValueError, match=str(damaged).replace("+", "\\+")):
+        read_history(damaged)
+    assert damaged.exists()
+
+
+def test_growth_is_kept_of_faults_that_grow_alone():
+    tracker = Tracker()
+    feed(tracker, {}, 300.0, np.random.default_rng(0), {"friction": 0.2})
+    assert tracker.grown_faults() == []
+    feed(
+        tracker, {"backlash": Growth("linear", 1e-3)}, 700.0, np.random.default_rng(1), after=300.0
+    )
+    faults = tracker.grown_faults()
+    assert [fault.kind for fault in faults] == [kind_of("backlash")]
+    [fault] = faults
+    assert isinstance(fault, GrownFault)
+    assert fault.log_likelihood.max() == 0.0
+    assert fault.log_likelihood.shape == BEFORE["backlash"].shape
