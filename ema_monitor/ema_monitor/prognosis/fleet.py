@@ -4,7 +4,6 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Final, NamedTuple
 from zipfile import BadZipFile
 
@@ -56,7 +55,7 @@ class Fleet:
     """
 
     grid: str
-    units: Mapping[str, FleetUnit] = field(default_factory=lambda: MappingProxyType({}))
+    units: Mapping[str, FleetUnit] = field(default_factory=dict)
     names: frozenset[str] = frozenset()
 
     def together(self, other: "Fleet") -> "Fleet":
@@ -118,8 +117,8 @@ class Fleet:
             digest.hexdigest()[:16],
             count,
             ", ".join(sorted(self.names)),
-            MappingProxyType({kind: len(faults) for kind, faults in found.items()}),
-            MappingProxyType(shares),
+            {kind: len(faults) for kind, faults in found.items()},
+            shares,
         )
 
     def write(self, path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,11 +31,9 @@ class FleetPrior:
     digest: str
     units: int
     names: str = ""
-    counts: Mapping[str, int] = field(
-        default_factory=lambda: MappingProxyType({}), compare=False, repr=False
-    )
+    counts: Mapping[str, int] = field(default_factory=dict, compare=False, repr=False)
     shares: Mapping[str, NDArray[np.float64]] = field(
-        default_factory=lambda: MappingProxyType({}), compare=False, repr=False
+        default_factory=dict, compare=False, repr=False
     )
 
     def in_words(self) -> str:

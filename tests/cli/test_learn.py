@@ -1,0 +1,97 @@
+"""What ``ema learn`` makes of histories, and who uses it."""
+
+from pathlib import Path
+
+import pytest
+
+from ema_monitor.prognosis.fleet import Fleet
+from ema_monitor.prognosis.history import History, history_path
+from ema_monitor.prognosis.history_entry import Entry
+
+from ..prognosis.made_tests import made_test
+from ..ros.monitor_session import FLAP, monitor
+
+TESTS = 40
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Histories of three units; the friction of two of them grows."""
+    folder = tmp_path_factory.mktemp("site")
+    for serial, growth in (("1", 0.005), ("2", 0.006), ("3", 0.0)):
+        history = History("flap", serial, history_path(folder, "flap", serial))
+        for number in range(TESTS):
+            estimate = made_test(number, seed=int(serial), friction=0.1 + growth * number)
+            history.append(Entry(estimate, 10.0 * number, number + 1))
+        history.close()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def fleet(ema, site: Path) -> Path:
+    path = site / "fleet.npz"
+    result = ema("learn", site, "-o", path, "--name", "line A")
+    assert result.exit_code == 0, result.output
+    assert f"{path}: 3 units, 2 of them with a fault that grows" in result.stdout
+    assert "friction" in result.stdout
+    return path
+
+
+def test_sites_put_what_they_learnt_together_without_their_tests(ema, site, fleet, tmp_path):
+    one = tmp_path / "one.npz"
+    assert ema("learn", history_path(site, "flap", "1"), "-o", one).exit_code == 0
+    both, together = tmp_path / "both.npz", ("learn", one, history_path(site, "flap", "2"))
+    assert ema(*together, "-o", both).exit_code == 0
+    known = [set(Fleet.read(file).units) for file in (one, both, fleet)]
+    assert [len(units) for units in known] == [1, 2, 3]
+    assert known[0] < known[1] < known[2]
+    result = ema(*together, "-o", both)
+    assert (result.exit_code, "is there already" in result.stderr) == (1, True)
+    assert ema(*together, one, "-o", both, "--force").exit_code == 0
+
+
+def test_what_is_no_history_is_named(ema, fleet, tmp_path: Path):
+    for source, output, reason in (
+        (tmp_path, "a.npz", "no file ACTUATOR+SERIAL.sqlite in the folder"),
+        (fleet, "a.json", "expected a name that ends in .npz"),
+        (__file__, "a.npz", "expected a history named ACTUATOR+SERIAL.sqlite"),
+    ):
+        result = ema("learn", source, "-o", tmp_path / output)
+        assert (result.exit_code, reason in result.stderr) == (1, True), result.stderr
+        assert not (tmp_path / output).exists()
+    result = ema("learn", fleet, "-o", tmp_path / "a.npz", "--limit", "friction=0.3")
+    assert (result.exit_code, "about other limits" in result.stderr) == (1, True)
+
+
+@pytest.mark.slow
+def test_a_monitor_says_whose_growth_it_assumes_and_refuses_what_is_no_fleet(
+    site: Path, fleet: Path, tmp_path: Path
+):
+    folder = tmp_path / "histories"
+    folder.mkdir()
+    path = history_path(folder, FLAP.actuator_id, FLAP.serial_number)
+    history = History(FLAP.actuator_id, FLAP.serial_number, path)
+    for number in range(TESTS):
+        estimate = made_test(number, seed=9, friction=0.1 + 0.005 * number)
+        history.append(Entry(estimate, 10.0 * number, number + 1))
+    history.close()
+    given = {"history_folder": str(folder), "fleet_file": str(fleet)}
+    with monitor(given) as session:
+        session.describe()
+        health = session.until(lambda: session.healths())[-1]
+        assert health.assumption == (
+            "future use as in the past; growth is likely as of 2 others (line A)"
+        )
+        assert health.rul_faults.known
+    (tmp_path / "none.npz").write_text("no fleet")
+    with monitor(given | {"fleet_file": str(tmp_path / "none.npz")}, up=False) as session:
+        assert not session.change_state(1)
+        session.until_status("lifecycle", "no file of a fleet", b"\2")
+
+
+def test_a_prognosis_of_bags_says_whose_growth_it_assumes(ema, fleet: Path):
+    sample = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
+    result = ema("prognose", sample, "--hours-per-cycle", 10, "--fleet", fleet)
+    assert result.exit_code == 0, result.output
+    assumed = "assumption: future use as in the past; growth is likely as of 2 others (line A)"
+    assert assumed in result.stdout
