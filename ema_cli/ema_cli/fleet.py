@@ -187,8 +187,10 @@ def _dominant_in_words(health: Any) -> str:
 def _removal(health: Any) -> str:
     """Return before which service hour to remove the actuator."""
     failed = any(item.level == ERROR for item in (*health.faults, *health.requirements))
-    if failed or (health.rul.known and health.rul.hours_05 < SOON_HOURS):
+    # Recordings of earlier versions have none.
+    hours = health.removal_hours if health.removal_risk > 0.0 else health.rul.hours_05
+    if failed or (health.rul.known and hours < SOON_HOURS):
         return "now"
     if not health.rul.known:
         return ""
-    return f"{health.flight_hours + health.rul.hours_05:,.0f} h"
+    return f"{health.flight_hours + hours:,.0f} h"

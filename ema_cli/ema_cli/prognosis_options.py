@@ -59,6 +59,11 @@ GROWTH_OPTIONS: Final = (
         help="Growth of the faults in a future flight hour, relative to a past one.",
     ),
     click.option(
+        "--removal-risk",
+        default=Service.removal_risk,
+        help="Probability of a failure before the removal that is accepted.",
+    ),
+    click.option(
         "--known-law",
         "laws",
         type=KnownLawType(),
@@ -138,12 +143,15 @@ def _build(
     fleet_file: Path | None,
     duty: float,
     hours_per_cycle: float,
+    removal_risk: float,
     end_hours: float | None,
     at_hours: float | None,
     costs: tuple[list[tuple[str, float]], ...],
     cost_unit: str,
 ) -> PrognosisOptions:
-    settings = _settings(merged(limits, "--limit"), laws, Service(duty, hours_per_cycle))
+    settings = _settings(
+        merged(limits, "--limit"), laws, Service(duty, hours_per_cycle, removal_risk)
+    )
     if fleet_file is not None:
         settings = replace(settings, fleet=Fleet.read(fleet_file))
     return PrognosisOptions(
@@ -229,6 +237,7 @@ prognosis_options = gathered(
         "fleet_file",
         "duty",
         "hours_per_cycle",
+        "removal_risk",
         "end_hours",
         "at_hours",
         "costs",

@@ -7,6 +7,7 @@ from ema_core.levels import ERROR, OK, STALE, WARN
 from ema_monitor.health import FaultHealth, Health
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook, unknown_outlook
+from ema_monitor.prognosis.removal import Removal
 from ema_monitor.prognosis.sentences import cause_of_level, removal_in_words
 
 MARGIN = FaultHealth("torque_margin", WARN, 0.59, 0.01, 0.5, True, 0.4)
@@ -57,6 +58,20 @@ def test_unit_that_failed_is_to_be_removed_even_when_its_health_is_stale():
 
 def test_life_that_ends_beyond_the_horizon_has_no_hour_of_its_median():
     life = RemainingLife(True, 20.0, math.inf, math.inf, "friction exceeds 0.5")
-    words = removal_in_words(outlook(OK, rul=life, hours=100.0))
-    assert words.startswith("Remove before 120 service hours (in 20 h, 5 % risk")
+    removal = Removal(hours=20.0)
+    words = removal_in_words(outlook(OK, rul=life, hours=100.0, removal=removal))
+    assert words.startswith("Remove before 120 service hours (in 20 h; 5 % risk")
     assert "median end of life beyond what is looked ahead" in words
+
+
+def test_a_removal_is_told_in_hours_cycles_and_days_at_the_risk_that_is_accepted():
+    life = RemainingLife(True, 20.0, 50.0, 90.0, "friction exceeds 0.5")
+    removal = Removal(0.125, 30.0, 15.0, 3.75, 8.0)
+    words = removal_in_words(outlook(OK, rul=life, hours=100.0, removal=removal))
+    assert words == (
+        "Remove before 130 service hours (in 30 h, 15 test cycles, 4 days at 8 h a day; "
+        "12.5 % risk of failure until then); median end of life 150 h: friction exceeds 0.5"
+    )
+    soon = replace(removal, hours=0.4, cycles=0.2, days=math.nan)
+    words = removal_in_words(outlook(OK, rul=life, hours=100.0, removal=soon))
+    assert words.startswith("Remove now (in 0 h, 0 test cycles; 12.5 % risk")

@@ -204,7 +204,7 @@ def health(unit: Unit, stamp_ns: int) -> Health:
         f"{worst.label} exceeds {limit:g}"
     }.get(
         level,
-        f"Remove before {hours + low:,.0f} service hours (in {low:,.0f} h, 5 % risk of failure "
+        f"Remove before {hours + low:,.0f} service hours (in {low:,.0f} h; 5 % risk of failure "
         f"until then); median end of life {hours + middle:,.0f} h: {worst.label} exceeds {limit:g}",
     )
     message = Health(
@@ -222,6 +222,10 @@ def health(unit: Unit, stamp_ns: int) -> Health:
         rul=life,
         flight_hours=hours,
         cycles=unit.tests,
+        removal_risk=0.05,
+        removal_hours=low,
+        removal_cycles=low / HOURS_PER_TEST,
+        removal_days=math.nan,
         duty=1.0,
         assumption="future use as in the past",
         cause=causes[level],

@@ -117,7 +117,7 @@ def _lasting(last: Outlook) -> str:
         return "Its life is over: a limit is exceeded or a required performance has failed."
     if not life.known:
         return "How long it lasts is unknown."
-    before = last.hours + life.hours_05
+    before = last.hours + last.removal.hours
     return (
         f"Remaining useful life {life_in_words(life)} flight hours (5 / 50 / 95 %), until "
         f"{life.criterion}; remove before {before:,.0f} service hours."

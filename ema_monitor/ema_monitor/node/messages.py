@@ -143,6 +143,10 @@ def health_to_message(outlook: Outlook, description: ActuatorDescription) -> Hea
         assumption=outlook.assumption,
         cause=cause_of_level(outlook),
         removal=removal_in_words(outlook),
+        removal_risk=float(outlook.removal.risk),
+        removal_hours=float(outlook.removal.hours),
+        removal_cycles=float(outlook.removal.cycles),
+        removal_days=float(outlook.removal.days),
         events=[_event(event) for event in outlook.happened],
         reason=reason_of(outlook),
     )

@@ -21,6 +21,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife, assumption_of
 from ema_monitor.prognosis.growth.tracker import TrackedFault
 from ema_monitor.prognosis.growth_record import GrowthRecord
+from ema_monitor.prognosis.removal import Removal, removal_of, usage_of
 from ema_monitor.prognosis.requirements.required_life import RequiredLife, required_life
 from ema_monitor.prognosis.requirements.requirements import Requirements
 from ema_monitor.prognosis.settings import PrognosisSettings
@@ -68,6 +69,8 @@ class Outlook:
     levels
         Present level of the fault that ends life first in each of them [-], ``(n,)``; empty when a
         requirement ends it.
+    removal
+        By when to remove it.
     tests_tell
         Whether the test showed that fault.
     failed_since
@@ -90,6 +93,7 @@ class Outlook:
     assumption: str
     events: tuple[str, ...]
     failed_since: float = math.nan
+    removal: Removal = field(default_factory=Removal)
     happened: tuple[UnitEvent, ...] = field(default=(), repr=False, compare=False)
     lifetimes: NDArray[np.float64] = field(
         default_factory=lambda: np.empty(0), repr=False, compare=False
@@ -241,11 +245,12 @@ def outlook_of(
         levels = prognosis.levels if by_fault else levels
         hidden = dict(zip(FAULT_NAMES, entry.estimate.unobservable, strict=True))
         tests_tell = not hidden.get(dominant, False)
+    hours_per_cycle = _hours_per_cycle(growth, settings)
     return Outlook(
         stamp_ns=entry.stamp_ns,
         hours=service.hours,
         cycles=entry.cycles,
-        hours_per_cycle=_hours_per_cycle(growth, settings),
+        hours_per_cycle=hours_per_cycle,
         health=health,
         trends={item.name: item.trend for item in tracked} | dict(required.trends),
         lives={**prognosis.components, **required.lives, **_not_tracked(health)},
@@ -258,6 +263,9 @@ def outlook_of(
         events=(),
         lifetimes=lifetimes,
         levels=levels,
+        removal=removal_of(
+            rul, lifetimes, settings.service.removal_risk, hours_per_cycle, usage_of(service.used)
+        ),
         tests_tell=tests_tell,
     )
 

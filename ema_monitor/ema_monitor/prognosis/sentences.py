@@ -15,9 +15,6 @@ TREND_HOURS: Final = 1000.0
 SOON_HOURS: Final = 0.5
 """What is to be removed in less than this is to be removed now [h]."""
 
-RISK: Final = 0.05
-"""Probability of failure before the lower quantile of a life [-]."""
-
 _NAMED_CAUSES: Final = 3
 
 
@@ -83,10 +80,16 @@ def removal_in_words(outlook: Outlook) -> str:
     end = "beyond what is looked ahead"
     if math.isfinite(life.hours_50):
         end = f"{hours + life.hours_50:,.0f} h"
-    when = f"before {hours + life.hours_05:,.0f} service hours"
-    if life.hours_05 < SOON_HOURS:
+    removal = outlook.removal
+    when = f"before {hours + removal.hours:,.0f} service hours"
+    if removal.hours < SOON_HOURS:
         when = "now"
+    span = [f"in {removal.hours:,.0f} h"]
+    if math.isfinite(removal.cycles):
+        span.append(f"{removal.cycles:,.0f} test cycles")
+    if math.isfinite(removal.days):
+        span.append(f"{removal.days:,.0f} days at {removal.hours_a_day:.3g} h a day")
     return (
-        f"Remove {when} (in {life.hours_05:,.0f} h, {100 * RISK:.0f} % risk of failure until "
+        f"Remove {when} ({', '.join(span)}; {100 * removal.risk:.3g} % risk of failure until "
         f"then); median end of life {end}: {life.criterion}"
     )

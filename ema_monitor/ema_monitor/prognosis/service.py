@@ -48,6 +48,9 @@ class Service:
     hours_per_cycle: float = quantity(
         0.0, "h", 0.0, 1e6, "flight hours for each test cycle; 0: from topic usage"
     )
+    removal_risk: float = quantity(
+        0.05, "-", 1e-3, 0.5, "probability of a failure before the removal that is accepted"
+    )
 
     def __post_init__(self) -> None:
         check_quantities(self)

@@ -26,16 +26,18 @@ export function Life({ life }: { life: RemainingLife }) {
   );
 }
 
-/** Service hour before which to remove the unit, at 5 % risk of failure until then. */
+/** Service hour before which to remove the unit, at the risk of failure that is accepted. */
 export function RemoveBefore({ health }: { health: Health }) {
   if (health.level === ERROR) return <strong>now</strong>;
   const life = health.rul;
-  if (!life.known || !Number.isFinite(life.hours_05)) return <span class="soft">no date</span>;
-  if (life.hours_05 < SOON_HOURS) return <strong>now</strong>;
+  // Recordings of earlier versions have none.
+  const hours = health.removal_risk > 0 ? health.removal_hours : life.hours_05;
+  if (!life.known || !Number.isFinite(hours)) return <span class="soft">no date</span>;
+  if (hours < SOON_HOURS) return <strong>now</strong>;
   return (
     <span title={health.removal}>
-      <strong>{lifeHours(health.flight_hours + life.hours_05, life)} h</strong>{" "}
-      <span class="soft nowrap">in {lifeHours(life.hours_05, life)} h</span>
+      <strong>{lifeHours(health.flight_hours + hours, life)} h</strong>{" "}
+      <span class="soft nowrap">in {lifeHours(hours, life)} h</span>
     </span>
   );
 }

@@ -1,0 +1,67 @@
+"""By when to remove a unit, at the risk that is accepted."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_monitor.prognosis.growth.prediction import RemainingLife
+from ema_monitor.prognosis.history_entry import Entry
+from ema_monitor.prognosis.removal import removal_of, usage_of
+from ema_monitor.prognosis.service import TimedTest
+
+from .made_tests import FIRST_NS, made_test
+
+LIVES = np.random.default_rng(0).permutation(np.arange(1.0, 1001.0))
+LIFE = RemainingLife(True, 50.0, 500.0, 950.0, "friction exceeds 0.5")
+DAY_NS = 86_400_000_000_000
+
+
+def used_at(*days_and_hours: tuple[float, float]) -> list[TimedTest]:
+    """Tests at days of the calendar and service hours."""
+    return [
+        TimedTest(
+            Entry(replace(made_test(0), end_ns=FIRST_NS + int(day * DAY_NS)), hours, number), hours
+        )
+        for number, (day, hours) in enumerate(days_and_hours)
+    ]
+
+
+@pytest.mark.parametrize(("risk", "hours"), [(0.01, 10.0), (0.05, 50.0), (0.2, 200.0)])
+def test_as_many_units_fail_before_as_is_accepted(risk: float, hours: float):
+    removal = removal_of(LIFE, LIVES, risk, hours_per_cycle=2.0, hours_a_day=8.0)
+    assert removal.hours == hours
+    assert np.mean(removal.hours > LIVES) < risk <= np.mean(removal.hours >= LIVES)
+    assert (removal.cycles, removal.days) == (hours / 2.0, hours / 8.0)
+
+
+def test_published_quantiles_are_not_contradicted():
+    # They may rest on other samples: a lower risk is never later than the 5 % quantile.
+    life = RemainingLife(True, 8.0, 500.0, 950.0, "")
+    assert removal_of(life, LIVES, 0.01, math.nan, math.nan).hours == 8.0
+    assert removal_of(life, LIVES, 0.05, math.nan, math.nan).hours == 8.0
+    late = RemainingLife(True, 300.0, 500.0, 950.0, "")
+    assert removal_of(late, LIVES, 0.2, math.nan, math.nan).hours == 300.0
+
+
+def test_what_is_unknown_stays_unknown():
+    unknown = removal_of(RemainingLife.unknown("", "why"), np.empty(0), 0.05, 2.0, 8.0)
+    assert all(map(math.isnan, (unknown.hours, unknown.cycles, unknown.days)))
+    known = removal_of(LIFE, LIVES, 0.05, math.nan, math.nan)
+    assert known.hours == 50.0
+    assert all(map(math.isnan, (known.cycles, known.days)))
+
+
+def test_usage_is_that_of_the_last_ninety_days():
+    # 10 h a day at first, 4 h a day since.
+    used = used_at((0, 0), (100, 1000), (150, 1200), (200, 1400))
+    assert usage_of(used) == pytest.approx(4.0)
+    assert usage_of(used[:2]) == pytest.approx(math.nan, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    "used", [(), ((0, 0),), ((0, 0), (0.5, 4)), ((0, 0), (2, 100)), ((0, 5), (3, 5))]
+)
+def test_usage_is_unknown_without_a_day_or_where_the_clocks_are_not_one(used):
+    assert math.isnan(usage_of(used_at(*used)))
