@@ -190,26 +190,25 @@ def distribution(
     prior
         The distribution without any unit, ``(curves, rates)``.
     """
-    units = np.exp(np.stack(likelihoods), dtype=np.float64)
+    units = np.exp(np.stack(likelihoods), dtype=np.float64) * prior
     of_curves, of_rates = prior.sum(axis=1), prior.sum(axis=0)
-    curves, rates, smooth = of_curves, of_rates, _smoothing(prior.shape[1])
+    kernel = _kernel(prior.shape[1])
+    # How much likelier each curve, and each rate, is in the fleet than without one.
+    curves, rates = np.ones_like(of_curves), np.ones_like(of_rates)
     for _ in range(_STEPS):
-        # How much of each unit each curve and rate explains.
         on_curves = np.einsum("ucr,r->uc", units, rates) * curves
         on_rates = np.einsum("ucr,c->ur", units, curves) * rates
         total = on_curves.sum(axis=1, keepdims=True)
-        curves = (on_curves / total).sum(axis=0) + _UNITS_OF_CURVES * of_curves
-        rates = smooth @ (on_rates / total).sum(axis=0) + _UNITS_OF_RATES * of_rates
-        curves, rates = curves / curves.sum(), rates / rates.sum()
-    return (1.0 - _KEPT) * curves[:, None] * rates + _KEPT * prior
+        count = (on_curves / total).sum(axis=0) + _UNITS_OF_CURVES * of_curves
+        curves = np.divide(count, of_curves, out=np.zeros_like(count), where=of_curves > 0.0)
+        count = (on_rates / total).sum(axis=0)
+        rates = (kernel @ count) / (kernel @ of_rates) + _UNITS_OF_RATES
+        curves, rates = curves / (of_curves @ curves), rates / (of_rates @ rates)
+    share = prior * curves[:, None] * rates
+    return (1.0 - _KEPT) * share / share.sum() + _KEPT * prior
 
 
-def _smoothing(n: int) -> NDArray[np.float64]:
-    """Return the matrix that smooths over the rates; rows and columns sum to 1.
-
-    What would go beyond the ends comes back, so that an even distribution stays even.
-    """
-    here, there = np.arange(n)[:, None], np.arange(n)
-    steps = np.stack([here - there, here + there + 1, 2 * n - 1 - here - there])
-    kernel = np.exp(-0.5 * (steps * _SPACING / _SMOOTHING) ** 2).sum(axis=0)
-    return kernel / kernel.sum(axis=0)
+def _kernel(n: int) -> NDArray[np.float64]:
+    """Return the weights by which neighbouring rates are taken together, ``(n, n)``."""
+    steps = np.arange(n)
+    return np.exp(-0.5 * ((steps[:, None] - steps) * _SPACING / _SMOOTHING) ** 2)
