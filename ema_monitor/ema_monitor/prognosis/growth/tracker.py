@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULTS, HIGHEST, healthy_faults
 from ema_core.growth_laws import increment
 from ema_monitor.health import ONE_SIDED_95, HealthLimits
+from ema_monitor.prognosis.growth.cells import CONSTANT_PRIOR
 from ema_monitor.prognosis.growth.fleet import GrownFault, grown_faults
 from ema_monitor.prognosis.growth.forecast import draw, futures, lives
 from ema_monitor.prognosis.growth.measurement import HEALTHY, INDICES, Measurement
@@ -28,6 +29,7 @@ from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.outliers import Event, Opening, OutlierDetector
 from ema_monitor.prognosis.growth.prediction import Fan, Prognosis, prognosis_of
 from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.waiting import NOT_SHOWN, beyond_horizon, growth_not_certain
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,6 @@ however long it is monitored (Ville's inequality for likelihood ratios).
 """
 ENDS_ABOVE: Final = 0.2
 """Probability of no growth above which it no longer is [-]."""
-_LIKELY: Final = 0.5
 
 
 class Tracker:
@@ -312,18 +313,14 @@ class Tracker:
 
     def _reason_unknown(self, number: int, past_hours: NDArray[np.float64]) -> str:
         """Return why no life of a component can be given; empty when one can."""
-        if not self._tests[number]:
-            return "fewer than two tests that agree so far"
+        tests = int(self._tests[number])
+        if not tests:
+            return NOT_SHOWN
         if not self._growing[number]:
-            probability = 1.0 - float(self._mixture.constant()[number])
-            if probability > _LIKELY:
-                return f"growth is not certain yet: its probability is {probability:.3f}"
-            return "no significant growth"
-        settings, span = self._settings, self.hours - float(self._first_hours[number])
-        horizon = min(settings.horizon_hours, settings.horizon_factor * span)
-        if np.median(past_hours) > horizon:
-            return f"limit not within the horizon of {horizon:.0f} h"
-        return ""
+            constant = float(self._mixture.constant()[number])
+            return growth_not_certain(constant, tests, BEGINS_BELOW, CONSTANT_PRIOR, LEAST_TESTS)
+        observed = self.hours - float(self._first_hours[number])
+        return beyond_horizon(float(np.median(past_hours)), observed, tests, self._settings)
 
     def futures(self, hours: ArrayLike, n: int = 500, duty: float = 1.0) -> NDArray[np.float64]:
         """Return samples of the fault vector in the future.

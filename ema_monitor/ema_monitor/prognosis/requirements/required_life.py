@@ -12,6 +12,7 @@ from ema_monitor.health import ONE_SIDED_95, FaultHealth, HealthLimits
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import TrackedFault, Tracker
+from ema_monitor.prognosis.growth.waiting import NOT_SHOWN
 from ema_monitor.prognosis.requirements.requirements import (
     MODELLED,
     REQUIREMENTS,
@@ -118,7 +119,7 @@ def required_life(
     healths = judgement.healths
     grows = any(life.known for life in prognosis.components.values())
     if not tracked:
-        return RequiredLife.unknown("fewer than two tests that agree so far", requirements, healths)
+        return RequiredLife.unknown(NOT_SHOWN, requirements, healths)
     seen = {item.name for item in tracked}
     if unseen := [name for name in COMPONENTS if name not in seen]:
         reason = f"no test has shown {', '.join(unseen)} yet"

@@ -1,0 +1,73 @@
+"""Why no remaining life is given yet, and how many tests that is likely to take."""
+
+import math
+from typing import Final
+
+from ema_core.wording import counted
+from ema_monitor.prognosis.growth.settings import TrackerSettings
+
+NOT_SHOWN: Final = "fewer than two tests that agree so far"
+"""Why a fault that no test has shown has no life."""
+
+_LIKELY: Final = 0.5
+_MOST_TESTS: Final = 1000
+
+
+def growth_not_certain(
+    constant: float, tests: int, begins_below: float, prior: float, least_tests: int
+) -> str:
+    """Return why a fault is not judged to grow.
+
+    Evidence grows faster the longer growth lasts, so that fewer tests may do.
+
+    Parameters
+    ----------
+    constant
+        Probability that it does not grow [-].
+    tests
+        Tests of its level.
+    begins_below, least_tests
+        Probability, and number of tests, from which on it is judged to grow.
+    prior
+        Probability that it does not grow, before any test [-].
+    """
+    if constant >= _LIKELY:
+        return "no significant growth"
+    pace = (math.log(prior) - math.log(max(constant, 1e-300))) / max(tests, 1)
+    missing = (math.log(max(constant, 1e-300)) - math.log(begins_below)) / pace if pace > 0.0 else 0
+    more = max(math.ceil(missing), least_tests - tests, 1)
+    return f"growth is not certain yet: its probability is {1.0 - constant:.3f}{_after(more)}"
+
+
+def beyond_horizon(
+    median_hours: float, observed_hours: float, tests: int, settings: TrackerSettings
+) -> str:
+    """Return why a life that ends late is not given; empty when it is.
+
+    Parameters
+    ----------
+    median_hours
+        Median of the remaining life [h].
+    observed_hours
+        Hours over which the fault has been observed [h].
+    tests
+        Tests in which it was.
+    settings
+        The horizon.
+    """
+    horizon = min(settings.horizon_hours, settings.horizon_factor * observed_hours)
+    if median_hours <= horizon:
+        return ""
+    reason = f"limit not within the horizon of {horizon:.0f} h"
+    if tests < 2 or observed_hours <= 0.0 or not median_hours <= settings.horizon_hours:
+        return reason
+    # What is observed grows as life goes by: u + d = (median - d) / factor.
+    until = (median_hours / settings.horizon_factor - observed_hours) / (
+        1.0 + 1.0 / settings.horizon_factor
+    )
+    return reason + _after(max(math.ceil(until * (tests - 1) / observed_hours), 1))
+
+
+def _after(tests: int) -> str:
+    """Return after how many more tests this is likely to have changed; empty for very many."""
+    return "" if tests > _MOST_TESTS else f" (about {counted(tests, 'more test')})"
