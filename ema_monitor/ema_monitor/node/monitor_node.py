@@ -121,9 +121,9 @@ class MonitorNode(ManagedNode):
         files = read(self, Files)
         self._store = CalibrationStore(files.calibration_file, folder_of(files.calibration_folder))
         described = load_description(Path(files.actuator_file)) if files.actuator_file else None
+        fleet = Fleet.read(folder_of(files.fleet_file)) if files.fleet_file else None
         # Now, as no window waits for them yet.
         compile_monitor_kernels(self.tell_progress, lambda: self.is_ending)
-        fleet = Fleet.read(folder_of(files.fleet_file)) if files.fleet_file else None
         message_class, qos = topics.MONITOR_TOPICS[topics.FAULT_ESTIMATE]
         self._estimates = self.add_publisher(message_class, topics.FAULT_ESTIMATE, qos)
         self._calls = MonitorCalls(
