@@ -63,6 +63,10 @@ export interface Health extends OfUnit {
   assumption: string;
   cause: string;
   removal: string;
+  removal_risk: number;
+  removal_hours: number;
+  removal_cycles: number;
+  removal_days: number;
   events: UnitEvent[];
   reason: string;
 }
