@@ -10,7 +10,7 @@ from mcap.writer import CompressionType, Writer
 from ema_core import __version__
 from ema_recording.chunk_index import index_when_closed
 from ema_recording.gaps import GAP, Gap
-from ema_recording.held_file import WRITE_BYTES, HeldFile
+from ema_recording.held_file import HeldFile
 from ema_recording.metadata import (
     FileInformation,
     TopicInformation,
@@ -80,18 +80,10 @@ class BagFile:
     def write(
         self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int, n: int
     ) -> None:
-        """Write a message, the ``n``-th of its topic.
-
-        Raises
-        ------
-        OSError
-            When the file could not be written; the message waits, as all that follows.
-        """
+        """Take a message, the ``n``-th of its topic; ``flush`` writes it."""
         channel = self._channels[topic]
         self._mcap.add_message(channel, log_time_ns, data, publish_time_ns, n % 2**32)
         self.information.add(log_time_ns)
-        if self._file.waiting >= WRITE_BYTES:
-            self._file.flush()
 
     def note_gap(self, gap: Gap) -> None:
         """Tell of messages that are not recorded."""
@@ -102,6 +94,16 @@ class BagFile:
             "end_ns": str(gap.end_ns),
         }
         self._mcap.add_metadata(GAP, record)
+
+    def write_waiting(self) -> None:
+        """Hand what waits to the operating system, without the chunk that is being gathered.
+
+        Raises
+        ------
+        OSError
+            When that could not be written; it waits.
+        """
+        self._file.flush()
 
     def flush(self) -> None:
         """Hand everything so far to the operating system.

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from ema_recording.bag_file import BagFile, RecordedType
 from ema_recording.gaps import Gap
+from ema_recording.held_file import WRITE_BYTES
 from ema_recording.metadata import (
     METADATA_FILE,
     FileInformation,
@@ -117,7 +118,13 @@ class BagFiles:
         self.topics[topic.recorded.information.name] = topic
 
     def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
-        """Write a message to this file, or to the next where this one is full."""
+        """Write a message to this file, or to the next where this one is full.
+
+        Raises
+        ------
+        OSError
+            When the file could not be written; the message waits, as all that follows.
+        """
         if self._is_full(log_time_ns) and time.monotonic() >= self._split_after_s:
             try:
                 self.begin_next(log_time_ns)
@@ -127,19 +134,28 @@ class BagFiles:
                 self._split_after_s = time.monotonic() + _AGAIN_S
         self._write(topic, data, log_time_ns, publish_time_ns)
         self.note_state(topic, data, publish_time_ns)
+        if self.file.waiting >= WRITE_BYTES:
+            self.file.write_waiting()
 
     def begin_next(self, log_time_ns: int) -> None:
         """Begin the next file, with messages of a log time [ns]; an empty one stays the latest."""
         if self.file.information.count:
             # If there is no room for the next one, this one goes on.
             following = self._next_file()
-            self._end()
+            try:
+                self._end()
+            except OSError:
+                following.abandon()
+                following.path.unlink(missing_ok=True)
+                raise
             self.file = following
             for topic in self.topics.values():
                 self.file.add_topic(topic.recorded)
-            self.flush()
         for state in self._states:
             self._write(state.topic, state.data, log_time_ns, state.publish_time_ns)
+        # Last: what fails here waits, and the file is as it is to be.
+        self._write_ended()
+        self.file.write_waiting()
 
     def note_state(self, topic: str, data: bytes, publish_time_ns: int) -> None:
         """Take a message for how things stand, where its topic says that."""
@@ -189,10 +205,11 @@ class BagFiles:
 
     def _end(self) -> None:
         """End the file; what is left of it waits to be written."""
-        self._ended.append(self.file.information)
         topics = [topic.recorded.information for topic in self.topics.values()]
-        information = bag_information(self._ended, topics, self._custom_data)
+        ended = [*self._ended, self.file.information]
+        information = bag_information(ended, topics, self._custom_data)
         self.file.finish(information)
+        self._ended = ended
         self._unwritten.append(self.file)
         self._metadata = information
 

@@ -103,5 +103,4 @@ class _WrittenChunks:
     def __iter__(self) -> Iterator[ChunkIndex]:
         """Read them from the file."""
         size = self._file.tell()
-        with self._file.reading() as read:
-            yield from chunk_indices(read, size)
+        return chunk_indices(self._file.reader(), size)

@@ -1,9 +1,9 @@
 """A file whose writer never sees a full disk: what does not fit is held until there is room."""
 
 import errno
+import os
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -32,8 +32,7 @@ class HeldFile:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._file = path.open("xb", buffering=0)
+        self._file = path.open("x+b", buffering=0)
         self._parts: deque[bytes] = deque()
         self._written = 0
         self.waiting = 0
@@ -74,21 +73,19 @@ class HeldFile:
                 self._written += count
                 self.waiting -= count
 
-    @contextmanager
-    def reading(self) -> Iterator[Read]:
-        """Yield what reads from an offset so many bytes [B], whether they are written or wait."""
+    def reader(self) -> Read:
+        """Return what reads from an offset so many bytes [B], whether they are written or wait."""
         waiting = b"".join(self._parts)
-        with self._path.open("rb") as file:
 
-            def read(offset: int, size: int) -> bytes:
-                data = b""
-                if offset < self._written:
-                    file.seek(offset)
-                    data = file.read(min(size, self._written - offset))
-                start = max(offset - self._written, 0)
-                return data + waiting[start : start + size - len(data)]
+        def read(offset: int, size: int) -> bytes:
+            data = b""
+            if offset < self._written:
+                # By the descriptor: the file may have been moved or deleted.
+                data = os.pread(self._file.fileno(), min(size, self._written - offset), offset)
+            start = max(offset - self._written, 0)
+            return data + waiting[start : start + size - len(data)]
 
-            yield read
+        return read
 
     def close(self) -> None:
         """Close the file; what waits is lost."""

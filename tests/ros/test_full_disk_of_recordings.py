@@ -31,7 +31,7 @@ class Disk:
     def open(self, path: Path) -> Any:
         if self.room <= 0:
             raise OSError(self.error, "no room", str(path))
-        return _File(self, path.open("xb", buffering=0))
+        return _File(self, path.open("x+b", buffering=0))
 
 
 class _File:
@@ -47,6 +47,9 @@ class _File:
         )
         disk.room -= count
         return self._file.write(data[:count])
+
+    def fileno(self) -> int:
+        return self._file.fileno()
 
     def close(self) -> None:
         self._file.close()

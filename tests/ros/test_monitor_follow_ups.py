@@ -20,7 +20,7 @@ from ..waiting import DEADLINE_S
 from .monitor_session import FLAP, MonitorSession, monitor
 from .worn_actuator import HOURS, live, worn_cycles
 
-TESTS = 8
+TESTS = 16
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_each_health_has_an_advice(session: MonitorSession):
     advised, healths = session.received(topics.ADVICE), session.healths()
     assert [item.header.stamp for item in advised] == [item.header.stamp for item in healths]
     first, last = advised[0], advised[-1]
-    # After one test nothing is known to grow; after eight, life is, and its end is far away.
+    # After one test nothing is known to grow; after sixteen, life is, and its end is far away.
     assert first.action == Advice.CONTINUE
     assert "no remaining life is known" in first.reason
     assert isnan(first.flight_hours)

@@ -26,7 +26,7 @@ from .spinning import figures
 from .worn_actuator import HOURS, count, friction, live, plain, predict, replaced, worn_cycles
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
-TESTS = 14
+TESTS = 18
 
 
 @pytest.fixture(scope="module")

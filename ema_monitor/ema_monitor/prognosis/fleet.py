@@ -12,6 +12,7 @@ import numpy as np
 from ema_core.files import complete_file, open_regular_file
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.fleet import (
+    LEAST_LOG,
     GrownFault,
     curves_without_fleet,
     distribution,
@@ -73,7 +74,8 @@ class Fleet:
             )
         units = dict(self.units)
         for digest, unit in other.units.items():
-            if digest not in units or units[digest].tests < unit.tests:
+            # Of as many tests either is chosen by what it says, whichever comes first.
+            if digest not in units or _rank(units[digest]) < _rank(unit):
                 units[digest] = unit
         return Fleet(self.grid, units, self.names | other.names)
 
@@ -167,7 +169,9 @@ class Fleet:
                 if size > _MOST_BYTES:
                     raise ValueError(f"it opens to {size} bytes, at most {_MOST_BYTES}")
                 return cls._of_arrays(dict(file))
-        except (ValueError, KeyError, IndexError, TypeError, EOFError, BadZipFile) as error:
+        except (
+            *(ValueError, KeyError, IndexError, TypeError, EOFError, BadZipFile, MemoryError),
+        ) as error:
             raise ValueError(f"{path}: no file of a fleet: {error}") from error
 
     @classmethod
@@ -183,8 +187,10 @@ class Fleet:
             if kind not in before:
                 raise ValueError(f"unknown kind of fault {kind!r}")
             log = arrays[name].astype(np.float16)
-            if log.shape[1:] != before[kind].shape or not np.all(log <= 0.0):
-                raise ValueError(f"{name} has impossible values or the shape {log.shape}")
+            if log.shape[1:] != before[kind].shape:
+                raise ValueError(f"{name} has the shape {log.shape}")
+            if not np.all((log >= LEAST_LOG) & (log <= 0.0)) or not np.all(log.max((1, 2)) == 0.0):
+                raise ValueError(f"{name} has impossible values: expected {LEAST_LOG:g} to 0")
             for number, one in zip(arrays[f"unit_of.{kind}"], log, strict=True):
                 faults[number].append(GrownFault(kind, one))
         units = {
@@ -193,6 +199,10 @@ class Fleet:
         }
         names = frozenset(str(name) for name in arrays["names"])
         return cls(str(arrays["grid"]), units, names)
+
+
+def _rank(unit: FleetUnit) -> tuple[int, bytes]:
+    return unit.tests, b"".join(fault.log_likelihood.tobytes() for fault in unit.faults)
 
 
 def unit_digest(actuator_id: str, serial_number: str) -> str:

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 class FleetPrior:
     """The distribution of curves and rates over the units of a fleet.
 
-    Two are equal when their digests are.
-
     Attributes
     ----------
     digest

@@ -69,7 +69,7 @@ KEPT_AFTER_STEP: Final = 0.5
 
 LEAST_TESTS: Final = 5
 """Tests of a level below which no component newly counts as growing."""
-BEGINS_BELOW: Final = 1e-5
+BEGINS_BELOW: Final = 1e-4
 """Probability of no growth below which a component counts as growing [-].
 
 Of a component that does not grow, the probability that this ever happens is of the same size,

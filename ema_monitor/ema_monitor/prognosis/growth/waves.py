@@ -20,7 +20,7 @@ from ema_monitor.prognosis.growth.settings import TrackerSettings
 PERIODS: Final = np.asarray(200.0 * 1.15 ** np.arange(13), dtype=np.float64)
 """Hours of a wave on the grid [h]."""
 
-AMPLITUDE: Final = 0.04
+AMPLITUDE: Final = 0.025
 """Standard deviation of each of the two parts of a wave, as a share of the limit [-]."""
 
 PRIOR: Final = 0.1
