@@ -24,6 +24,15 @@ SUFFIX: Final = ".npz"
 """How the name of a file of a fleet ends."""
 _FORMAT: Final = 1
 _MOST_BYTES: Final = 500_000_000
+_UNREADABLE: Final = (
+    ValueError,
+    KeyError,
+    IndexError,
+    TypeError,
+    EOFError,
+    BadZipFile,
+    MemoryError,
+)
 
 
 class FleetUnit(NamedTuple):
@@ -169,9 +178,7 @@ class Fleet:
                 if size > _MOST_BYTES:
                     raise ValueError(f"it opens to {size} bytes, at most {_MOST_BYTES}")
                 return cls._of_arrays(dict(file))
-        except (
-            *(ValueError, KeyError, IndexError, TypeError, EOFError, BadZipFile, MemoryError),
-        ) as error:
+        except _UNREADABLE as error:
             raise ValueError(f"{path}: no file of a fleet: {error}") from error
 
     @classmethod
