@@ -108,7 +108,12 @@ def _values(search: SearchSettings) -> dict[str, Any]:
 
 
 def _of_prognosis(settings: PrognosisSettings) -> dict[str, Any]:
-    tracker = {item.name: getattr(settings.tracker, item.name) for item in fields(settings.tracker)}
+    # An archive knows no other units: what they taught is no setting of it.
+    tracker = {
+        item.name: getattr(settings.tracker, item.name)
+        for item in fields(settings.tracker)
+        if item.name != "fleet"
+    }
     tracker["laws"] = {name: asdict(law) for name, law in settings.tracker.laws.items()}
     return {
         "limits": asdict(settings.limits),

@@ -72,12 +72,6 @@ GROWTH_OPTIONS: Final = (
         "averaged over all laws.",
     ),
     click.option(
-        "--fleet",
-        "fleet_file",
-        type=click.Path(path_type=Path, exists=True, dir_okay=False),
-        help="How other units of the model grew, a file of `ema learn`.",
-    ),
-    click.option(
         "--limit",
         "limits",
         type=Assignments(as_identifier),
@@ -90,6 +84,12 @@ GROWTH_OPTIONS: Final = (
 
 _OPTIONS = (
     *GROWTH_OPTIONS,
+    click.option(
+        "--fleet",
+        "fleet_file",
+        type=click.Path(path_type=Path, exists=True, dir_okay=False),
+        help="How other units of the model grew, a file of `ema learn`.",
+    ),
     click.option(
         "--end-hours",
         type=click.FloatRange(min=0.0),

@@ -12,6 +12,7 @@ from ema_archive.manifest import Manifest
 from ema_archive.partitions import replace_rows, write_health
 from ema_archive.query import VIEWS, answer, columns_of
 from ema_archive.running import run, scan
+from ema_archive.settings import ArchiveSettings
 from ema_archive.tables import HEALTH
 from ema_core.faults import FAULT_NAMES
 from ema_tasks.local import ThreadPool
@@ -180,7 +181,6 @@ def test_runs_to_failure_are_labelled_with_the_hours_left(tmp_path):
 
 
 def test_settings_of_the_archive_are_kept_exactly():
-    from ema_archive.settings import ArchiveSettings
     from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS
 
     settings = ArchiveSettings(calibration="/c/{serial_number}.yaml")
@@ -190,3 +190,12 @@ def test_settings_of_the_archive_are_kept_exactly():
     assert again == settings
     assert again.prognosis_id == settings.prognosis_id != ArchiveSettings().prognosis_id
     assert again.estimation_id == ArchiveSettings().estimation_id
+
+
+def test_archive_offers_no_fleet_and_keeps_none_in_its_settings(ema, tmp_path):
+    fleet = tmp_path / "fleet.npz"
+    fleet.touch()
+    result = ema("archive", "scan", tmp_path / "archive", tmp_path, "--fleet", fleet)
+    assert result.exit_code == 2
+    assert "No such option" in result.stderr
+    assert "fleet" not in ArchiveSettings().as_mapping()["prognosis"]["tracker"]
