@@ -417,8 +417,8 @@ class Manifest(AbstractContextManager["Manifest", None]):
         # Each bag by the first reason that holds.
         reason = """CASE
             WHEN state = 'new' THEN 'new'
-            WHEN seen <> mark THEN 'changed'
             WHEN state = 'failed' THEN 'could not be read'
+            WHEN seen <> mark THEN 'changed'
             WHEN software <> :software THEN 'other software'
             WHEN settings <> :settings THEN 'other settings'
             ELSE 'other calibration' END"""

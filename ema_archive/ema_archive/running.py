@@ -174,7 +174,8 @@ def _bag_result(outcome: Outcome) -> BagResult:
     if isinstance(error, ClusterLostError):
         raise error
     if isinstance(error, WorkerLostError):
-        return BagResult(task, DAMAGED, str(error))
+        # Of the bag nothing is known: the machine may have run out of memory.
+        return BagResult(task, FAILED, str(error))
     return BagResult(task, FAILED, f"{type(error).__name__}: {error}")
 
 

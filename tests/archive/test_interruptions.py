@@ -1,6 +1,8 @@
 """Killed workers, a killed run and a full disk: nothing is lost, and nothing is there twice."""
 
 import errno
+import importlib
+import json
 import os
 import signal
 import subprocess
@@ -16,10 +18,14 @@ import pytest
 from ema_archive import partitions
 from ema_archive.manifest import Manifest
 from ema_archive.running import Tally, run, run_bags, scan
-from ema_tasks.local import ThreadPool
+from ema_tasks.local import ProcessPool, ThreadPool
 
 from ..waiting import wait_for
 from .conftest import exactly, table_of
+
+# Workers import it by this name from the path of this process; they do not know pytest's names.
+sys.path.append(str(Path(__file__).parent))
+archive_work = importlib.import_module("archive_work")
 
 
 @pytest.fixture
@@ -61,10 +67,37 @@ def test_killed_workers_lose_nothing(scanned, undisturbed):
                 os.kill(pid, signal.SIGKILL)
                 kills += 1
     assert kills == 4
-    # A bag that lost three workers is a row, which is done again when asked for.
+    # A bag that lost three workers is done again.
     with Manifest(scanned) as manifest, ThreadPool(2) as pool:
         run(manifest, pool)
     assert_whole(scanned, undisturbed)
+
+
+@pytest.mark.slow
+def test_bag_that_lost_three_workers_keeps_its_rows_and_is_done_again(ema, fleet, tmp_path):
+    folder, bag = tmp_path / "archive", fleet / "unit_0" / "5.mcap"
+    with Manifest(folder, is_new=True) as manifest, ThreadPool(2) as pool:
+        scan(manifest, [str(bag.parent)])
+        run(manifest, pool)
+    whole = exactly(folder, "estimates")
+    os.utime(bag, ns=(1, 1))
+    with Manifest(folder) as manifest, ProcessPool(1) as pool:
+        scan(manifest, [])
+        tally = run(manifest, pool, diagnose=archive_work.end_the_worker)
+    assert (tally.bags, tally.damaged, tally.failed) == (1, 0, 1)
+    assert exactly(folder, "estimates") == whole
+    status = json.loads(ema("archive", "status", folder, "--json").stdout)
+    assert (status["due"], status["failed"]) == (1, 1)
+    assert status["reasons"] == {"could not be read": 1}
+    question = "select bag, reason from refused where what = 'failed'"
+    [row] = json.loads(ema("archive", "query", folder, question, "--json").stdout)
+    assert row["bag"] == str(bag)
+    assert "3 worker processes ended while they worked on it" in row["reason"]
+    with Manifest(folder) as manifest, ThreadPool(1) as pool:
+        tally = run(manifest, pool)
+        assert manifest.find_due(manifest.settings) == 0
+    assert (tally.bags, tally.failed) == (1, 0)
+    assert exactly(folder, "estimates") == whole
 
 
 def workers_of(pid: int) -> set[int]:
@@ -95,7 +128,7 @@ import os, signal, sys
 from pathlib import Path
 from ema_archive import running
 from ema_archive.manifest import Manifest
-from ema_tasks.local import ThreadPool
+from ema_tasks.local import ProcessPool, ThreadPool
 running._MOST_GATHERED = 3
 commits = []
 def commit(self, *given):
