@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from ema_archive.partitions import SCHEMAS, TABLES
 from ema_archive.summaries import SUMMARIES
+from ema_core.files import complete_file
 
 VIEWS: Final = (
     "latest_health",
@@ -29,7 +30,7 @@ _PARTITIONED: Final = {
     "usage": ("model", "unit", "month"),
     "health": ("model", "unit"),
 }
-FORMATS: Final = {".csv": "(FORMAT csv, HEADER)", ".parquet": "(FORMAT parquet, COMPRESSION zstd)"}
+FORMATS: Final = {".csv": "FORMAT csv, HEADER", ".parquet": "FORMAT parquet, COMPRESSION zstd"}
 """How a table is exported, by the suffix of the file."""
 
 
@@ -43,16 +44,25 @@ def opened(archive: Path, *, exports_to: Path | None = None) -> Iterator[duckdb.
     ----------
     exports_to
         The one file that may be written.
+
+    Raises
+    ------
+    ValueError
+        When a table is damaged, or what the block asks cannot be answered: some errors come only
+        while rows are read.
     """
-    with duckdb.connect() as db:
-        tables = (archive / TABLES).resolve()
-        _make_views(db, tables)
-        db.execute(f"SET allowed_directories = [{_text(f'{tables}/')}]")
-        if exports_to is not None:
-            db.execute(f"SET allowed_paths = [{_text(str(exports_to))}]")
-        db.execute("SET enable_external_access = false")
-        db.execute("SET lock_configuration = true")
-        yield db
+    try:
+        with duckdb.connect() as db:
+            tables = (archive / TABLES).resolve()
+            _make_views(db, tables)
+            db.execute(f"SET allowed_directories = [{_text(f'{tables}/')}]")
+            if exports_to is not None:
+                db.execute(f"SET allowed_paths = [{_text(str(exports_to))}]")
+            db.execute("SET enable_external_access = false")
+            db.execute("SET lock_configuration = true")
+            yield db
+    except duckdb.Error as error:
+        raise ValueError(_first_line(error)) from error
 
 
 def columns_of(archive: Path) -> dict[str, list[tuple[str, str]]]:
@@ -103,28 +113,25 @@ def export(archive: Path, question: str, path: Path) -> int:
     if question.isidentifier():
         question = f"SELECT * FROM {question}"
     path = path.resolve()
-    with opened(archive, exports_to=path) as db:
+    with complete_file(path) as partial, opened(archive, exports_to=partial) as db:
         query = _asked(db, question).sql_query()
+        # DuckDB's own temporary file is another name, which may not be written.
+        form = f"({FORMATS[path.suffix]}, USE_TMP_FILE false)"
         try:
-            done = db.execute(f"COPY ({query}) TO {_text(str(path))} {FORMATS[path.suffix]}")
+            done = db.execute(f"COPY ({query}) TO {_text(str(partial))} {form}")
         except duckdb.IOException as error:
-            raise OSError(f"{path} cannot be written: {error}") from error
-        except duckdb.Error as error:
-            raise ValueError(_first_line(error)) from error
+            raise OSError(f"{path} cannot be written: {_first_line(error)}") from error
         return int((done.fetchone() or (0,))[0])
 
 
 def _asked(db: duckdb.DuckDBPyConnection, question: str) -> duckdb.DuckDBPyRelation:
-    try:
-        statements = db.extract_statements(question)
-        if [one.type for one in statements] != [duckdb.StatementType.SELECT]:
-            raise ValueError(
-                'expected one query, such as "select * from worst_first limit 20"; tables: '
-                f"{', '.join((*_PARTITIONED, 'bags', 'units'))}; views: {', '.join(VIEWS)}"
-            )
-        return db.sql(statements[0].query)
-    except duckdb.Error as error:
-        raise ValueError(_first_line(error)) from error
+    statements = db.extract_statements(question)
+    if [one.type for one in statements] != [duckdb.StatementType.SELECT]:
+        raise ValueError(
+            'expected one query, such as "select * from worst_first limit 20"; tables: '
+            f"{', '.join((*_PARTITIONED, 'bags', 'units'))}; views: {', '.join(VIEWS)}"
+        )
+    return db.sql(statements[0].query)
 
 
 def _first_line(error: Exception) -> str:

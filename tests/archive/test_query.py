@@ -73,6 +73,8 @@ def test_partitions_are_columns(archive):
         ("set enable_external_access = true", "expected one query"),
         ("select nothing from worst_first", "nothing"),
         ("selec 1", "syntax error"),
+        # Found only while rows are read.
+        ("select unit::int from estimates", "Conversion Error"),
         ("", "expected one query"),
     ],
 )
@@ -95,8 +97,30 @@ def test_export_writes_what_a_query_gives(ema, archive, tmp_path, what):
     again = ema("archive", "export", archive, what, "-o", tmp_path / "told.csv")
     assert again.exit_code == 1
     assert "is there already: --force replaces it" in again.stderr
+    for name in ("told.csv", "told.parquet"):
+        # Also what a killed export left does not hinder it.
+        (tmp_path / f"{name}.partial").write_text("left")
+        forced = ema("archive", "export", archive, "units", "-o", tmp_path / name, "--force")
+        assert (forced.exit_code, forced.stdout) == (0, f"{tmp_path / name}: 2 rows\n")
+    assert "dominant_fault" in pq.read_table(tmp_path / "told.parquet").column_names
+    assert not list(tmp_path.glob("*.partial"))
     other = ema("archive", "export", archive, what, "-o", tmp_path / "told.txt")
     assert "expected a name that ends in .csv or .parquet" in other.stderr
+
+
+@pytest.mark.slow
+def test_export_that_fails_leaves_the_file_as_it_was(ema, archive, tmp_path):
+    path = tmp_path / "told.csv"
+    path.write_text("before")
+    question = "select unit::int from estimates"
+    result = ema("archive", "export", archive, question, "-o", path, "--force")
+    assert result.exit_code == 1
+    assert "Conversion Error" in result.stderr
+    assert path.read_text() == "before"
+    assert list(tmp_path.iterdir()) == [path]
+    result = ema("archive", "export", archive, "units", "-o", tmp_path / "none" / "told.csv")
+    assert result.exit_code == 1
+    assert f"{tmp_path / 'none' / 'told.csv'} cannot be written" in result.stderr
 
 
 @pytest.mark.slow
