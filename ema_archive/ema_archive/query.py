@@ -120,7 +120,7 @@ def export(archive: Path, question: str, path: Path) -> int:
         try:
             done = db.execute(f"COPY ({query}) TO {_text(str(partial))} {form}")
         except duckdb.IOException as error:
-            raise OSError(f"{path} cannot be written: {_first_line(error)}") from error
+            raise OSError(f"cannot be written: {_first_line(error)}") from error
         return int((done.fetchone() or (0,))[0])
 
 

@@ -1,7 +1,9 @@
 """Questions in SQL: the ready views, and nothing beyond the tables."""
 
 import csv
+import io
 import json
+import sys
 from dataclasses import replace
 
 import pyarrow as pa
@@ -14,6 +16,7 @@ from ema_archive.query import VIEWS, answer, columns_of
 from ema_archive.running import run, scan
 from ema_archive.settings import ArchiveSettings
 from ema_archive.tables import HEALTH
+from ema_cli.main import main
 from ema_core.faults import FAULT_NAMES
 from ema_tasks.local import ThreadPool
 
@@ -120,7 +123,7 @@ def test_export_that_fails_leaves_the_file_as_it_was(ema, archive, tmp_path):
     assert list(tmp_path.iterdir()) == [path]
     result = ema("archive", "export", archive, "units", "-o", tmp_path / "none" / "told.csv")
     assert result.exit_code == 1
-    assert f"{tmp_path / 'none' / 'told.csv'} cannot be written" in result.stderr
+    assert f"{tmp_path / 'none' / 'told.csv'}: cannot be written" in result.stderr
 
 
 @pytest.mark.slow
@@ -129,6 +132,21 @@ def test_tables_of_a_killed_run_are_brought_up_to_date(ema, archive):
     (archive / "tables" / "bags.parquet").unlink()
     rows = json.loads(ema("archive", "query", archive, "from units", "--json").stdout)
     assert len(rows) == 2
+
+
+def test_table_on_a_terminal_shows_brackets_as_they_are(archive, monkeypatch):
+    """Reasons of refusals hold lists and units in brackets."""
+
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stdout", terminal)
+    question = "select '[bold]one[/red] :smile:' as \"[name]\""
+    main(["archive", "query", str(archive), question], standalone_mode=False)
+    assert "[bold]one[/red] :smile:" in terminal.getvalue()
+    assert "[name]" in terminal.getvalue()
 
 
 def test_folder_that_is_no_archive_is_named(ema, tmp_path):

@@ -12,6 +12,7 @@ from typing import Any, Final
 import click
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from ema_archive.manifest import Manifest, Status
 from ema_archive.query import FORMATS, answer, columns_of, export
@@ -236,9 +237,12 @@ def _print(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
         for row in rows:
             click.echo("\t".join(" ".join(str(_plain(value)).split()) for value in row))
         return
-    table = Table(*names)
+    # As texts: brackets in a name or a reason are no markup.
+    table = Table()
+    for name in names:
+        table.add_column(Text(name))
     for row in rows:
-        table.add_row(*(_shown(value) for value in row))
+        table.add_row(*(Text(_shown(value)) for value in row))
     Console().print(table)
 
 
