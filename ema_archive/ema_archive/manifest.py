@@ -119,7 +119,7 @@ class Manifest(AbstractContextManager["Manifest", None]):
     ValueError
         When there is no archive, it is of another version, or another process changes it.
     OSError
-        When it cannot be opened.
+        When it cannot be opened; or read, as the block ends.
     """
 
     def __init__(self, archive: Path, *, is_new: bool = False, writes: bool = True) -> None:
@@ -150,10 +150,13 @@ class Manifest(AbstractContextManager["Manifest", None]):
         except sqlite3.Error as error:
             raise ValueError(f"{path} cannot be used: {error}") from error
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         self._db.close()
         if self._lock is not None:
             self._lock.close()
+        if isinstance(error, sqlite3.DatabaseError):
+            # Of a read: it is held by another program, or damaged.
+            raise OSError(f"{self.archive / FILE} cannot be used: {error}") from error
 
     def _prepare(self, path: Path) -> None:
         db = self._db
@@ -459,7 +462,8 @@ class Manifest(AbstractContextManager["Manifest", None]):
             (source, unit, identity_of(calibration_of(source, *names)))
             for source, unit, *names in rows
         ]
-        with _transaction(self._db):
+        # Of a table that is this connection's alone: no other command has to wait for it.
+        with _transaction(self._db, "DEFERRED"):
             self._db.execute("DELETE FROM current")
             self._db.executemany("INSERT INTO current VALUES (?, ?, ?)", current)
 
@@ -487,17 +491,25 @@ class Manifest(AbstractContextManager["Manifest", None]):
 class _transaction(AbstractContextManager[None, None]):
     """A transaction of a database in autocommit mode: all of its block, or nothing.
 
+    Parameters
+    ----------
+    kind
+        When the database is locked: "IMMEDIATE", or "DEFERRED" until it is changed.
+
     Raises
     ------
     OSError
         When it cannot be written.
     """
 
-    def __init__(self, db: sqlite3.Connection) -> None:
-        self._db = db
+    def __init__(self, db: sqlite3.Connection, kind: str = "IMMEDIATE") -> None:
+        self._db, self._kind = db, kind
 
     def __enter__(self) -> None:
-        self._db.execute("BEGIN IMMEDIATE")
+        try:
+            self._db.execute(f"BEGIN {self._kind}")
+        except sqlite3.OperationalError as error:
+            raise OSError(f"{FILE} cannot be written: {error}") from error
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         if error is None:
@@ -508,5 +520,5 @@ class _transaction(AbstractContextManager[None, None]):
         if error is not None and self._db.in_transaction:
             self._db.execute("ROLLBACK")
         if isinstance(error, sqlite3.OperationalError):
-            # A full disk, above all.
+            # A full disk, above all; or another program that holds it.
             raise OSError(f"{FILE} cannot be written: {error}") from error
