@@ -54,6 +54,7 @@ CREATE TEMP TABLE current (source TEXT, unit TEXT, id TEXT, PRIMARY KEY (source,
 """
 _DUE: Final = """
 (state IN ('new', 'failed') OR seen <> mark OR software <> :software OR settings <> :settings
+ OR EXISTS (SELECT 1 FROM begun WHERE begun.url = bag.url)
  OR EXISTS (
     SELECT 1 FROM part LEFT JOIN current
     ON current.unit = part.unit
@@ -260,7 +261,7 @@ class Manifest(AbstractContextManager["Manifest", None]):
     def begin(self, results: Iterable[BagResult]) -> dict[Place, set[str]]:
         """Note where rows of bags are about to be written, and return where they may be already.
 
-        What was begun and not committed, as before a kill, is among them until it is.
+        What was begun and not committed, as before a kill, is among them until it is, and due.
 
         Returns
         -------
@@ -274,11 +275,14 @@ class Manifest(AbstractContextManager["Manifest", None]):
                 new = {
                     (part.model, part.unit, month) for part in one.units for month in part.months
                 }
+                # Also those of rows that are taken away: until the bag is committed, what was
+                # noted of it is not what the tables have.
+                every = new | self._places_of(url)
                 self._db.executemany(
                     "INSERT OR IGNORE INTO begun VALUES (?, ?, ?, ?)",
-                    [(url, *place) for place in new],
+                    [(url, *place) for place in every],
                 )
-                for place in new | self._places_of(url):
+                for place in every:
                     places.setdefault(place, set()).add(url)
         return places
 
@@ -371,6 +375,11 @@ class Manifest(AbstractContextManager["Manifest", None]):
                 found.append(UnitEntry(unit, actuator_id, serial_number, model, source))
         return found
 
+    def begin_unit(self, entry: UnitEntry) -> None:
+        """Note that health and life of a unit are about to be written: it is due until they are."""
+        with _transaction(self._db):
+            self._db.execute("UPDATE unit SET is_due = 1 WHERE unit = ?", (entry.unit,))
+
     def commit_unit(self, entry: UnitEntry, result: UnitResult) -> None:
         """Note health and life of a unit."""
         with _transaction(self._db):
@@ -422,6 +431,7 @@ class Manifest(AbstractContextManager["Manifest", None]):
             WHEN state = 'new' THEN 'new'
             WHEN state = 'failed' THEN 'could not be read'
             WHEN seen <> mark THEN 'changed'
+            WHEN url IN (SELECT url FROM begun) THEN 'interrupted'
             WHEN software <> :software THEN 'other software'
             WHEN settings <> :settings THEN 'other settings'
             ELSE 'other calibration' END"""

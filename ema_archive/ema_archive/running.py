@@ -238,6 +238,7 @@ def run_units(
             continue
         result: UnitResult = outcome.value
         entry = entries[outcome.name]
+        manifest.begin_unit(entry)
         write_health(manifest.archive, entry.model, entry.unit, result.health)
         write_state(manifest.archive, entry.unit, result.kept)
         manifest.commit_unit(entry, result)

@@ -141,11 +141,13 @@ def _begun(
         before, health = estimates[: kept.tests], task.health.to_pylist()
         if state_digest(before, usage) == kept.digest:
             stamps = {row["end_ns"] for row in before if row["valid"]}
+            # A run that died may have left rows of others beside the state.
+            made = (prognosis_software(), task.settings.prognosis_id)
             # As they are made: stamps of a table are dates when they are read.
             rows = [
                 row | {"tested": row["stamp_ns"] // 1000}
                 for row in health
-                if row["stamp_ns"] in stamps
+                if row["stamp_ns"] in stamps and (row["software"], row["settings"]) == made
             ]
             prognostics = resumed(key, kept, settings, before, rows)
             if prognostics is not None and len(rows) >= len(stamps):
