@@ -61,7 +61,7 @@ def replace_rows(
     path, schema = folder / _FILE, SCHEMAS[table]
     new = pa.Table.from_pylist(list(rows), schema)
     if path.exists():
-        old = _read(path)
+        old = _read(path, schema)
         is_kept = [bag not in bags for bag in old["bag"].to_pylist()]
         new = pa.concat_tables([old.filter(pa.array(is_kept)), new])
     if new.num_rows:
@@ -76,7 +76,7 @@ def read_unit(archive: Path, table: str, unit: str) -> pa.Table:
     schema = SCHEMAS[table]
     folders = (archive / TABLES / table).glob(f"model=*/unit={_quoted(unit)}")
     parts = [
-        _read(path)
+        _read(path, schema)
         for folder in sorted(folders)
         for path in sorted([*folder.glob(f"*/{_FILE}"), *folder.glob(_FILE)])
     ]
@@ -130,12 +130,24 @@ def _quoted(name: str) -> str:
     return quote(name, safe=" +")
 
 
-def _read(path: Path) -> pa.Table:
-    # Without what the names of its folders say.
+def _read(path: Path, schema: pa.Schema) -> pa.Table:
+    """Return the rows of a file with the present columns; those that it lacks are null."""
     try:
-        return pq.ParquetFile(path).read()
+        # Without what the names of its folders say.
+        table = pq.ParquetFile(path).read()
     except pa.ArrowInvalid as error:
         raise ValueError(f"{path} is damaged: {error}") from error
+    columns = []
+    for name, kind in zip(schema.names, schema.types, strict=True):
+        if name not in table.column_names:
+            # Written by earlier software.
+            columns.append(pa.nulls(table.num_rows, kind))
+            continue
+        try:
+            columns.append(table[name].cast(kind))
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError, pa.ArrowTypeError) as error:
+            raise ValueError(f"{path}: column {name!r} is no {kind}: {error}") from error
+    return pa.Table.from_arrays(columns, schema=schema)
 
 
 def _write(path: Path, table: pa.Table) -> None:

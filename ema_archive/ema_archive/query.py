@@ -141,31 +141,34 @@ def _first_line(error: Exception) -> str:
 def _make_views(db: duckdb.DuckDBPyConnection, tables: Path) -> None:
     for name, keys in _PARTITIONED.items():
         pattern = "/".join([*("*" for _ in keys), "*.parquet"])
-        if next((tables / name).glob(pattern), None) is None:
-            schema = pa.schema([*SCHEMAS[name], *((key, pa.string()) for key in keys)])
-            _make_empty(db, name, schema)
-            continue
+        schema = pa.schema([*SCHEMAS[name], *((key, pa.string()) for key in keys)])
         types = ", ".join(f"'{key}': VARCHAR" for key in keys)
-        db.execute(
-            f"CREATE VIEW {name} AS SELECT * FROM read_parquet("
-            f"{_text(str(tables / name / pattern))}, hive_partitioning = true, "
-            f"hive_types = {{{types}}})"
-        )
+        options = f"union_by_name = true, hive_partitioning = true, hive_types = {{{types}}}"
+        has_files = next((tables / name).glob(pattern), None) is not None
+        _make_view(db, name, schema, tables / name / pattern if has_files else None, options)
     for name, schema in SUMMARIES.items():
         path = tables / f"{name}.parquet"
-        if path.exists():
-            db.execute(f"CREATE VIEW {name} AS SELECT * FROM read_parquet({_text(str(path))})")
-        else:
-            _make_empty(db, name, schema)
+        _make_view(db, name, schema, path if path.exists() else None)
     for statement in _statements(files("ema_archive").joinpath("views.sql").read_text()):
         db.execute(statement)
 
 
-def _make_empty(db: duckdb.DuckDBPyConnection, name: str, schema: pa.Schema) -> None:
+def _make_view(
+    db: duckdb.DuckDBPyConnection,
+    name: str,
+    schema: pa.Schema,
+    path: Path | None,
+    options: str = "union_by_name = true",
+) -> None:
+    """Make a table of files, with the present columns also where earlier software wrote them."""
     empty = schema.empty_table()
-    db.register(f"_{name}", empty)
-    db.execute(f"CREATE TABLE {name} AS SELECT * FROM _{name}")
-    db.unregister(f"_{name}")
+    db.register("_empty", empty)
+    db.execute(f"CREATE TABLE _no_{name} AS SELECT * FROM _empty")
+    db.unregister("_empty")
+    parts = [f"SELECT * FROM _no_{name}"]
+    if path is not None:
+        parts.insert(0, f"SELECT * FROM read_parquet({_text(str(path))}, {options})")
+    db.execute(f"CREATE VIEW {name} AS {' UNION ALL BY NAME '.join(parts)}")
 
 
 def _statements(text: str) -> Sequence[str]:
