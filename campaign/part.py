@@ -64,6 +64,30 @@ class Case:
 
 
 @dataclass(frozen=True)
+class Goal:
+    """How much of something is asked of a campaign, and how much was done.
+
+    Attributes
+    ----------
+    what
+        Its name, in the plural.
+    asked, done
+        Its numbers.
+    otherwise
+        What is said where less was done than was asked.
+    """
+
+    what: str
+    asked: int
+    done: int
+    otherwise: str = "not reached"
+
+    def __str__(self) -> str:
+        words = f"{self.done:,} of {self.asked:,} {self.what}"
+        return words if self.done >= self.asked else f"{words}: {self.otherwise}"
+
+
+@dataclass(frozen=True)
 class Part:
     """A part of the campaign.
 
@@ -89,6 +113,8 @@ class Part:
         How many cases there are; None for any number.
     judge
         Returns what does not hold in the counts over all cases, in words.
+    goals
+        Returns what is asked of all cases, and what the counts say was done.
     """
 
     name: str
@@ -100,3 +126,4 @@ class Part:
     slots: int = 1
     most_cases: int | None = None
     judge: Callable[[Mapping[str, int]], list[str]] = lambda _: []
+    goals: Callable[[Mapping[str, int]], list[Goal]] = lambda _: []

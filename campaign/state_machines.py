@@ -3,14 +3,17 @@
 from collections.abc import Mapping
 from typing import Final
 
-from part import Case, Part
-from stateful import unreached, walk
+from part import Case, Goal, Part
+from stateful import judged, unreached, walk
 from walk_lifecycle import Lifecycle
 from walk_prognosis import Prognosis
 from walk_queue import Queue
 
 _MACHINES: Final = (Queue, Lifecycle, Prognosis)
 _WALKS: Final = {"queue": (400, 50), "lifecycle": (60, 30), "prognosis": (40, 25)}
+
+STEPS: Final = 100_000
+"""Steps that are asked of a campaign."""
 
 
 def run(case: Case) -> None:
@@ -25,6 +28,12 @@ def judge(counts: Mapping[str, int]) -> list[str]:
     return [words for kind in _MACHINES for words in unreached(counts, kind)]
 
 
+def goals(counts: Mapping[str, int]) -> list[Goal]:
+    """Steps of all walks, and walks of each machine."""
+    steps = sum(counts.get(f"{kind.machine()}: steps", 0) for kind in _MACHINES)
+    return [Goal("steps", STEPS, steps), *(judged(counts, kind) for kind in _MACHINES)]
+
+
 PART: Final = Part(
     name="state_machines",
     summary="what holds does so in all orders of steps; every state is reached",
@@ -33,4 +42,5 @@ PART: Final = Part(
     limit_s=1800.0,
     share=0.6,
     judge=judge,
+    goals=goals,
 )
