@@ -4,10 +4,11 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from part import Case, Part
+from part import Case, Goal, Part
 
 TARGETS: Final = {
     "bag": 4_000,
@@ -25,6 +26,9 @@ TARGETS: Final = {
 }
 """Targets (`fuzz_targets`), with the number of inputs in a case: about a minute on an idle
 machine."""
+
+INPUTS: Final = 1_000_000
+"""Inputs that are asked of a campaign, of all targets together."""
 
 ONE: Final = Path(__file__).with_name("fuzz_one.py")
 _RAISED: Final = re.compile(r"=== Uncaught Python exception: ===\n(.*?)(?:\n==\d|\Z)", re.DOTALL)
@@ -64,6 +68,13 @@ def _words(output: str) -> str:
     return "\n    ".join(lines[-1:] + lines[-_SHOWN_LINES:-1])
 
 
+def goals(counts: Mapping[str, int]) -> list[Goal]:
+    """Inputs of all targets, and targets that had any."""
+    inputs = {name: counts.get(f"inputs of {name}", 0) for name in TARGETS}
+    fed = sum(count > 0 for count in inputs.values())
+    return [Goal("inputs", INPUTS, sum(inputs.values())), Goal("targets", len(TARGETS), fed)]
+
+
 PART: Final = Part(
     name="fuzz",
     summary="no input raises, takes 1 s or 500 MB",
@@ -71,4 +82,5 @@ PART: Final = Part(
     usual_s=60.0,
     limit_s=1800.0,
     share=1.0,
+    goals=goals,
 )

@@ -15,17 +15,20 @@ replayed into a monitor, and the player killed. Checked is, after each kill,
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from graph_checker import check
 from graph_processes import Graph, GraphError
 from graph_record import read_graph
-from part import Case, Part
+from part import Case, Goal, Part
 
 from ema_monitor.prognosis.history import History, history_path
 from ema_recording.reader import Bag
+
+KILLS: Final = 500
+"""Kills that are asked of a campaign."""
 
 LIVE_KILLS: Final = 8
 PLAYER_KILLS: Final = 2
@@ -309,6 +312,12 @@ def in_touch(graph: Graph, victim: str, since_s: float = 0.0) -> list[str]:
     ]
 
 
+def goals(counts: Mapping[str, int]) -> list[Goal]:
+    """Kills of all nodes."""
+    done = sum(counts.get(f"kills of {name}", 0) for name in (*_VICTIMS, "player"))
+    return [Goal("kills", KILLS, done)]
+
+
 PART: Final = Part(
     "kills",
     "a killed node loses the open chunk or the current test alone; the others go on and say so",
@@ -316,5 +325,6 @@ PART: Final = Part(
     usual_s=110.0,
     limit_s=600.0,
     share=3.0,
-    most_cases=50,
+    most_cases=KILLS // (LIVE_KILLS + PLAYER_KILLS),
+    goals=goals,
 )

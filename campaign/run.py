@@ -132,13 +132,15 @@ def counted_words(tally: PartTally) -> str:
 def overview(parts: list[Part], tally: Tally) -> Table:
     """Return the table of the parts."""
     title = f"campaign, seed {tally.seed}, {tally.used_s:.0f} s"
-    table = Table("part", "cases", "failures", "worst time", "worst memory", title=title)
+    columns = ("part", "cases", "done of what is asked", "failures", "worst time", "worst memory")
+    table = Table(*columns, title=title)
     for part in parts:
         own = tally.of(part.name)
         failures = sum(map(len, own.failures.values())) + len(part.judge(own.counts))
         table.add_row(
             f"{part.name}\n[dim]{escape(part.summary)}[/]",
             f"{len(own.done):,}" if own.done else f"none: one takes {part.usual_s:g} s",
+            escape("\n".join(map(str, part.goals(own.counts)))),
             f"[bold red]{failures}[/]" if failures else "0",
             f"{own.worst_s:.1f} s",
             f"{own.worst_mb:.0f} MB",

@@ -1,6 +1,7 @@
 """The campaign counts, resumes, names what failed, and repeats it."""
 
 import importlib
+import io
 import json
 import signal
 import subprocess
@@ -8,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import rich.console
 
 from ..waiting import wait_for
 
@@ -59,6 +61,31 @@ def test_failure_is_listed_with_the_command_that_repeats_it():
         "    repeat: python campaign/case.py files --seed 9 --case 3",
         "files: too few",
     ]
+
+
+def test_table_says_what_was_not_reached_and_not_judged():
+    run, tally, parts = (importlib.import_module(name) for name in ("run", "tally", "parts"))
+    found = tally.Tally(9, 60.0)
+    found.of("fuzz").counts = {"inputs of bag": 999_999, "inputs of table": 1}
+    found.of("kills").counts = {"kills of monitor": 470, "kills of player": 29}
+    found.of("state_machines").counts = {"queue: steps": 9_000, "queue: walks": 40}
+    shown = [parts.part_of(name) for name in ("fuzz", "kills", "state_machines")]
+    goals = [list(map(str, part.goals(found.of(part.name).counts))) for part in shown]
+    assert goals == [
+        ["1,000,000 of 1,000,000 inputs", "2 of 12 targets: not reached"],
+        ["499 of 500 kills: not reached"],
+        [
+            "9,000 of 100,000 steps: not reached",
+            "40 of 40 walks of queue",
+            "0 of 40 walks of lifecycle: not judged",
+            "0 of 40 walks of prognosis: not judged",
+        ],
+    ]
+    printed = io.StringIO()
+    console = rich.console.Console(width=200, file=printed)
+    console.print(run.overview(shown, found))
+    table = printed.getvalue()
+    assert all(words in table for lines in goals for words in lines)
 
 
 @pytest.mark.slow
