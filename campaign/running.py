@@ -60,11 +60,6 @@ class RunningCase:
                 start_new_session=True,
             )
 
-    @property
-    def command(self) -> str:
-        """What repeats it."""
-        return f"python campaign/case.py {self.part.name} --seed {self.seed} --case {self.number}"
-
     def poll(self) -> Outcome | None:
         """Return how it ended; None while it runs."""
         took_s = time.monotonic() - self.began_s
