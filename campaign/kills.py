@@ -26,6 +26,7 @@ from part import Case, Goal, Part
 
 from ema_monitor.prognosis.history import History, history_path
 from ema_recording.reader import Bag
+from ema_recording.recorder_settings import RecorderSettings
 
 KILLS: Final = 500
 """Kills that are asked of a campaign."""
@@ -35,6 +36,14 @@ PLAYER_KILLS: Final = 2
 STANDSTILL_S: Final = 10.0
 LOSSES_MS: Final = (100.0, 250.0, 500.0, 1000.0)
 """Losses that are counted [ms]; 500 ms are promised by ``flush_s``."""
+
+LATE_S: Final = 0.5
+"""How much more than ``flush_s`` a killed recorder may have lost [s].
+
+What is on its way to it is lost as well, and with all processors busy its threads wait for one.
+"""
+
+MOST_LOST_S: Final = RecorderSettings().flush_s + LATE_S
 
 _VICTIMS: Final = ("recorder", "monitor", "dashboard")
 _SHARES: Final = (0.4, 0.4, 0.2)
@@ -80,6 +89,7 @@ class KillCase:
         self._bags: list[Path] = []
         self._lost_tests: set[int] = set()
         self._has_ended = False
+        self._recording_s: float | None = None  # since when the recorder is known to record
 
     def run(self) -> None:
         """Kill and check; a failure that ends the case is noted with its reason."""
@@ -121,6 +131,7 @@ class KillCase:
 
     def _begin(self, graph: Graph, name: str) -> None:
         if name == "recorder":
+            self._recording_s = None
             self._bags.append(self._folder / f"bag_{len(self._bags)}")
             graph.start(name, output=str(self._bags[-1]))
         elif name == "monitor":
@@ -137,6 +148,8 @@ class KillCase:
             "recorder": lambda: self._records(graph, began_s),
         }
         graph.wait_for(works[name], f"{name} to work again")
+        if name == "recorder" and self._recording_s is None:
+            self._recording_s = time.time()
 
     def _records(self, graph: Graph, since_s: float) -> bool:
         found = graph.status.get("/ema/recorder: recording")
@@ -163,8 +176,11 @@ class KillCase:
         killed_s = graph.kill(victim)
         self._case.count(f"kills of {victim}")
         if victim == "recorder":
-            self._check_bag(self._bags[-1], is_closed=False)
-            self._measure_loss(graph, killed_s)
+            recorded_s = 0.0 if self._recording_s is None else killed_s - self._recording_s
+            is_due = recorded_s > MOST_LOST_S
+            self._case.count("kills of a recorder that had hardly begun", int(not is_due))
+            self._check_bag(self._bags[-1], is_closed=False, is_due=is_due)
+            self._measure_loss(graph, killed_s, is_due=is_due)
         if victim == "monitor":
             self._check_history(graph, killed_s)
         if waits:
@@ -183,16 +199,18 @@ class KillCase:
             )
             self._case.count("times told that somebody has gone")
 
-    def _measure_loss(self, graph: Graph, killed_s: float) -> None:
-        """Compare what was sent until a kill with what the bag has."""
+    def _measure_loss(self, graph: Graph, killed_s: float, *, is_due: bool) -> None:
+        """Compare what was sent until a kill with what the bag has; telemetry may be due in it."""
+        recorded: set[int] = set()
         try:
             bag = Bag(self._bags[-1])
-            if _TELEMETRY not in bag.topics:
-                return
-            recorded = {item.publish_time_ns for item in bag.raw_messages([_TELEMETRY])}
+            if _TELEMETRY in bag.topics:
+                recorded = {item.publish_time_ns for item in bag.raw_messages([_TELEMETRY])}
         except (FileNotFoundError, ValueError):
-            return  # killed before it had begun
+            pass  # as _check_bag says
         if not recorded:
+            if is_due:
+                self._case.fail(f"{self._bags[-1].name} has no telemetry, although it was recorded")
             return
         first, last = min(recorded), max(recorded)
         sent = [one for one in graph.blocks if first <= one[0] and one[1] <= killed_s]
@@ -206,9 +224,8 @@ class KillCase:
         self._note_loss(1e3 * (killed_s - tail_s))
         self._case.count("blocks lost by killed recorders", len(lost) - len(holes))
 
-    def _check_bag(self, path: Path, *, is_closed: bool) -> None:
-        if not path.exists():
-            return
+    def _check_bag(self, path: Path, *, is_closed: bool, is_due: bool = True) -> None:
+        """Read a bag; one in which nothing is due may be missing or empty."""
         try:
             bag = Bag(path)
             count = sum(1 for _ in bag.messages())
@@ -216,10 +233,9 @@ class KillCase:
                 self._case.fail(f"{path.name} was closed and is damaged: {bag.damage}")
             self._case.count("messages read back", count)
             findings = check(read_graph(path))
-        except FileNotFoundError:
-            return  # killed before the file was there
-        except ValueError as error:
-            if "empty" not in str(error):
+        except (FileNotFoundError, ValueError) as error:
+            # Else it was killed before the file, or anything in it, was there.
+            if is_due or not (isinstance(error, FileNotFoundError) or "empty" in str(error)):
                 self._case.fail(f"{path.name} cannot be read: {error}")
             return
         for violation in findings.violations:
@@ -296,6 +312,11 @@ class KillCase:
     def _note_loss(self, lost_ms: float) -> None:
         self._case.measure("lost by a killed recorder [ms]", lost_ms)
         self._case.count("kills of a recorder that was writing")
+        self._case.require(
+            lost_ms <= 1e3 * MOST_LOST_S,
+            f"{self._bags[-1].name} lost the last {lost_ms:.0f} ms before the recorder was killed, "
+            f"expected {1e3 * MOST_LOST_S:.0f} ms at most",
+        )
         for limit_ms in LOSSES_MS:
             self._case.count(f"of them lost more than {limit_ms:g} ms", int(lost_ms > limit_ms))
 

@@ -6,6 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from std_msgs.msg import String
+
+from ema_recording.writer import BagWriter
+from ema_ros.topics import STREAM
 
 CAMPAIGN = Path(__file__).parents[2] / "campaign"
 
@@ -44,6 +48,44 @@ def test_killed_nodes_lose_the_open_chunk_or_the_current_test_alone(
     assert case.counts["kills of player"] == 1
     assert case.counts["tests in histories checked"] > 0
     assert case.counts["messages read back"] > 100
+
+
+class Unsent:
+    """An observer of a graph in which telemetry was sent every 10 ms."""
+
+    def __init__(self, first_ns: int, blocks: int) -> None:
+        sent_ns = [first_ns + 10_000_000 * number for number in range(blocks)]
+        self.blocks = [(at_ns, at_ns * 1e-9) for at_ns in sent_ns]
+
+
+def test_recorder_that_left_nothing_is_excused_only_when_it_had_hardly_begun(
+    module_of: Callable[[str], Any], case_of: Callable[..., Any], tmp_path: Path
+):
+    case = case_of()
+    one = module_of("kills").KillCase(case)
+    (tmp_path / "empty.mcap").touch()
+    for name in ("empty.mcap", "missing"):
+        one._bags.append(tmp_path / name)
+        for is_due in (False, True):
+            one._check_bag(one._bags[-1], is_closed=False, is_due=is_due)
+            one._measure_loss(Unsent(0, 1), 1.0, is_due=is_due)
+            assert len(case.failures) == (2 if is_due else 0)
+        case.failures.clear()
+
+
+def test_recorder_that_lost_more_than_it_may_fails(
+    module_of: Callable[[str], Any], case_of: Callable[..., Any], tmp_path: Path
+):
+    case, sent = case_of(), Unsent(10**18, 300)
+    one = module_of("kills").KillCase(case)
+    one._bags.append(tmp_path / "bag.mcap")
+    with BagWriter(one._bags[-1]) as bag:
+        bag.add_topic("/ema/telemetry", String, STREAM)
+        for at_ns, _ in sent.blocks[:200]:
+            bag.write("/ema/telemetry", String(), at_ns)
+    for lost_s, failures in ((0.9, 0), (1.01, 1)):  # 0.5 s of flush_s and 0.5 s
+        one._measure_loss(sent, sent.blocks[200][1] + lost_s, is_due=True)
+        assert len(case.failures) == failures
 
 
 def test_graph_whose_monitor_is_restarted_keeps_all_rules(
