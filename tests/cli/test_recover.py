@@ -3,6 +3,9 @@
 from pathlib import Path
 
 import pytest
+from mcap.writer import Writer
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
 
 from ema_recording.reader import Bag
 
@@ -41,3 +44,24 @@ def test_bag_is_not_recovered_onto_itself_or_another(ema, damaged: Path, tmp_pat
     (tmp_path / "there.mcap").write_bytes(content)
     result = ema("recover", damaged, "-o", tmp_path / "there.mcap")
     assert (result.exit_code, "is there already" in result.stderr) == (1, True)
+
+
+def test_message_of_a_time_that_no_bag_of_ros_has_is_left_out_and_told(ema, tmp_path: Path):
+    path = tmp_path / "strange.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "another program")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
+        channel = writer.register_channel("/words", "cdr", schema)
+        for log_ns, publish_ns in ((1, 1), (2, 2**63), (2**63, 3), (2**63 - 1, 4)):
+            data = serialize_message(String(data=str(publish_ns)))
+            writer.add_message(channel, log_ns, data, publish_ns)
+        writer.finish()
+    result = ema("recover", path, "-o", tmp_path / "whole")
+    assert result.exit_code == 0, result.output
+    assert "2 malformed" in result.stderr
+    whole = Bag(tmp_path / "whole")
+    assert [(one.log_time_ns, one.publish_time_ns) for one in whole.raw_messages()] == [
+        (1, 1),
+        (2**63 - 1, 4),
+    ]

@@ -14,7 +14,7 @@ from ema_cli.show.progress import progress_bar
 from ema_core.wording import counted
 from ema_recording.message_type import message_class
 from ema_recording.qos import joint_offer, recorded_qos
-from ema_recording.reader import Bag, Topic
+from ema_recording.reader import Bag, Recorded, Topic
 from ema_recording.schema import decoder, schema_text, to_installed
 from ema_recording.telemetry import TELEMETRY_TYPE
 from ema_ros.telemetry import telemetry_from_message
@@ -33,7 +33,8 @@ from ema_ros.telemetry import telemetry_from_message
 def recover(bag: Path, output: Path, force: bool) -> None:
     """Write what is intact of BAG, left by a recorder that was killed, to a bag with an index.
 
-    A message that is malformed, telemetry with columns of different lengths included, is left out.
+    A message that is malformed is left out, as are telemetry with columns of different lengths and
+    times of 2^63 ns or more.
     """
     with one_clear_line():
         require_apart(output, [bag])
@@ -55,6 +56,7 @@ def recover(bag: Path, output: Path, force: bool) -> None:
                     raise click.Abort
                 try:
                     message = checks[item.topic](item.message)
+                    _require_times(item)
                 except ValueError as error:
                     damaged.note_malformed(item.topic, place, str(error))
                     continue
@@ -63,6 +65,14 @@ def recover(bag: Path, output: Path, force: bool) -> None:
     for remark in damaged.remarks:
         click.echo(f"{bag}: {remark}", err=True)
     click.echo(f"{output}: {counted(written, 'message')} on {counted(len(names), 'topic')}")
+
+
+def _require_times(item: Recorded) -> None:
+    """Refuse times that MCAP has room for, and a bag of ROS has not."""
+    times = {"log_time": item.log_time_ns, "publish_time": item.publish_time_ns}
+    for name, time_ns in times.items():
+        if time_ns >= 2**63:
+            raise ValueError(f"{name} = {time_ns} ns is outside [0, 2^63) ns")
 
 
 def _checked(topic: Topic) -> Callable[[bytes], bytes]:
