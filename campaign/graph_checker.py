@@ -56,6 +56,13 @@ class Findings:
     counts: Counter[str] = field(default_factory=Counter)
 
 
+class Lost(NamedTuple):
+    """How many messages recorders said that they had lost of what rules need."""
+
+    telemetry: int
+    estimates: int
+
+
 @dataclass
 class Run:
     """What a monitor said of an actuator between two starts of its node."""
@@ -101,7 +108,7 @@ def check(record: GraphRecord) -> Findings:
     """
     findings = Findings()
     add, counts = findings.violations.append, findings.counts
-    lost = lost_messages(record)
+    lost = Lost(lost_messages(record, "telemetry"), lost_messages(record, "fault_estimate"))
     for name in record.actuators():
         one = _Actuator(record, name)
         for rule, check_rule in _RULES.items():
@@ -116,20 +123,35 @@ def check(record: GraphRecord) -> Findings:
             runs=len(one.runs),
             found=len(one.found),
         )
-    counts["lost by the recorder"] = lost
+    counts["lost by the recorder"] = lost_messages(record)
     for text in _recorder(record):
         add(Violation("counters", "", text))
     return findings
 
 
-def lost_messages(record: GraphRecord) -> int:
-    """Return how many messages recorders said that they had lost."""
+def lost_messages(record: GraphRecord, topic: str = "") -> int:
+    """Return how many messages recorders said that they had lost.
+
+    Parameters
+    ----------
+    record
+        What was published.
+    topic
+        Last part of the name of a topic; empty for all of them. A recorder that does not tell of
+        topics may have lost all of its messages on this one.
+    """
     latest = {
-        status.name: status.count("lost messages")
-        for status in record.statuses
-        if status.name.endswith(": recording")
+        status.name: status for status in record.statuses if status.name.endswith(": recording")
     }
-    return sum(latest.values())
+    return sum(_lost_on(status, topic) for status in latest.values())
+
+
+def _lost_on(status: StatusNote, topic: str) -> int:
+    told = status.values.get("lost by topic")
+    if not topic or told is None:
+        return status.count("lost messages")
+    lost = (item.rpartition(" ") for item in told.split(", ") if item)
+    return sum(int(count) for name, _, count in lost if name.endswith(f"/{topic}"))
 
 
 class _Actuator:
@@ -204,7 +226,7 @@ def _deal(answers: list[Answer], runs: list[Run]) -> None:
         runs[place].answers.append(answer)
 
 
-def _twice(one: _Actuator, _: int) -> Iterator[str]:
+def _twice(one: _Actuator, _: Lost) -> Iterator[str]:
     for run in one.runs:
         for number, times in Counter(item.window for item in run.answers).items():
             if times > 1:
@@ -215,15 +237,15 @@ def _twice(one: _Actuator, _: int) -> Iterator[str]:
             yield f"the window that ends at {end_ns} ns was identified {times} times"
 
 
-def _unanswered(one: _Actuator, lost: int) -> Iterator[str]:
+def _unanswered(one: _Actuator, lost: Lost) -> Iterator[str]:
     for run in one.runs:
         numbers = {item.window for item in run.answers}
         if numbers:
             missing = sorted(set(range(min(numbers), max(numbers))) - numbers)
-            if len(missing) > lost:
+            if len(missing) > lost.estimates:
                 yield (
                     f"windows {_some(missing)} of a run have no answer, and the recorder lost "
-                    f"{lost} messages"
+                    f"{lost.estimates} of them"
                 )
         yield from _counted(one, run, lost)
     answered = {(item.start_ns, item.end_ns) for item in one.answers}
@@ -232,12 +254,12 @@ def _unanswered(one: _Actuator, lost: int) -> Iterator[str]:
         for window in one.found
         if (window.start_ns, window.end_ns) not in answered and _had_to_answer(one, window)
     ]
-    if len(silent) > lost:
+    if len(silent) > lost.estimates:
         ends = _some([window.end_ns for window in silent])
         yield f"windows in the telemetry that end at {ends} ns have no answer"
 
 
-def _counted(one: _Actuator, run: Run, lost: int) -> Iterator[str]:
+def _counted(one: _Actuator, run: Run, lost: Lost) -> Iterator[str]:
     """Compare what a run counted with what it answered, some time before its end."""
     old = [item for item in run.counted() if run.last_ns - item.sent_ns > ANSWER_S * _NS]
     if len(old) < 2:
@@ -247,8 +269,8 @@ def _counted(one: _Actuator, run: Run, lost: int) -> Iterator[str]:
     answered = sum(
         first.count("windows") <= item.window < last.count("windows") for item in run.answers
     )
-    if counted - answered > lost:
-        yield f"{counted} windows were counted, {answered} answered, {lost} messages lost"
+    if counted - answered > lost.estimates:
+        yield f"{counted} windows were counted, {answered} answered, {lost.estimates} answers lost"
 
 
 def _had_to_answer(one: _Actuator, window: FoundWindow) -> bool:
@@ -272,7 +294,7 @@ def _had_to_answer(one: _Actuator, window: FoundWindow) -> bool:
     return False
 
 
-def _refused_health(one: _Actuator, lost: int) -> Iterator[str]:
+def _refused_health(one: _Actuator, lost: Lost) -> Iterator[str]:
     sent: dict[int, int] = {}
     for item in one.answers:
         if item.valid:
@@ -288,8 +310,8 @@ def _refused_health(one: _Actuator, lost: int) -> Iterator[str]:
                 yield f"the health of {health.stamp_ns} ns was sent before its estimate"
         elif health.stamp_ns and health.sent_ns > first_ns and not _is_resumed(one, health):
             unknown.append(health.stamp_ns)
-    if len(unknown) > lost:
-        yield f"the healths of {_some(unknown)} ns have no estimate, {lost} messages were lost"
+    if len(unknown) > lost.estimates:
+        yield f"the healths of {_some(unknown)} ns have no estimate, {lost.estimates} were lost"
 
 
 def _is_resumed(one: _Actuator, health: HealthNote) -> bool:
@@ -297,7 +319,7 @@ def _is_resumed(one: _Actuator, health: HealthNote) -> bool:
     return not one.blocks or health.stamp_ns < one.blocks[0].stamp_ns
 
 
-def _order(one: _Actuator, _: int) -> Iterator[str]:
+def _order(one: _Actuator, _: Lost) -> Iterator[str]:
     for run in one.runs:
         for early, late in zip(run.answers, run.answers[1:], strict=False):
             if late.window < early.window:
@@ -312,7 +334,7 @@ def _order(one: _Actuator, _: int) -> Iterator[str]:
             yield f"the health of {late.stamp_ns} ns came after that of {early.stamp_ns} ns"
 
 
-def _stamps(one: _Actuator, _: int) -> Iterator[str]:
+def _stamps(one: _Actuator, _: Lost) -> Iterator[str]:
     for item in one.answers:
         what = f"window {item.window}"
         if item.stamp_ns != item.end_ns:
@@ -334,7 +356,7 @@ def _stamps(one: _Actuator, _: int) -> Iterator[str]:
                 yield f"block {late.first_index}: its stamp is {due_ns - late.stamp_ns} ns early"
 
 
-def _counters(one: _Actuator, lost: int) -> Iterator[str]:
+def _counters(one: _Actuator, lost: Lost) -> Iterator[str]:
     for run in one.runs:
         statuses = run.counted()
         if len(statuses) < 2:
@@ -348,20 +370,21 @@ def _counters(one: _Actuator, lost: int) -> Iterator[str]:
                 if item.valid == wanted and first.sent_ns < item.sent_ns <= last.sent_ns
             ]
             # One may be between its answer and its count at either end.
-            if not -1 <= counted - len(within) <= 1 + lost:
+            if not -1 <= counted - len(within) <= 1 + lost.estimates:
                 yield f"{counted} {key} were counted, {len(within)} published"
         dropped = last.count("windows dropped") - first.count("windows dropped")
         told = sum(
             item.dropped and first.sent_ns < item.sent_ns <= last.sent_ns for item in run.answers
         )
         waiting = last.count("windows waiting") + 1
-        if not -1 - waiting <= dropped - told <= 1 + waiting + lost:
+        if not -1 - waiting <= dropped - told <= 1 + waiting + lost.estimates:
             yield f"{dropped} windows dropped were counted, {told} published"
         yield from _heard(one, run)
     stretches = _stretches(one.blocks, one.told_jumps_ns)
     missing = sum(_published(stretch) - len(stretch) for stretch in stretches)
-    if missing > lost:
-        yield f"{missing} blocks are not in the bag, and the recorder says that it lost {lost}"
+    if missing > lost.telemetry:
+        said = lost.telemetry
+        yield f"{missing} blocks are not in the bag, and the recorder says that it lost {said}"
 
 
 def _heard(one: _Actuator, run: Run) -> Iterator[str]:
@@ -416,7 +439,7 @@ def _some(values: list[int]) -> str:
     return ", ".join(map(str, values[:5])) + more
 
 
-_RULES: Final[dict[str, Callable[[_Actuator, int], Iterator[str]]]] = {
+_RULES: Final[dict[str, Callable[[_Actuator, Lost], Iterator[str]]]] = {
     "identified twice": _twice,
     "unanswered": _unanswered,
     "health of a refused test": _refused_health,

@@ -69,6 +69,7 @@ def run_condition(
     findings = check(read_graph(bag))
     for violation in findings.violations:
         case.fail(f"{name}: {violation}")
+    case.require(findings.counts["windows"] > 0, f"{name}: no window was answered in the record")
     for what, number in findings.counts.items():
         case.count(what, number)
 

@@ -103,6 +103,7 @@ def run(case: Case) -> None:
     findings = check(read_graph(bag))
     for violation in findings.violations:
         case.fail(str(violation))
+    case.require(findings.counts["windows"] > 0, "no window was answered in the record")
     for what, number in findings.counts.items():
         case.count(what, number)
     _judge(case, course, shared, minutes)

@@ -164,6 +164,9 @@ class RecorderNode(ManagedNode):
             "messages": recorded.messages,
             "size [B]": bag.file_path.stat().st_size if bag.file_path.exists() else 0,
             "lost messages": lost,
+            "lost by topic": ", ".join(
+                f"{name} {topic.lost}" for name, topic in sorted(topics.items()) if topic.lost
+            ),
             "waiting [B]": bag.waiting,
             "messages without room": not_recorded,
             "ends of threads": bag.flusher.ends,

@@ -245,6 +245,35 @@ def test_what_the_recorder_counts_as_lost_is_no_violation(modules: Modules, reco
     assert rules(modules, record) == set()
 
 
+def tell_lost(record: Any, by_topic: str) -> None:
+    status = record.statuses[-1]
+    values = {**status.values, "lost messages": "900", "lost by topic": by_topic}
+    record.statuses[-1] = replace(status, values=values)
+
+
+@pytest.mark.parametrize(
+    ("plant", "rule", "lost"),
+    [
+        (without_answer, "unanswered", "fault_estimate"),
+        (counted_only, "unanswered", "fault_estimate"),
+        (never_seen, "unanswered", "fault_estimate"),
+        (health_of_nothing, "health of a refused test", "fault_estimate"),
+        (estimates_not_counted, "counters", "fault_estimate"),
+        (dropped_without_word, "counters", "fault_estimate"),
+        (block_lost_silently, "counters", "telemetry"),
+    ],
+)
+def test_loss_on_one_topic_excuses_no_other(
+    modules: Modules, record: Any, plant: Callable[[Any], None], rule: str, lost: str
+):
+    plant(record)
+    (other,) = {"fault_estimate", "telemetry"} - {lost}
+    tell_lost(record, f"/ema/{other} 900, /ema/health 900")
+    assert rule in rules(modules, record)
+    tell_lost(record, f"/ema/{lost} 900, /ema/health 900")
+    assert rule not in rules(modules, record)
+
+
 def test_what_came_before_the_recorder_found_the_answers_is_no_violation(
     modules: Modules, record: Any
 ):

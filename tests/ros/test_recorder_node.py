@@ -332,6 +332,7 @@ def test_messages_that_the_middleware_drops_are_counted(
     values = task(recorder).values
     assert values["lost messages"] == 51 - int(values["messages"])
     assert f"{values['lost messages']} messages lost" in task(recorder).message
+    assert task(recorder).values["lost by topic"] == f"/ema/text {values['lost messages']}"
 
 
 def test_gaps_count_where_one_publisher_stays():
