@@ -7,7 +7,9 @@ for, and four times the load.
 """
 
 import multiprocessing
+import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,6 +34,7 @@ DISTURBED_S: Final = 18.0
 
 _BUSY: Final = 4
 _ACTUATORS: Final = 4
+_TAKES_S: Final = 1.0
 
 
 def run(case: Case) -> None:
@@ -171,30 +174,52 @@ def _clock_jumps(graph: Graph, rng: np.random.Generator, bag: Path, settled_s: f
 
 
 def _slow_consumers(graph: Graph, rng: np.random.Generator, bag: Path, settled_s: float) -> None:
-    """Subscribe, reliably, and take a message a second, or none."""
+    """Subscribe, reliably, and take a message a second."""
     _begin(graph, bag)
-    with _slow_subscribers(graph):
+    with _slow_subscribers(graph) as received:
         graph.wait(settled_s)
+    silent = sorted(topic for topic, count in received.items() if not count)
+    if silent:
+        raise GraphError(f"slow consumers received nothing on {', '.join(silent)}")
     _goes_on(graph)
 
 
 @contextmanager
-def _slow_subscribers(graph: Graph) -> Iterator[None]:
+def _slow_subscribers(graph: Graph) -> Iterator[Counter[str]]:
+    """Take a message a second in all, in a thread; give how many of each topic were taken."""
     node = Node("slow", namespace="/campaign", context=graph.node.context)
+    received: Counter[str] = Counter()
+    ending = threading.Event()
+
+    def taking(topic: str) -> Callable[[Any], None]:
+        def take(_: Any) -> None:
+            received[topic] += 1
+            ending.wait(_TAKES_S)
+
+        return take
+
+    def spin() -> None:
+        while not ending.is_set():
+            executor.spin_once(timeout_sec=_TAKES_S)
+
+    executor = SingleThreadedExecutor(context=graph.node.context)
+    thread = threading.Thread(target=spin, name="slow consumers")
     try:
         for kind, topic, qos in (
             (TelemetryBlock, "telemetry", STREAM),
             (FaultEstimate, "fault_estimate", STREAM),
             (Health, "health", LATCHED),
         ):
-            node.create_subscription(kind, f"{NAMESPACE}/{topic}", lambda _: time.sleep(1.0), qos)
-        executor = SingleThreadedExecutor(context=graph.node.context)
+            received[topic] = 0
+            node.create_subscription(kind, f"{NAMESPACE}/{topic}", taking(topic), qos)
         executor.add_node(node)
-        executor.spin_once(timeout_sec=1.0)
-        yield
-        executor.remove_node(node)
-        executor.shutdown()
+        thread.start()
+        yield received
     finally:
+        ending.set()
+        if thread.is_alive():
+            thread.join()
+        executor.shutdown()
         node.destroy_node()
 
 
