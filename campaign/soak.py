@@ -66,13 +66,23 @@ class Growth:
     descriptors: int
 
     @property
-    def is_steady(self) -> bool:
-        """Whether nothing shows that it grows by more than it may."""
+    def grows(self) -> bool:
+        """Whether something shows that it grows by more than it may."""
         return (
-            self.slope - _SIGMAS * self.sigma <= MOST_MB_PER_MIN
-            and self.threads <= 0
-            and self.descriptors <= 0
+            self.slope - _SIGMAS * self.sigma > MOST_MB_PER_MIN
+            or self.threads > 0
+            or self.descriptors > 0
         )
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether its slope is known well enough to tell what it may grow by."""
+        return self.sigma * _SIGMAS <= MOST_MB_PER_MIN
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether it is judged, and nothing shows that it grows by more than it may."""
+        return self.is_judged and not self.grows
 
 
 def run(case: Case) -> None:
@@ -87,10 +97,9 @@ def run(case: Case) -> None:
             started_s = time.monotonic()
             while (minute := (time.monotonic() - started_s) / 60.0) < minutes:
                 graph.wait(_SAMPLE_S)
-                pids = [process.pid for process in graph.processes.values()]
-                shared.append(shared_bytes(pids))
                 for name, process in graph.processes.items():
-                    course.setdefault(name, []).append(sample(process.pid, minute))
+                    course.setdefault(name, []).append(sample_of(name, process.pid, minute))
+                shared.append(shared_bytes(process.pid for process in graph.processes.values()))
             for loss in _lost(graph):
                 case.fail(loss)
             for name in reversed(list(graph.processes)):
@@ -120,7 +129,10 @@ def _judge(case: Case, course: dict[str, list[Sample]], shared: list[int], minut
         )
         print(f"{name}: {words}")
         case.measure(f"growth of a {name.partition('_')[0]} [MB/min]", one.slope)
-        case.require(one.is_steady, f"{name} grows: {words}")
+        if one.grows:
+            case.fail(f"{name} grows: {words}")
+        elif not one.is_judged:
+            case.fail(f"{name} cannot be judged: {words}: run longer")
     settled_shared = shared[len(shared) // 3 :] or [0]
     grown_mb = (settled_shared[-1] - settled_shared[0]) * _MB
     case.measure("growth of shared memory [MB]", grown_mb)
@@ -172,6 +184,15 @@ def _lost(graph: Graph) -> list[str]:
     return found
 
 
+def sample_of(name: str, pid: int, minute: float) -> Sample:
+    """Return what a process of a name takes now; GraphError when it has died."""
+    try:
+        return sample(pid, minute)
+    except (FileNotFoundError, ProcessLookupError, ValueError, IndexError) as error:
+        # One that was not waited for yet has no memory any more: its file is empty.
+        raise GraphError(f"{name} died after {minute:.1f} min") from error
+
+
 def sample(pid: int, minute: float) -> Sample:
     """Return what a process takes now."""
     folder = Path(f"/proc/{pid}")
@@ -189,7 +210,11 @@ def shared_bytes(pids: Iterable[int]) -> int:
     """Return how much shared memory of Fast DDS some processes have [B]."""
     paths = set()
     for pid in pids:
-        for line in Path(f"/proc/{pid}/maps").read_text().splitlines():
+        try:
+            maps = Path(f"/proc/{pid}/maps").read_text()
+        except (FileNotFoundError, ProcessLookupError):
+            continue  # it has died, as its next sample says
+        for line in maps.splitlines():
             if (at := line.find(_SHARED)) >= 0:
                 paths.add(Path(line[at:].removesuffix(" (deleted)")))
     return sum(path.stat().st_blocks * _SECTOR_BYTES for path in paths if path.exists())

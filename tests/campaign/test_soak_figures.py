@@ -2,6 +2,8 @@
 
 import importlib
 import os
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -55,6 +57,30 @@ def test_growth_after_settling_alone_counts(soak: ModuleType):
     leaking = soak.growth_of(samples(soak, memory + 0.2 * minutes, minutes), 10.0)
     assert not leaking.is_steady
     assert leaking.slope == pytest.approx(0.2, abs=1e-3)
+
+
+def test_slope_that_is_not_known_well_enough_is_no_success(soak: ModuleType, tmp_path: Path):
+    part = importlib.import_module("part")
+    minutes = np.arange(0.0, 6.0, 0.1)
+    memory = 100.0 + np.random.default_rng(1).standard_normal(len(minutes))
+    case = part.Case(1, 0, tmp_path)
+    soak._judge(case, {"monitor": samples(soak, memory, minutes)}, [0], 6.0)
+    [failure] = case.failures
+    assert failure.startswith("monitor cannot be judged: ")
+    assert failure.endswith(": run longer")
+    assert not soak.growth_of(samples(soak, memory, minutes), 2.0).is_steady
+
+
+def test_process_that_died_is_named(soak: ModuleType):
+    with subprocess.Popen([sys.executable, "-c", ""]) as process:
+        # Ended, and not waited for; then gone.
+        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+        with pytest.raises(soak.GraphError, match=r"^recorder died after 7\.0 min$"):
+            soak.sample_of("recorder", process.pid, 7.0)
+        assert soak.shared_bytes([process.pid]) == 0
+    with pytest.raises(soak.GraphError, match=r"^recorder died after 7\.0 min$"):
+        soak.sample_of("recorder", process.pid, 7.0)
+    assert soak.shared_bytes([process.pid]) == 0
 
 
 def test_thread_that_stays_is_growth(soak: ModuleType):
