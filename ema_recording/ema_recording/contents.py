@@ -210,6 +210,7 @@ def _indexed(file: BinaryIO, summary: bytes, size: int) -> Contents | None:
     """
     contents = Contents()
     statistics = None
+    places: set[tuple[int, int]] = set()
     for record in read_records(io.BytesIO(summary), 0, len(summary)):
         if record.opcode == Opcode.STATISTICS:
             statistics = parse(Statistics, record.content)
@@ -229,11 +230,10 @@ def _indexed(file: BinaryIO, summary: bytes, size: int) -> Contents | None:
         elif record.opcode == Opcode.METADATA_INDEX:
             place = parse(MetadataIndex, record.content)
             if place.name == GAP:
-                end = place.offset + place.length
-                for told in read_records(file, place.offset, min(end, size)):
-                    _note_gap(contents, told)
+                places.add((place.offset, place.offset + place.length))
         else:
             _define(contents, record)
+    _read_gaps(contents, file, places, size)
     if statistics is None:
         return None
     contents.counts.update(statistics.channel_message_counts)
@@ -328,6 +328,22 @@ def _add(contents: Contents, record: McapRecord, needs_checksum: bool) -> None:
         last.end_ns = max(last.end_ns, message.log_time_ns)
         last.channels.add(message.channel)
         contents.counts[message.channel] += 1
+
+
+def _read_gaps(contents: Contents, file: BinaryIO, places: set[tuple[int, int]], size: int) -> None:
+    """Add the gaps of which records tell that begin and end at some places of a file of a size.
+
+    No byte is read twice, whatever an index says.
+    """
+    last = 0
+    for offset, end in sorted(places):
+        if offset < last:
+            raise DamageError("records that tell of gaps overlap")
+        last = end
+        told = next(read_records(file, offset, min(end, size)), None)
+        if told is None or (told.opcode, told.end) != (Opcode.METADATA, end):
+            raise DamageError("no record that tells of a gap is where one should be")
+        _note_gap(contents, told)
 
 
 def _note_gap(contents: Contents, record: McapRecord) -> None:

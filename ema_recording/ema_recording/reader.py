@@ -65,6 +65,7 @@ class Recorded(NamedTuple):
 
 
 _MOST_MALFORMED: Final = 100_000
+_MOST_GAPS: Final = 10
 
 
 class Place(NamedTuple):
@@ -151,8 +152,12 @@ class Bag:
     @property
     def remarks(self) -> list[str]:
         """What there is to say of the recording so far: damage, gaps, missing checksums."""
-        gaps = [f"gap: {gap}" for contents in self._files.values() for gap in contents.gaps]
-        return list(filter(None, (self.damage, *gaps, self.unchecked)))
+        gaps = [gap for contents in self._files.values() for gap in contents.gaps]
+        told = [f"gap: {gap}" for gap in gaps[:_MOST_GAPS]]
+        if more := gaps[_MOST_GAPS:]:
+            lacking = counted(sum(gap.count for gap in more), "message")
+            told.append(f"{counted(len(more), 'more gap')}: {lacking} not recorded")
+        return list(filter(None, (self.damage, *told, self.unchecked)))
 
     def readable_counts(self) -> dict[str, int]:
         """Return how many messages of each topic are in chunks that are whole.

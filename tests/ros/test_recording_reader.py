@@ -17,6 +17,7 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import Header, String
 
+from ema_recording.gaps import GAP
 from ema_recording.message_type import type_hash
 from ema_recording.qos import recorded_qos
 from ema_recording.reader import Bag
@@ -555,3 +556,51 @@ def test_hostile_metadata_does_no_harm(text: bytes, tmp_path: Path):
 def test_hostile_quality_of_service_is_refused_by_name():
     with pytest.raises(ValueError, match=r"offered_qos_profiles .* nested too deeply"):
         recorded_qos("[" * 100_000)
+
+
+def with_gaps(path: Path, told: int, place: Callable[[int, int, int], tuple[int, int]]) -> None:
+    """Make a bag of a message that tells of gaps; the index has their offsets and lengths."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(STRING, "ros2msg", schema_text(STRING).encode())
+        channel = writer.register_channel("/texts", "cdr", schema)
+        writer.add_message(channel, 2, serialize_message(String(data="known")), 2)
+        values = {"reason": "no room", "start_ns": "1", "end_ns": "2", "messages": "3"}
+        for _ in range(told):
+            writer.add_metadata(GAP, values)
+        for number, index in enumerate(getattr(writer, "_Writer__metadata_indexes")):  # noqa: B009
+            index.offset, index.length = place(number, index.offset, index.length)
+        writer.finish()
+
+
+def test_gaps_are_told_up_to_a_number(tmp_path: Path):
+    with_gaps(tmp_path / "a.mcap", 13, lambda _, *own: own)
+    bag = Bag(tmp_path / "a.mcap")
+    gaps = [remark for remark in bag.remarks if "gap" in remark]
+    assert len(gaps) == 11
+    assert gaps[-1] == "3 more gaps: 9 messages not recorded"
+    assert bag.damage == ""
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_index_whose_gaps_cover_other_records_is_damaged(tmp_path: Path, first: bool):
+    # Each covers all records from its own, or from the first, to the last.
+    def place(number: int, offset: int, length: int) -> tuple[int, int]:
+        begin = offset - number * length if first else offset
+        return begin, offset + (1 if first else 13 - number) * length - begin
+
+    with_gaps(tmp_path / "a.mcap", 13, place)
+    bag = Bag(tmp_path / "a.mcap")
+    assert "its index is damaged" in bag.damage
+    [gaps] = [contents.gaps for contents in bag._files.values()]
+    assert len(gaps) == 13  # by reading the file through
+
+
+def test_gap_that_is_indexed_twice_is_told_once(tmp_path: Path):
+    with_gaps(
+        tmp_path / "a.mcap", 2, lambda number, offset, length: (offset - number * length, length)
+    )
+    bag = Bag(tmp_path / "a.mcap")
+    [gaps] = [contents.gaps for contents in bag._files.values()]
+    assert (len(gaps), bag.damage) == (1, "")
