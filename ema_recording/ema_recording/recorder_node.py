@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -260,21 +261,31 @@ class RecorderNode(ManagedNode):
                 reason = recorded.receive(name, data, log_time_ns, publish_time_ns)
                 topic.count(information["publication_sequence_number"])
                 if reason:
-                    self.get_logger().info(f"{reason}: {recorded.write_snapshot()}")
+                    with suppress(OSError):  # it is logged
+                        self._write_snapshot(recorded, reason)
 
         return receive
+
+    def _write_snapshot(self, recorded: Recording, reason: str) -> str:
+        """Write a snapshot, and log what became of it; errors as of ``Recording``."""
+        try:
+            done = recorded.write_snapshot()
+        except OSError as error:
+            self.get_logger().error(f"{reason}: {error}")
+            raise
+        self.get_logger().info(f"{reason}: {done}")
+        return done
 
     def _serve_snapshot(self, _: Any, response: Trigger.Response) -> Trigger.Response:
         try:
             with self._writing:
                 if self._recorded is None:
                     raise ValueError("no bag is open")
-                response.message = self._recorded.write_snapshot()
-        except ValueError as error:
+                response.message = self._write_snapshot(self._recorded, "snapshot on demand")
+        except (ValueError, OSError) as error:
             response.message = str(error)
         else:
             response.success = True
-            self.get_logger().info(f"snapshot on demand: {response.message}")
         return response
 
     def _report_end(self, failure: str, trace: str) -> None:

@@ -6,6 +6,7 @@ from typing import Any, Final
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
+from ema_core.wording import counted
 from ema_interfaces.msg import FaultEstimate
 from ema_recording.level_changes import LevelChanges
 from ema_recording.recorder_settings import RecorderSettings
@@ -109,6 +110,9 @@ class Recording:
         ------
         ValueError
             When nothing is kept.
+        OSError
+            When the bag cannot be written: what it has room for waits in memory, is counted as
+            written, and is written when it can be.
         """
         if self.kept is None:
             raise ValueError("all is written: snapshot_duration is 0")
@@ -120,4 +124,10 @@ class Recording:
         self.bag.flush()
         self.messages += count
         self.snapshots += 1
+        if failure := self.bag.failure:
+            lost = len(items) - count
+            more = f"; {counted(lost, 'message')} lost for want of memory" if lost else ""
+            raise OSError(
+                f"{count} messages of {span_s:.3f} s: waits in memory, not written: {failure}{more}"
+            )
         return f"{count} messages of {span_s:.3f} s to {self.bag.file_path}"

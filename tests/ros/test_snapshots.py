@@ -1,5 +1,6 @@
 """The recorder writes files of bounded size, or the seconds before something happened."""
 
+import errno
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from ema_interfaces.msg import (
     HealthSummary,
     TelemetryBlock,
 )
+from ema_recording.bag_files import BagFiles
 from ema_recording.level_changes import LevelChanges
 from ema_recording.metadata import METADATA_FILE
 from ema_recording.reader import Bag
@@ -194,6 +196,38 @@ def test_recorder_writes_when_a_level_changes_and_on_demand(graph: Graph, tmp_pa
         str(number) for number in range(21)
     ]
     assert bag.damage == ""
+
+
+def test_snapshot_that_cannot_be_written_is_refused_and_written_later(
+    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    source = graph.node()
+    text = source.create_publisher(String, "text", STREAM)
+    recorder = graph.recorder(tmp_path / "flight", topics=["text"], snapshot_duration=1000.0)
+    assert recorder.bring_up()
+    wait_for_match(recorder, text)
+    text.publish(String(data="kept"))
+    wait_for(lambda: task(recorder).values["kept [B]"], "the message")
+    client = source.create_client(Trigger, "recorder/snapshot")
+    assert client.wait_for_service(10.0)
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as full:
+        full.setattr(BagFiles, "flush", refuse)
+        future = client.call_async(Trigger.Request())
+        wait_for(future.done, "the answer")
+        answer: Any = future.result()
+    assert not answer.success
+    assert answer.message == (
+        "1 messages of 0.000 s: waits in memory, not written: [Errno 28] No space left on device"
+    )
+    recording = recorder._recorded
+    assert recording is not None
+    wait_for(lambda: recording.bag.failure is None, "the recorder to go on")
+    recorder.trigger_shutdown()
+    assert [item.message.data for item in Bag(tmp_path / "flight").messages()] == ["kept"]
 
 
 def test_cache_that_is_too_small_is_told(graph: Graph, tmp_path: Path):
