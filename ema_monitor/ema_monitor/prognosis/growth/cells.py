@@ -124,7 +124,7 @@ LIFE_HOURS: Final = np.geomspace(50.0, 30_000.0, N_RATES)
 """Hours from healthy to the limit on the grid [h]; every other one where no law is known."""
 CONSTANT_PRIOR: Final = 0.5
 """Prior probability that a component does not grow [-]."""
-WANDERING_PRIOR: Final = 0.4
+WANDERING_PRIOR: Final = 0.7
 """Prior probability that the rate of a component that grows wanders, its law unknown [-]."""
 
 N_WANDERING_RATES: Final = 33
