@@ -9,7 +9,7 @@ DEMO_S ?= 60
 pytest = env -u PYTHONDONTWRITEBYTECODE pytest --dist loadfile --no-loadscope-reorder
 numerics = tests/core tests/sim tests/monitor tests/prognosis tests/study tests/inputs
 
-.PHONY: parameters policies page test-web bench-web screenshots help setup test tests test-long quick soak pip-check lint style types demo bench bench-peers campaign calibration sample lock sbom clean distclean
+.PHONY: parameters policies page test-web bench-web screenshots help setup test tests test-long test-campaign quick soak pip-check lint style types demo bench bench-peers campaign calibration sample lock sbom clean distclean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -26,7 +26,10 @@ tests: setup
 	$(activate) && $(pytest) -n 3 -m "not long" $(ARGS)
 
 test-long: setup ## what `make test` leaves out: the study of the thesis, long bags, many repetitions
-	$(activate) && $(pytest) -n 2 -m long $(ARGS)
+	$(activate) && $(pytest) -n 2 -m long --ignore tests/campaign $(ARGS)
+
+test-campaign: setup ## more cases of each part of the campaign than `make test` does; they need idle cores
+	$(activate) && $(pytest) -n 1 -m long tests/campaign $(ARGS)
 
 quick: setup ## the tests of the numerics that are done in seconds; they need no ROS
 	$(activate) && $(pytest) -n 2 --without-ros -m "not slow and not long" $(numerics) $(ARGS)
