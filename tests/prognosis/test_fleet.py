@@ -190,13 +190,17 @@ def test_an_outlook_says_whose_growth_it_assumes_and_a_restart_goes_on_with_it(
     assert outlook is not None
     assert outlook.assumption.endswith("; growth is likely as of 8 others (line A)")
     assert second.growth.kept_tests == KEPT_EVERY
-    assert outlook.rul_faults == first.resume(None, settings).rul_faults
+    again = first.resume(None, settings)
+    assert again is not None
+    assert outlook.rul_faults == again.rul_faults
     # What was kept with a fleet is not used without one, nor with another.
     plain = PrognosisSettings()
     assert opened(plain).growth.kept_tests == 0
     fewer = Fleet(GRID, {name: units[name] for name in list(units)[:4]})
     assert opened(PrognosisSettings(fleet=fewer)).growth.kept_tests == 0
-    assert second.resume(None, plain).assumption == "future use as in the past"
+    without = second.resume(None, plain)
+    assert without is not None
+    assert without.assumption == "future use as in the past"
 
 
 def test_a_history_is_read_without_a_change_even_while_a_monitor_has_it(tmp_path: Path):

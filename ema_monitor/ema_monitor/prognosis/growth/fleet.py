@@ -61,20 +61,20 @@ class _Place(NamedTuple):
     ----------
     cells
         The cells, ``(n,)``.
-    index
+    place
         Of each, number of its curve times ``N_RATES``, plus number of its rate, ``(n,)``.
     curves
         How many curves there are.
     """
 
     cells: NDArray[np.intp]
-    index: NDArray[np.intp]
+    place: NDArray[np.intp]
     curves: int
 
     def sums(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the sums of values of all cells, ``(curves, rates)``."""
-        found = np.bincount(self.index, values[self.cells], self.curves * N_RATES)
-        return found.reshape(self.curves, N_RATES)
+        found = np.bincount(self.place, values[self.cells], self.curves * N_RATES)
+        return found.reshape(self.curves, N_RATES).astype(np.float64, copy=False)
 
 
 def _place(cells: Cells, number: int) -> _Place:
@@ -163,7 +163,7 @@ def with_fleet(cells: Cells, fleet: FleetPrior | None, known: Mapping[str, Known
         if share.shape != before.shape:
             raise ValueError(f"the fleet's {name} has {share.shape} curves, not {before.shape}")
         factor = np.divide(share * before.sum(), before, out=np.zeros_like(share), where=before > 0)
-        prior[place.cells] *= factor.ravel()[place.index]
+        prior[place.cells] *= factor.ravel()[place.place]
         prior[place.cells] *= before.sum() / prior[place.cells].sum()
     return replace(cells, prior=prior)
 
