@@ -18,7 +18,6 @@ setup(
         "ema_tasks",
         "duckdb>=1.4,<2",
         "fsspec>=2025.9",
-        "numba>=0.61,<1",
         "numpy>=1.26,<3",
         "pyarrow>=21,<27",
     ],

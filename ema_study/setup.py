@@ -18,7 +18,6 @@ setup(
         "ema_tasks",
         "jinja2>=3.1,<4",
         "matplotlib>=3.8,<4",
-        "numba>=0.61,<1",
         "numpy>=1.26,<3",
         "pandas>=2.2,<4",
         "pyyaml>=6,<7",

@@ -1,13 +1,9 @@
 """Which software a result follows from: a digest of the sources that it depends on."""
 
-import hashlib
 from functools import cache
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Final
 
-import numba
-import numpy as np
+from ema_core.source_digest import source_digest
 
 _ESTIMATION: Final = (
     "ema_core",
@@ -55,23 +51,10 @@ _PROGNOSIS: Final = (
 @cache
 def estimation_software() -> str:
     """Return a digest of all sources that the estimates of a bag depend on."""
-    return _digest(_ESTIMATION)
+    return source_digest(_ESTIMATION)
 
 
 @cache
 def prognosis_software() -> str:
     """Return a digest of all sources that health and life depend on, beside the estimates."""
-    return _digest(_PROGNOSIS)
-
-
-def _digest(names: tuple[str, ...]) -> str:
-    digest = hashlib.sha256(f"{np.__version__} {numba.__version__}".encode())
-    for name in names:
-        spec = find_spec(name)
-        if spec is None or spec.origin is None:
-            raise RuntimeError(f"module {name} has no source")
-        source = Path(spec.origin)
-        is_package = spec.submodule_search_locations is not None
-        for path in sorted(source.parent.rglob("*.py")) if is_package else [source]:
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+    return source_digest(_PROGNOSIS)

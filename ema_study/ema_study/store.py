@@ -1,20 +1,16 @@
 """The folder of a study: its runs, one a line, so that it can be interrupted at any time."""
 
 import fcntl
-import hashlib
 import json
 import os
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from dataclasses import asdict
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-import numba
-import numpy as np
-
+from ema_core.source_digest import source_digest
 from ema_study.plan import Job
 from ema_study.result import RunResult, as_frame
 
@@ -152,13 +148,4 @@ def _result(line: bytes, where: str) -> RunResult:
 @cache
 def numerics_version() -> str:
     """Return a digest of all sources that a run depends on, and of the libraries they use."""
-    digest = hashlib.sha256(f"{np.__version__} {numba.__version__}".encode())
-    for name in _NUMERICS:
-        spec = find_spec(name)
-        if spec is None or spec.origin is None:
-            raise RuntimeError(f"module {name} has no source")
-        source = Path(spec.origin)
-        is_package = spec.submodule_search_locations is not None
-        for path in sorted(source.parent.rglob("*.py")) if is_package else [source]:
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+    return source_digest(_NUMERICS)
