@@ -26,11 +26,20 @@ struct Change {
     std::vector<char> before;
 };
 
+// A change of the names in a directory: ``path`` was created, had the name ``from`` before, or was
+// removed; ``kept`` is a second name of the file that it has replaced or that was removed.
+struct NameChange {
+    dev_t device;
+    ino_t inode;
+    std::string path, from, kept;
+};
+
 std::mutex mutex;
 std::string folder;
 long count, first, lasting;
 int kind;
 std::vector<Change> unsynchronised;
+std::vector<NameChange> unsynchronised_names;
 bool inside[65536];
 
 template <typename Function> Function* real(const char* name) {
@@ -66,6 +75,28 @@ void synchronised(int fd) {
             left.push_back(std::move(change));
     }
     unsynchronised = std::move(left);
+    std::vector<NameChange> names;
+    for (auto& change : unsynchronised_names)
+        if (change.device != status.st_dev || change.inode != status.st_ino)
+            names.push_back(std::move(change));
+    unsynchronised_names = std::move(names);
+}
+
+int real_rename(const std::string& from, const std::string& to) {
+    return real<int(const char*, const char*)>("rename")(from.c_str(), to.c_str());
+}
+
+// Notes that a name is about to be changed, and keeps the file that it has now.
+void keep_name(const std::string& path, const std::string& from) {
+    struct stat status;
+    if (stat(path.substr(0, path.rfind('/')).c_str(), &status)) return;
+    NameChange change{status.st_dev, status.st_ino, path, from, {}};
+    if (!access(path.c_str(), F_OK)) {
+        static long kept = 0;
+        change.kept = folder + "/.kept_" + std::to_string(kept++);
+        if (link(path.c_str(), change.kept.c_str())) change.kept.clear();
+    }
+    unsynchronised_names.push_back(std::move(change));
 }
 
 [[noreturn]] void die() {
@@ -73,13 +104,22 @@ void synchronised(int fd) {
     for (;;) pause();
 }
 
-// As when the power is lost: what was not synchronised is as it was.
+// As when the power is lost: what was not synchronised is as it was, names of files as well, which
+// are synchronised with their directory.
 [[noreturn]] void lose() {
     for (auto change = unsynchronised.rbegin(); change != unsynchronised.rend(); ++change) {
         if (!change->before.empty())
             real<ssize_t(int, const void*, size_t, off_t)>("pwrite64")(
                 change->fd, change->before.data(), change->before.size(), change->offset);
         if (real<int(int, off_t)>("ftruncate64")(change->fd, change->size)) break;
+    }
+    for (auto change = unsynchronised_names.rbegin(); change != unsynchronised_names.rend();
+         ++change) {
+        if (!change->from.empty())
+            real_rename(change->path, change->from);
+        else if (change->kept.empty())
+            real<int(const char*)>("unlink")(change->path.c_str());
+        if (!change->kept.empty()) real_rename(change->kept, change->path);
     }
     die();
 }
@@ -129,7 +169,9 @@ int opened(const char* path, int fd) {
 bool refused(const char* path, int flags) {
     if (!is_inside(path) || !(flags & (O_CREAT | O_WRONLY | O_RDWR))) return false;
     std::lock_guard<std::mutex> lock(mutex);
-    return fails();
+    if (fails()) return true;
+    if (kind == LOST && (flags & O_CREAT) && access(path, F_OK)) keep_name(path, {});
+    return false;
 }
 
 }  // namespace
@@ -233,14 +275,16 @@ int rename(const char* from, const char* to) {
     if (is_inside(to)) {
         std::lock_guard<std::mutex> lock(mutex);
         if (fails()) return -1;
+        if (kind == LOST) keep_name(to, from);
     }
-    return real<int(const char*, const char*)>("rename")(from, to);
+    return real_rename(from, to);
 }
 
 int unlink(const char* path) {
     if (is_inside(path) && !access(path, F_OK)) {
         std::lock_guard<std::mutex> lock(mutex);
         if (fails()) return -1;
+        if (kind == LOST) keep_name(path, {});
     }
     return real<int(const char*)>("unlink")(path);
 }

@@ -134,7 +134,10 @@ def _check_calibration(folder: Path, told: list[Any], what: str) -> list[str]:
 def _either(found: str, told: list[Any], old: Any, new: Any) -> list[str]:
     """Return what is wrong with a file that is to be the old or the new one."""
     before, after = (getattr(one, "calibration_id", one) for one in (old, new))
-    expected = [before, after] if not told else [after if told[0][0] == "stored" else before]
+    if not told or "it is stored" in told[0][1]:
+        expected = [before, after]
+    else:
+        expected = [after if told[0][0] == "stored" else before]
     return [] if found in expected else [f"{found[:60]!r} is there, told was {told}"]
 
 

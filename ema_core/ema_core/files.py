@@ -20,18 +20,32 @@ def complete_file(path: Path) -> Iterator[Path]:
     Raises
     ------
     OSError
-        When it cannot be written; the error names the file, and no part of it is left.
+        When it cannot be written; the error names the file, and no part of it is left. It says so
+        where only the new name is not certain: the new file is there, and may be lost with power.
     """
     partial = path.with_name(f"{path.name}.partial")
     try:
         yield partial
-        with partial.open("rb") as written:
-            os.fsync(written.fileno())  # else a loss of power may leave the new name with nothing
+        _synchronise(partial)  # else a loss of power may leave the new name with nothing
         partial.replace(path)
     except OSError as error:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     finally:
         partial.unlink(missing_ok=True)
+    try:
+        _synchronise(path.parent)  # else a loss of power may leave what was there before
+    except OSError as error:
+        words = f"{error.strerror or error}: it is stored, and lost if the power is lost soon"
+        raise OSError(error.errno, words, str(path)) from error
+
+
+def _synchronise(path: Path) -> None:
+    """Wait until a file, or the names in a directory, are on the disk."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 @contextmanager

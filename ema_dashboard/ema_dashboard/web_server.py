@@ -94,9 +94,12 @@ class WebServer:
     def stop(self) -> None:
         """Disconnect all clients and stop serving."""
         self.thread.ending.set()
-        if self._loop.is_running():
-            self._loop.call_soon_threadsafe(self._loop.stop)
+        # Also while it is about to run, or to run again.
+        self._loop.call_soon_threadsafe(self._loop.stop)
         self.thread.end()
+        # A thread that had ended by itself has left that call in the loop.
+        self._loop.call_soon(self._loop.stop)
+        self._loop.run_forever()
         # In this thread: that of the server may have ended by itself before.
         self._loop.run_until_complete(self._close())
         self._loop.close()

@@ -1,5 +1,6 @@
 """Bags of any make as series: MCAP by our own reader, sqlite3 by rosbags."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,6 @@ from ema_recording.metadata import METADATA_FILE
 from ema_recording.packed import PACKED_SUFFIX
 from ema_recording.reader import Bag
 
-_MOST_MALFORMED = 100_000
 _PACKED_MCAP = f".mcap{PACKED_SUFFIX}"
 
 
@@ -57,7 +57,7 @@ class AnyBag:
         self.path = path
         self._bag: Bag | None = None
         # Why the first malformed message of each topic is none, and when they were received.
-        self._malformed: dict[str, tuple[str, set[int]]] = {}
+        self._malformed: dict[str, tuple[str, int]] = {}
         if _is_mcap(path):
             self._bag = Bag(path)
             self.topics = {
@@ -77,8 +77,8 @@ class AnyBag:
         if self._bag is not None:
             return "; ".join(self._bag.remarks)
         return "; ".join(
-            f"topic {name}: {counted(len(times), 'malformed message')} skipped, {first}"
-            for name, (first, times) in self._malformed.items()
+            f"topic {name}: {counted(count, 'malformed message')} skipped, {first}"
+            for name, (first, count) in self._malformed.items()
         )
 
     def messages(self, topics: Iterable[str]) -> Iterator[tuple[str, Any, int, int]]:
@@ -101,6 +101,7 @@ class AnyBag:
             for item in self._bag.messages(wanted):
                 yield item.topic, item.message, item.publish_time_ns, item.log_time_ns
             return
+        malformed = Counter[str]()
         with self._opened() as reader:
             chosen = [item for item in reader.connections if item.topic in wanted]
             for connection, received_ns, data in reader.messages(chosen):
@@ -108,9 +109,11 @@ class AnyBag:
                     message = reader.deserialize(data, connection.msgtype)
                 except Exception as error:  # whatever the generated code comes upon
                     first = f"the first of time {received_ns} ns: no {connection.msgtype}: {error}"
-                    _, times = self._malformed.setdefault(connection.topic, (first, set()))
-                    if len(times) < _MOST_MALFORMED:
-                        times.add(received_ns)
+                    malformed[connection.topic] += 1
+                    # The largest of all times that it was read.
+                    known, count = self._malformed.get(connection.topic, (first, 0))
+                    count = max(count, malformed[connection.topic])
+                    self._malformed[connection.topic] = (known, count)
                     continue
                 yield connection.topic, message, 0, received_ns
 

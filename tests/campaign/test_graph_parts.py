@@ -39,7 +39,7 @@ def test_killed_nodes_lose_the_open_chunk_or_the_current_test_alone(
 ):
     # With this seed the monitor, the recorder and the dashboard are killed in turn.
     case = case_of(180)
-    module_of("kills").KillCase(case, 3, 1, 0.0).run()
+    module_of("killed_nodes").NodeKills(case, 3, 1, 0.0).run()
     assert case.failures == []
     killed = {
         name: case.counts[f"kills of {name}"] for name in ("monitor", "recorder", "dashboard")
@@ -62,13 +62,13 @@ def test_recorder_that_left_nothing_is_excused_only_when_it_had_hardly_begun(
     module_of: Callable[[str], Any], case_of: Callable[..., Any], tmp_path: Path
 ):
     case = case_of()
-    one = module_of("kills").KillCase(case)
+    losses = module_of("kill_losses")
     (tmp_path / "empty.mcap").touch()
     for name in ("empty.mcap", "missing"):
-        one._bags.append(tmp_path / name)
+        path = tmp_path / name
         for is_due in (False, True):
-            one._check_bag(one._bags[-1], is_closed=False, is_due=is_due)
-            one._measure_loss(Unsent(0, 1), 1.0, is_due=is_due)
+            losses.check_bag(case, path, is_closed=False, is_due=is_due)
+            losses.measure_loss(case, path, Unsent(0, 1), 1.0, is_due=is_due)
             assert len(case.failures) == (2 if is_due else 0)
         case.failures.clear()
 
@@ -77,15 +77,26 @@ def test_recorder_that_lost_more_than_it_may_fails(
     module_of: Callable[[str], Any], case_of: Callable[..., Any], tmp_path: Path
 ):
     case, sent = case_of(), Unsent(10**18, 300)
-    one = module_of("kills").KillCase(case)
-    one._bags.append(tmp_path / "bag.mcap")
-    with BagWriter(one._bags[-1]) as bag:
+    path = tmp_path / "bag.mcap"
+    with BagWriter(path) as bag:
         bag.add_topic("/ema/telemetry", String, STREAM)
         for at_ns, _ in sent.blocks[:200]:
             bag.write("/ema/telemetry", String(), at_ns)
     for lost_s, failures in ((0.9, 0), (1.01, 1)):  # 0.5 s of flush_s and 0.5 s
-        one._measure_loss(sent, sent.blocks[200][1] + lost_s, is_due=True)
+        killed_s = sent.blocks[200][1] + lost_s
+        module_of("kill_losses").measure_loss(case, path, sent, killed_s, is_due=True)
         assert len(case.failures) == failures
+
+
+@pytest.mark.long
+def test_archive_whose_workers_are_killed_is_whole(
+    module_of: Callable[[str], Any], case_of: Callable[..., Any]
+):
+    case = case_of(5)
+    module_of("killed_archive").run(case, 3)
+    assert case.failures == []
+    victims = module_of("killed_archive").VICTIMS
+    assert sum(case.counts[f"kills of {victim}"] for victim in victims) == 3
 
 
 def test_graph_whose_monitor_is_restarted_keeps_all_rules(

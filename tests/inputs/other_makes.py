@@ -69,6 +69,10 @@ class OtherBag:
         data = self.store.serialize_cdr(message, kind)
         self._writer.write(self._connections[topic], received_ns, data)
 
+    def write_raw(self, topic: str, data: bytes, received_ns: int) -> None:
+        """Write what need not be a message to a topic that has some."""
+        self._writer.write(self._connections[topic], received_ns, data)
+
 
 def stamps_of(telemetry: Telemetry) -> list[int]:
     return [START_NS + int(stamp) for stamp in telemetry.stamps_ns]

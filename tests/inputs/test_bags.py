@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_inputs.bags import AnyBag
 from ema_inputs.files import InputFile
 from ema_inputs.importing import import_series
 from ema_inputs.mapping_file import mapping_from
@@ -60,6 +61,18 @@ def test_single_file_of_sqlite3_is_read(telemetry, tmp_path):
     with OtherBag(tmp_path / "bag") as bag:
         other_makes.write_joint_states(bag, telemetry)
     assert_same(imported(tmp_path / "bag" / "bag.db3", joint_states()), telemetry)
+
+
+def test_each_malformed_message_is_counted_once(telemetry, tmp_path):
+    """However often the bag is read, and where several were received at once."""
+    with OtherBag(tmp_path / "bag") as bag:
+        other_makes.write_joint_states(bag, telemetry)
+        for received_ns in (1, 2, 2, 2):
+            bag.write_raw("/joint_states", b"\x00\x01\x00\x00\x07", received_ns)
+    bag = AnyBag(tmp_path / "bag")
+    for _ in range(2):
+        assert sum(1 for _ in bag.messages(["/joint_states"])) == len(telemetry)
+        assert "topic /joint_states: 4 malformed messages skipped" in bag.damage
 
 
 def test_stamps_that_are_zero_are_rebuilt_and_said(telemetry, tmp_path):

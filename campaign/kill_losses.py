@@ -1,0 +1,122 @@
+"""What a killed node may have lost: the open chunk of a bag, the current test of a history."""
+
+from pathlib import Path
+from typing import Final
+
+from graph_checker import check
+from graph_processes import Graph
+from graph_record import read_graph
+from part import Case
+
+from ema_monitor.prognosis.history import History
+from ema_recording.reader import Bag
+from ema_recording.recorder_settings import RecorderSettings
+
+LOSSES_MS: Final = (100.0, 250.0, 500.0, 1000.0)
+"""Losses that are counted [ms]; 500 ms are promised by ``flush_s``."""
+
+LATE_S: Final = 0.5
+"""How much more than ``flush_s`` a killed recorder may have lost [s].
+
+What is on its way to it is lost as well, and with all processors busy its threads wait for one.
+"""
+
+MOST_LOST_S: Final = RecorderSettings().flush_s + LATE_S
+
+TELEMETRY: Final = "/ema/telemetry"
+
+
+def measure_loss(case: Case, path: Path, graph: Graph, killed_s: float, *, is_due: bool) -> None:
+    """Compare what was sent until a kill with what the bag has; telemetry may be due in it."""
+    recorded: set[int] = set()
+    try:
+        bag = Bag(path)
+        if TELEMETRY in bag.topics:
+            recorded = {item.publish_time_ns for item in bag.raw_messages([TELEMETRY])}
+    except (FileNotFoundError, ValueError):
+        pass  # as check_bag says
+    if not recorded:
+        if is_due:
+            case.fail(f"{path.name} has no telemetry, although it was recorded")
+        return
+    first, last = min(recorded), max(recorded)
+    sent = [one for one in graph.blocks if first <= one[0] and one[1] <= killed_s]
+    lost = [one for one in sent if one[0] not in recorded]
+    holes = [one for one in lost if one[0] < last]
+    if holes:
+        case.fail(f"{path.name}: {len(holes)} blocks are missing before the last one")
+    tail_s = min((came_s for sent_ns, came_s in lost if sent_ns > last), default=killed_s)
+    _note_loss(case, path, 1e3 * (killed_s - tail_s))
+    case.count("blocks lost by killed recorders", len(lost) - len(holes))
+
+
+def check_bag(case: Case, path: Path, *, is_closed: bool, is_due: bool = True) -> None:
+    """Read a bag; one in which nothing is due may be missing or empty."""
+    try:
+        bag = Bag(path)
+        count = sum(1 for _ in bag.messages())
+        if is_closed and bag.damage:
+            case.fail(f"{path.name} was closed and is damaged: {bag.damage}")
+        case.count("messages read back", count)
+        findings = check(read_graph(path))
+    except (FileNotFoundError, ValueError) as error:
+        # Else it was killed before the file, or anything in it, was there.
+        if is_due or not (isinstance(error, FileNotFoundError) or "empty" in str(error)):
+            case.fail(f"{path.name} cannot be read: {error}")
+        return
+    for violation in findings.violations:
+        case.fail(f"{path.name}: {violation}")
+    case.count("windows checked", findings.counts["windows"])
+
+
+def check_history(
+    case: Case, path: Path, unit: tuple[str, str], answered: list[int], known: set[int]
+) -> set[int]:
+    """Compare what was answered until a kill with what the history has.
+
+    Parameters
+    ----------
+    unit
+        Actuator and serial number.
+    answered
+        Stamps of the tests that were answered, in their order [ns].
+    known
+        Stamps of those that earlier kills lost.
+
+    Returns
+    -------
+        Stamps of those that are not in it [ns].
+    """
+    if not path.exists():
+        if len(answered) > 1:
+            case.fail(f"no history after {len(answered)} tests")
+        return set()
+    history = History(*unit, path)
+    try:
+        kept = {entry.stamp_ns for entry in history.entries}
+        problem = history.problem
+    finally:
+        history.close()
+    missing = [stamp for stamp in answered if stamp not in kept | known]
+    if problem:
+        case.fail(f"the history of a killed monitor: {problem}")
+    if missing and (len(missing) > 1 or missing != answered[-1:]):
+        case.fail(
+            f"{len(missing)} of {len(answered)} tests that were answered are not in the "
+            f"history, expected the last one at most"
+        )
+    case.count("current tests lost", len(missing))
+    case.count("tests in histories checked", len(answered))
+    return {*missing}
+
+
+def _note_loss(case: Case, path: Path, lost_ms: float) -> None:
+    case.measure("lost by a killed recorder [ms]", lost_ms)
+    case.count("kills of a recorder that was writing")
+    case.require(
+        lost_ms <= 1e3 * MOST_LOST_S,
+        f"{path.name} lost the last {lost_ms:.0f} ms before the recorder was killed, "
+        f"expected {1e3 * MOST_LOST_S:.0f} ms at most",
+    )
+    for limit_ms in LOSSES_MS:
+        case.count(f"of them lost more than {limit_ms:g} ms", int(lost_ms > limit_ms))

@@ -1,0 +1,232 @@
+"""Nodes that are killed, or stand still, at random moments: what is lost, and whether all goes on.
+
+A graph of simulated actuator, monitor with a history, dashboard and recorder, in which these but
+for the actuator are killed in turn, and one stands still for 10 s; then the bag is replayed into a
+monitor, and the player killed. Checked is, after each kill,
+
+- recorder: its bag can be read, has all that was sent until shortly before the kill, and how
+  shortly; it records again after a restart;
+- monitor: the history has all tests that were answered, but for the current one; it goes on from
+  it;
+- dashboard: it serves again; player: the monitor identifies again what it plays anew;
+- the others live, and say that somebody has gone if it stays away.
+"""
+
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from graph_processes import Graph, GraphError
+from kill_losses import MOST_LOST_S, TELEMETRY, check_bag, check_history, measure_loss
+from part import Case
+
+from ema_monitor.prognosis.history import history_path
+
+LIVE_KILLS: Final = 8
+PLAYER_KILLS: Final = 2
+STANDSTILL_S: Final = 10.0
+VICTIMS: Final = ("recorder", "monitor", "dashboard", "player")
+
+_LIVE: Final = VICTIMS[:-1]
+_SHARES: Final = (0.4, 0.4, 0.2)
+_UNIT: Final = ("flap", "SIM-0001")
+_GONE_WITHIN_S: Final = 20.0
+_LONGEST_WAIT_S: Final = 3.0
+"""A node lives for up to so long before it is killed: two test cycles [s]."""
+
+
+class NodeKills:
+    """One graph, and what is done to it.
+
+    Parameters
+    ----------
+    case
+        What is random follows from it, and what is found goes to it.
+    live_kills, player_kills
+        How many there are.
+    standstill_s
+        How long a node stands still [s]; 0: none does.
+    """
+
+    def __init__(
+        self,
+        case: Case,
+        live_kills: int = LIVE_KILLS,
+        player_kills: int = PLAYER_KILLS,
+        standstill_s: float = STANDSTILL_S,
+    ) -> None:
+        self._case = case
+        self._rng = case.rng()
+        self._folder = case.folder
+        self._live_kills, self._player_kills = live_kills, player_kills
+        self._standstill_s = standstill_s
+        self._bags: list[Path] = []
+        self._lost_tests: set[int] = set()
+        self._has_ended = False
+        self._recording_s: float | None = None  # since when the recorder is known to record
+
+    def run(self) -> None:
+        """Kill and check; a failure that ends the case is noted with its reason."""
+        for what, step, wanted in (
+            ("live", self._live, self._live_kills),
+            ("replay", self._replay, self._player_kills),
+        ):
+            if wanted and not self._has_ended:
+                with Graph(self._folder / what) as graph:
+                    try:
+                        step(graph)
+                    except (GraphError, OSError, ValueError) as error:
+                        self._has_ended = True
+                        self._case.fail(f"{what}: {error}")
+                    for failure in graph.failures():
+                        self._case.fail(failure)
+
+    def _live(self, graph: Graph) -> None:
+        graph.start("actuator", seed=int(self._rng.integers(1000)))
+        for name in ("monitor", "recorder", "dashboard"):
+            self._begin(graph, name)
+        graph.wait_for(lambda: graph.valid_since(0.0), "the first valid estimate")
+        for kill in range(self._live_kills):
+            victim = str(self._rng.choice(_LIVE, p=_SHARES))
+            early = self._rng.random() < 0.1
+            # Now and then while it starts; else at any moment of its life.
+            if not early:
+                self._wait_until_back(graph, victim)
+            graph.wait(self._rng.uniform(0.0, _LONGEST_WAIT_S))
+            self._kill(graph, victim, waits=kill % 2 == 0 and not early)
+        for name in ("monitor", "recorder", "dashboard"):
+            self._wait_until_back(graph, name)
+        if self._standstill_s:
+            self._stand_still(graph)
+        for name in ("dashboard", "monitor", "recorder", "actuator"):
+            if (code := graph.stop(name)) != 0:
+                self._case.fail(f"{name} ended with code {code} when it was asked to end")
+        check_bag(self._case, self._bags[-1], is_closed=True)
+
+    def _begin(self, graph: Graph, name: str) -> None:
+        if name == "recorder":
+            self._recording_s = None
+            self._bags.append(self._folder / f"bag_{len(self._bags)}")
+            graph.start(name, output=str(self._bags[-1]))
+        elif name == "monitor":
+            graph.start(name, history_folder=str(self._folder / "history"))
+        else:
+            graph.start(name, port=0)
+
+    def _wait_until_back(self, graph: Graph, name: str, since_s: float = 0.0) -> None:
+        """Wait until a node that was started last works."""
+        began_s = max(graph.began_s[name], since_s)
+        works: dict[str, Callable[[], Any]] = {
+            "monitor": lambda: graph.valid_since(began_s),
+            "dashboard": lambda: self._serves(graph, began_s),
+            "recorder": lambda: self._records(graph, began_s),
+        }
+        graph.wait_for(works[name], f"{name} to work again")
+        if name == "recorder" and self._recording_s is None:
+            self._recording_s = time.time()
+
+    def _records(self, graph: Graph, since_s: float) -> bool:
+        found = graph.status.get("/ema/recorder: recording")
+        return (
+            found is not None
+            and found.came_s > since_s
+            and found.values.get("bag") == str(self._bags[-1])
+            and TELEMETRY in found.values.get("topics", "")
+            and int(found.values.get("messages", "0")) > 0
+        )
+
+    def _serves(self, graph: Graph, since_s: float) -> bool:
+        found = graph.status.get("/ema/dashboard: dashboard")
+        if found is None or found.came_s < since_s:
+            return False
+        try:
+            with urllib.request.urlopen(found.values["address"], timeout=5.0) as answer:
+                return answer.status == 200
+        except (urllib.error.URLError, OSError):
+            return False
+
+    def _kill(self, graph: Graph, victim: str, *, waits: bool) -> None:
+        others = in_touch(graph, victim)
+        killed_s = graph.kill(victim)
+        self._case.count(f"kills of {victim}")
+        if victim == "recorder":
+            recorded_s = 0.0 if self._recording_s is None else killed_s - self._recording_s
+            is_due = recorded_s > MOST_LOST_S
+            self._case.count("kills of a recorder that had hardly begun", int(not is_due))
+            check_bag(self._case, self._bags[-1], is_closed=False, is_due=is_due)
+            measure_loss(self._case, self._bags[-1], graph, killed_s, is_due=is_due)
+        if victim == "monitor":
+            path = history_path(self._folder / "history", *_UNIT)
+            answered = sorted({one.end_ns for one in graph.estimates if one.valid})
+            self._lost_tests |= check_history(self._case, path, _UNIT, answered, self._lost_tests)
+        if waits:
+            self._wait_until_told(graph, victim, others, killed_s)
+        graph.check_alive()
+        self._begin(graph, victim)
+
+    def _wait_until_told(
+        self, graph: Graph, victim: str, others: list[str], since_s: float
+    ) -> None:
+        for name in others:
+            graph.wait_for(
+                lambda name=name: graph.says(f"/ema/{name}: peers", f"/ema/{victim}", since_s),
+                f"{name} to say that {victim} has gone",
+                _GONE_WITHIN_S,
+            )
+            self._case.count("times told that somebody has gone")
+
+    def _stand_still(self, graph: Graph) -> None:
+        victim = str(self._rng.choice(_LIVE))
+        others = in_touch(graph, victim)
+        graph.pause(victim)
+        try:
+            graph.wait(self._standstill_s)
+        finally:
+            graph.resume(victim)
+        self._case.count(f"standstills of {victim}")
+        for name in others:
+            if not any(f"/ema/{victim}" in text for text in graph.told[f"/ema/{name}: peers"]):
+                self._case.fail(f"{name} did not say that {victim} had gone for a while")
+        since_s = time.time()
+        self._wait_until_back(graph, victim, since_s)
+        graph.wait_for(
+            lambda: set(others) <= set(in_touch(graph, victim, since_s)),
+            f"all to be in touch again with {victim}",
+        )
+
+    def _replay(self, graph: Graph) -> None:
+        """Play what was recorded, with the player killed, into a monitor in simulated time."""
+        bag = str(self._bags[-1])
+        graph.start("monitor", use_sim_time=True, history_folder="")
+        graph.wait_for(lambda: graph.says("/ema/monitor: lifecycle", "active"), "the monitor")
+        for _ in range(self._player_kills):
+            self._play(graph, bag)
+            graph.wait(self._rng.uniform(0.0, _LONGEST_WAIT_S))
+            others = in_touch(graph, "player")
+            killed_s = graph.kill("player")
+            self._case.count("kills of player")
+            self._wait_until_told(graph, "player", others, killed_s)
+        self._play(graph, bag)
+        for name in ("player", "monitor"):
+            if (code := graph.stop(name)) != 0:
+                self._case.fail(f"{name} ended with code {code} when it was asked to end")
+
+    def _play(self, graph: Graph, bag: str) -> None:
+        began_s = time.time()
+        graph.start("player", bag=bag, actuator_only=True, loop=True)
+        graph.wait_for(lambda: graph.valid_since(began_s), "a valid estimate of what is played")
+
+
+def in_touch(graph: Graph, victim: str, since_s: float = 0.0) -> list[str]:
+    """Return the nodes that say, after a time [s], that they are in touch with another one."""
+    statuses = {name: graph.status.get(f"/ema/{name}: peers") for name in graph.processes}
+    return [
+        name
+        for name, status in statuses.items()
+        if status is not None
+        and status.came_s > max(since_s, graph.began_s[name])
+        and f"/ema/{victim}" in status.values["present"].split(", ")
+    ]
