@@ -10,7 +10,7 @@ setup(
     maintainer="EMA health monitor maintainers",
     maintainer_email="maintainers@example.org",
     packages=find_packages(include=[package, f"{package}.*"]),
-    package_data={package: ["views.sql"]},
+    package_data={package: ["*.sql"]},
     install_requires=[
         "ema_core",
         "ema_monitor",

@@ -3,7 +3,7 @@
 from functools import lru_cache
 from urllib.parse import quote
 
-from ema_archive.sources import local_copy, mark_of
+from ema_archive.sources import local_copy, mark_of, time_of
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.loading import AnyCalibration, load_calibration
 
@@ -38,18 +38,35 @@ def calibration_of(source: str, actuator_id: str, serial_number: str) -> AnyCali
     """
     if not source:
         return Calibration.builtin()
-    url = source
-    for name, value in (("actuator_id", actuator_id), ("serial_number", serial_number)):
-        url = url.replace(f"{{{name}}}", quote(value, safe=" "))
+    url = _url(source, actuator_id, serial_number)
     mark = mark_of(url)
     if not mark:
         return f"there is no calibration: {url} is missing"
     return _loaded(url, mark)
 
 
+def changed_ns(source: str, actuator_id: str, serial_number: str) -> int | None:
+    """Return when the calibration of a unit was changed [ns]; arguments as of `calibration_of`.
+
+    None for the shipped one, one that is missing, and where the store does not tell.
+
+    Raises
+    ------
+    OSError
+        When the store is out of reach.
+    """
+    return time_of(_url(source, actuator_id, serial_number)) if source else None
+
+
 def identity_of(calibration: AnyCalibration | str) -> str:
     """Return the identity of a calibration; empty when there is none."""
     return "" if isinstance(calibration, str) else calibration.calibration_id
+
+
+def _url(source: str, actuator_id: str, serial_number: str) -> str:
+    for name, value in (("actuator_id", actuator_id), ("serial_number", serial_number)):
+        source = source.replace(f"{{{name}}}", quote(value, safe=" "))
+    return source
 
 
 @lru_cache(_KEPT)

@@ -43,6 +43,7 @@ _PROGNOSIS: Final = (
     "ema_monitor.prognosis",
     "ema_archive.calibrations",
     "ema_archive.resuming",
+    "ema_archive.service_record",
     "ema_archive.tables",
     "ema_archive.unit_task",
 )

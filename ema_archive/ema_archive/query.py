@@ -1,6 +1,6 @@
 """Questions to the tables of an archive, in SQL; nothing else can be read, and nothing written."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
@@ -17,6 +17,8 @@ VIEWS: Final = (
     "latest_health",
     "worst_first",
     "growth",
+    "lives",
+    "months",
     "alarms",
     "false_alarms",
     "refused",
@@ -35,7 +37,9 @@ FORMATS: Final = {".csv": "FORMAT csv, HEADER", ".parquet": "FORMAT parquet, COM
 
 
 @contextmanager
-def opened(archive: Path, *, exports_to: Path | None = None) -> Iterator[duckdb.DuckDBPyConnection]:
+def opened(
+    archive: Path, *, exports_to: Path | None = None, has_tests: bool = True
+) -> Iterator[duckdb.DuckDBPyConnection]:
     """Yield a connection with a view for each table of an archive, and the ready ones.
 
     It reads the tables of the archive and no other file, and its settings cannot be changed.
@@ -44,6 +48,8 @@ def opened(archive: Path, *, exports_to: Path | None = None) -> Iterator[duckdb.
     ----------
     exports_to
         The one file that may be written.
+    has_tests
+        Whether it has the tables with a row a test, which are many files, and views of them.
 
     Raises
     ------
@@ -55,6 +61,8 @@ def opened(archive: Path, *, exports_to: Path | None = None) -> Iterator[duckdb.
         with duckdb.connect() as db:
             tables = (archive / TABLES).resolve()
             _make_views(db, tables)
+            if has_tests:
+                _make_views_of_tests(db, tables)
             db.execute(f"SET allowed_directories = [{_text(f'{tables}/')}]")
             if exports_to is not None:
                 db.execute(f"SET allowed_paths = [{_text(str(exports_to))}]")
@@ -139,6 +147,13 @@ def _first_line(error: Exception) -> str:
 
 
 def _make_views(db: duckdb.DuckDBPyConnection, tables: Path) -> None:
+    for name, schema in SUMMARIES.items():
+        path = tables / f"{name}.parquet"
+        _make_view(db, name, schema, path if path.exists() else None)
+    _execute(db, "unit_views.sql")
+
+
+def _make_views_of_tests(db: duckdb.DuckDBPyConnection, tables: Path) -> None:
     for name, keys in _PARTITIONED.items():
         pattern = "/".join([*("*" for _ in keys), "*.parquet"])
         schema = pa.schema([*SCHEMAS[name], *((key, pa.string()) for key in keys)])
@@ -146,11 +161,14 @@ def _make_views(db: duckdb.DuckDBPyConnection, tables: Path) -> None:
         options = f"union_by_name = true, hive_partitioning = true, hive_types = {{{types}}}"
         has_files = next((tables / name).glob(pattern), None) is not None
         _make_view(db, name, schema, tables / name / pattern if has_files else None, options)
-    for name, schema in SUMMARIES.items():
-        path = tables / f"{name}.parquet"
-        _make_view(db, name, schema, path if path.exists() else None)
-    for statement in _statements(files("ema_archive").joinpath("views.sql").read_text()):
-        db.execute(statement)
+    _execute(db, "views.sql")
+
+
+def _execute(db: duckdb.DuckDBPyConnection, name: str) -> None:
+    text = files("ema_archive").joinpath(name).read_text()
+    for statement in text.split(";\n"):
+        if "CREATE" in statement:
+            db.execute(statement)
 
 
 def _make_view(
@@ -169,10 +187,6 @@ def _make_view(
     if path is not None:
         parts.insert(0, f"SELECT * FROM read_parquet({_text(str(path))}, {options})")
     db.execute(f"CREATE VIEW {name} AS {' UNION ALL BY NAME '.join(parts)}")
-
-
-def _statements(text: str) -> Sequence[str]:
-    return [one for one in text.split(";\n") if "CREATE" in one]
 
 
 def _text(words: str) -> str:

@@ -9,11 +9,12 @@ from typing import Final
 
 from ema_archive.bag_task import DAMAGED, DONE, FAILED, BagResult, BagTask, diagnose_bag
 from ema_archive.calibrations import source_of
-from ema_archive.manifest import Manifest, UnitEntry
+from ema_archive.manifest import Manifest
 from ema_archive.partitions import read_state, read_unit, replace_rows, write_health, write_state
 from ema_archive.settings import ArchiveSettings
 from ema_archive.sources import full_url, list_bags
 from ema_archive.summaries import write_summaries
+from ema_archive.unit_records import UnitEntry
 from ema_archive.unit_task import UnitResult, UnitTask, follow_unit
 from ema_tasks.pool import ClusterLostError, Outcome, Pool, WorkerLostError
 

@@ -5,6 +5,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC
 from pathlib import Path
 from typing import Any, Final
 
@@ -140,6 +141,18 @@ def mark_of(url: str) -> str:
         return _mark([files.info(path)])
     except FileNotFoundError:
         return ""
+
+
+def time_of(url: str) -> int | None:
+    """Return when a file at an address was changed [ns]; None where that is not known."""
+    files, path = _opened(url)
+    try:
+        changed = files.modified(path)
+    except (FileNotFoundError, NotImplementedError):
+        return None
+    if changed.tzinfo is None:
+        changed = changed.replace(tzinfo=UTC)
+    return round(changed.timestamp() * 1e6) * 1000
 
 
 def full_url(source: str) -> str:

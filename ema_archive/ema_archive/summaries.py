@@ -7,6 +7,7 @@ import pyarrow.parquet as pq
 
 from ema_archive.manifest import Manifest
 from ema_archive.partitions import TABLES, write_whole
+from ema_archive.service_record import LIVES, MONTHS
 from ema_archive.tables import GROWTH, HEALTH
 from ema_core.files import complete_file
 
@@ -28,13 +29,24 @@ BAGS: Final = pa.schema(
 """A row for each bag, the damaged ones included."""
 
 _PLACE: Final = [("model", pa.string()), ("unit", pa.string())]
-UNITS: Final = pa.schema([*_PLACE, *HEALTH])
-"""A row for each unit with a valid test: its latest row of health."""
+UNITS: Final = pa.schema([*_PLACE, *HEALTH, ("calibrated", pa.timestamp("us"))])
+"""A row for each unit with a valid test: its latest row of health, and when the file of its
+calibration was changed."""
 
 UNIT_GROWTH: Final = pa.schema([*_PLACE, *GROWTH])
 """A row for each fault and requirement of each unit."""
 
-SUMMARIES: Final = {"bags": BAGS, "units": UNITS, "growth": UNIT_GROWTH}
+UNIT_LIVES: Final = pa.schema([*_PLACE, *LIVES])
+UNIT_MONTHS: Final = pa.schema([*_PLACE, *MONTHS])
+"""A row for each life of a unit, and for each month with tests of it."""
+
+SUMMARIES: Final = {
+    "bags": BAGS,
+    "units": UNITS,
+    "growth": UNIT_GROWTH,
+    "lives": UNIT_LIVES,
+    "months": UNIT_MONTHS,
+}
 """Columns of these tables by name."""
 
 _GENERATION: Final = b"ema_generation"
@@ -52,23 +64,26 @@ def write_summaries(manifest: Manifest) -> None:
     if are_current(manifest):
         return
     mark = {_GENERATION: str(manifest.generation).encode()}
-    units: list[dict[str, Any]] = []
-    growth: list[dict[str, Any]] = []
-    for entry, latest, items in manifest.units():
-        place = {"model": entry.model, "unit": entry.unit}
-        if latest is not None:
-            units.append(latest | place)
-        growth += [item | place for item in items]
-    write_whole(manifest.archive, "units", pa.Table.from_pylist(units, UNITS))
-    write_whole(manifest.archive, "growth", pa.Table.from_pylist(growth, UNIT_GROWTH))
+    rows: dict[str, list[dict[str, Any]]] = {"units": [], "growth": [], "lives": [], "months": []}
+    for known in manifest.units():
+        place, record = {"model": known.entry.model, "unit": known.entry.unit}, known.record
+        if known.latest is not None:
+            changed_ns = record.calibrated_ns
+            calibrated = None if changed_ns is None else changed_ns // 1000
+            rows["units"].append(known.latest | place | {"calibrated": calibrated})
+        rows["growth"] += [item | place for item in known.growth]
+        rows["lives"] += [life | place for life in record.lives]
+        rows["months"] += [month | place for month in record.months]
+    for name, found in rows.items():
+        write_whole(manifest.archive, name, pa.Table.from_pylist(found, SUMMARIES[name]))
     schema = BAGS.with_metadata(mark)
     # By parts: of millions of bags there is no need to hold all.
     with (
         complete_file(manifest.archive / TABLES / "bags.parquet") as partial,
         pq.ParquetWriter(partial, schema, compression="zstd") as writer,
     ):
-        rows = manifest.bags()
-        while page := rows.fetchmany(_ROWS):
+        bags = manifest.bags()
+        while page := bags.fetchmany(_ROWS):
             columns = list(zip(*page, strict=True))
             arrays = [
                 pa.array([bool(v) for v in values] if kind == pa.bool_() else values, kind)

@@ -82,6 +82,8 @@ _LIFE: Final = [
     ("{}_reason", pa.string()),
 ]
 
+_REMOVAL: Final = ("risk", "hours", "cycles", "days")
+
 HEALTH: Final = pa.schema(
     [
         *_UNIT,
@@ -98,6 +100,7 @@ HEALTH: Final = pa.schema(
         *((name.format(life), kind) for life in _LIVES for name, kind in _LIFE),
         ("events", pa.list_(_EVENT)),
         ("reason", pa.string()),
+        *((f"removal_{name}", pa.float64()) for name in _REMOVAL),
         ("calibration_id", pa.string()),
         ("entry_hours", pa.float64()),
         ("count_ns", pa.int64()),
@@ -200,6 +203,7 @@ def health_row(outlook: Outlook, calibration_id: str) -> dict[str, Any]:
         "reason": health.reason,
         "calibration_id": calibration_id,
     }
+    row |= {f"removal_{name}": float(getattr(outlook.removal, name)) for name in _REMOVAL}
     for name in _LIVES:
         row |= _life(name, getattr(outlook, name))
     return row

@@ -5,9 +5,10 @@ from typing import Any
 
 import pyarrow as pa
 
-from ema_archive.calibrations import calibration_of, identity_of
+from ema_archive.calibrations import calibration_of, changed_ns, identity_of
 from ema_archive.provenance import prognosis_software
 from ema_archive.resuming import KeptState, can_resume, entry_columns, resumed, state_digest
+from ema_archive.service_record import ServiceRecord, lives_of, months_of
 from ema_archive.settings import ArchiveSettings
 from ema_archive.tables import (
     HEALTH,
@@ -63,6 +64,8 @@ class UnitResult:
         The last of them, as plain values; None when there is none.
     growth
         Rows of the table of growth.
+    record
+        What it went through.
     kept
         What a later task goes on from; empty when nothing.
     repeated
@@ -74,6 +77,7 @@ class UnitResult:
     health: pa.Table
     latest: dict[str, Any] | None
     growth: list[dict[str, Any]]
+    record: ServiceRecord
     kept: bytes
     repeated: int
 
@@ -126,6 +130,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
         pa.Table.from_pylist(rows, HEALTH),
         rows[-1] if rows else None,
         [] if last is None else [row | names for row in growth_rows(last)],
+        ServiceRecord(lives_of(rows), months_of(estimates), changed_ns(task.source, *key)),
         state,
         len(estimates) - known,
     )

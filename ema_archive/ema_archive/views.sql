@@ -1,16 +1,4 @@
--- Views over the tables of an archive. Levels: 0 OK, 1 WARN, 2 ERROR, 3 STALE.
-CREATE VIEW latest_health AS SELECT * FROM units;
-
--- The worst first: by level, then by the median of the remaining life, then by health.
-CREATE VIEW worst_first AS
-SELECT
-    model, actuator_id, serial_number, ['OK', 'WARN', 'ERROR', 'STALE'][level + 1] AS health,
-    dominant_fault, health_index, rul_05, rul_50, rul_95, hours, tested
-FROM units
-ORDER BY
-    CASE level WHEN 3 THEN -1 ELSE level END DESC,
-    CASE WHEN rul_known THEN rul_50 ELSE 'inf'::DOUBLE END,
-    health_index, model, unit;
+-- Views over all tables of an archive. Levels: 0 OK, 1 WARN, 2 ERROR, 3 STALE.
 
 -- An alarm is a run of tests in WARN or ERROR. False is one that later tests took back, though
 -- nothing was done to the unit meanwhile: no repair, and no step of a fault.

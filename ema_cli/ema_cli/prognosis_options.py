@@ -82,12 +82,23 @@ GROWTH_OPTIONS: Final = (
 )
 """What health and life rest on, beside the tests."""
 
+
+def _prior_or_archive(
+    context: click.Context, parameter: click.Parameter, path: Path | None
+) -> Path | None:
+    """Return the path of a file; `ema report` takes the folder of an archive as well."""
+    if path is not None and path.is_dir() and context.command.name != "report":
+        raise click.BadParameter(f"{path} is a folder", context, parameter)
+    return path
+
+
 _OPTIONS = (
     *GROWTH_OPTIONS,
     click.option(
         "--fleet",
         "fleet_file",
-        type=click.Path(path_type=Path, exists=True, dir_okay=False),
+        type=click.Path(path_type=Path, exists=True),
+        callback=_prior_or_archive,
         help="How other units of the model grew, a file of `ema learn`.",
     ),
     click.option(
@@ -128,12 +139,15 @@ class PrognosisOptions:
         Service hour at which a fault truly reached its limit, if that is after the bags [h].
     at_hours
         Service hour at which the prognosis is made [h]; after the last test when None.
+    archive
+        Folder of an archive that was given as the fleet; None when none was.
     """
 
     settings: PrognosisSettings
     costs: Costs | None
     end_hours: float | None
     at_hours: float | None
+    archive: Path | None = None
 
 
 def _build(
@@ -152,10 +166,11 @@ def _build(
     settings = _settings(
         merged(limits, "--limit"), laws, Service(duty, hours_per_cycle, removal_risk)
     )
-    if fleet_file is not None:
+    archive = fleet_file if fleet_file is not None and fleet_file.is_dir() else None
+    if fleet_file is not None and archive is None:
         settings = replace(settings, fleet=Fleet.read(fleet_file))
     return PrognosisOptions(
-        settings, _costs(merged(costs, "--cost"), cost_unit), end_hours, at_hours
+        settings, _costs(merged(costs, "--cost"), cost_unit), end_hours, at_hours, archive
     )
 
 

@@ -30,7 +30,7 @@ def archive(ema, made_fleet, tmp_path_factory):
 
 def units(archive):
     with Manifest(archive, writes=False) as manifest:
-        return [entry for entry, *_ in manifest.units()]
+        return [known.entry for known in manifest.units()]
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ema_archive.fleet import fleet_summary
 from ema_cli.bags.output_path import require_free
 from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.bags.unit_record import find_bags
@@ -13,6 +14,7 @@ from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.main import ARGUMENTS
 from ema_cli.prognosis_options import PrognosisOptions, prognosis_options
+from ema_cli.report.fleet_page import fleet_page
 from ema_cli.report.page import report_page
 from ema_cli.report.verdict import verdict_of
 from ema_cli.unit_diagnosis import diagnose_unit
@@ -20,7 +22,7 @@ from ema_core.files import complete_file
 
 
 @click.command()
-@click.argument("bags", metavar="BAG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("bags", metavar="BAG...", nargs=-1, type=click.Path(path_type=Path))
 @source_options(f"Replace OUTPUT if it is there. {USE_OPTIONS}", identifies=True)
 @identification_options
 @prognosis_options
@@ -46,23 +48,37 @@ def report(
     needs no other file and no network, and can be printed. All tests are of one unit, as for
     `ema prognose`. Of several bags, one that cannot be read is named in the report.
 
+    Without a BAG, --fleet ARCHIVE names an archive of `ema archive`: the page is then the summary
+    of its fleet, with the worst units, models, ages, survival, calibrations and test coverage.
+
     Exit code 3 means that no test has a valid estimate; the report then says why.
     """
+    archive = prognosis.archive
+    if (archive is None) == (not bags):
+        raise click.UsageError("give one BAG or several, or --fleet ARCHIVE")
+    command = shlex.join(context.meta[ARGUMENTS])
     with one_clear_line():
         if output.suffix.lower() not in (".html", ".htm"):
             raise ValueError(f"{output}: a report ends in .html")
         if not output.parent.is_dir():
             raise ValueError(f"{output}: there is no folder {output.parent}")
+        if archive is not None:
+            require_free(output, [], force=source.force)
+            _write(output, fleet_page(archive, fleet_summary(archive), command))
+            click.echo(f"{output}")
+            return
         given = [options.calibration_file, source.actuator_file]
         read = [*find_bags(bags), *(path for path in given if path is not None)]
         require_free(output, read, force=source.force)
         told = diagnose_unit(bags, source, options, prognosis, skips_unreadable=True)
-        command = shlex.join(context.meta[ARGUMENTS])
-        page = report_page(bags, source, prognosis, told, command)
-        with complete_file(output) as partial:
-            partial.write_text(page, encoding="utf-8")
+        _write(output, report_page(bags, source, prognosis, told, command))
     for line in verdict_of(told).lines:
         click.echo(line)
     click.echo(f"{output}")
     if not told.course.outlooks:
         sys.exit(REFUSED)
+
+
+def _write(output: Path, page: str) -> None:
+    with complete_file(output) as partial:
+        partial.write_text(page, encoding="utf-8")

@@ -1,0 +1,165 @@
+"""The summary of a fleet: what its page and its report show, of the tables of an archive."""
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from threading import Timer
+from typing import Any, Final
+
+import duckdb
+
+from ema_archive.partitions import TABLES
+from ema_archive.query import opened
+from ema_archive.survival import SurvivalStep, survival
+
+MOST_ROWS: Final = 1000
+"""Most units, and models, that a summary lists."""
+
+_MOST_STEPS: Final = 500
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class FleetSummary:
+    """How a fleet stands; rows are mappings of plain values, with None for what is unknown.
+
+    Attributes
+    ----------
+    levels
+        Units, how many of them have each level, median of their health index, and the latest test.
+    worst
+        The worst units first, as of the view ``worst_first``.
+    models
+        Units of each model by level, with the medians of their health index, known remaining life
+        [h] and service hours.
+    ages
+        Units by classes of service hours.
+    survival
+        Steps of the share of lives that reach an age, as of ``SurvivalStep``, 500 at most.
+    lives, failures, longest_age
+        Lives that it rests on, how many ended in ERROR, and up to which age one was watched [h].
+    calibrations
+        Units by the age of their calibration at their latest test.
+    recent
+        Units with a valid test in the last days.
+    months
+        Units tested and known, windows and valid ones of the last three years, by month.
+    """
+
+    levels: Row
+    worst: list[Row]
+    models: list[Row]
+    ages: list[Row]
+    survival: list[Row]
+    lives: int
+    failures: int
+    longest_age: float
+    calibrations: list[Row]
+    recent: list[Row]
+    months: list[Row]
+
+
+def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> FleetSummary:
+    """Return the summary of a fleet, of the tables that are one file each.
+
+    Parameters
+    ----------
+    archive
+        Folder of the archive.
+    most
+        How many units and models are listed, up to ``MOST_ROWS``.
+    limit_s
+        Time after which it is given up [s].
+
+    Raises
+    ------
+    ValueError
+        When there is no archive, ``most`` is out of range, a table is damaged or it takes too long.
+    """
+    if not 1 <= most <= MOST_ROWS:
+        raise ValueError(f"most = {most}: expected 1 to {MOST_ROWS}")
+    if not (archive / TABLES).is_dir():
+        raise ValueError(f"{archive} has no tables: `ema archive run` makes them")
+    with opened(archive, has_tests=False) as db, _limited(db, limit_s):
+        found = {name: _rows(db, query, most) for name, query in _queries().items()}
+    [levels] = found["levels"]
+    lives = found["lives"]
+    columns = ([life[name] for life in lives] for name in ("from_age", "to_age", "has_failed"))
+    return FleetSummary(
+        levels=levels,
+        worst=found["worst"],
+        models=found["models"],
+        ages=found["ages"],
+        survival=[_plain(step._asdict()) for step in _thinned(survival(*columns))],
+        lives=len(lives),
+        failures=sum(life["has_failed"] for life in lives),
+        longest_age=max((life["to_age"] for life in lives), default=0.0),
+        calibrations=found["calibrations"],
+        recent=found["recent"],
+        months=found["months"][::-1],
+    )
+
+
+def state_of_tables(archive: Path) -> tuple[int, ...]:
+    """Return what changes when a summary of the archive may.
+
+    Raises
+    ------
+    OSError
+        When there are no tables.
+    """
+    # Of the tables that are one file each this one is written last.
+    found = (archive / TABLES / "bags.parquet").stat()
+    return found.st_mtime_ns, found.st_ino
+
+
+@cache
+def _queries() -> dict[str, str]:
+    text = files("ema_archive").joinpath("fleet_queries.sql").read_text()
+    parts = re.split(r"^-- name: (\w+)$", text, flags=re.MULTILINE)[1:]
+    return dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+def _rows(db: duckdb.DuckDBPyConnection, query: str, most: int) -> list[Row]:
+    given = {"most": most} if "$most" in query else None
+    answer = db.execute(query, given)
+    names = [column[0] for column in answer.description or []]
+    return [_plain(dict(zip(names, row, strict=True))) for row in answer.fetchall()]
+
+
+def _thinned(steps: list[SurvivalStep]) -> list[SurvivalStep]:
+    """Return steps that are not more than a picture can show, the last among them."""
+    every = math.ceil(len(steps) / _MOST_STEPS)
+    return steps[::-every][::-1] if every > 1 else steps
+
+
+def _plain(row: Mapping[str, Any]) -> Row:
+    """Return a row as JSON can say it: times as text, and None for what is no number."""
+    found = {}
+    for name, value in row.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            value = None
+        elif isinstance(value, datetime):
+            value = f"{value.isoformat(timespec='seconds')}Z"
+        found[name] = value
+    return found
+
+
+@contextmanager
+def _limited(db: duckdb.DuckDBPyConnection, limit_s: float) -> Iterator[None]:
+    timer = Timer(limit_s, db.interrupt)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    except duckdb.InterruptException as error:
+        raise ValueError(f"the summary takes more than {limit_s:g} s") from error
+    finally:
+        timer.cancel()

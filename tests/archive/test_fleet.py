@@ -1,0 +1,212 @@
+"""The summary of a fleet has the figures of the tables."""
+
+import json
+import math
+import re
+from dataclasses import asdict
+from datetime import UTC, datetime, timedelta
+
+import pyarrow as pa
+import pytest
+
+from ema_archive.fleet import fleet_summary
+from ema_archive.partitions import write_whole
+from ema_archive.service_record import lives_of, months_of
+from ema_archive.summaries import SUMMARIES
+from ema_archive.survival import survival
+
+LATEST = datetime(2031, 5, 20, tzinfo=UTC)
+# Weeks of remission under 6-MP, and whether it ended (Freireich et al., 1963): the textbook case.
+WEEKS = (6, 6, 6, 6, 7, 9, 10, 10, 11, 13, 16, 17, 19, 20, 22, 23, 25, 32, 32, 34, 35)
+ENDED = (1, 1, 1, 0, 1, 0, 1, 0, 0, 1, 1, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0)
+SHARES = {6: 0.857, 7: 0.807, 10: 0.753, 13: 0.690, 16: 0.627, 22: 0.538, 23: 0.448}
+
+
+def test_survival_is_that_of_the_textbook():
+    steps = survival([0.0] * len(WEEKS), WEEKS, [bool(ended) for ended in ENDED])
+    # Published with three decimals.
+    assert {step.age: round(step.share, 3) for step in steps} == SHARES
+    assert [step.at_risk for step in steps] == [21, 17, 15, 12, 11, 7, 6]
+    assert all(0.0 < step.lower < step.share < step.upper < 1.0 for step in steps)
+
+
+def test_units_do_not_count_before_they_were_watched():
+    # Of two that are watched from the start one fails at 10 h; another, watched from 20 h on,
+    # fails at 30 h beside the one that is left: 1/2, then 1/2 of that.
+    steps = survival([0.0, 0.0, 20.0], [10.0, 40.0, 30.0], [True, False, True])
+    assert [(step.age, step.at_risk, step.share) for step in steps] == [
+        (10.0, 2, 0.5),
+        (30.0, 2, 0.25),
+    ]
+
+
+def test_where_nobody_is_left_the_share_is_zero():
+    (step,) = survival([0.0, 5.0], [7.0, 5.0], [True, True])
+    assert (step.age, step.at_risk, step.share) == (7.0, 1, 0.0)
+    assert math.isnan(step.lower)
+    assert math.isnan(step.upper)
+    assert survival([], [], []) == []
+
+
+def test_a_repair_begins_another_life_which_ends_at_its_first_error():
+    def test(hours, level, kind=""):
+        events = [{"kind": kind}] if kind else []
+        return {"hours": hours, "level": level, "events": events}
+
+    health = [
+        *(test(50.0, 0), test(90.0, 2), test(95.0, 2), test(math.nan, 0, "repair")),
+        *(test(100.0, 0), test(130.0, 1, "step")),
+    ]
+    first, second = lives_of(health)
+    assert (first["begin_hours"], first["from_age"], first["to_age"]) == (0.0, 50.0, 90.0)
+    assert (second["begin_hours"], second["from_age"], second["to_age"]) == (100.0, 0.0, 30.0)
+    assert (first["has_failed"], second["has_failed"]) == (True, False)
+
+
+def test_months_count_windows_and_valid_ones():
+    rows = [
+        {"end_ns": stamp * 10**9, "valid": valid}
+        for stamp, valid in ((0, True), (5, False), (31 * 86400, True))
+    ]
+    assert months_of(rows) == [
+        {"month": "1970-01", "windows": 2, "valid": 1},
+        {"month": "1970-02", "windows": 1, "valid": 1},
+    ]
+
+
+# Level, hours, median life, health index, days since the last test, days since the calibration
+UNITS = (
+    (0, 120.0, 900.0, 0.9, 0, None),
+    (1, 180.0, 50.0, 0.4, 2, 10),
+    (2, 640.0, 0.0, 0.0, 20, 400),
+    (2, 660.0, math.inf, 0.1, 100, 50),
+    (3, 700.0, math.nan, math.nan, 3, 0),
+)
+
+
+@pytest.fixture
+def archive(tmp_path):
+    units = [
+        {
+            "model": "F" if number else "E",
+            "unit": f"flap+{number}",
+            "actuator_id": "flap",
+            "serial_number": str(number),
+            "level": level,
+            "hours": hours,
+            "rul_50": median,
+            "rul_known": not math.isnan(median),
+            "health_index": index,
+            "tested": LATEST - timedelta(days=ago),
+            "calibrated": None if age is None else LATEST - timedelta(days=ago + age),
+        }
+        for number, (level, hours, median, index, ago, age) in enumerate(UNITS)
+    ]
+    lives = [
+        {"from_age": 0.0, "to_age": hours, "has_failed": level == 2} for level, hours, *_ in UNITS
+    ]
+    months = [
+        {"model": "F", "unit": unit, "month": month, "windows": 10, "valid": valid}
+        for unit, month, valid in (("a", "2031-04", 9), ("a", "2031-05", 8), ("b", "2031-05", 10))
+    ]
+    for name, rows in (("units", units), ("lives", lives), ("months", months), ("bags", [])):
+        write_whole(tmp_path, name, pa.Table.from_pylist(rows, SUMMARIES[name]))
+    return tmp_path
+
+
+def test_figures_of_a_fleet(archive):
+    found = fleet_summary(archive, most=3)
+    assert found.levels == {
+        **{"units": 5, "latest_test": "2031-05-20T00:00:00Z"},
+        **{"ok": 1, "warn": 1, "error": 2, "stale": 1, "health_index": 0.25},
+    }
+    assert [row["serial_number"] for row in found.worst] == ["2", "3", "1"]
+    # An endless life is none that JSON can say.
+    assert [row["rul_50"] for row in found.worst] == [0.0, None, 50.0]
+    first, second = found.models
+    assert (first["model"], first["units"], first["error"], first["rul_50"]) == ("F", 4, 2, 50.0)
+    assert (second["model"], second["units"], second["health_index"]) == ("E", 1, 0.9)
+    ages = [(row["from_hours"], row["to_hours"], row["units"]) for row in found.ages]
+    assert ages == [(100.0, 200.0, 2), (600.0, 700.0, 2), (700.0, 800.0, 1)]
+    assert [row["age"] for row in found.survival] == [640.0, 660.0]
+    assert [row["share"] for row in found.survival] == pytest.approx([2 / 3, 1 / 3], rel=1e-12)
+    assert (found.lives, found.failures, found.longest_age) == (5, 2, 700.0)
+    assert [(row["age"], row["units"]) for row in found.calibrations] == [
+        ("below 30 days", 2),
+        ("30 to 90 days", 1),
+        ("365 days or more", 1),
+        ("no date", 1),
+    ]
+    assert [(row["days"], row["tested"], row["units"]) for row in found.recent] == [
+        *((1, 1, 5), (7, 3, 5), (30, 4, 5), (90, 4, 5))
+    ]
+    assert found.months == [
+        {"month": "2031-04", "tested": 1, "units": 1, "windows": 10, "valid": 9},
+        {"month": "2031-05", "tested": 2, "units": 2, "windows": 20, "valid": 18},
+    ]
+    json.dumps(asdict(found), allow_nan=False)
+
+
+def test_classes_of_age_are_twelve_at_most(tmp_path):
+    for longest in (0.0, 9.99, 10.0, 49.0, 101.0, 5e4):
+        rows = [{"model": "F", "level": 0, "hours": longest * i / 999} for i in range(1000)]
+        write_whole(tmp_path, "units", pa.Table.from_pylist(rows, SUMMARIES["units"]))
+        ages = fleet_summary(tmp_path).ages
+        assert sum(row["units"] for row in ages) == 1000
+        assert len(ages) <= 12
+        assert all(row["from_hours"] < row["to_hours"] for row in ages)
+
+
+def test_a_fleet_without_tests_has_a_summary(tmp_path):
+    with pytest.raises(ValueError, match="has no tables"):
+        fleet_summary(tmp_path)
+    (tmp_path / "tables").mkdir()
+    found = fleet_summary(tmp_path)
+    assert (found.levels["units"], found.worst, found.survival, found.lives) == (0, [], [], 0)
+
+
+def test_a_summary_is_bounded(archive, tmp_path):
+    for most in (0, 1001):
+        with pytest.raises(ValueError, match=f"most = {most}: expected 1 to 1000"):
+            fleet_summary(archive, most)
+    rows = [{"from_age": 0.0, "to_age": 1.0 + i % 97, "has_failed": False} for i in range(400_000)]
+    write_whole(archive, "lives", pa.Table.from_pylist(rows, SUMMARIES["lives"]))
+    with pytest.raises(ValueError, match=r"takes more than 1e-05 s"):
+        fleet_summary(archive, limit_s=1e-5)
+
+
+def shown(page, caption):
+    """Return the exact figures of a table of a page, by row."""
+    table = page[page.index(f"<caption>{caption}") :]
+    body = table[: table.index("</table>")].partition("<tbody>")[2]
+    rows = [re.findall(r'<data value="([^"]+)"', row) for row in body.split("<tr>")[1:]]
+    return [[float(value) for value in row] for row in rows]
+
+
+def test_the_report_of_a_fleet_has_the_figures_of_its_summary(archive, ema, tmp_path):
+    path = tmp_path / "fleet.html"
+    result = ema("report", "--fleet", archive, "-o", path)
+    assert result.exit_code == 0, result.output
+    page, found = path.read_text(), fleet_summary(archive)
+    names = ("units", "error", "warn", "stale", "ok", "health_index")
+    for caption, rows in (("Units by model", found.models), ("Units by service", found.ages)):
+        assert shown(page, caption) == [
+            [row[name] for name in names if row[name] is not None] for row in rows
+        ]
+    assert [row[-1] for row in shown(page, "By level")] == [row["hours"] for row in found.worst]
+    assert shown(page, "Age of the calibration") == [[row["units"]] for row in found.calibrations]
+    assert [row[0] for row in shown(page, "Units with a valid")] == [1.0, 3.0, 4.0, 4.0]
+    assert "Of 5 lives 2 ended; 33.3 % live beyond 660 service hours." in page
+    assert not re.search(r"(?:src|href)=\"(?!#)", page)
+    assert ema("report", "--fleet", archive, "-o", path).exit_code != 0
+    assert ema("report", "--fleet", archive, "--force", "-o", path).exit_code == 0
+
+
+def test_a_report_is_of_bags_or_of_an_archive(archive, ema, tmp_path):
+    for arguments in ((), ("--fleet", archive, tmp_path / "a.mcap")):
+        result = ema("report", *arguments, "-o", tmp_path / "x.html")
+        assert result.exit_code == 2
+        assert "give one BAG or several, or --fleet ARCHIVE" in result.output
+    refused = ema("prognose", tmp_path / "a.mcap", "--fleet", archive)
+    assert refused.exit_code == 2
+    assert "is a folder" in refused.output
