@@ -14,11 +14,13 @@ setup(
     packages=find_packages(include=[package, f"{package}.*"]),
     package_data={package: ["page/*"]},
     install_requires=[
+        "ema_archive",
         "ema_core",
         "ema_recording",
         "ema_ros",
         "aiohttp>=3.13,<4",
         "foxglove-sdk>=0.30,<0.31",
+        "prometheus-client>=0.22,<1",
     ],
     python_requires=">=3.11",
     data_files=[

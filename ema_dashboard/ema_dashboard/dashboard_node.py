@@ -16,12 +16,15 @@ from rclpy.subscription import Subscription
 from ema_core.wording import counted
 from ema_dashboard.access import Access
 from ema_dashboard.channels import Channels
+from ema_dashboard.fleet_document import FleetDocument
 from ema_dashboard.histories import Histories
 from ema_dashboard.known_topics import CLOCK, DIAGNOSTICS, UNIT_HISTORY, KnownTopic, known_topics
+from ema_dashboard.listening import bound_socket, tls_context
+from ema_dashboard.metrics import Metrics, OwnFigures
 from ema_dashboard.playback_control import PlaybackControl
 from ema_dashboard.settings import DEFAULT_ORIGINS, DashboardSettings, read_token
 from ema_dashboard.unit_history import ActuatorHistory
-from ema_dashboard.web_server import WebServer, bound_socket, tls_context
+from ema_dashboard.web_server import WebServer
 from ema_interfaces.msg import UnitHistory
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
@@ -100,6 +103,7 @@ class DashboardNode(ManagedNode):
             )
             for name in namespaces
         }
+        self._metrics = Metrics(namespaces, self._own_figures)
         self._channels.start()
         self._web = WebServer(
             listener,
@@ -109,6 +113,10 @@ class DashboardNode(ManagedNode):
             self._channels.kept,
             settings.most_clients,
             round(settings.buffer_mb * 1e6),
+            {
+                "/metrics": self._metrics.exposition,
+                "/fleet.json": FleetDocument(settings.archive),
+            },
             self._report_end,
         )
         self._web.start()
@@ -135,25 +143,31 @@ class DashboardNode(ManagedNode):
 
     def tasks(self) -> list[Task]:
         """Return where it serves, to how many clients, and what they did not take."""
-        clients, dropped, waiting = self._web.statistics()
-        totals = self._web.totals
+        own = self._own_figures()
         values = {
             "address": self.address,
-            "clients": clients,
+            "clients": own.clients,
             "topics": len(self._channels),
-            "sent messages": totals.messages,
-            "sent [B]": totals.sent_bytes,
-            "waiting [B]": waiting,
-            "dropped messages": dropped,
-            "refused requests": totals.refused,
+            "sent messages": own.messages,
+            "sent [B]": own.sent_bytes,
+            "waiting [B]": own.waiting_bytes,
+            "dropped messages": own.dropped,
+            "refused requests": own.refused,
             "ends of threads": self._web.thread.ends + self._playback.thread.ends,
         }
-        message = f"{counted(clients, 'client')} at {self.address}"
-        if dropped:
-            message += f", {counted(dropped, 'message')} dropped for slow clients"
+        message = f"{counted(own.clients, 'client')} at {self.address}"
+        if own.dropped:
+            message += f", {counted(own.dropped, 'message')} dropped for slow clients"
         failures = list(filter(None, (self._web.thread.failure, self._playback.thread.failure)))
         level, message = (ERROR, "; ".join(failures)) if failures else (OK, message)
         return [Task("dashboard", level, message, self.hardware_id, values)]
+
+    def _own_figures(self) -> OwnFigures:
+        clients, dropped, waiting = self._web.statistics()
+        totals = self._web.totals
+        return OwnFigures(
+            clients, totals.messages, totals.sent_bytes, waiting, dropped, totals.refused
+        )
 
     def _report_end(self, failure: str, trace: str) -> None:
         """Tell that a thread has ended by itself."""
@@ -226,8 +240,9 @@ class DashboardNode(ManagedNode):
         return receive
 
     def _note_diagnostics(self, message: DiagnosticArray) -> None:
-        """Take of the status of monitors how many samples they miss."""
+        """Take the figures of nodes, and of the status of monitors how many samples they miss."""
         for status in message.status:
+            self._metrics.note_status(status)
             lost = next((item.value for item in status.values if item.key == _LOST), None)
             actuator_id = status.name.partition(": ")[2].removesuffix(" telemetry")
             if lost is not None and lost.isdecimal():
@@ -236,14 +251,17 @@ class DashboardNode(ManagedNode):
                         histories.note_lost_samples(actuator_id, message.header.stamp, int(lost))
 
     def _follow(self, topic: KnownTopic, message: Any) -> None:
-        """Take what the history and the control of a playback rest on."""
-        histories = self._histories[topic.namespace]
+        """Take what the history, the metrics and the control of a playback rest on."""
+        histories, metrics = self._histories[topic.namespace], self._metrics
         if topic.relative == DESCRIPTION:
             histories.note_description(message)
+            metrics.note_description(topic.namespace, message)
         elif topic.relative == FAULT_ESTIMATE:
             histories.note_estimate(message)
+            metrics.note_estimate(topic.namespace, message)
         elif topic.relative == HEALTH:
             histories.note_health(message)
+            metrics.note_health(topic.namespace, message)
         elif topic.relative == PLAYBACK_STATE:
             bounds = stamp_from_message(message.start), stamp_from_message(message.end)
             if bounds != self._channels.playback_range:
@@ -262,6 +280,7 @@ class DashboardNode(ManagedNode):
                 self._channels.forget(name, time_ns)
         for histories in self._histories.values():
             histories.rewind(time_ns)
+        self._metrics.rewind(time_ns)
 
     def _offer_history(
         self, namespace: str, actuator_id: str, history: ActuatorHistory, to_all: bool

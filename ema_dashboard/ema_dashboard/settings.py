@@ -33,6 +33,7 @@ class DashboardSettings:
     tls_certificate: str = text("", "PEM file of the certificate; empty: no TLS")
     tls_key: str = text("", "PEM file of the certificate's key")
     most_clients: int = quantity(16, "-", 1, 1000, "clients at the same time")
+    archive: str = text("", "folder of the archive whose fleet the page shows; empty: none")
     buffer_mb: float = quantity(
         8.0, "MB", 1.0, 1000.0, "messages that wait for a client; beyond it the oldest are dropped"
     )

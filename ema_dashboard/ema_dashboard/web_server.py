@@ -1,16 +1,16 @@
 """The one public port: the page over HTTP, and the protocol of Foxglove over WebSocket."""
 
 import asyncio
-import errno
 import socket
 import ssl
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from aiohttp import ClientError, ClientSession, ClientTimeout, web
 
 from ema_core.steady_thread import SteadyThread
 from ema_dashboard.access import Access
+from ema_dashboard.documents import Document, Documents
 from ema_dashboard.page_files import PageFile, read_page
 from ema_dashboard.relay import MOST_REQUEST_BYTES, SUBPROTOCOL, Kept, Relay, Totals
 
@@ -43,6 +43,8 @@ class WebServer:
         Returns the address of the server of foxglove-sdk at the moment.
     most_bytes
         How much may wait for a client [B].
+    documents
+        What is made when it is asked for, by its path.
     on_failure
         Called as by ``SteadyThread`` when the thread has ended by itself.
 
@@ -63,6 +65,7 @@ class WebServer:
         kept: Kept,
         most_clients: int,
         most_bytes: int,
+        documents: Mapping[str, Document],
         on_failure: Callable[[str, str], object],
     ) -> None:
         self._listener = listener
@@ -74,6 +77,7 @@ class WebServer:
         self._most_bytes = most_bytes
         self._scheme = "https" if tls else "http"
         self._page = read_page()
+        self._documents = Documents(documents)
         self._relays: set[Relay] = set()
         self._admitted = 0
         self.totals = Totals()
@@ -210,6 +214,8 @@ class WebServer:
                 secure=self._tls is not None,
             )
             return answer
+        if request.path in self._documents:
+            return await self._documents.answer(request, _HEADERS)
         file = self._page.get(request.path)
         if file is None:
             return self._refuse(404, f"there is no {request.path[:100]}")
@@ -298,72 +304,3 @@ def _limit_buffer(request: web.Request) -> None:
     connection = request.transport and request.transport.get_extra_info("socket")
     if connection:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
-
-
-def bound_socket(host: str, port: int, ports: int) -> socket.socket:
-    """Return a socket that is bound to the first port that is free.
-
-    Parameters
-    ----------
-    port
-        First port; 0 takes any that is free.
-    ports
-        Number of ports to try.
-
-    Raises
-    ------
-    OSError
-        When none is free or the address is not one of this machine; the message names it.
-    """
-    last = min(port + ports, 65536) if port else 1
-    failure: OSError | None = None
-    for number in range(port, last):
-        try:
-            return _bound(host, number)
-        except OSError as error:
-            failure = error
-            if error.errno != errno.EADDRINUSE:
-                break
-    tried = f"port {port}" if last == port + 1 else f"ports {port} to {last - 1}"
-    raise OSError(f"cannot listen on {tried} of {host}: {failure}") from failure
-
-
-def _bound(host: str, port: int) -> socket.socket:
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    listener = socket.socket(family, socket.SOCK_STREAM)
-    try:
-        # Else a restart would find its port in use for a minute.
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        # Connections inherit it: one whose other end is gone or takes nothing ends.
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 30)
-        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 60_000)
-        listener.bind((host, port))
-        # Here, as two sockets may be bound to one port as long as none listens.
-        listener.listen(64)
-    except OSError:
-        listener.close()
-        raise
-    return listener
-
-
-def tls_context(certificate: str, key: str) -> ssl.SSLContext | None:
-    """Return what encrypts connections; None without a certificate.
-
-    Raises
-    ------
-    ValueError
-        When certificate or key cannot be read, or do not belong together.
-    """
-    if not certificate:
-        return None
-    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
-    try:
-        context.load_cert_chain(certificate, key)
-    except OSError as error:
-        raise ValueError(
-            f"parameters tls_certificate = {certificate!r} and tls_key = {key!r} are not usable: "
-            f"{error}"
-        ) from error
-    return context

@@ -23,6 +23,7 @@ export class Origin {
   refuses = 0; // status with which everything is refused
   reason = ""; // why
   isDown = false; // whether nothing answers
+  fleet = { archive: null }; // summary of an archive; a string is the reason why there is none
   holds = false; // whether connections are left without an answer
   #server;
   #sockets = new Set();
@@ -76,6 +77,12 @@ export class Origin {
     }
     if (request.method === "POST") {
       response.writeHead(this.refuses || 405).end(this.refuses ? this.reason : "");
+      return;
+    }
+    if (request.url.startsWith("/fleet.json")) {
+      const isMissing = typeof this.fleet === "string";
+      response.writeHead(isMissing ? 503 : 200, { "Content-Type": "application/json" });
+      response.end(JSON.stringify(isMissing ? { reason: this.fleet } : this.fleet));
       return;
     }
     const name = new URL(request.url, "http://local").pathname.slice(1) || "index.html";

@@ -1,8 +1,8 @@
 // The page in a real browser, driven by a server of made-up messages.
 
-import axe from "axe-core";
 import assert from "node:assert/strict";
 import { after, afterEach, before, beforeEach, describe, test } from "node:test";
+import { hindrances, overflow } from "./access.mjs";
 import { Stage, browse, until } from "./stage.mjs";
 import { load } from "./sources.mjs";
 
@@ -240,9 +240,7 @@ describe("a fleet of nine", () => {
         page = await open(stage, at, { colorScheme, viewport });
         await page.waitForSelector(at ? ".plots.many canvas" : "table.fleet tbody tr");
         assert.deepEqual(await hindrances(page), []);
-        const overflow = await page.evaluate(() =>
-          document.documentElement.scrollWidth - document.documentElement.clientWidth);
-        assert.ok(overflow <= 0, `${overflow} px wider than the screen`);
+        assert.ok(await overflow(page) <= 0, "wider than the screen");
       });
     }
   }
@@ -255,14 +253,6 @@ describe("a fleet of nine", () => {
     assert.deepEqual(await hindrances(page), []);
   });
 });
-
-/** What axe-core finds serious or critical. */
-async function hindrances(page) {
-  await page.evaluate(axe.source.replace(/^/, "") + ";0").catch(() => undefined);
-  const { violations } = await page.evaluate(() => globalThis.axe.run(document));
-  return violations.filter(({ impact }) => impact === "serious" || impact === "critical")
-    .map(({ id, nodes }) => `${id}: ${nodes.slice(0, 3).map((node) => node.html).join(" | ")}`);
-}
 
 describe("without messages", () => {
   test("a monitor without actuators is told from no monitor", async () => {

@@ -2,6 +2,7 @@
 
 import { mkdir } from "node:fs/promises";
 import path from "node:path";
+import { drawnFleet } from "./fleet.mjs";
 import { Stage, browse } from "./stage.mjs";
 
 const [folder, ...only] = process.argv.slice(2);
@@ -15,12 +16,16 @@ const WORN = "#/actuator/%2Fema/left_outboard_flap";
 const live = (order) => async (stage) => stage.source.order({ do: "run", period: 30, ...order });
 const rows = (page) => page.waitForSelector("table.fleet tbody tr");
 const plots = (page) => page.waitForSelector(".plots.many canvas");
+const archived = async (stage) => { stage.origin.fleet = drawnFleet(); await live({})(stage); };
+const curve = (page) => page.waitForSelector("[aria-labelledby=survival] canvas");
 
 const STATES = [
   { name: "overview", at: WORN, before: live({}), ready: plots,
     view: { width: 1440, height: 1130 }, scale: 1 },
   { name: "fleet", before: live({}), ready: rows },
   { name: "fleet_phone", before: live({}), ready: rows, view: PHONE },
+  { name: "archive", at: "#/archive", before: archived, ready: curve, full: true },
+  { name: "archive_phone", at: "#/archive", before: archived, ready: curve, view: PHONE, full: true },
   { name: "actuator", at: WORN, before: live({ open: "left_outboard_flap" }), full: true,
     ready: async (page) => { await plots(page); await page.locator("#live").scrollIntoViewIfNeeded();
     await page.waitForTimeout(2500); } },

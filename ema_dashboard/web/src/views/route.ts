@@ -7,6 +7,8 @@ export function addressOf({ namespace, id }: Address): string {
   return `#/actuator/${encodeURIComponent(namespace)}/${encodeURIComponent(id)}`;
 }
 
+export const ARCHIVE = "#/archive";
+
 export function parse(hash: string): Address | null {
   const [, name, namespace, id] = hash.replace(/^#/, "").split("/");
   if (name !== "actuator" || namespace === undefined || id === undefined) return null;
@@ -17,12 +19,13 @@ export function parse(hash: string): Address | null {
   }
 }
 
-export function useRoute(): Address | null {
+/** An actuator, the archive, or null for the fleet that runs. */
+export function useRoute(): Address | "archive" | null {
   const [hash, set] = useState(location.hash);
   useEffect(() => {
     const changed = () => set(location.hash);
     addEventListener("hashchange", changed);
     return () => removeEventListener("hashchange", changed);
   }, []);
-  return parse(hash);
+  return hash === ARCHIVE ? "archive" : parse(hash);
 }

@@ -5,10 +5,11 @@ import { duration } from "../format.ts";
 import type { Connection } from "../protocol.ts";
 import type { State } from "../state.ts";
 import { OneActuator } from "./actuator.tsx";
+import { Archive, useSummary } from "./archive.tsx";
 import { Fleet } from "./fleet.tsx";
 import { useApp, useSecond, useStored, useUpdates } from "./hooks.ts";
 import { Playback } from "./playback.tsx";
-import { useRoute } from "./route.ts";
+import { ARCHIVE, useRoute } from "./route.ts";
 import { Diagnostics } from "./system.tsx";
 
 const SILENT_MS = 5000;
@@ -19,10 +20,14 @@ export function Shell({ state }: { state: State }) {
   useUpdates(state);
   const route = useRoute();
   const { send } = useApp();
-  const name = route ? `${route.namespace}/${route.id}` : "";
+  const isArchive = route === "archive";
+  const actuator = isArchive ? null : route;
+  const archive = useSummary(isArchive);
+  const name = isArchive ? "archive" : actuator ? `${actuator.namespace}/${actuator.id}` : "";
   useEffect(() => {
-    send({ kind: "watch", address: route });
-    document.title = route ? `${route.id} · EMA health` : "EMA health";
+    send({ kind: "watch", address: actuator });
+    const title = isArchive ? "Archive" : actuator?.id;
+    document.title = title ? `${title} · EMA health` : "EMA health";
     scrollTo(0, 0);
   }, [name]);
   const isOff = state.connection.state !== "open";
@@ -34,14 +39,21 @@ export function Shell({ state }: { state: State }) {
       }}>To the content</a>
       <header class="top">
         <a class="brand" href="#/">
-          <img src="icon.svg" alt="" width="28" height="28" /> EMA health
+          <img src="icon.svg" alt="" width="28" height="28" /> <span>EMA health</span>
         </a>
+        {archive.summary && (
+          <nav aria-label="Views">
+            <a href="#/" aria-current={route === null ? "page" : undefined}>Live</a>
+            <a href={ARCHIVE} aria-current={isArchive ? "page" : undefined}>Archive</a>
+          </nav>
+        )}
         <Connected state={state} />
         <Theme />
       </header>
       <Banner state={state} />
       {state.playback && <Playback playback={state.playback} />}
-      {route ? <OneActuator state={state} address={route} /> : <Home state={state} />}
+      {isArchive ? <Archive {...archive} />
+        : actuator ? <OneActuator state={state} address={actuator} /> : <Home state={state} />}
     </div>
   );
 }

@@ -1,0 +1,87 @@
+// The summary of an archive's fleet, as the dashboard serves it.
+
+const ADDRESS = "fleet.json";
+
+export interface Levels {
+  units: number;
+  ok: number;
+  warn: number;
+  error: number;
+  stale: number;
+}
+
+export interface WorstUnit {
+  model: string;
+  actuator_id: string;
+  serial_number: string;
+  health: "OK" | "WARN" | "ERROR" | "STALE";
+  dominant_fault: string | null;
+  health_index: number | null;
+  rul_05: number | null;
+  rul_50: number | null;
+  rul_95: number | null;
+  rul_known: boolean | null;
+  removal_hours: number | null;
+  hours: number | null;
+  tested: string;
+}
+
+export interface OfModel extends Levels {
+  model: string;
+  health_index: number | null;
+  rul_50: number | null;
+  hours: number | null;
+}
+
+export interface OfAge extends Levels {
+  from_hours: number;
+  to_hours: number;
+  health_index: number | null;
+}
+
+export interface Step {
+  age: number;
+  at_risk: number;
+  failed: number;
+  share: number;
+  lower: number | null;
+  upper: number | null;
+}
+
+export interface Summary {
+  archive: string;
+  levels: Levels & { latest_test: string | null };
+  worst: WorstUnit[];
+  models: OfModel[];
+  ages: OfAge[];
+  survival: Step[];
+  lives: number;
+  failures: number;
+  longest_age: number;
+  calibrations: { age: string; units: number }[];
+  recent: { days: number; tested: number; units: number }[];
+  months: { month: string; tested: number; units: number; windows: number; valid: number }[];
+}
+
+/** The summary; null where the dashboard has no archive. */
+export async function fetchSummary(most: number): Promise<Summary | null> {
+  const answer = await fetch(`${ADDRESS}?most=${most}`);
+  const content = await answer.json().catch(() => ({})) as Summary | { reason?: string };
+  if (!answer.ok) {
+    const reason = "reason" in content ? content.reason : undefined;
+    throw new Error(reason ?? `the dashboard answers ${answer.status}`);
+  }
+  return (content as { archive: string | null }).archive === null ? null : content as Summary;
+}
+
+/** Columns of the curve: it begins with all, and goes on to the longest age that was watched. */
+export function curveOf({ survival, longest_age }: Summary): (number | null)[][] {
+  const last = survival.at(-1);
+  const rows: (number | null)[][] = [[0, 1, 1, 1]];
+  for (const { age, share, lower, upper } of survival) rows.push([age, share, lower, upper]);
+  if (longest_age > (last?.age ?? 0)) {
+    const { share, lower, upper } = last ?? { share: 1, lower: 1, upper: 1 };
+    rows.push([longest_age, share, lower, upper]);
+  }
+  return [0, 1, 2, 3].map((k) => rows.map((row) => row[k]!));
+}

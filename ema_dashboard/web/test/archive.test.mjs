@@ -1,0 +1,117 @@
+// The page of an archive's fleet, with the summary that the dashboard makes of drawn tables.
+
+import assert from "node:assert/strict";
+import { after, afterEach, before, describe, test } from "node:test";
+import { hindrances, overflow } from "./access.mjs";
+import { drawnFleet } from "./fleet.mjs";
+import { Stage, browse, until } from "./stage.mjs";
+import { load } from "./sources.mjs";
+
+const format = await load("format.ts");
+const { curveOf } = await load("archive.ts");
+const fleet = drawnFleet();
+const whole = (count) => count.toLocaleString("en-GB");
+
+test("the curve begins with all units and ends where the longest was watched", () => {
+  const step = { age: 10, at_risk: 4, failed: 1, share: 0.75, lower: 0.5, upper: null };
+  assert.deepEqual(curveOf({ survival: [step], longest_age: 30 }),
+    [[0, 10, 30], [1, 0.75, 0.75], [1, 0.5, 0.5], [1, null, null]]);
+  assert.deepEqual(curveOf({ survival: [], longest_age: 0 }), [[0], [1], [1], [1]]);
+});
+
+describe("an archive of 1600 units", () => {
+  let browser;
+  let stage;
+  let page;
+  before(async () => {
+    browser = await browse();
+    stage = await Stage.open("--actuators", 1);
+  });
+  after(async () => {
+    stage.close();
+    await browser.close();
+  });
+  afterEach(async () => {
+    assert.deepEqual(page?.faults ?? [], []);
+    await page?.context().close();
+    page = undefined;
+  });
+
+  async function open(at, shown, options = {}) {
+    stage.origin.fleet = shown;
+    const context = await browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
+    page = await context.newPage();
+    page.faults = [];
+    page.on("pageerror", (error) => page.faults.push(String(error)));
+    await page.goto(stage.address + at);
+  }
+
+  test("it shows the figures of the summary", async () => {
+    await open("#/archive", fleet);
+    await page.waitForSelector("#survival");
+    for (const name of ["ok", "warn", "error", "stale"]) {
+      const shown = await page.locator(`[data-count=${name}]`).innerText();
+      assert.equal(shown.trim(), whole(fleet.levels[name]));
+    }
+    const worst = page.locator("[aria-labelledby=worst] tbody tr");
+    assert.equal(await worst.count(), fleet.worst.length);
+    for (const [k, unit] of fleet.worst.entries()) {
+      const words = await worst.nth(k).innerText();
+      assert.ok(words.includes(unit.serial_number) && words.includes(unit.health), words);
+      assert.ok(words.includes(`${format.hours(unit.hours)} h`), words);
+    }
+    const note = await page.locator("[aria-labelledby=survival] .note").innerText();
+    assert.ok(note.startsWith(`Of ${whole(fleet.lives)} lives ${whole(fleet.failures)} ended.`), note);
+    assert.equal(await page.locator("[aria-labelledby=survival] canvas").count(), 1);
+    for (const [id, rows] of [["models", fleet.models], ["ages", fleet.ages]]) {
+      const table = page.locator(`[aria-labelledby=${id}] tbody tr`);
+      assert.equal(await table.count(), rows.length);
+      for (const [k, row] of rows.entries()) {
+        const cells = await table.nth(k).locator("td").allInnerTexts();
+        assert.equal(cells[1], whole(row.units));
+        assert.equal(cells[2], row.error ? whole(row.error) : "–");
+      }
+    }
+    const ages = await page.locator("[aria-labelledby=calibrations] tbody").innerText();
+    for (const { age, units } of fleet.calibrations) {
+      assert.ok(ages.includes(age) && ages.includes(whole(units)), ages);
+    }
+    const coverage = await page.locator("[aria-labelledby=coverage]").innerText();
+    assert.ok(coverage.includes(fleet.months.at(-1).month), coverage);
+    assert.ok(coverage.includes(format.percent(fleet.recent[1].tested / fleet.recent[1].units)));
+  });
+
+  test("the way to it is there only where the dashboard has an archive", async () => {
+    await open("", { archive: null });
+    await page.waitForSelector("table.fleet tbody tr");
+    assert.equal(await page.locator("nav").count(), 0);
+    await page.context().close();
+    await open("", fleet);
+    await page.getByRole("link", { name: "Archive" }).click();
+    await page.waitForSelector("#worst");
+    assert.equal(await page.title(), "Archive · EMA health");
+    await page.getByRole("link", { name: "Live" }).click();
+    await page.waitForSelector("table.fleet tbody tr");
+  });
+
+  test("why there is none is told", async () => {
+    await open("#/archive", "the folder hangar_7 has no tables");
+    const words = await page.locator("[role=alert]").innerText();
+    assert.match(words, /hangar_7 has no tables/);
+    await page.context().close();
+    await open("#/archive", { archive: null });
+    await until("that none is shown", async () =>
+      (await page.locator("main .empty").innerText()).includes("shows no archive"));
+  });
+
+  for (const colorScheme of ["light", "dark"]) {
+    for (const viewport of [{ width: 1280, height: 900 }, { width: 390, height: 844 }]) {
+      test(`nothing hinders access: ${viewport.width} px, ${colorScheme}`, async () => {
+        await open("#/archive", fleet, { colorScheme, viewport });
+        await page.waitForSelector("[aria-labelledby=survival] canvas");
+        assert.deepEqual(await hindrances(page), []);
+        assert.ok(await overflow(page) <= 0, "wider than the screen");
+      });
+    }
+  }
+});

@@ -1,0 +1,73 @@
+"""The dashboard serves the summary of an archive, within bounds."""
+
+import json
+
+import pyarrow as pa
+import pytest
+
+from ema_archive.partitions import write_whole
+from ema_archive.summaries import SUMMARIES
+from ema_dashboard.fleet_document import FleetDocument
+
+UNIT = {"model": "F", "actuator_id": "flap", "serial_number": "7", "level": 1, "hours": 12.0}
+
+
+def write(archive, units):
+    for name, rows in (("units", units), ("bags", [])):
+        write_whole(archive, name, pa.Table.from_pylist(rows, SUMMARIES[name]))
+
+
+@pytest.fixture
+def archive(tmp_path):
+    folder = tmp_path / "hangar_7"
+    folder.mkdir()
+    write(folder, [UNIT])
+    return folder
+
+
+def test_the_summary_is_that_of_the_archive_of_the_parameter(session, web, archive):
+    node = session.dashboard(archive=str(archive))
+    code, headers, content = web.get(f"{node.address}fleet.json?most=5")
+    assert (code, headers["Content-Type"]) == (200, "application/json")
+    found = json.loads(content)
+    assert found["archive"] == "hangar_7"
+    assert [row["serial_number"] for row in found["worst"]] == ["7"]
+    assert found["levels"]["warn"] == 1
+    assert web.get(f"{node.address}fleet.json", headers={"Host": "evil.example"})[0] == 403
+    write(archive, [UNIT, UNIT | {"level": 2}])
+    assert json.loads(web.get(f"{node.address}fleet.json")[2])["levels"]["error"] == 1
+
+
+def test_without_an_archive_there_is_no_summary(session, web):
+    node = session.dashboard()
+    assert json.loads(web.get(f"{node.address}fleet.json")[2]) == {"archive": None}
+
+
+@pytest.mark.parametrize("most", ["0", "101", "-1", "x", "²", "9" * 5000])
+def test_a_summary_beyond_its_bounds_is_refused(archive, most):
+    made = FleetDocument(str(archive))({"most": most}, "")
+    assert made.status == 503
+    assert "expected 1 to 100" in json.loads(made.content)["reason"]
+
+
+def test_an_archive_that_is_gone_or_damaged_is_named(archive, tmp_path):
+    for folder in (tmp_path / "nothing", archive):
+        (archive / "tables" / "units.parquet").write_bytes(b"no table")
+        made = FleetDocument(str(folder))({}, "")
+        assert made.status == 503
+        assert json.loads(made.content)["reason"]
+
+
+def test_a_summary_is_made_once_for_each_state_of_the_tables(archive, monkeypatch):
+    from ema_archive import fleet
+
+    calls = []
+    real = fleet.fleet_summary
+    monkeypatch.setattr(fleet, "fleet_summary", lambda *given: calls.append(given) or real(*given))
+    document = FleetDocument(str(archive))
+    answers = [document({"most": most}, "").content for most in ("5", "5", "6", "5")]
+    assert len(calls) == 2
+    assert len(set(answers)) == 1
+    write(archive, [])
+    document({"most": "5"}, "")
+    assert len(calls) == 3

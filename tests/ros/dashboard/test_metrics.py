@@ -1,0 +1,289 @@
+"""What the dashboard knows of actuators and nodes is there as metrics, and Grafana shows these."""
+
+import json
+import math
+import re
+from itertools import cycle, pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ament_index_python.packages import get_package_share_directory
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from prometheus_client import parser as plain_text
+from prometheus_client.metrics_core import Metric
+from prometheus_client.openmetrics import parser as open_metrics
+from rosgraph_msgs.msg import Clock
+
+from ema_dashboard.known_figures import COMPUTING_BOUNDS_S, MOST_KEPT
+from ema_dashboard.metrics import Metrics, OwnFigures
+from ema_interfaces.msg import ActuatorDescription, FaultEstimate, Health
+from ema_ros import topics
+
+from ...waiting import wait_for
+from .session import DashboardSession
+
+OPEN_METRICS = "application/openmetrics-text; version=1.0.0"
+TOKEN = "0123456789abcdef-token"
+GRAFANA = Path(get_package_share_directory("ema_dashboard"), "layouts", "grafana.json")
+OWN = OwnFigures(2, 30, 4000, 50, 6, 7)
+BASE_UNITS = ("_seconds", "_ratio", "_bytes", "_info", "_total", "_bucket", "_count", "_sum")
+LABELS = ("namespace", "actuator_id", "serial_number", "model", "quantile", "verdict", "le", "node")
+WITHOUT_UNIT = {"ema_health_level", "ema_dashboard_clients"}
+
+
+def parsed(text: bytes, accept: str = OPEN_METRICS) -> dict[str, Metric]:
+    """Return the families that a client of the format reads, by name."""
+    parser = open_metrics if accept == OPEN_METRICS else plain_text
+    return {one.name: one for one in parser.text_string_to_metric_families(text.decode())}
+
+
+def values(families: dict[str, Metric]) -> dict[tuple[str, ...], float]:
+    """Return the values by the name of the sample and its labels' values in a fixed order."""
+    return {
+        (sample.name, *(sample.labels[name] for name in LABELS if name in sample.labels)): (
+            sample.value
+        )
+        for family in families.values()
+        for sample in family.samples
+    }
+
+
+def health(actuator_id: str = "flap", serial: str = "7", sec: int = 50) -> Health:
+    message = Health(actuator_id=actuator_id, serial_number=serial, level=1, health_index=0.75)
+    message.header.stamp.sec, message.flight_hours, message.confidence = sec, 100.0, 0.5
+    message.rul.known, message.rul.hours_05, message.rul.hours_50 = True, 10.0, 20.0
+    message.rul.hours_95 = math.inf
+    return message
+
+
+def estimate(computing_s: float, actuator_id: str = "flap", serial: str = "7") -> FaultEstimate:
+    return FaultEstimate(actuator_id=actuator_id, serial_number=serial, computing_time=computing_s)
+
+
+def status(name: str, figures: dict[str, Any]) -> DiagnosticStatus:
+    values = [KeyValue(key=key, value=str(value)) for key, value in figures.items()]
+    return DiagnosticStatus(name=name, values=values)
+
+
+TELEMETRY_STATUS = status(
+    "/ema/monitor: flap telemetry",
+    {
+        **{"samples lost": 3, "windows dropped": 2, "estimates valid": 5, "estimates invalid": 1},
+        "latency [s]": 0.25,
+    },
+)
+NODE_STATUS = (
+    status("/ema/monitor: input", {"windows dropped": 4, "refusals dropped": 0, "shard": "0 of 1"}),
+    status("/ema/monitor: identification", {"follow-ups dropped": 1}),
+    status("/ema/recorder: recording", {"lost messages": 8, "messages without room": 9}),
+    status("/ema/bridge: input", {"lost": 11}),
+)
+
+
+@pytest.fixture
+def metrics() -> Metrics:
+    """Return metrics that have heard something of each kind."""
+    found = Metrics(["/ema"], lambda: OWN)
+    found.note_description(
+        "/ema", ActuatorDescription(actuator_id="flap", serial_number="7", model="F-1")
+    )
+    for computing_s in (0.01, 0.07, 0.09, 99.0, math.nan):
+        found.note_estimate("/ema", estimate(computing_s))
+    found.note_health("/ema", health())
+    for one in (TELEMETRY_STATUS, *NODE_STATUS):
+        found.note_status(one)
+    return found
+
+
+def exposed(metrics: Metrics, accept: str = OPEN_METRICS) -> dict[str, Metric]:
+    return parsed(metrics.exposition({}, accept).content, accept)
+
+
+def test_metrics_are_served_to_whom_the_page_is(session, web, tmp_path):
+    (tmp_path / "token").write_text(TOKEN)
+    node = session.dashboard(token_file=str(tmp_path / "token"))
+    address = f"{node.address}metrics"
+    shown = {"Authorization": f"Bearer {TOKEN}", "Accept": OPEN_METRICS}
+    assert web.get(address)[0] == 401
+    assert web.get(address, headers={**shown, "Host": "evil.example"})[0] == 403
+    assert web.get(address, headers={**shown, "Origin": "https://evil.example"})[0] == 403
+    code, headers, content = web.get(address, headers=shown)
+    assert code == 200
+    assert headers["Content-Type"].startswith("application/openmetrics-text; version=1.0.0")
+    assert values(parsed(content))["ema_dashboard_requests_refused_total",] == 3
+
+
+def test_the_figures_of_a_graph_reach_a_client(session: DashboardSession, web):
+    healths = session.source.create_publisher(Health, "health", topics.LATCHED)
+    estimates = session.source.create_publisher(FaultEstimate, "fault_estimate", topics.STATE)
+    diagnostics = session.source.create_publisher(DiagnosticArray, "/diagnostics", topics.STATE)
+    clock = session.source.create_publisher(Clock, "/clock", 1)
+    node = session.dashboard()
+
+    def read() -> dict[tuple[str, ...], float]:
+        headers = {"Accept": OPEN_METRICS}
+        return values(parsed(web.get(f"{node.address}metrics", headers=headers)[2]))
+
+    healths.publish(health())
+    index = ("ema_health_index_ratio", "/ema", "flap")
+    wait_for(lambda: read().get(index) == 0.75, "health")
+    # Of what is not latched the first message may come before the subscription.
+    wait_for(lambda: estimates.get_subscription_count(), "a subscription")
+    estimates.publish(estimate(0.3))
+    count = ("ema_estimate_computing_seconds_count", "/ema", "flap")
+    wait_for(lambda: read().get(count) == 1, "the estimate")
+    wait_for(lambda: diagnostics.get_subscription_count(), "a subscription")
+    diagnostics.publish(DiagnosticArray(status=[TELEMETRY_STATUS, *NODE_STATUS]))
+    wait_for(lambda: ("ema_windows_dropped_total", "/ema", "flap") in read(), "the status")
+    assert read()["ema_node_heard_timestamp_seconds", "/ema/monitor"] > 1.7e9
+    wait_for(lambda: clock.get_subscription_count(), "a subscription")
+    seconds = cycle((60, 40))
+
+    def has_jumped_back() -> bool:
+        # One message of two may be lost: they are best effort.
+        clock.publish(_clock(next(seconds)))
+        return index not in read()
+
+    wait_for(has_jumped_back, "health of the future is forgotten")
+
+
+def _clock(sec: int) -> Clock:
+    message = Clock()
+    message.clock.sec = sec
+    return message
+
+
+def test_figures_are_those_of_the_messages_in_base_units(metrics):
+    found = values(exposed(metrics))
+    flap = ("/ema", "flap")
+    assert found["ema_actuator_info", *flap, "7", "F-1"] == 1
+    assert found["ema_health_index_ratio", *flap] == 0.75
+    assert found["ema_health_confidence_ratio", *flap] == 0.5
+    assert found["ema_health_level", *flap] == 1
+    life = "ema_remaining_useful_life_seconds"
+    lives = [found[life, *flap, quantile] for quantile in ("0.05", "0.5", "0.95")]
+    assert lives == [36_000.0, 72_000.0, math.inf]
+    assert found["ema_service_time_seconds", *flap] == 360_000.0
+    assert found["ema_health_timestamp_seconds", *flap] == 50.0
+    assert found["ema_estimate_latency_seconds", *flap] == 0.25
+    assert found["ema_estimates_total", *flap, "valid"] == 5
+    assert found["ema_estimates_total", *flap, "refused"] == 1
+    assert found["ema_samples_lost_total", *flap] == 3
+    assert found["ema_windows_dropped_total", *flap] == 2
+    assert found["ema_monitor_windows_dropped_total", "/ema/monitor"] == 4
+    assert found["ema_monitor_refusals_dropped_total", "/ema/monitor"] == 0
+    assert found["ema_monitor_follow_ups_dropped_total", "/ema/monitor"] == 1
+    assert found["ema_recorder_messages_lost_total", "/ema/recorder"] == 8
+    assert found["ema_recorder_messages_without_room_total", "/ema/recorder"] == 9
+    assert found["ema_bridge_samples_lost_total", "/ema/bridge"] == 11
+    own = [
+        found[f"ema_dashboard_{name}",]
+        for name in ("clients", "messages_sent_total", "sent_bytes_total", "waiting_bytes")
+    ]
+    assert own == [2, 30, 4000, 50]
+    assert found["ema_dashboard_messages_dropped_total",] == 6
+    assert found["process_resident_memory_bytes",] > 1e6
+
+
+def test_computing_times_are_counted_up_to_each_bound(metrics):
+    found = values(exposed(metrics))
+    name, flap = "ema_estimate_computing_seconds", ("/ema", "flap")
+    bounds = [*map(str, COMPUTING_BOUNDS_S), "+Inf"]
+    counts = [found[f"{name}_bucket", *flap, bound] for bound in bounds]
+    assert all(one <= other for one, other in pairwise(counts))
+    assert (counts[0], counts[bounds.index("0.1")], counts[-2], counts[-1]) == (1, 3, 3, 4)
+    # One of them was no time.
+    assert found[f"{name}_count", *flap] == 4
+    assert found[f"{name}_sum", *flap] == pytest.approx(0.01 + 0.07 + 0.09 + 99.0, rel=1e-12)
+
+
+def test_an_unknown_life_is_no_number(metrics):
+    message = health()
+    message.rul.known = False
+    metrics.note_health("/ema", message)
+    found = values(exposed(metrics))
+    assert math.isnan(found["ema_remaining_useful_life_seconds", "/ema", "flap", "0.05"])
+
+
+@pytest.mark.parametrize("accept", [OPEN_METRICS, "text/plain"])
+def test_metrics_follow_the_conventions_for_names(metrics, accept):
+    families = exposed(metrics, accept)
+    assert len(families) > 20
+    for family in families.values():
+        assert family.documentation.endswith("."), family.name
+        for sample in family.samples:
+            name = sample.name
+            assert re.fullmatch(r"(ema|process)(_[a-z]+)+", name)
+            if name.startswith("ema") and name not in WITHOUT_UNIT:
+                assert name.endswith(BASE_UNITS), name
+            assert (family.type == "counter") == name.endswith("_total"), name
+
+
+def test_another_unit_has_no_health_yet(metrics):
+    metrics.note_estimate("/ema", estimate(0.1, serial="8"))
+    found = values(exposed(metrics))
+    assert ("ema_actuator_info", "/ema", "flap", "8", "F-1") in found
+    assert ("ema_health_index_ratio", "/ema", "flap") not in found
+    assert found["ema_estimate_computing_seconds_count", "/ema", "flap"] == 5
+
+
+def test_hostile_names_neither_break_the_format_nor_take_all_memory(metrics):
+    evil = 'a"} 1\nema_health_level{x="\\\udc80'
+    metrics.note_health("/ema", health(evil))
+    found = values(exposed(metrics))
+    assert found["ema_health_level", "/ema", evil.replace("\udc80", "?")] == 1
+    for number in range(2 * MOST_KEPT):
+        metrics.note_health("/ema", health(f"actuator{number}"))
+        metrics.note_status(status(f"/ema/node{number}: input", {"lost": 1}))
+        metrics.note_status(status(f"/other/node{number}: input", {"lost": 1}))
+    names = [name for name, *_ in values(exposed(metrics))]
+    assert names.count("ema_health_level") == MOST_KEPT
+    assert names.count("ema_node_heard_timestamp_seconds") == MOST_KEPT
+
+
+@pytest.mark.parametrize("accept", ["", "application/openmetrics-text; version=x", "a;=,;"])
+def test_clients_of_other_formats_get_the_plain_one(metrics, accept):
+    made = metrics.exposition({}, accept)
+    assert made.content_type.startswith("text/plain; version=0.0.4")
+    assert "ema_health_level" in parsed(made.content, "text/plain")
+
+
+def panels() -> list[dict[str, Any]]:
+    return json.loads(GRAFANA.read_text())["panels"]
+
+
+def queries() -> list[str]:
+    content = json.loads(GRAFANA.read_text())
+    variables = [item["definition"] for item in content["templating"]["list"][1:]]
+    return [*variables, *(target["expr"] for panel in panels() for target in panel["targets"])]
+
+
+def test_grafana_asks_for_metrics_and_labels_that_are_there(metrics):
+    labels = {
+        sample.name: set(sample.labels)
+        for family in exposed(metrics).values()
+        for sample in family.samples
+    }
+    asked = set()
+    for query in queries():
+        found = re.findall(r"\b((?:ema|process)_\w+)(?:\{([^}]*)\})?", query)
+        assert found, query
+        for name, selectors in found:
+            assert name in labels, query
+            asked.add(name)
+            assert set(re.findall(r"(\w+)=", selectors)) <= labels[name], query
+        (grouped,) = re.findall(r" by \(([^)]*)\)", query) or [""]
+        assert set(grouped.split(", ")) - {""} <= labels[found[0][0]], query
+    # All that is lost is shown.
+    assert {name for name in labels if "_lost" in name or "_dropped" in name} <= asked
+
+
+def test_panels_of_grafana_do_not_overlap():
+    taken = set()
+    for panel in panels():
+        x, y, w, h = (panel["gridPos"][side] for side in "xywh")
+        cells = {(x + i, y + j) for i in range(w) for j in range(h)}
+        assert x + w <= 24
+        assert not taken & cells, panel["title"]
+        taken |= cells
