@@ -4,7 +4,7 @@ import fcntl
 import sqlite3
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 FILE: Final = "archive.sqlite"
 """Name of the database in an archive."""
@@ -42,7 +42,7 @@ CREATE TEMP TABLE current (source TEXT, unit TEXT, id TEXT, PRIMARY KEY (source,
 _CHANGES: Final = {1: "ALTER TABLE unit ADD COLUMN record TEXT NOT NULL DEFAULT '{}'"}
 
 
-class Database(AbstractContextManager["Database", None]):
+class Database(AbstractContextManager[Any, None]):
     """The database of an archive.
 
     Parameters
@@ -89,6 +89,9 @@ class Database(AbstractContextManager["Database", None]):
             self._prepare(path)
         except sqlite3.Error as error:
             raise ValueError(f"{path} cannot be used: {error}") from error
+
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         self._db.close()
