@@ -8,7 +8,7 @@ from typing import Final
 
 from ema_dashboard.documents import Made
 
-_LIMIT_S: Final = 20.0
+_LIMIT_S: Final = 5.0
 _MOST: Final = 100
 _NUMBERS: Final = frozenset(map(str, range(1, _MOST + 1)))
 _MOST_KEPT: Final = 8

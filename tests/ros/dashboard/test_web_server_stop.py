@@ -8,7 +8,8 @@ import pytest
 
 from ema_dashboard import web_server
 from ema_dashboard.access import Access
-from ema_dashboard.web_server import WebServer, bound_socket
+from ema_dashboard.listening import bound_socket
+from ema_dashboard.web_server import WebServer
 
 from ...waiting import wait_for
 
@@ -24,6 +25,7 @@ def server():
         lambda _: None,
         4,
         1000,
+        {},
         print,
     )
     made.start()
