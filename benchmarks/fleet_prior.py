@@ -44,7 +44,7 @@ def unit_of(scored: ScoredLife) -> FleetUnit:
     tracker = Tracker(HealthLimits(), TrackerSettings())
     for measurement in measurements:
         tracker.update(measurement)
-    return FleetUnit(len(measurements), tuple(tracker.grown_faults()))
+    return FleetUnit(len(measurements), tuple(tracker.grown_faults().values()))
 
 
 def scores_of(priors: dict[str, FleetPrior | None], scored: ScoredLife) -> dict[str, LifeScore]:

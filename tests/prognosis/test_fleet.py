@@ -35,7 +35,7 @@ def grown(rate: float, seed: int, until: float = 900.0, law: str = "linear") -> 
     """What a unit says whose friction grows."""
     tracker = Tracker()
     feed(tracker, {"friction": Growth(law, rate)}, until, np.random.default_rng(seed))
-    return FleetUnit(tracker.updates, tuple(tracker.grown_faults()))
+    return FleetUnit(tracker.updates, tuple(tracker.grown_faults().values()))
 
 
 @pytest.fixture(scope="module")
@@ -225,13 +225,30 @@ def test_a_history_is_read_without_a_change_even_while_a_monitor_has_it(tmp_path
 def test_growth_is_kept_of_faults_that_grow_alone():
     tracker = Tracker()
     feed(tracker, {}, 300.0, np.random.default_rng(0), {"friction": 0.2})
-    assert tracker.grown_faults() == []
+    assert tracker.grown_faults() == {}
     feed(
         tracker, {"backlash": Growth("linear", 1e-3)}, 700.0, np.random.default_rng(1), after=300.0
     )
     faults = tracker.grown_faults()
-    assert [fault.kind for fault in faults] == [kind_of("backlash")]
-    [fault] = faults
+    assert [*faults] == ["backlash"]
+    fault = faults["backlash"]
+    assert fault.kind == kind_of("backlash")
     assert isinstance(fault, GrownFault)
     assert fault.log_likelihood.max() == 0.0
     assert fault.log_likelihood.shape == BEFORE["backlash"].shape
+
+
+def test_unit_that_was_repaired_says_how_its_faults_grew_before_and_after():
+    history = History("flap", "7", None)
+    for number in range(60):
+        estimate = made_test(number, seed=number, friction=0.01 * (number % 30))
+        history.append(Entry(estimate, 10.0 * number, number + 1))
+    [unit] = fleet_of([history], LIMITS).units.values()
+    assert [fault.kind for fault in unit.faults] == ["friction", "friction"]
+    before, after = (fault.log_likelihood for fault in unit.faults)
+    alone = History("flap", "8", None)
+    for entry in history.entries[:30]:
+        alone.append(entry)
+    [first] = fleet_of([alone], LIMITS).units.values()
+    assert np.array_equal(first.faults[0].log_likelihood, before)
+    assert not np.array_equal(after, before)

@@ -4,10 +4,12 @@ from collections.abc import Iterable
 
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.fleet import Fleet, FleetUnit, unit_digest
-from ema_monitor.prognosis.growth.fleet import grid_digest
+from ema_monitor.prognosis.growth.fleet import GrownFault, grid_digest
+from ema_monitor.prognosis.growth.outliers import REPAIR
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.unit_event import kind_and_text
 
 
 def fleet_of(histories: Iterable[History], limits: HealthLimits, name: str = "") -> Fleet:
@@ -16,15 +18,24 @@ def fleet_of(histories: Iterable[History], limits: HealthLimits, name: str = "")
     Parameters
     ----------
     histories
-        Of a unit each.
+        Of a unit each. A fault that was repaired counts as it grew until then, and again if it
+        grows after it.
     limits
         Where lives end.
     name
         What the fleet is called; empty: nothing.
     """
-    units = {}
-    for history in histories:
-        record = GrowthRecord(limits, TrackerSettings(), history.entries)
-        faults = tuple(record.tracker.grown_faults())
-        units[unit_digest(*history.unit)] = FleetUnit(record.tests, faults)
+    units = {unit_digest(*history.unit): _unit_of(history, limits) for history in histories}
     return Fleet(grid_digest(limits), units, frozenset([name] if name else []))
+
+
+def _unit_of(history: History, limits: HealthLimits) -> FleetUnit:
+    record = GrowthRecord(limits, TrackerSettings())
+    repaired: list[GrownFault] = []
+    growing: dict[str, GrownFault] = {}
+    for entry in history.entries:
+        before, events = growing, record.add(entry)
+        growing = record.tracker.grown_faults()
+        if any(kind_and_text(words)[0] == REPAIR for words in events):
+            repaired += [fault for name, fault in before.items() if name not in growing]
+    return FleetUnit(record.tests, (*repaired, *growing.values()))

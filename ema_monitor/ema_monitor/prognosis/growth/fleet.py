@@ -99,8 +99,8 @@ def _place(cells: Cells, number: int) -> _Place:
 
 def grown_faults(
     cells: Cells, weight: NDArray[np.float64], growing: NDArray[np.bool_]
-) -> list[GrownFault]:
-    """Return what a tracker says of the faults that are seen to grow.
+) -> dict[str, GrownFault]:
+    """Return what a tracker says of the faults that are seen to grow, by component.
 
     Parameters
     ----------
@@ -111,15 +111,16 @@ def grown_faults(
     growing
         Which components are judged to grow, ``(7,)``.
     """
-    found = []
+    found = {}
     for number in np.flatnonzero(growing):
+        name = COMPONENTS[number]
         place = _place(cells, int(number))
         before = place.sums(cells.prior)
         with np.errstate(divide="ignore", invalid="ignore"):
             log = np.log(place.sums(weight) / before)
         log = np.where(before > 0.0, log, -np.inf)
         log = np.maximum(log - log.max(), LEAST_LOG)
-        found.append(GrownFault(kind_of(COMPONENTS[number]), log.astype(np.float16)))
+        found[name] = GrownFault(kind_of(name), log.astype(np.float16))
     return found
 
 

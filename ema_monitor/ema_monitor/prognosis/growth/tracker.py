@@ -232,8 +232,8 @@ class Tracker:
             self._first_hours[number] = measurement.hours
             self._growing[number] = False
 
-    def grown_faults(self) -> list[GrownFault]:
-        """Return what is said of the faults that grow, for the prior of a fleet."""
+    def grown_faults(self) -> dict[str, GrownFault]:
+        """Return what is said of the components that grow, for the prior of a fleet."""
         bank = self._mixture.bank
         return grown_faults(bank.cells, bank.weight, self._growing)
 
