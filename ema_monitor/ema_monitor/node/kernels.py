@@ -8,16 +8,23 @@ from typing import Final
 
 import numpy as np
 
+from ema_core.faults import N_FAULTS, healthy_faults
 from ema_monitor.model.monitor_model import FORMS, compile_kernels
-from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
+from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.growth.tracker import Tracker
 
+_FOLLOWED: Final = 3
 _QUIET_S: Final = 1.0
 _TELL_S: Final = 1.0
 
 
 def _compile_growth() -> None:
-    of_one = [np.ones(1) for _ in range(4)]
-    near_healthy_update(*of_one, np.zeros(1, dtype=bool), np.zeros(1))
+    """Follow a healthy actuator for some tests: kernels are compiled for what they are given."""
+    tracker = Tracker()
+    covariance, is_hidden = 1e-6 * np.eye(N_FAULTS), np.zeros(N_FAULTS, dtype=bool)
+    for number in range(_FOLLOWED):
+        tracker.update(Measurement(10.0 * number, healthy_faults(), covariance, is_hidden))
+    tracker.predict()
 
 
 STEPS: Final[Mapping[str, Callable[[], object]]] = MappingProxyType(
