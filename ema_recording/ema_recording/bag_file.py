@@ -8,7 +8,7 @@ from typing import Any, cast
 from mcap.writer import CompressionType, Writer
 
 from ema_core import __version__
-from ema_recording.chunk_index import index_when_closed
+from ema_recording.chunk_index import keep_packed_index
 from ema_recording.gaps import GAP, Gap
 from ema_recording.held_file import HeldFile
 from ema_recording.metadata import (
@@ -49,7 +49,7 @@ class BagFile:
         # It writes, tells where it is and flushes: more is not asked of a stream.
         stream = cast(BufferedWriter, self._file)
         self._mcap = Writer(stream, chunk_bytes, COMPRESSION[compression])
-        index_when_closed(self._mcap, self._file)
+        keep_packed_index(self._mcap)
         self._mcap.start(profile="ros2", library=f"{LIBRARY} {__version__}")
 
     @property

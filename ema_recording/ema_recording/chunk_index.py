@@ -1,35 +1,29 @@
-"""The index of the chunks of a file that is being written: read from the file when it is closed.
+"""The index of the chunks of a file that is being written, in little memory until it is closed.
 
-The writer of mcap keeps what it is to write of each chunk in memory until then, 2.5 kB each, and
-a recorder writes several chunks a second, for days.
+The writer of mcap keeps what it is to write of each chunk as objects, 2.5 kB each, and a recorder
+writes several chunks a second, for days. Packed, as here, it is about 25 B of each.
 """
 
-import struct
+import zlib
+from array import array
 from collections.abc import Iterator
-from typing import Any, Final
+from itertools import chain
+from typing import Final
 
-from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
 from mcap.writer import Writer
 
-from ema_recording.held_file import HeldFile, Read
-from ema_recording.records import MAGIC
-
-_HEAD: Final = struct.Struct("<BQ")
-_CHUNK: Final = struct.Struct("<QQQII")
-_LENGTH: Final = struct.Struct("<Q")
-_CHANNEL: Final = struct.Struct("<H")
+_BLOCK: Final = 256
+_LEVEL: Final = 6
 
 
-def index_when_closed(writer: Writer, file: HeldFile) -> None:
-    """Let a writer keep nothing of its chunks; it reads them again in ``finish``.
+def keep_packed_index(writer: Writer) -> None:
+    """Let a writer keep what it is to write of each chunk as ``PackedChunkIndices``.
 
     Parameters
     ----------
     writer
         A writer that has written no chunk so far.
-    file
-        What it writes to.
 
     Raises
     ------
@@ -40,67 +34,106 @@ def index_when_closed(writer: Writer, file: HeldFile) -> None:
     name = "_Writer__chunk_indices"
     if getattr(writer, name) != []:
         raise ValueError("the writer has chunks already: expected a new one")
-    setattr(writer, name, _WrittenChunks(file))
+    setattr(writer, name, PackedChunkIndices())
 
 
-def chunk_indices(read: Read, size: int) -> Iterator[ChunkIndex]:
-    """Return the index of each chunk of an MCAP file, by the heads of its records.
+class PackedChunkIndices:
+    """Stands for a list of the indices of chunks of one compression, in their order in a file.
 
-    Parameters
-    ----------
-    read
-        Reads from an offset so many bytes.
-    size
-        How many there are [B]; a record that is cut off there ends it.
+    What is kept of a chunk are differences to the one before it, most of which are small.
     """
-    offset, index = len(MAGIC), None
-    while offset + _HEAD.size <= size:
-        opcode, length = _HEAD.unpack(read(offset, _HEAD.size))
-        content, end = offset + _HEAD.size, offset + _HEAD.size + length
-        if end > size:
-            break
-        if opcode == Opcode.MESSAGE_INDEX and index is not None:
-            (channel,) = _CHANNEL.unpack(read(content, _CHANNEL.size))
-            index.message_index_offsets[channel] = offset
-            index.message_index_length = end - index.chunk_start_offset - index.chunk_length
-        elif index is not None:
-            yield index
-            index = None
-        if opcode == Opcode.CHUNK:
-            index = _chunk(read, offset, end)
-        offset = end
-    if index is not None:
-        yield index
+
+    def __init__(self) -> None:
+        self._packed: list[bytes] = []
+        self._block = array("q")
+        self._in_block = 0
+        self._compression = ""
+        self._last = _NOTHING
+
+    def append(self, index: ChunkIndex) -> None:
+        """Add the index of the next chunk."""
+        self._compression = index.compression
+        self._block.extend(_differences(index, self._last))
+        self._last = index
+        self._in_block += 1
+        if self._in_block == _BLOCK:
+            self._packed.append(zlib.compress(self._block.tobytes(), _LEVEL))
+            self._block, self._in_block = array("q"), 0
+
+    def __iter__(self) -> Iterator[ChunkIndex]:
+        """Give them in their order."""
+        last = _NOTHING
+        for block in chain(map(_unpacked, self._packed), [self._block]):
+            values = iter(block)
+            for first in values:
+                last = _index(first, values, last, self._compression)
+                yield last
 
 
-def _chunk(read: Read, offset: int, end: int) -> ChunkIndex:
-    content = offset + _HEAD.size
-    first_ns, last_ns, size, _, letters = _CHUNK.unpack(read(content, _CHUNK.size))
-    compression = read(content + _CHUNK.size, letters).decode()
-    (compressed,) = _LENGTH.unpack(read(content + _CHUNK.size + letters, _LENGTH.size))
+_NOTHING: Final = ChunkIndex(
+    chunk_length=0,
+    chunk_start_offset=0,
+    compression="",
+    compressed_size=0,
+    message_end_time=0,
+    message_index_length=0,
+    message_index_offsets={},
+    message_start_time=0,
+    uncompressed_size=0,
+)
+
+
+def _unpacked(block: bytes) -> "array[int]":
+    return array("q", zlib.decompress(block))
+
+
+def _differences(index: ChunkIndex, last: ChunkIndex) -> list[int]:
+    """Return an index in numbers, most of which are small."""
+    values = [
+        index.message_start_time - last.message_end_time,
+        index.message_end_time - index.message_start_time,
+        index.chunk_start_offset - _end(last),
+        index.compressed_size,
+        index.chunk_length - index.compressed_size,
+        index.uncompressed_size - last.uncompressed_size,
+        index.message_index_length,
+        len(index.message_index_offsets),
+    ]
+    before = index.chunk_start_offset + index.chunk_length
+    for channel, offset in index.message_index_offsets.items():
+        values += (channel, offset - before)
+        before = offset
+    return values
+
+
+def _index(first: int, values: Iterator[int], last: ChunkIndex, compression: str) -> ChunkIndex:
+    """Return the index of which ``_differences`` made numbers."""
+    start_ns = last.message_end_time + first
+    end_ns = start_ns + next(values)
+    offset = _end(last) + next(values)
+    compressed = next(values)
+    length = compressed + next(values)
+    uncompressed = last.uncompressed_size + next(values)
+    index_length, channels = next(values), next(values)
+    offsets: dict[int, int] = {}
+    before = offset + length
+    for _ in range(channels):
+        channel = next(values)
+        before += next(values)
+        offsets[channel] = before
     return ChunkIndex(
-        chunk_length=end - offset,
+        chunk_length=length,
         chunk_start_offset=offset,
         compression=compression,
         compressed_size=compressed,
-        message_end_time=last_ns,
-        message_index_length=0,
-        message_index_offsets={},
-        message_start_time=first_ns,
-        uncompressed_size=size,
+        message_end_time=end_ns,
+        message_index_length=index_length,
+        message_index_offsets=offsets,
+        message_start_time=start_ns,
+        uncompressed_size=uncompressed,
     )
 
 
-class _WrittenChunks:
-    """Stands for the list of the chunks' indices."""
-
-    def __init__(self, file: HeldFile) -> None:
-        self._file = file
-
-    def append(self, _: Any) -> None:
-        """Keep nothing."""
-
-    def __iter__(self) -> Iterator[ChunkIndex]:
-        """Read them from the file."""
-        size = self._file.tell()
-        return chunk_indices(self._file.reader(), size)
+def _end(index: ChunkIndex) -> int:
+    """Return where the records of a chunk end in the file [B]."""
+    return index.chunk_start_offset + index.chunk_length + index.message_index_length

@@ -1,16 +1,12 @@
 """A file whose writer never sees a full disk: what does not fit is held until there is room."""
 
 import errno
-import os
 from collections import deque
-from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 WRITE_BYTES: Final = 64 * 1024
 """How much is gathered for a write [B]."""
-
-Read = Callable[[int, int], bytes]
 
 
 class HeldFile:
@@ -32,7 +28,7 @@ class HeldFile:
     """
 
     def __init__(self, path: Path) -> None:
-        self._file = path.open("x+b", buffering=0)
+        self._file = path.open("xb", buffering=0)
         self._parts: deque[bytes] = deque()
         self._written = 0
         self.waiting = 0
@@ -72,20 +68,6 @@ class HeldFile:
                     self._parts.appendleft(part[count:])
                 self._written += count
                 self.waiting -= count
-
-    def reader(self) -> Read:
-        """Return what reads from an offset so many bytes [B], whether they are written or wait."""
-        waiting = b"".join(self._parts)
-
-        def read(offset: int, size: int) -> bytes:
-            data = b""
-            if offset < self._written:
-                # By the descriptor: the file may have been moved or deleted.
-                data = os.pread(self._file.fileno(), min(size, self._written - offset), offset)
-            start = max(offset - self._written, 0)
-            return data + waiting[start : start + size - len(data)]
-
-        return read
 
     def close(self) -> None:
         """Close the file; what waits is lost."""

@@ -154,7 +154,6 @@ class RecorderNode(ManagedNode):
         if not topics and not missing:
             remarks.append("nothing is published yet")
         remarks += [f"gap: {gap}" for gap in bag.gaps[-_MOST_NAMED:]]
-        not_recorded = sum(gap.count for gap in bag.gaps)
         if bag.flusher.failure:
             remarks.insert(0, bag.flusher.failure)
         is_wrong = bag.failure or bag.flusher.failure
@@ -169,7 +168,7 @@ class RecorderNode(ManagedNode):
                 f"{name} {topic.lost}" for name, topic in sorted(topics.items()) if topic.lost
             ),
             "waiting [B]": bag.waiting,
-            "messages without room": not_recorded,
+            "messages without room": bag.not_recorded,
             "ends of threads": bag.flusher.ends,
             "topics": ", ".join(sorted(topics)),
             "publisher gone": ", ".join(gone),

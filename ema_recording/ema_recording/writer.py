@@ -22,6 +22,7 @@ from ema_recording.schema import schema_text
 from ema_recording.state_messages import says_state
 
 _MOST_WAITING: Final = 16 * 1024 * 1024
+_MOST_GAPS: Final = 100
 
 
 class BagWriter(AbstractContextManager["BagWriter", None]):
@@ -72,7 +73,10 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     flusher
         The thread that writes by time.
     gaps
-        What was received and could not be recorded, the last one open while ``failure`` is set.
+        What was received and could not be recorded, the last one open while ``failure`` is set; the
+        latest 100.
+    not_recorded
+        How many messages that are, those of earlier gaps among them.
 
     Raises
     ------
@@ -114,7 +118,9 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         self._waits_for_room = waits_for_room
         self.failure: OSError | None = None
         self.gaps: list[Gap] = []
+        self.not_recorded = 0
         self._gap: Gap | None = None
+        self._ended_gaps = 0
         self._flush_s = flush_s / 2
         self._flushed_s = time.monotonic()
         self._lock = threading.Lock()
@@ -208,7 +214,9 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
                 if self._gap is None:
                     self._gap = Gap(str(self.failure), log_time_ns, log_time_ns)
                     self.gaps.append(self._gap)
+                    del self.gaps[:-_MOST_GAPS]
                 self._gap.add(log_time_ns)
+                self.not_recorded += 1
                 files.note_state(topic, data, publish_time_ns)
                 return False
             files.write(topic, data, log_time_ns, publish_time_ns)
@@ -310,9 +318,14 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     def _end_gap(self, files: BagFiles) -> None:
         """Tell of the gap that has just ended, if there is one."""
         gap, self._gap = self._gap, None
-        if gap is not None:
-            files.note_gap(gap)
-            self.custom_data[f"gap {len(self.gaps)}"] = str(gap)
+        if gap is None:
+            return
+        files.note_gap(gap)
+        self._ended_gaps += 1
+        self.custom_data[f"gap {self._ended_gaps}"] = str(gap)
+        earlier = self._ended_gaps - _MOST_GAPS
+        if self.custom_data.pop(f"gap {earlier}", None):
+            self.custom_data["earlier gaps"] = f"{earlier}, each in a record of its file"
 
     def _keep_flushing(self) -> None:
         # The library itself ends a chunk by size only.

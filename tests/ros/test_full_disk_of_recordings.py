@@ -135,6 +135,31 @@ def test_short_lack_of_room_loses_nothing(disk: Disk, tmp_path: Path):
     assert (found.remarks, bag.gaps) == ([], [])
 
 
+def test_latest_gaps_alone_are_kept_in_memory(
+    disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(writer, "_MOST_WAITING", 0)
+    monkeypatch.setattr(writer, "_MOST_GAPS", 3)
+    path = tmp_path / "flight.mcap"
+    with BagWriter(path, chunk_bytes=1, flush_s=100.0, waits_for_room=True) as bag:
+        bag.add_topic("/t", String, QOS)
+        for number in range(0, 50, 10):
+            disk.room = 0
+            write(bag, range(number, number + 1))
+            bag.flush()
+            assert not any(write(bag, range(number + 1, number + 3)))
+            disk.room = float("inf")
+            bag.flush()
+        assert (len(bag.gaps), bag.not_recorded) == (3, 10)
+    assert bag.custom_data == {
+        "earlier gaps": "2, each in a record of its file",
+        **{f"gap {5 - 2 + place}": str(gap) for place, gap in enumerate(bag.gaps)},
+    }
+    found = Bag(path)
+    assert numbers_in(found) == [0, 10, 20, 30, 40]
+    assert [remark.partition(" from")[0] for remark in found.remarks] == ["gap: 2 messages"] * 5
+
+
 def test_next_file_waits_for_room(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Split while nothing can be made or closed: this file goes on, and no message is lost."""
     monkeypatch.setattr(writer, "_MOST_WAITING", 10**6)
