@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 from builtin_interfaces.msg import Time
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import STALE
@@ -35,7 +35,8 @@ class ActuatorHistory:
         self.serial_number = serial_number
         self._actuator_id = actuator_id
         self._lock = threading.Lock()
-        self._tests: dict[int, UnitTest] = {}  # by stamp
+        # Serialised, by stamp: as messages they take four times the memory.
+        self._tests: dict[int, bytes] = {}
         self._events: dict[tuple[int, str, str], UnitEvent] = {}
         self._omitted = 0
         self._latest: FaultEstimate | None = None  # whatever its verdict
@@ -46,7 +47,9 @@ class ActuatorHistory:
     def set_base(self, history: UnitHistory) -> None:
         """Take the history of the monitor; tests that came after it was asked stay."""
         with self._lock:
-            base = {stamp_from_message(test.stamp): test for test in history.tests}
+            base = {
+                stamp_from_message(test.stamp): serialize_message(test) for test in history.tests
+            }
             latest = max(base, default=-1)
             later = {stamp: test for stamp, test in self._tests.items() if stamp > latest}
             self._tests = {**base, **later}
@@ -105,7 +108,7 @@ class ActuatorHistory:
             known = self._tests.get(stamp)
             # Overdue or computed anew: the health after the test is the one that says more.
             if known is not None and health.level != STALE:
-                _add_health(known, health)
+                self._tests[stamp] = _with_health(deserialize_message(known, UnitTest), health)
             for event in health.events:
                 self._events[_identity(event)] = event
             self._trim()
@@ -150,21 +153,22 @@ class ActuatorHistory:
         """Make a test of the latest estimate and its health, whichever came first."""
         estimate, health = self._estimate, self._health
         if estimate and health and estimate.header.stamp == health.header.stamp:
-            test = self._tests[stamp_from_message(health.header.stamp)] = _test_of(estimate)
-            _add_health(test, health)
+            stamp = stamp_from_message(health.header.stamp)
+            self._tests[stamp] = _with_health(_test_of(estimate), health)
             self._estimate = None
             self._trim()
 
     def _message(self) -> UnitHistory:
+        tests = [deserialize_message(test, UnitTest) for test in self._tests.values()]
         message = UnitHistory(
             actuator_id=self._actuator_id,
             serial_number=self.serial_number,
-            tests=list(self._tests.values()),
+            tests=tests,
             events=list(self._events.values()),
             omitted=self._omitted,
         )
-        if self._tests:
-            message.header.stamp = next(reversed(self._tests.values())).stamp
+        if tests:
+            message.header.stamp = tests[-1].stamp
         return message
 
     def _trim(self) -> None:
@@ -208,7 +212,8 @@ def _where(seen: Iterable[bool], values: Iterable[float]) -> list[float]:
     return [value if is_seen else math.nan for is_seen, value in zip(seen, values, strict=True)]
 
 
-def _add_health(test: UnitTest, health: Health) -> None:
+def _with_health(test: UnitTest, health: Health) -> bytes:
+    """Return a test with its health, serialised."""
     test.flight_hours = health.flight_hours
     test.cycles = health.cycles
     test.level = health.level
@@ -218,6 +223,7 @@ def _add_health(test: UnitTest, health: Health) -> None:
     test.rul_05 = health.rul.hours_05
     test.rul_50 = health.rul.hours_50
     test.rul_95 = health.rul.hours_95
+    return serialize_message(test)
 
 
 def _identity(event: UnitEvent) -> tuple[int, str, str]:

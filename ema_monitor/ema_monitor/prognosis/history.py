@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 from urllib.parse import quote, unquote
 
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, import_lines
 from ema_monitor.prognosis.history_tables import (
@@ -20,12 +21,15 @@ from ema_monitor.prognosis.history_tables import (
     insert_tests,
     prepare,
     read_assessments,
+    read_estimates,
     read_growth,
     read_tests,
     write_growth,
 )
+from ema_monitor.prognosis.kept_assessments import KeptAssessments
 
 _UNPACKED: Final = 20
+_CACHE_KIB: Final = 128
 # The third: tables or columns are missing.
 _DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
 
@@ -47,6 +51,10 @@ class History:
         The unit.
     path
         The file; None for memory alone. It and its folder are made with the first entry.
+    spares_memory
+        Whether estimates and assessments of all but the latest 20 tests are kept in the file alone,
+        once it has them, and read from there when they are asked for; after ``close`` they are not
+        to be had any more.
 
     Attributes
     ----------
@@ -68,17 +76,27 @@ class History:
         The file in use; None when the history is in memory alone.
     """
 
-    def __init__(self, actuator_id: str, serial_number: str, path: Path | None = None) -> None:
+    def __init__(
+        self,
+        actuator_id: str,
+        serial_number: str,
+        path: Path | None = None,
+        *,
+        spares_memory: bool = False,
+    ) -> None:
         self.entries: list[Entry] = []
         self.unused_cycles = 0
-        self.assessments: dict[int, Assessment] = {}
+        self.assessments = KeptAssessments()
         self.growth = b""
         self.imported = ""
         self.unit = (actuator_id, serial_number)
         self._tests: list[Entry | UnusedCycle] = []
         self._stamps_ns: set[int] = set()
         self.path = path
-        self._lock = threading.Lock()
+        self._spares_memory = spares_memory
+        # How many of the entries are left to the file.
+        self._left = 0
+        self._lock = threading.RLock()
         self._db: sqlite3.Connection | None = None
         self._file_id = (0, 0)
         # End of the chain in the file; the tests after it are to be written.
@@ -111,11 +129,32 @@ class History:
         with self._lock:
             self._add(test)
             self._write()
+            self._leave_entries()
+
+    def estimate_of(self, entry: Entry) -> Estimate:
+        """Return the estimate of a test that is left to the file.
+
+        Raises
+        ------
+        ValueError
+            When it cannot be read.
+        """
+        with self._lock:
+            if (kept := entry.in_memory) is not None:
+                return kept
+            reason = "it is closed"
+            try:
+                if self._db is not None:
+                    found = dict(read_estimates(self._db, entry.number, entry.number))
+                    return found[entry.number]
+            except (sqlite3.Error, ValueError, KeyError, TypeError) as error:
+                reason = _reason(error)
+            raise ValueError(f"test {entry.number} of {self.unit} cannot be read: {reason}")
 
     def assess(self, assessment: Assessment) -> None:
         """Add what was found after a test, or replace it; ``write_assessments`` writes it."""
         with self._lock:
-            self.assessments[assessment.stamp_ns] = assessment
+            self.assessments.put(assessment)
             self._changed[assessment.stamp_ns] = None
 
     def write_assessments(self) -> None:
@@ -161,16 +200,17 @@ class History:
     def close(self) -> None:
         """Release the file; what is added from now on is in memory only."""
         with self._lock:
-            self._keep_to_memory()
+            self._keep_to_memory(for_good=True)
 
-    def _keep_to_memory(self) -> None:
+    def _keep_to_memory(self, *, for_good: bool = False) -> None:
         self.path = None
-        self._release()
+        self._release(for_good=for_good)
 
     def _add(self, test: Entry | UnusedCycle) -> None:
         self._tests.append(test)
         self._stamps_ns.add(test.stamp_ns)
         if isinstance(test, Entry):
+            test.number = len(self._tests)
             self.entries.append(test)
             if len(self.entries) > _UNPACKED:
                 self.entries[-_UNPACKED - 1].pack()
@@ -178,8 +218,59 @@ class History:
         else:
             self.unused_cycles += 1
 
-    def _release(self) -> None:
+    def _leave_entries(self) -> None:
+        """Leave estimates of earlier tests to the file, if it has them."""
+        if not self._spares_memory or self._db is None:
+            return
+        while len(self.entries) - self._left > _UNPACKED:
+            entry = self.entries[self._left]
+            if entry.number > self._head.tests:
+                return
+            entry.leave_to(self)
+            self._left += 1
+
+    def _leave_assessments(self) -> None:
+        """Leave earlier assessments to the file, which has all."""
+        if self._spares_memory and self._db is not None:
+            self.assessments.leave(_UNPACKED, self._assessment_of)
+
+    def _assessment_of(self, stamp_ns: int) -> Assessment | None:
+        """Return an assessment in the file; None when there is none that can be read."""
+        with self._lock:
+            try:
+                if self._db is not None:
+                    return next(read_assessments(self._db, stamp_ns, stamp_ns), None)
+            except (sqlite3.Error, ValueError, KeyError, TypeError) as error:
+                self._trouble = f"the history {self.path} cannot be read: {_reason(error)}"
+            return None
+
+    def _take_back(self, db: sqlite3.Connection) -> None:
+        """Keep in memory again what was left to the file."""
+        if not self._left and not self.assessments.are_left:
+            return
+        try:
+            self.assessments.take_back(read_assessments(db))
+            left = {entry.number: entry for entry in self.entries[: self._left]}
+            for number, estimate in read_estimates(db, min(left, default=0), max(left, default=0)):
+                if number in left:
+                    left.pop(number).take_back(estimate)
+        except (sqlite3.Error, ValueError, KeyError, TypeError) as error:
+            # What cannot be read is left out.
+            reason = f"not all of its tests could be read again: {_reason(error)}"
+            self._mended = "; ".join(filter(None, [self._mended, reason]))
+        lost = {entry.number for entry in self.entries[: self._left] if entry.in_memory is None}
+        self._left = 0
+        if lost:
+            tests = [test for number, test in enumerate(self._tests, 1) if number not in lost]
+            self._tests, self._stamps_ns, self.entries, self.unused_cycles = [], set(), [], 0
+            for test in tests:
+                self._add(test)
+
+    def _release(self, *, for_good: bool = False) -> None:
+        """Close the file; what was left to it is read before, unless nobody will ask."""
         if self._db is not None:
+            if not for_good:
+                self._take_back(self._db)
             self._db.close()
             self._db = None
 
@@ -190,6 +281,7 @@ class History:
             try:
                 db = self._connect(path)
                 self._read(db)
+                self._leave_assessments()
             except (sqlite3.DatabaseError, ValueError, KeyError, TypeError) as error:
                 if isinstance(error, sqlite3.Error) and _code(error) not in _DAMAGE:
                     raise
@@ -201,6 +293,7 @@ class History:
         if self._head.tests < len(self._tests):
             self._insert(self._db or self._connect(path), self._tests)
             self._write_changed(path)
+        self._leave_entries()
 
     def _connect(self, path: Path) -> sqlite3.Connection:
         """Open the database for this process alone, and make its tables if it has none.
@@ -224,6 +317,8 @@ class History:
             db.execute("PRAGMA synchronous = FULL")
             # After each test: a copy or a move of the file alone has all tests.
             db.execute("PRAGMA wal_autocheckpoint = 1")
+            # Nothing is read often; by default 2 MB of a file stay in memory.
+            db.execute(f"PRAGMA cache_size = -{_CACHE_KIB}")
             prepare(db, self.unit)
         except BaseException:
             db.close()
@@ -237,7 +332,7 @@ class History:
             head = read_tests(db, self.unit, self._add)
         finally:
             for one in read_assessments(db):
-                self.assessments[one.stamp_ns] = one
+                self.assessments.put(one)
         if (result := db.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
             raise ValueError(f"it is damaged: {result}")
         self._head = head
@@ -305,6 +400,7 @@ class History:
             self._db or self._connect(path), [self.assessments[stamp] for stamp in self._changed]
         )
         self._changed.clear()
+        self._leave_assessments()
 
     def _forget_written(self) -> None:
         """Note that nothing is in the file that is used from now on."""

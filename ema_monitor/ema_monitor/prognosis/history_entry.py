@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -72,6 +72,8 @@ class Entry:
     count
         The latest count of service hours before the test; None where there is none, or where
         ``hours_per_cycle`` holds.
+    number
+        Its number among all test cycles of its history, from 1 on; 0 as long as it is in none.
 
     Raises
     ------
@@ -79,7 +81,7 @@ class Entry:
         When the estimate is not valid, or a figure of it is impossible.
     """
 
-    __slots__ = ("_estimate", "_packed", "count", "cycles", "hours", "stamp_ns")
+    __slots__ = ("_estimate", "_file", "_packed", "count", "cycles", "hours", "number", "stamp_ns")
 
     def __init__(
         self, estimate: Estimate, hours: float, cycles: int, count: Count | None = None
@@ -89,13 +91,29 @@ class Entry:
         self.hours = hours
         self.cycles = cycles
         self.count = count
+        self.number = 0
         self._estimate: Estimate | None = estimate
         self._packed = b""
+        self._file: EstimateFile | None = None
 
     @property
     def estimate(self) -> Estimate:
-        """Estimate of its window; made anew at each call once it is packed."""
-        return self._estimate or unpack(self._packed)
+        """Estimate of its window; made anew at each call once it is packed, or left to a file.
+
+        Raises
+        ------
+        ValueError
+            When it is in a file and cannot be read.
+        """
+        if (kept := self.in_memory) is None and self._file is not None:
+            return self._file.estimate_of(self)
+        # It may just have been taken back from the file.
+        return kept or unpack(self._packed)
+
+    @property
+    def in_memory(self) -> Estimate | None:
+        """The estimate, as ``estimate`` gives it; None when it is in a file alone."""
+        return self._estimate or (unpack(self._packed) if self._packed else None)
 
     def pack(self) -> None:
         """Keep the estimate in a quarter of the memory, as one that is seldom read."""
@@ -103,6 +121,24 @@ class Entry:
             # In this order: another thread may be reading.
             self._packed = pack(self._estimate)
             self._estimate = None
+
+    def leave_to(self, file: "EstimateFile") -> None:
+        """Keep the estimate no longer: a file gives it from now on."""
+        self._file = file
+        self._estimate, self._packed = None, b""
+
+    def take_back(self, estimate: Estimate) -> None:
+        """Keep the estimate that was left to a file."""
+        self._packed = pack(estimate)
+        self._file = None
+
+
+class EstimateFile(Protocol):
+    """Where estimates are that are not in memory; any thread may read."""
+
+    def estimate_of(self, entry: Entry) -> Estimate:
+        """Return the estimate of a test; ValueError when it cannot be read."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)

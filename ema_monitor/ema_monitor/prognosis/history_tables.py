@@ -7,6 +7,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment, assessment_from, assessment_text
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_text, entry_of
 
@@ -115,18 +116,49 @@ def insert_assessments(db: sqlite3.Connection, assessments: Iterable[Assessment]
         db.executemany("INSERT OR REPLACE INTO assessment VALUES (?, ?, ?)", rows)
 
 
-def read_assessments(db: sqlite3.Connection) -> Iterator[Assessment]:
+def read_assessments(
+    db: sqlite3.Connection, first_ns: int = -(2**63), last_ns: int = 2**63 - 1
+) -> Iterator[Assessment]:
     """Return the assessments in the order of their tests.
+
+    Parameters
+    ----------
+    first_ns, last_ns
+        Stamps of the first and the last one that is wanted [ns].
 
     Raises
     ------
     ValueError, KeyError, TypeError
         When one is damaged.
     """
-    for record, checksum in db.execute("SELECT record, crc32 FROM assessment ORDER BY end_ns"):
+    rows = db.execute(
+        "SELECT record, crc32 FROM assessment WHERE end_ns BETWEEN ? AND ? ORDER BY end_ns",
+        (first_ns, last_ns),
+    )
+    for record, checksum in rows:
         if zlib.crc32(str(record).encode()) != checksum:
             raise ValueError("an assessment is damaged: its checksum is wrong")
         yield assessment_from(record)
+
+
+def read_estimates(db: sqlite3.Connection, first: int, last: int) -> Iterator[tuple[int, Estimate]]:
+    """Return the estimates of the valid tests from one number to another, with their numbers.
+
+    Raises
+    ------
+    ValueError, KeyError, TypeError
+        When one is damaged.
+    """
+    rows = db.execute(
+        "SELECT number, record, crc32 FROM test WHERE number BETWEEN ? AND ? ORDER BY number",
+        (first, last),
+    )
+    for number, record, checksum in rows:
+        if zlib.crc32(str(record).encode()) != checksum:
+            raise ValueError(f"test {number} is damaged: its checksum is wrong")
+        test = entry_of(record)
+        if isinstance(test, Entry):
+            yield number, test.estimate
 
 
 def read_tests(db: sqlite3.Connection, unit: Unit, add: Callable[[Test], None]) -> Head:

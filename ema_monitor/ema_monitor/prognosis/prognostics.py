@@ -78,6 +78,8 @@ class Prognostics:
         self._kept_tests = self.growth.kept_tests
         self._events = tuple(filter(None, (history.imported, history.problem)))
         self._ignores_usage = False
+        # Stamp of a test [ns], and the hour of the first of those up to it that were all ERROR [h].
+        self._failed_before = -1, math.nan
         # When it was opened, and how many tests it had.
         self._restarted = None
         if opened_ns is not None and history.entries:
@@ -260,12 +262,20 @@ class Prognostics:
         if outlook.health.level != ERROR:
             return math.nan
         since = outlook.hours
-        for entry in reversed(self.history.entries):
+        before = (one for one in reversed(self.history.entries) if one.stamp_ns != outlook.stamp_ns)
+        latest_ns, known = -1, self._failed_before
+        for entry in before:
+            if entry.stamp_ns == known[0]:
+                since = known[1]
+                break
             found = self.history.assessments.get(entry.stamp_ns)
-            if entry.stamp_ns != outlook.stamp_ns:
-                if found is None or found.level != ERROR:
-                    break
-                since = found.hours
+            if found is None or found.level != ERROR:
+                break
+            since = found.hours
+            if latest_ns < 0:
+                latest_ns = entry.stamp_ns
+        # Earlier assessments stay as they are: they need not be read again after the next test.
+        self._failed_before = (latest_ns, since) if latest_ns >= 0 else known
         return since
 
     def _assessment_before(self, outlook: Outlook) -> Assessment | None:

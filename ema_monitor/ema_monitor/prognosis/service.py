@@ -94,7 +94,9 @@ class ServiceHours:
         self._held: TimedTest | None = None
         # The first test with the latest count.
         self._counted: Entry | None = None
-        self._hours_per_cycle: list[float] = []
+        # Of those used: how many hours a test cycle there are, and the most.
+        self._rates = 0
+        self._most_rate = 0.0
 
     @property
     def hours(self) -> float:
@@ -141,7 +143,7 @@ class ServiceHours:
         dropped = len(self.used) - len(counted)
         if not dropped:
             return []
-        self.used, self._hours_per_cycle = counted, []
+        self.used, self._rates, self._most_rate = counted, 0, 0.0
         return [
             f"service hours are counted from now on: {_tests(dropped)} before, at hours by "
             "hours_per_cycle, left out"
@@ -178,8 +180,8 @@ class ServiceHours:
         return [event]
 
     def _is_plausible(self, before: TimedTest, after: TimedTest) -> bool:
-        elapsed, most = after.hours - before.hours, max(self._hours_per_cycle, default=0.0)
-        if len(self._hours_per_cycle) < _LEAST_TESTS or most == 0.0:
+        elapsed, most = after.hours - before.hours, self._most_rate
+        if self._rates < _LEAST_TESTS or most == 0.0:
             return elapsed >= 0.0
         return 0.0 <= elapsed <= _IMPLAUSIBLE * most * _cycles(before, after)
 
@@ -188,7 +190,8 @@ class ServiceHours:
         rate = 0.0
         if self.used:
             rate = (test.hours - self.used[-1].hours) / _cycles(self.used[-1], test)
-        self._hours_per_cycle.append(rate)
+        self._rates += 1
+        self._most_rate = max(self._most_rate, rate)
         self._use(test)
 
     def _use(self, test: TimedTest) -> None:

@@ -2,6 +2,7 @@
 
 import array
 import math
+import tracemalloc
 from typing import Any
 
 import pytest
@@ -76,6 +77,24 @@ def unit_test(sec: int) -> UnitTest:
     test = UnitTest(flight_hours=float(sec))
     test.stamp.sec = sec
     return test
+
+
+def test_a_test_takes_less_than_half_a_kilobyte():
+    history = ActuatorHistory("flap", "1")
+
+    def come(numbers: range) -> None:
+        for sec in numbers:
+            history.note_estimate(estimate(sec))
+            history.note_health(health(sec))
+
+    come(range(100))
+    tracemalloc.start()
+    come(range(100, 1100))
+    grown = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    # As messages they take 2 kB each.
+    assert grown < 1000 * 500
+    assert [test.cycles for test in history.message().tests] == list(range(1100))
 
 
 def stamps(message: Any) -> list[int]:
