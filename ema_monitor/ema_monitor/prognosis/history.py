@@ -244,23 +244,20 @@ class History:
                 self._trouble = f"the history {self.path} cannot be read: {_reason(error)}"
             return None
 
-    def _take_back(self, db: sqlite3.Connection) -> None:
-        """Keep in memory again what was left to the file."""
-        if not self._left and not self.assessments.are_left:
-            return
-        try:
-            self.assessments.take_back(read_assessments(db))
-            left = {entry.number: entry for entry in self.entries[: self._left]}
-            for number, estimate in read_estimates(db, min(left, default=0), max(left, default=0)):
-                if number in left:
-                    left.pop(number).take_back(estimate)
-        except (sqlite3.Error, ValueError, KeyError, TypeError) as error:
-            # What cannot be read is left out.
-            reason = f"not all of its tests could be read again: {_reason(error)}"
-            self._mended = "; ".join(filter(None, [self._mended, reason]))
-        lost = {entry.number for entry in self.entries[: self._left] if entry.in_memory is None}
+    def _take_back(self) -> None:
+        """Keep in memory again what was left to the file; leave out what cannot be read."""
+        self.assessments.take_back()
+        lost: dict[int, str] = {}
+        for entry in self.entries[: self._left]:
+            try:
+                entry.take_back(self.estimate_of(entry))
+            except ValueError as error:
+                lost[entry.number] = str(error)
         self._left = 0
         if lost:
+            more = f", and {len(lost) - 1} more" if len(lost) > 1 else ""
+            reason = f"{next(iter(lost.values()))}{more}"
+            self._mended = "; ".join(filter(None, [self._mended, reason]))
             tests = [test for number, test in enumerate(self._tests, 1) if number not in lost]
             self._tests, self._stamps_ns, self.entries, self.unused_cycles = [], set(), [], 0
             for test in tests:
@@ -270,7 +267,7 @@ class History:
         """Close the file; what was left to it is read before, unless nobody will ask."""
         if self._db is not None:
             if not for_good:
-                self._take_back(self._db)
+                self._take_back()
             self._db.close()
             self._db = None
 

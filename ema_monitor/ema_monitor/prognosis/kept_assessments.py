@@ -1,7 +1,7 @@
 """What was found after the tests of a unit: the latest in memory, earlier ones in a file."""
 
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from ema_monitor.prognosis.assessment import Assessment
 
@@ -31,11 +31,6 @@ class KeptAssessments(Mapping[int, Assessment]):
     def __len__(self) -> int:
         return len(list(iter(self)))
 
-    @property
-    def are_left(self) -> bool:
-        """Whether some are in the file alone."""
-        return bool(self._left)
-
     def put(self, assessment: Assessment) -> None:
         """Add an assessment, or replace it."""
         self._latest[assessment.stamp_ns] = assessment
@@ -56,7 +51,8 @@ class KeptAssessments(Mapping[int, Assessment]):
             self._left.append(stamp_ns)
             del self._latest[stamp_ns]
 
-    def take_back(self, assessments: Iterable[Assessment]) -> None:
-        """Keep all in memory again, as the file has them."""
-        self._latest = {one.stamp_ns: one for one in assessments} | self._latest
+    def take_back(self) -> None:
+        """Keep all in memory again that can be read."""
+        found = {stamp_ns: self._read(stamp_ns) for stamp_ns in self._left}
+        self._latest = {key: one for key, one in found.items() if one is not None} | self._latest
         self._left = array("q")

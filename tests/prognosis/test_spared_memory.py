@@ -1,0 +1,183 @@
+"""A monitor leaves earlier tests of a unit to the file of its history, and knows the same."""
+
+import gc
+import tracemalloc
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ema_core.levels import ERROR
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.assessment import Assessment
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.service import Service
+from ema_monitor.prognosis.settings import PrognosisSettings
+
+from .kept_histories import UNIT
+from .made_tests import made_test
+
+SETTINGS = replace(PrognosisSettings(), service=Service(hours_per_cycle=10.0))
+IN_MEMORY = 20
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "flap.sqlite"
+
+
+def add(history: History, numbers: range) -> None:
+    for number in numbers:
+        test = made_test(number, seed=1, friction=0.1)
+        history.append(UnusedCycle(test.start_ns))
+        history.append(Entry(test, 10.0 * number, number + 1))
+        history.assess(Assessment(test.end_ns, 10.0 * number, ERROR, 0.5, "friction", None))
+        history.write_assessments()
+
+
+def check(history: History, numbers: range) -> None:
+    """Check that all of these tests can be read, to the last bit."""
+    assert len(history.entries) == len(history.assessments) == len(numbers)
+    for entry, number in zip(history.entries, numbers, strict=True):
+        test = made_test(number, seed=1, friction=0.1)
+        for item in fields(Estimate):
+            np.testing.assert_array_equal(
+                getattr(entry.estimate, item.name), getattr(test, item.name)
+            )
+        assert history.assessments[entry.stamp_ns].hours == 10.0 * number
+
+
+def left(history: History) -> int:
+    return sum(entry.in_memory is None for entry in history.entries)
+
+
+def test_earlier_tests_are_read_from_the_file_to_the_last_bit(path: Path):
+    history = History(*UNIT, path, spares_memory=True)
+    add(history, range(60))
+    assert left(history) == 60 - IN_MEMORY
+    check(history, range(60))
+    history.close()
+    again = History(*UNIT, path, spares_memory=True)
+    assert (left(again), again.problem) == (60 - IN_MEMORY, "")
+    add(again, range(60, 70))
+    assert left(again) == 70 - IN_MEMORY
+    check(again, range(70))
+    assert again.assessments.get(1) is None
+    again.close()
+
+
+def test_memory_of_a_test_in_a_file_is_below_half_a_kilobyte(path: Path):
+    history = History(*UNIT, path, spares_memory=True)
+    add(history, range(100))
+    gc.collect()
+    tracemalloc.start()
+    add(history, range(100, 300))
+    gc.collect()
+    grown = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    history.close()
+    # Each is a test cycle with an estimate and one without; the latest 20 are as they were found.
+    assert grown < 200 * 500 + IN_MEMORY * 3000
+
+
+@pytest.mark.parametrize("is_moved", [True, False])
+def test_file_that_is_gone_is_written_anew_with_all_tests(path: Path, is_moved: bool):
+    history = History(*UNIT, path, spares_memory=True)
+    add(history, range(50))
+    if is_moved:
+        path.rename(path.with_name("moved.sqlite"))
+    else:
+        path.unlink()
+    add(history, range(50, 60))
+    assert "was deleted or moved while it was in use" in history.problem
+    check(history, range(60))
+    assert left(history) == 60 - IN_MEMORY
+    history.close()
+    again = History(*UNIT, path)
+    check(again, range(60))
+    again.close()
+
+
+def test_tests_go_on_in_memory_where_another_monitor_took_the_place_of_the_file(path: Path):
+    other = History(*UNIT, path.with_name("other.sqlite"))
+    add(other, range(3))
+    other.close()
+    history = History(*UNIT, path, spares_memory=True)
+    add(history, range(50))
+    path.with_name("other.sqlite").replace(path)
+    add(history, range(50, 60))
+    assert history.path is None
+    assert "written by another monitor" in history.problem
+    check(history, range(60))
+    assert left(history) == 0
+
+
+def test_test_that_cannot_be_read_is_named(path: Path):
+    history = History(*UNIT, path, spares_memory=True)
+    add(history, range(30))
+    db = history._db
+    assert db is not None
+    db.execute("UPDATE test SET crc32 = crc32 + 1 WHERE number = 4")
+    db.execute("UPDATE assessment SET crc32 = crc32 + 1")
+    with pytest.raises(ValueError, match=r"test 4 .*: its checksum is wrong"):
+        _ = history.entries[1].estimate
+    assert history.assessments.get(history.entries[1].stamp_ns) is None
+    assert "an assessment is damaged" in history.problem
+    # All the others are taken into the new file.
+    path.unlink()
+    history.append(Entry(made_test(30), 300.0, 31))
+    assert "test 4 of ('flap', 'SIM-0001') cannot be read" in history.problem
+    history.close()
+    again = History(*UNIT, path)
+    assert [entry.cycles for entry in again.entries] == [
+        number + 1 for number in range(31) if number != 1
+    ]
+    again.close()
+
+
+def test_closed_file_gives_no_tests(path: Path):
+    history = History(*UNIT, path, spares_memory=True)
+    add(history, range(30))
+    history.close()
+    with pytest.raises(ValueError, match=r"test 2 .* cannot be read: it is closed"):
+        _ = history.entries[0].estimate
+
+
+def figures(outlook: Outlook | None) -> tuple:
+    assert outlook is not None
+    return (outlook.failed_since, outlook.rul, outlook.trends, outlook.health, outlook.lives)
+
+
+def test_prognosis_is_the_same_to_the_last_digit(path: Path):
+    """Friction grows beyond its limit: what is found rests on earlier tests again and again."""
+    tests = [made_test(n, seed=1, friction=min(0.02 * n, 0.9)) for n in range(70)]
+    in_memory = Prognostics(History(*UNIT), SETTINGS)
+    in_file = Prognostics(History(*UNIT, path, spares_memory=True), SETTINGS)
+    for number, test in enumerate(tests):
+        if number == 60:
+            in_file.history.close()
+            in_file = Prognostics(History(*UNIT, path, spares_memory=True), SETTINGS)
+        expected = in_memory.update(test, None, SETTINGS)
+        assert repr(figures(in_file.update(test, None, SETTINGS))) == repr(figures(expected))
+        in_memory.write()
+        in_file.write()
+    assert expected is not None
+    assert expected.failed_since < expected.hours - 200.0
+    assert left(in_file.history) == 50
+    for most in (5, 70):
+        found, omitted = in_file.latest_tests(most)
+        expected_tests, expected_omitted = in_memory.latest_tests(most)
+        assert omitted == expected_omitted
+        assert [(item.hours, item.assessment) for item in found] == [
+            (item.hours, item.assessment) for item in expected_tests
+        ]
+    # Another tracker is fed with all tests anew.
+    other = replace(SETTINGS, tracker=replace(SETTINGS.tracker, samples=300))
+    assert repr(figures(in_file.outlook(None, other))) == repr(
+        figures(in_memory.outlook(None, other))
+    )
+    in_file.history.close()
