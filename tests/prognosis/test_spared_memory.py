@@ -157,6 +157,7 @@ def test_prognosis_is_the_same_to_the_last_digit(path: Path):
     tests = [made_test(n, seed=1, friction=min(0.02 * n, 0.9)) for n in range(70)]
     in_memory = Prognostics(History(*UNIT), SETTINGS)
     in_file = Prognostics(History(*UNIT, path, spares_memory=True), SETTINGS)
+    expected = None
     for number, test in enumerate(tests):
         if number == 60:
             in_file.history.close()
