@@ -1,11 +1,8 @@
 """The history of one unit, test by test, in a database that survives a kill at any moment."""
 
-import os
-import shutil
 import sqlite3
 import threading
 from contextlib import closing
-from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -14,6 +11,14 @@ from urllib.parse import quote, unquote
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, import_lines
+from ema_monitor.prognosis.history_files import (
+    code_of,
+    copy_database,
+    file_id,
+    free_name,
+    reason_of,
+    with_suffix,
+)
 from ema_monitor.prognosis.history_tables import (
     check_kind,
     empty,
@@ -148,7 +153,7 @@ class History:
                     found = dict(read_estimates(self._db, entry.number, entry.number))
                     return found[entry.number]
             except (sqlite3.Error, ValueError, KeyError, TypeError) as error:
-                reason = _reason(error)
+                reason = reason_of(error)
             raise ValueError(f"test {entry.number} of {self.unit} cannot be read: {reason}")
 
     def assess(self, assessment: Assessment) -> None:
@@ -175,7 +180,7 @@ class History:
             try:
                 write_growth(self._db, self._head, state)
             except sqlite3.Error as error:
-                self._trouble = f"the history {self.path} cannot be written: {_reason(error)}"
+                self._trouble = f"the history {self.path} cannot be written: {reason_of(error)}"
 
     def _write(self, *, with_assessments: bool = False) -> None:
         if self.path is None:
@@ -187,7 +192,7 @@ class History:
                 self._write_changed(self.path)
         except (sqlite3.Error, OSError) as error:
             self._trouble = (
-                f"the history {self.path} cannot be written: {_reason(error)}; "
+                f"the history {self.path} cannot be written: {reason_of(error)}; "
                 "tests since then are in memory only"
             )
         except ValueError:
@@ -241,7 +246,7 @@ class History:
                 if self._db is not None:
                     return next(read_assessments(self._db, stamp_ns, stamp_ns), None)
             except (sqlite3.Error, ValueError, KeyError, TypeError) as error:
-                self._trouble = f"the history {self.path} cannot be read: {_reason(error)}"
+                self._trouble = f"the history {self.path} cannot be read: {reason_of(error)}"
             return None
 
     def _take_back(self) -> None:
@@ -280,7 +285,7 @@ class History:
                 self._read(db)
                 self._leave_assessments()
             except (sqlite3.DatabaseError, ValueError, KeyError, TypeError) as error:
-                if isinstance(error, sqlite3.Error) and _code(error) not in _DAMAGE:
+                if isinstance(error, sqlite3.Error) and code_of(error) not in _DAMAGE:
                     raise
                 self._set_aside(path, error)
         if not self._tests and not self._mended and earlier.exists():
@@ -320,7 +325,7 @@ class History:
         except BaseException:
             db.close()
             raise
-        self._db, self._file_id = db, _file_id(path)
+        self._db, self._file_id = db, file_id(path)
         return db
 
     def _read(self, db: sqlite3.Connection) -> None:
@@ -338,7 +343,7 @@ class History:
     def _read_copy(self, path: Path, error: Exception) -> None:
         """Read a file that cannot be opened for writing, as on read-only media; keep to memory."""
         self._keep_to_memory()
-        if _code(error) == sqlite3.SQLITE_BUSY:
+        if code_of(error) == sqlite3.SQLITE_BUSY:
             self._trouble = (
                 f"the history {path} is in use by another monitor; this one's is in memory only"
             )
@@ -348,9 +353,9 @@ class History:
             if not self._tests:
                 self._read_in_copy(path)
         except (sqlite3.Error, OSError, ValueError, KeyError, TypeError) as damage:
-            unread = f"; nor read: {_reason(damage)}"
+            unread = f"; nor read: {reason_of(damage)}"
         self._trouble = (
-            f"the history {path} cannot be written: {_reason(error)}{unread}; "
+            f"the history {path} cannot be written: {reason_of(error)}{unread}; "
             "tests from now on are in memory only"
         )
 
@@ -358,25 +363,25 @@ class History:
         """Read a copy of a file and its log, if there is one."""
         with TemporaryDirectory() as folder, closing(self):
             copy = Path(folder) / path.name
-            _copy_database(path, copy)
+            copy_database(path, copy)
             if copy.exists():
                 self._read(self._connect(copy))
 
     def _set_aside(self, path: Path, error: Exception) -> None:
         self._release()
         self._forget_written()
-        aside = _free_name(path)
+        aside = free_name(path)
         for suffix in ("-wal", ""):
-            if (source := _with(path, suffix)).exists():
-                source.rename(_with(aside, suffix))
+            if (source := with_suffix(path, suffix)).exists():
+                source.rename(with_suffix(aside, suffix))
         kept = f" with the {len(self._tests)} test cycles that are intact" if self._tests else ""
         self._mended = (
             f"the history {path} is set aside as {aside.name} and a new one is begun{kept}: "
-            f"{_reason(error)}"
+            f"{reason_of(error)}"
         )
 
     def _write_pending(self, path: Path) -> None:
-        if self._db is not None and _file_id(path) != self._file_id:
+        if self._db is not None and file_id(path) != self._file_id:
             self._mended = (
                 f"the history {path} was deleted or moved while it was in use; a new file with "
                 "all its tests is begun"
@@ -429,7 +434,7 @@ def read_history(path: Path) -> History:
         raise ValueError(f"{path}: expected a history named ACTUATOR+SERIAL.sqlite")
     with TemporaryDirectory() as folder:
         copy = Path(folder) / path.name
-        _copy_database(path, copy)
+        copy_database(path, copy)
         history = History(unquote(actuator_id), unquote(serial_number), copy)
         history.close()
         if history.problem:
@@ -437,45 +442,6 @@ def read_history(path: Path) -> History:
         return history
 
 
-def _copy_database(path: Path, copy: Path) -> None:
-    """Copy a file and its log, if there is one."""
-    for suffix in ("", "-wal"):
-        if (source := _with(path, suffix)).exists():
-            shutil.copyfile(source, _with(copy, suffix))
-
-
 def history_path(folder: Path, actuator_id: str, serial_number: str) -> Path:
     """Return where in a folder the history of a unit is."""
     return folder / f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}.sqlite"
-
-
-def _code(error: Exception) -> int:
-    """Return the primary result code of SQLite; 0 for other errors."""
-    return getattr(error, "sqlite_errorcode", 0) & 0xFF
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, KeyError):
-        return f"{error} is missing"
-    if _code(error) == sqlite3.SQLITE_BUSY:
-        return "it is in use by another monitor"
-    return getattr(error, "strerror", None) or str(error)
-
-
-def _with(path: Path, suffix: str) -> Path:
-    return path.with_name(path.name + suffix)
-
-
-def _free_name(path: Path) -> Path:
-    """Return a name beside a file that nothing has yet."""
-    names = (path.with_name(f"{path.stem}.set_aside_{n}{path.suffix}") for n in count(1))
-    return next(name for name in names if not name.exists())
-
-
-def _file_id(path: Path) -> tuple[int, int]:
-    """Return device and inode of a file; zeros when there is none."""
-    try:
-        status = os.stat(path)
-    except FileNotFoundError:
-        return 0, 0
-    return status.st_dev, status.st_ino
