@@ -29,6 +29,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.window_fit import WindowFit
 from ema_monitor.prognosis.advice import Advice
 from ema_monitor.prognosis.forecaster import LEVELS, Forecaster
+from ema_monitor.prognosis.growth.check import Calibration
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import KnownTest
@@ -155,6 +156,7 @@ def health_to_message(outlook: Outlook, description: ActuatorDescription) -> Hea
 
 
 def _item(item: FaultHealth, unit: str, outlook: Outlook) -> FaultHealthMessage:
+    checked = outlook.calibrations.get(item.name, Calibration())
     return FaultHealthMessage(
         name=item.name,
         level=item.level,
@@ -163,6 +165,9 @@ def _item(item: FaultHealth, unit: str, outlook: Outlook) -> FaultHealthMessage:
         limit=float(item.limit),
         limit_is_lower=bool(item.limit_is_lower),
         trend=float(outlook.trends.get(item.name, math.nan)),
+        calibration=float(checked.one_step),
+        calibration_ahead=float(checked.ahead),
+        widening=float(checked.widening),
         unit=unit,
         rul=_life(outlook.lives.get(item.name, outlook.rul), outlook),
     )

@@ -18,8 +18,9 @@ from ema_monitor.health import (
     with_requirements,
 )
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.growth.check import Calibration
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife, assumption_of
-from ema_monitor.prognosis.growth.tracker import TrackedFault
+from ema_monitor.prognosis.growth.tracked_fault import TrackedFault
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.removal import Removal, removal_of, usage_of
 from ema_monitor.prognosis.requirements.required_life import RequiredLife, required_life
@@ -47,6 +48,8 @@ class Outlook:
     trends
         Growth by fault and by requirement [its unit per flight hour]; what is not named is
         unknown.
+    calibrations
+        How the predictions of each fault held against its tests; what is not named is unknown.
     lives
         Remaining life until each fault, and each requirement, reaches its limit, by name; what is
         not named is as unknown as ``rul``.
@@ -102,6 +105,7 @@ class Outlook:
         default_factory=lambda: np.empty(0), repr=False, compare=False
     )
     tests_tell: bool = True
+    calibrations: Mapping[str, Calibration] = field(default_factory=dict)
 
 
 def unknown_outlook(reason: str) -> Outlook:
@@ -267,6 +271,7 @@ def outlook_of(
             rul, lifetimes, settings.service.removal_risk, hours_per_cycle, usage_of(service.used)
         ),
         tests_tell=tests_tell,
+        calibrations={item.name: item.calibration for item in tracked},
     )
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS
 from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.growth.filters import probabilities_below
 from ema_monitor.prognosis.growth.measurement import REACH
 from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
 from ema_monitor.prognosis.growth.settings import TrackerSettings
@@ -108,6 +109,14 @@ class Waves:
         one[:, 2, 2] = one[:, 3, 3] = wave
         self.covariance[number] = one
 
+    def change_rate(self, number: int, rate: float, sigma: float) -> None:
+        """Let a component that grows go on at another rate, of a standard deviation [1/h]."""
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[number, self.grows, 1] = rate
+        covariance[number, self.grows, 1, :] = covariance[number, self.grows, :, 1] = 0.0
+        covariance[number, self.grows, 1, 1] = sigma**2
+        self.mean, self.covariance = mean, covariance
+
     def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return mean and variance of x + w in each filter, ``(7, k)`` each."""
         p = self.covariance
@@ -167,7 +176,7 @@ class Waves:
         carried: NDArray[np.float64],
         value_before: NDArray[np.float64],
         log_likelihood: NDArray[np.float64],
-    ) -> None:
+    ) -> NDArray[np.float64]:
         """Update the filters of some components by values with occasional errors.
 
         Parameters
@@ -178,6 +187,11 @@ class Waves:
             As of ``measure_cells``.
         log_likelihood
             Of each filter, ``(7, k)``; written for those components.
+
+        Returns
+        -------
+        numpy.ndarray
+            Probabilities of a smaller value by each filter, ``(7, k)``; 0 of other components.
         """
         settings, c = self._settings, carried[plain, None]
         mean, covariance = (part[plain] for part in self._before)
@@ -201,6 +215,11 @@ class Waves:
         both = share * (1.0 - share) * (1.0 / usual - 1.0 / wide) ** 2 * squared
         outer = shared[..., None] * shared[..., None, :]
         self.covariance[plain] -= outer * (gain - both)[..., None, None]
+        below = np.zeros_like(self.weight)
+        own = np.empty(innovation.size)
+        probabilities_below(innovation.ravel(), usual.ravel(), wide.ravel(), rare, own)
+        below[plain] = own.reshape(innovation.shape)
+        return below
 
     def measure_near(
         self,

@@ -11,7 +11,8 @@ from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULT
 from ema_monitor.health import ONE_SIDED_95, FaultHealth, HealthLimits
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
 from ema_monitor.prognosis.growth.settings import TrackerSettings
-from ema_monitor.prognosis.growth.tracker import TrackedFault, Tracker
+from ema_monitor.prognosis.growth.tracked_fault import TrackedFault
+from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.growth.waiting import NOT_SHOWN
 from ema_monitor.prognosis.requirements.requirements import (
     MODELLED,
