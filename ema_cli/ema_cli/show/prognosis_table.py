@@ -10,9 +10,11 @@ from rich.table import Table
 from ema_cli.bags.unit_course import Course
 from ema_core.levels import LEVEL_NAMES
 from ema_monitor.node.messages import health_to_message
+from ema_monitor.prognosis.growth.check import AHEAD
 from ema_monitor.prognosis.sentences import TREND_HOURS, label_of, shown_in
 
 _MISSED: Final = "missed tests"
+_WIDENED: Final = 1.05
 
 
 def as_values(message: Any) -> Any:
@@ -89,6 +91,7 @@ def summary(course: Course, message: Any) -> list[str]:
         f"health index {message.health_index:.2f}, level {LEVEL_NAMES[message.level]}, severity "
         f"{message.severity} of 4, confidence {message.confidence:.2f}{first}"
     )
+    lines += _checked(message.faults)
     lines.append(f"assumption: {message.assumption} (duty {message.duty:g})")
     missed = []
     for outlook in course.outlooks:
@@ -109,6 +112,22 @@ def _life(life: Any) -> str:
     if not life.known:
         return f"[dim]{life.reason or 'unknown'}[/]"
     return " / ".join(_hours(one) for one in (life.hours_05, life.hours_50, life.hours_95))
+
+
+def _checked(faults: Any) -> list[str]:
+    """Return how the predictions of the faults that end life held against the tests, as a line."""
+    said = [
+        f"{label_of(item.name)} {_figure_of_check(item.calibration)} for the next test, "
+        f"{_figure_of_check(item.calibration_ahead)} for {AHEAD} tests ahead"
+        + (f", widened by {item.widening:.2f}" if item.widening > _WIDENED else "")
+        for item in faults
+        if item.rul.known and math.isfinite(item.calibration)
+    ]
+    return ["predictions so far (1: as wide as they should be): " + "; ".join(said)] if said else []
+
+
+def _figure_of_check(value: float) -> str:
+    return f"{value:.2f}" if math.isfinite(value) else "unknown"
 
 
 def _in_words(life: Any) -> str:
