@@ -11,7 +11,6 @@ OTHER: Final = "other"
 _KINDS: Final = {
     "repair": "repair",
     "step": "step",
-    "regime": "regime",
     "outlier": "outlier",
     "missed tests": "gap",
     "service hours": "service hours",
