@@ -17,7 +17,7 @@ from ema_cli.lives.files import write_test
 from ema_cli.lives.tests_of_life import simulated_tests
 from ema_cli.processes.stop_request import StopRequest
 from ema_cli.prognosis_options import KnownLawType
-from ema_cli.show.prognosis_table import as_values
+from ema_cli.show.prognosis_table import as_values, summary
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, FaultVector, fault_vector
 from ema_monitor.calibration.calibration import Calibration
@@ -175,6 +175,21 @@ def test_figures_are_those_of_the_tracker_fed_by_hand():
     assert dict(said.lives)["friction"] == prognosis.components["friction"]
     assert prognosis.components["friction"].known
     assert course.growth.tracker.predict().overall == prognosis.overall
+
+
+@pytest.mark.slow
+def test_predictions_so_far_are_told_with_the_fault_that_ends_life():
+    course = course_of(growing(8e-4, 50, seed=3))
+    message = health_to_message(course.outlooks[-1], course.record.description)
+    friction = next(item for item in message.faults if item.name == "friction")
+    # Of 50 tests, and five predictions twenty tests ahead, whose law is in the bank.
+    assert friction.calibration == pytest.approx(1.0, abs=0.3)
+    assert friction.calibration_ahead < 1.5
+    assert 1.0 <= friction.widening < 1.3
+    assert math.isnan(message.requirements[0].widening)
+    [line] = [one for one in summary(course, message) if one.startswith("predictions so far")]
+    assert f"friction {friction.calibration:.2f} for the next test" in line
+    assert f"{friction.calibration_ahead:.2f} for 20 tests ahead" in line
 
 
 def test_known_law_and_limit_are_what_the_tracker_goes_by():

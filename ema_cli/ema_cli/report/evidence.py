@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from ema_cli.report.words import Shown, life_in_words, moment, shown
 from ema_cli.unit_diagnosis import UnitDiagnosis
@@ -13,6 +13,8 @@ from ema_monitor.health import FaultHealth
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.sentences import TREND_HOURS
+
+_WIDENED: Final = 1.05
 
 
 class Component(NamedTuple):
@@ -152,8 +154,16 @@ def _limited(item: FaultHealth, outlook: Outlook, common: str) -> Limited:
         item.share,
         TREND_HOURS * outlook.trends.get(item.name, math.nan),
         fault.physical(item.value) if fault is not None else "",
-        f"{life_in_words(life)} h" if life.known else unknown,
+        f"{life_in_words(life)} h{_widening(item.name, outlook)}" if life.known else unknown,
     )
+
+
+def _widening(name: str, outlook: Outlook) -> str:
+    """Return in words that an interval is wider for what came of earlier predictions."""
+    checked = outlook.calibrations.get(name)
+    if checked is None or not checked.widening > _WIDENED:
+        return ""
+    return f" (widened by {checked.widening:.2f}: earlier predictions were too sure)"
 
 
 def hidden_causes(told: UnitDiagnosis) -> list[Cause]:

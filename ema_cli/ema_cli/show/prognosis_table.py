@@ -1,20 +1,20 @@
 """A prognosis as tables, and as plain values."""
 
 import math
-from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
-from rich.markup import escape
 from rich.table import Table
 
 from ema_cli.bags.unit_course import Course
 from ema_core.levels import LEVEL_NAMES
 from ema_monitor.node.messages import health_to_message
+from ema_monitor.prognosis.growth.check import AHEAD
 from ema_monitor.prognosis.sentences import TREND_HOURS, label_of, shown_in
 
 _MISSED: Final = "missed tests"
+_WIDENED: Final = 1.05
 
 
 def as_values(message: Any) -> Any:
@@ -73,26 +73,6 @@ def table_of_growth(message: Any) -> Table:
     return table
 
 
-def table_of_scenarios(messages: Sequence[Any]) -> Table:
-    """Return the remaining life under each scenario of future duty, and what ends it."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    table.add_column("scenario")
-    for unit in ("h", "cycles", "days"):
-        table.add_column(rf"RUL \[{unit}]" + "\n5 / 50 / 95 %", justify="right", min_width=14)
-    table.add_column("ended by")
-    for one in messages:
-        life = one.rul
-        cycles = (life.cycles_05, life.cycles_50, life.cycles_95)
-        days = (one.days_05, one.days_50, one.days_95)
-        table.add_row(
-            escape(one.name),
-            _life(life),
-            *(_quantiles(each) if life.known else "" for each in (cycles, days)),
-            label_of(one.dominant_fault),
-        )
-    return table
-
-
 def summary(course: Course, message: Any) -> list[str]:
     """Return remaining life, health, assumption and events, a line each."""
     lives = {
@@ -111,6 +91,7 @@ def summary(course: Course, message: Any) -> list[str]:
         f"health index {message.health_index:.2f}, level {LEVEL_NAMES[message.level]}, severity "
         f"{message.severity} of 4, confidence {message.confidence:.2f}{first}"
     )
+    lines += _checked(message.faults)
     lines.append(f"assumption: {message.assumption} (duty {message.duty:g})")
     missed = []
     for outlook in course.outlooks:
@@ -130,12 +111,23 @@ def summary(course: Course, message: Any) -> list[str]:
 def _life(life: Any) -> str:
     if not life.known:
         return f"[dim]{life.reason or 'unknown'}[/]"
-    return _quantiles((life.hours_05, life.hours_50, life.hours_95))
+    return " / ".join(_hours(one) for one in (life.hours_05, life.hours_50, life.hours_95))
 
 
-def _quantiles(values: tuple[float, float, float]) -> str:
-    """Return quantiles as a text; empty where the unit of them is not known."""
-    return "" if math.isnan(values[0]) else " / ".join(map(_hours, values))
+def _checked(faults: Any) -> list[str]:
+    """Return how the predictions of the faults that end life held against the tests, as a line."""
+    said = [
+        f"{label_of(item.name)} {_figure_of_check(item.calibration)} for the next test, "
+        f"{_figure_of_check(item.calibration_ahead)} for {AHEAD} tests ahead"
+        + (f", widened by {item.widening:.2f}" if item.widening > _WIDENED else "")
+        for item in faults
+        if item.rul.known and math.isfinite(item.calibration)
+    ]
+    return ["predictions so far (1: as wide as they should be): " + "; ".join(said)] if said else []
+
+
+def _figure_of_check(value: float) -> str:
+    return f"{value:.2f}" if math.isfinite(value) else "unknown"
 
 
 def _in_words(life: Any) -> str:

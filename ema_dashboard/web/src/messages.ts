@@ -36,6 +36,9 @@ export interface FaultHealth {
   limit: number;
   limit_is_lower: boolean;
   trend: number;
+  calibration: number;
+  calibration_ahead: number;
+  widening: number;
   unit: string;
   rul: RemainingLife;
 }

@@ -29,6 +29,7 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.window_fit import WindowFit
 from ema_monitor.prognosis.advice import Advice
 from ema_monitor.prognosis.forecaster import LEVELS, Forecaster
+from ema_monitor.prognosis.growth.check import Calibration
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import KnownTest
@@ -121,7 +122,7 @@ def health_to_message(outlook: Outlook, description: ActuatorDescription) -> Hea
         When the stamp is out of range.
     """
     health, lives = outlook.health, (outlook.rul_faults, outlook.rul_requirements, outlook.rul)
-    rul_faults, rul_requirements, rul = (life_to_message(life, outlook) for life in lives)
+    rul_faults, rul_requirements, rul = (_life(life, outlook) for life in lives)
     message = HealthMessage(
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
@@ -155,6 +156,7 @@ def health_to_message(outlook: Outlook, description: ActuatorDescription) -> Hea
 
 
 def _item(item: FaultHealth, unit: str, outlook: Outlook) -> FaultHealthMessage:
+    checked = outlook.calibrations.get(item.name, Calibration())
     return FaultHealthMessage(
         name=item.name,
         level=item.level,
@@ -163,12 +165,15 @@ def _item(item: FaultHealth, unit: str, outlook: Outlook) -> FaultHealthMessage:
         limit=float(item.limit),
         limit_is_lower=bool(item.limit_is_lower),
         trend=float(outlook.trends.get(item.name, math.nan)),
+        calibration=float(checked.one_step),
+        calibration_ahead=float(checked.ahead),
+        widening=float(checked.widening),
         unit=unit,
-        rul=life_to_message(outlook.lives.get(item.name, outlook.rul), outlook),
+        rul=_life(outlook.lives.get(item.name, outlook.rul), outlook),
     )
 
 
-def life_to_message(life: RemainingLife, outlook: Outlook) -> RemainingUsefulLife:
+def _life(life: RemainingLife, outlook: Outlook) -> RemainingUsefulLife:
     """Return a remaining life as a message, in flight hours and in test cycles."""
     per_cycle = outlook.hours_per_cycle
     return RemainingUsefulLife(

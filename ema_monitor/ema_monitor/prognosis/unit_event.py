@@ -11,6 +11,7 @@ OTHER: Final = "other"
 _KINDS: Final = {
     "repair": "repair",
     "step": "step",
+    "regime": "regime",
     "outlier": "outlier",
     "missed tests": "gap",
     "service hours": "service hours",

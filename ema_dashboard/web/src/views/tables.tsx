@@ -10,6 +10,7 @@ import { Badge, Empty, Section } from "./parts.tsx";
 
 const PER_HOURS = 1000;
 const NEGLIGIBLE = 0.01; // share of sigma
+const WIDENED = 1.05;
 
 export function Requirements({ health }: { health: Health }) {
   const items = health.requirements;
@@ -62,7 +63,7 @@ function Items({ items, heading }: { items: FaultHealth[]; heading: string }) {
                 <td class="number">
                   {growth(scale * PER_HOURS * item.trend, scale * item.sigma, unit(name))}
                 </td>
-                <td class="number"><Life life={item.rul} /></td>
+                <td class="number"><Life life={item.rul} /><Widening item={item} /></td>
               </tr>
             );
           })}
@@ -70,6 +71,16 @@ function Items({ items, heading }: { items: FaultHealth[]; heading: string }) {
       </table>
     </div>
   );
+}
+
+/** That an interval is wider for what came of earlier predictions. */
+function Widening({ item }: { item: FaultHealth }) {
+  // Recordings of earlier versions have none; NaN is unknown.
+  if (!item.rul.known || !(item.widening > WIDENED)) return null;
+  const checked = `Of the predictions so far, the root mean square of the normal scores is ` +
+    `${fixed(item.calibration, 2)} for the next test and ${fixed(item.calibration_ahead, 2)} ` +
+    "for twenty tests ahead: above 1 they were too narrow.";
+  return <small class="soft nowrap" title={checked}> widened × {fixed(item.widening, 1)}</small>;
 }
 
 function significantOf(value: number): number {

@@ -94,28 +94,31 @@ class Bank:
         away = self.mean - mean[self.cells.component]
         return mean, self.sums(self.weight * (self.variance + away**2)) / total
 
-    def advance(self, hours: NDArray[np.float64]) -> None:
-        """Let the cells of each component grow over hours of its own, ``(7,)`` [h]."""
-        states = (self.weight, self.mean, self.variance)
-        own, blocks = hours[self.cells.component], self.cells.blocks
-        for elapsed in np.unique(hours[hours > 0.0]):
-            at = blocks[own[blocks] == elapsed]
-            mix_paces(*states, at, N_WANDERING_RATES, transition(float(elapsed)))
+    def diffusion(self) -> NDArray[np.float64]:
+        """Return the root mean square diffusion of each component [1/sqrt(h)], ``(7,)``."""
+        total = np.maximum(self.sums(self.weight), _LEAST)
+        return np.sqrt(self.sums(self.weight * self.cells.diffusion**2) / total)
+
+    def advance(self, hours: float) -> None:
+        """Let all cells grow over some hours [h]."""
+        if hours > 0.0:
+            states = (self.weight, self.mean, self.variance)
+            mix_paces(*states, self.cells.blocks, N_WANDERING_RATES, transition(hours))
         self._before = self.mean.copy(), self.variance.copy()
         self._slope = np.ones_like(self.mean)
-        if not own.any():
+        if hours <= 0.0:
             return
         cells = self.cells
         for law, part in cells.slices.items():
             if law == "constant":
                 continue
             if law == "drift":
-                self.mean[part] += cells.side[part] * cells.rate[part] * own[part]
-                self.variance[part] += cells.diffusion[part] ** 2 * own[part]
+                self.mean[part] += cells.side[part] * cells.rate[part] * hours
+                self.variance[part] += cells.diffusion[part] ** 2 * hours
                 continue
             figures = (self._law, cells.side, cells.rate, cells.shape)
             states = (self.mean, self.variance, self._slope)
-            grow_cells(*(one[part] for one in (*figures, *states, own)), self.noise_hours)
+            grow_cells(*(one[part] for one in (*figures, *states)), hours, self.noise_hours)
 
     def change(self) -> None:
         """Let growth begin, or become another, with the probabilities of the settings."""
@@ -138,7 +141,7 @@ class Bank:
         carried: NDArray[np.float64],
         fresh: NDArray[np.float64],
         value_before: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Update the levels of all cells by a test.
 
         Parameters
@@ -152,17 +155,18 @@ class Bank:
 
         Returns
         -------
-        numpy.ndarray
-            Logarithms of the likelihoods of the cells, ``(n,)``; 0 of components not shown.
+        tuple
+            Logarithms of the likelihoods of the cells and the probabilities of a smaller value by
+            them, ``(n,)`` each; 0 of components not shown.
         """
         component = self.cells.component
-        log_likelihood = np.zeros_like(self.weight)
+        log_likelihood, below = np.zeros_like(self.weight), np.zeros_like(self.weight)
         plain = np.flatnonzero((used & ~near_healthy)[component])
         settings = self._settings
         states = (self.mean, self.variance, self._slope, *self._before)
         measure_cells(
             *(plain, component, *states, value, fresh, carried, value_before),
-            *(settings.occasional_error, settings.occasional_probability, log_likelihood),
+            *(settings.occasional_error, settings.occasional_probability, log_likelihood, below),
         )
         near = np.flatnonzero((used & near_healthy)[component])
         mean, variance = self.mean[near], self.variance[near]
@@ -170,7 +174,7 @@ class Bank:
         own = component[near]
         near_healthy_update(mean, variance, noise[own], REACH[own], self._two_sided[near], log_p)
         self.mean[near], self.variance[near], log_likelihood[near] = mean, variance, log_p
-        return log_likelihood
+        return log_likelihood, below
 
     def restart(self, component: int, value: float, variance: float) -> None:
         """Start a component's level anew.

@@ -48,7 +48,7 @@ def grow_cells(
     mean: NDArray[np.float64],
     variance: NDArray[np.float64],
     slope: NDArray[np.float64],
-    hours: NDArray[np.float64],
+    hours: float,
     noise_hours: float,
 ) -> None:
     """Let the levels of cells grow in place, at two sigma points each.
@@ -64,23 +64,20 @@ def grow_cells(
     slope
         Derivative of the level after by that before, ``(n,)``; written.
     hours
-        Hours of growth, ``(n,)`` [h]; where they are 0 nothing changes.
+        Hours in service, above 0 [h].
     noise_hours
         Variance of the effective time of growth per hour [h].
     """
     for i in range(mean.size):
-        u = hours[i]
-        if u <= 0.0:
-            continue
         x, sd = side[i] * mean[i], math.sqrt(variance[i])
         low, high = max(x - sd, 0.0), max(x + sd, 0.0)
-        least = _grown(law[i], rate[i], shape[i], low, u)
-        most = _grown(law[i], rate[i], shape[i], high, u)
+        least = _grown(law[i], rate[i], shape[i], low, hours)
+        most = _grown(law[i], rate[i], shape[i], high, hours)
         spread = 0.5 * (high + most - low - least)
         step = 0.5 * (least + most)
         slope[i] = spread / sd if sd > 0.0 else 1.0
         mean[i] = side[i] * 0.5 * (low + least + high + most)
-        variance[i] = spread * spread + step * step * noise_hours / u
+        variance[i] = spread * spread + step * step * noise_hours / hours
 
 
 @kernel()
@@ -142,6 +139,12 @@ def temper(
 
 
 @kernel()
+def _below(innovation: float, variance: float) -> float:
+    """Return the probability of a smaller innovation."""
+    return 0.5 * math.erfc(-innovation / math.sqrt(2.0 * variance))
+
+
+@kernel()
 def measure_cells(
     at: NDArray[np.intp],
     component: NDArray[np.intp],
@@ -157,6 +160,7 @@ def measure_cells(
     large: float,
     rare: float,
     log_likelihood: NDArray[np.float64],
+    below: NDArray[np.float64],
 ) -> None:
     """Update cells by values with occasional errors, in place: two Gaussians, merged.
 
@@ -174,8 +178,8 @@ def measure_cells(
         Factor c of the error of the test before, and its value, ``(7,)``.
     large, rare
         Standard deviation and probability of an occasional error [-].
-    log_likelihood
-        Of each cell, ``(n,)``; written at ``at``.
+    log_likelihood, below
+        Of each cell, and the probability of a smaller value by it, ``(n,)``; written at ``at``.
     """
     for i in at:
         k = component[i]
@@ -198,3 +202,28 @@ def measure_cells(
         mean[i] += gain * innovation
         variance[i] = max(variance[i] - gain * shared + spread, _LEAST_VARIANCE)
         log_likelihood[i] = log_p
+        below[i] = (1.0 - rare) * _below(innovation, usual) + rare * _below(innovation, wide)
+
+
+@kernel()
+def probabilities_below(
+    innovation: NDArray[np.float64],
+    usual: NDArray[np.float64],
+    wide: NDArray[np.float64],
+    rare: float,
+    below: NDArray[np.float64],
+) -> None:
+    """Write the probabilities of smaller innovations than some, all flat, by two Gaussians.
+
+    Parameters
+    ----------
+    innovation, usual, wide
+        The innovations and the variances of both, ``(n,)``.
+    rare
+        Probability of the wide one [-].
+    below
+        Of each, ``(n,)``.
+    """
+    for i in range(innovation.size):
+        part = rare * _below(innovation[i], wide[i])
+        below[i] = (1.0 - rare) * _below(innovation[i], usual[i]) + part

@@ -1,9 +1,11 @@
 """All that is thought of how the components of a unit grow: cells and waves, weighed together.
 
 Probabilities of cells and waves are exact marginal likelihoods, but for what growth was like long
-ago: each test draws those of growth, given that a component of unknown law grows at all, towards
-their prior by a small power (Raftery, Karny and Ettler 2010, dynamic model averaging), for no law
-holds for life. Whether it grows at all is not forgotten.
+ago where it does not keep to a law for life: each test draws those of rates that wander, and of
+waves, towards their prior by a small power (Raftery, Karny and Ettler 2010, dynamic model
+averaging). What kind of growth it is, is not forgotten: none, by a law for life, at a rate that
+wanders, or under a wave. So a unit whose growth is steady comes to count as such, and is told the
+narrower interval, and one whose growth is not does not.
 """
 
 from collections.abc import Mapping
@@ -14,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS
+from ema_core.growth_laws import increment
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.bank import Bank
 from ema_monitor.prognosis.growth.cells import grid
@@ -56,6 +59,9 @@ class Mixture:
         self._component = self.bank.cells.component
         self._is_constant = np.zeros(self._component.size, dtype=bool)
         self._is_constant[self.bank.cells.slices["constant"]] = True
+        # No growth, a law for life, a rate that wanders: of each component.
+        kind = np.where(self._is_constant, 0, np.where(self.bank.cells.wanders, 2, 1))
+        self._kind = kind * len(COMPONENTS) + self._component
         waving = self.waves.prior.sum(axis=1)
         self._prior = self.bank.cells.prior * (1.0 - waving)[self._component]
         self.bank.weight = self._prior.copy()
@@ -120,41 +126,62 @@ class Mixture:
         still = np.sum(self.waves.weight[:, ~self.waves.grows], axis=1)
         return self.bank.weight[self.bank.cells.slices["constant"]] + still
 
-    def advance(self, hours: NDArray[np.float64]) -> None:
-        """Let each component grow over hours of its own, at least 0, ``(7,)`` [h]."""
+    def rates(self) -> NDArray[np.float64]:
+        """Return the signed growth of each cell in the next hour [1/h]."""
+        bank, cells = self.bank, self.bank.cells
+        rates = np.zeros_like(bank.weight)
+        for law, part in cells.slices.items():
+            x = np.clip(cells.side[part] * bank.mean[part], 0.0, 1.0)
+            an_hour = increment(law, x, cells.rate[part], cells.shape[part], 1.0)
+            rates[part] = np.minimum(an_hour, 1.0)
+        return rates * cells.side
+
+    def change_rate(self, number: int, rate: float, sigma: float) -> None:
+        """Forget how a component grew, given that it grows, but for its rate of now.
+
+        Parameters
+        ----------
+        number, rate, sigma
+            The component, the rate, and its standard deviation [1/h].
+        """
+        bank, waves = self.bank, self.waves
+        at = bank.members[number]
+        at = at[~self._is_constant[at]]
+        rates = self.rates()[at]
+        # A cell stands for the rates about it.
+        spread = np.hypot(sigma, 0.3 * bank.cells.spacing[at] * rates)
+        log_p = -0.5 * ((rates - rate) / spread) ** 2 - np.log(spread)
+        weight = self._prior[at] * np.exp(log_p - log_p.max())
+        bank.weight[at] = np.maximum(weight * (bank.weight[at].sum() / weight.sum()), _LEAST)
+        waves.change_rate(number, rate, sigma)
+
+    def advance(self, hours: float) -> None:
+        """Let all grow over some hours, at least 0 [h]."""
         self.errors.advance(hours)
         self.bank.advance(hours)
         self.waves.advance(hours)
 
     def _forget(self, used: NDArray[np.bool_]) -> None:
-        """Draw the probabilities of growth towards their prior, given that there is growth.
+        """Draw the probabilities of growth towards their prior, in each kind of growth by itself.
 
         Parameters
         ----------
         used
             Components of which the test tells something, ``(7,)``.
         """
-        bank, waves = self.bank, self.waves
-        growing, waving = ~self._is_constant, waves.grows
-        before, powers = self._growth(), np.where(used, self._power, 1.0)
-        kept = bank.weight[self._is_constant]
-        temper(bank.weight, self._prior, self._component, powers)
-        bank.weight[self._is_constant] = kept
-        power = powers[:, None]
-        waves.weight[:, waving] = np.where(
-            waves.prior[:, waving] > 0.0,
-            np.maximum(waves.weight[:, waving], _LEAST) ** power
-            * waves.prior[:, waving] ** (1.0 - power),
-            0.0,
-        )
-        scale = before / np.maximum(self._growth(), _LEAST)
-        bank.weight[growing] *= scale[self._component[growing]]
-        waves.weight[:, waving] *= scale[:, None]
-
-    def _growth(self) -> NDArray[np.float64]:
-        """Return the sum of what grows, ``(7,)``."""
-        cells = self.bank.sums(np.where(self._is_constant, 0.0, self.bank.weight))
-        return cells + np.sum(self.waves.weight[:, self.waves.grows], axis=1)
+        bank, waves, waving = self.bank, self.waves, self.waves.grows
+        power = np.where(used, self._power, 1.0)
+        # What wanders forgets; a law is one for life, or it is found to be none.
+        powers = np.concatenate([np.ones_like(power), np.ones_like(power), power])
+        before = np.bincount(self._kind, bank.weight, powers.size)
+        temper(bank.weight, self._prior, self._kind, powers)
+        after = np.bincount(self._kind, bank.weight, powers.size)
+        bank.weight *= (before / np.maximum(after, _LEAST))[self._kind]
+        grown, prior = waves.weight[:, waving], waves.prior[:, waving]
+        kept = np.maximum(grown, _LEAST) ** power[:, None] * prior ** (1.0 - power[:, None])
+        kept = np.where(prior > 0.0, kept, 0.0)
+        kept *= (grown.sum(axis=1) / np.maximum(kept.sum(axis=1), _LEAST))[:, None]
+        waves.weight[:, waving] = kept
 
     def measure(
         self,
@@ -162,7 +189,7 @@ class Mixture:
         noise: NDArray[np.float64],
         used: NDArray[np.bool_],
         near_healthy: NDArray[np.bool_],
-    ) -> None:
+    ) -> NDArray[np.float64]:
         """Update by a test.
 
         Parameters
@@ -171,6 +198,12 @@ class Mixture:
             Signed distances from healthy and variances of their errors, ``(7,)``.
         used, near_healthy
             Components that the test shows, and those of them that were set to healthy, ``(7,)``.
+
+        Returns
+        -------
+        numpy.ndarray
+            Probability of smaller values than those, as it was before the test, ``(7,)``; of no
+            meaning where a component is not shown or was set to healthy.
         """
         self._forget(used)
         self.bank.change()
@@ -182,13 +215,17 @@ class Mixture:
         correlation, variance = errors.correlation, max(errors.factor, 1.0) ** 2 * noise
         carried = last.carried(noise, correlation)
         fresh = np.where(last.used, 1.0 - correlation**2, 1.0) * variance
-        of_cells = bank.measure(value, noise, used, near_healthy, carried, fresh, last.value)
+        of_cells, below = bank.measure(value, noise, used, near_healthy, carried, fresh, last.value)
         of_waves = np.zeros_like(waves.weight)
-        waves.measure(np.flatnonzero(plain), value, fresh, carried, last.value, of_waves)
+        waves_below = waves.measure(
+            np.flatnonzero(plain), value, fresh, carried, last.value, of_waves
+        )
+        pit = bank.sums(bank.weight * below) + np.sum(waves.weight * waves_below, axis=1)
         near = np.flatnonzero(used & near_healthy)
         waves.measure_near(near, noise, bank.two_sided, of_waves)
         self._weigh(of_cells, of_waves)
         self._last = LastTest(value, noise, plain)
+        return pit
 
     def _weigh(self, of_cells: NDArray[np.float64], of_waves: NDArray[np.float64]) -> None:
         """Multiply all probabilities by likelihoods, given by their logarithms."""

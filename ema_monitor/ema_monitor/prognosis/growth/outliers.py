@@ -25,7 +25,8 @@ class Event:
     kind
         ``"outlier"``: a value that no growth explains, held back until the next test. When that
         test agrees with it, a ``"repair"`` (the fault became smaller) or a ``"step"`` (it became
-        larger) follows; else it stays an outlier and is never used.
+        larger) follows; else it stays an outlier and is never used. ``"regime"``: the fault grows
+        at another rate from about that hour on.
     component
         Component of the fault vector.
     hours

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.wording import text_table
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.duty.future import FutureDuty
 
 _ANY_LIMIT: Final = "first fault limit"
 
@@ -67,8 +66,10 @@ class Prognosis:
         Component that does so first most often; empty when none is known to grow.
     samples
         Samples of the overall life [h], ``(n,)``; infinite when it is not known.
-    future
-        What is assumed of the duty to come.
+    duty
+        Growth of the faults in a future flight hour, relative to a past one [-].
+    assumption
+        What is assumed of future use, in words.
     levels
         Present distance of the dominant fault from healthy in each sample [-], ``(n,)``; empty
         when there is no dominant one.
@@ -79,28 +80,19 @@ class Prognosis:
     overall: RemainingLife
     dominant_fault: str
     samples: NDArray[np.float64]
-    future: FutureDuty
+    duty: float
+    assumption: str
     levels: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     @classmethod
-    def unknown(cls, reason: str, limits: HealthLimits, duty: FutureDuty) -> "Prognosis":
+    def unknown(cls, reason: str, limits: HealthLimits, duty: float) -> "Prognosis":
         """Return the prognosis of which no figure can be given."""
         components = {
             name: RemainingLife.unknown(_criterion(name, limits.of(name)), reason)
             for name in COMPONENTS
         }
         overall = RemainingLife.unknown(_ANY_LIMIT, reason)
-        return cls(math.nan, components, overall, "", np.empty(0), duty)
-
-    @property
-    def duty(self) -> float:
-        """Growth of the faults in a future flight hour beside the duty to come [-]."""
-        return self.future.factor
-
-    @property
-    def assumption(self) -> str:
-        """What is assumed of future use, in words."""
-        return str(self.future)
+        return cls(math.nan, components, overall, "", np.empty(0), duty, assumption_of(duty))
 
     def as_rows(self) -> list[dict[str, Any]]:
         """Return a table of plain values: a row a component, and one for the first of them."""
@@ -140,13 +132,20 @@ class Fan:
     values: Mapping[str, NDArray[np.float64]]
 
 
+def assumption_of(duty: float) -> str:
+    """Return in words what a duty assumes of future use."""
+    if duty == 1.0:
+        return "future use as in the past"
+    return f"faults grow {duty:g} times as fast in each future flight hour as in the past"
+
+
 def prognosis_of(
     at_hours: float,
     samples: NDArray[np.float64],
     is_shown: NDArray[np.bool_],
     reasons: Sequence[str],
     limits: HealthLimits,
-    duty: FutureDuty,
+    duty: float,
     levels: NDArray[np.float64],
 ) -> Prognosis:
     """Return the prognosis by samples of lives, with quantiles where they can be given.
@@ -185,7 +184,9 @@ def prognosis_of(
     else:
         dominant, first, own_levels = "", np.full(samples.shape[1], np.inf), np.empty(0)
         overall = RemainingLife.unknown(_ANY_LIMIT, "; ".join(sorted(set(reasons))))
-    return Prognosis(at_hours, components, overall, dominant, first, duty, own_levels)
+    return Prognosis(
+        at_hours, components, overall, dominant, first, duty, assumption_of(duty), own_levels
+    )
 
 
 def _criterion(name: str, limit: float) -> str:

@@ -12,58 +12,26 @@ Kalman filter would hold neither the early, many-peaked distribution of the rate
 import math
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULTS, HIGHEST, healthy_faults
-from ema_core.growth_laws import increment
 from ema_monitor.health import ONE_SIDED_95, HealthLimits
-from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.growth.cells import CONSTANT_PRIOR
+from ema_monitor.prognosis.growth.check import SAMPLES, PredictionCheck, widened, widened_lives
 from ema_monitor.prognosis.growth.fleet import GrownFault, grown_faults
 from ema_monitor.prognosis.growth.forecast import draw, futures, lives
-from ema_monitor.prognosis.growth.measurement import HEALTHY, INDICES, Measurement
+from ema_monitor.prognosis.growth.measurement import INDICES, Measurement
 from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.outliers import Event, Opening, OutlierDetector
 from ema_monitor.prognosis.growth.prediction import Fan, Prognosis, prognosis_of
+from ema_monitor.prognosis.growth.regimes import GrowthNoise, RegimeWatch, regime_event
 from ema_monitor.prognosis.growth.settings import TrackerSettings
+from ema_monitor.prognosis.growth.tracked_fault import TrackedFault, tracked_faults
 from ema_monitor.prognosis.growth.waiting import NOT_SHOWN, beyond_horizon, growth_not_certain
-
-
-@dataclass(frozen=True)
-class TrackedFault:
-    """What is known of one component.
-
-    Attributes
-    ----------
-    name
-        Component of the fault vector.
-    tests
-        Number of tests that showed it.
-    value, sigma
-        Mean and standard deviation, in the units of the fault vector [-]; NaN before any test.
-    trend
-        Growth of the value [1/h].
-    trend_sigma
-        Its standard deviation [1/h].
-    laws
-        Probability of each law [-]; ``constant`` stands for no growth yet.
-    growing_probability
-        Probability that it grows [-].
-    """
-
-    name: str
-    tests: int
-    value: float
-    sigma: float
-    trend: float
-    trend_sigma: float
-    laws: Mapping[str, float]
-    growing_probability: float
-
 
 KEPT_AFTER_STEP: Final = 0.5
 """Power to which the probabilities of laws and rates are kept after a step fault [-]."""
@@ -111,18 +79,19 @@ class Tracker:
         self._mixture = Mixture(self._limits, self._settings)
         self._opening = Opening(self._settings)
         self._outliers = OutlierDetector(self._settings)
+        self._check = PredictionCheck(self._settings)
+        self._regimes = RegimeWatch()
         self._tests = np.zeros(len(COMPONENTS), dtype=np.intp)
         self._first_hours = np.full(len(COMPONENTS), np.nan)
         self._growing = np.zeros(len(COMPONENTS), dtype=bool)
         self._phase = float(FAULTS[ECCENTRICITY_PHASE].healthy)
-        self._own_hours = np.full(len(COMPONENTS), np.nan)
         self.updates = 0
         self.hours = math.nan
 
     def frozen(self) -> "Tracker":
         """Return a copy for predictions that later tests do not change."""
         twin = copy(self)
-        twin._mixture = self._mixture.frozen()
+        twin._mixture, twin._check = self._mixture.frozen(), self._check.frozen()
         twin._tests, twin._growing = self._tests.copy(), self._growing.copy()
         twin._first_hours = self._first_hours.copy()
         return twin
@@ -133,10 +102,11 @@ class Tracker:
             **self._mixture.state(),
             "opening": self._opening.state(),
             **self._outliers.state(),
+            **self._check.state(),
+            **self._regimes.state(),
             "tests": self._tests,
             "first_hours": self._first_hours,
             "growing": self._growing,
-            "own_hours": self._own_hours,
             "figures": np.array([self._phase, self.hours, self.updates]),
         }
 
@@ -151,8 +121,10 @@ class Tracker:
         self._mixture.restore(state)
         self._opening.restore(state["opening"])
         self._outliers.restore(state)
+        self._check.restore(state)
+        self._regimes.restore(state)
         self._tests, self._first_hours = state["tests"], state["first_hours"]
-        self._growing, self._own_hours = state["growing"], state["own_hours"]
+        self._growing = state["growing"]
         phase, hours, updates = state["figures"]
         self._phase, self.hours, self.updates = float(phase), float(hours), int(updates)
 
@@ -179,8 +151,8 @@ class Tracker:
                 f"hours = {measurement.hours:g} h: expected at least those of the latest test, "
                 f"{self.hours:g} h"
             )
-        elapsed = measurement.own_hours - self._own_hours
-        self.hours, self._own_hours = measurement.hours, measurement.own_hours
+        elapsed = measurement.hours - self.hours
+        self.hours = measurement.hours
         self.updates += 1
         if not measurement.unobservable[ECCENTRICITY_PHASE]:
             self._phase = float(measurement.faults[ECCENTRICITY_PHASE])
@@ -189,8 +161,8 @@ class Tracker:
             first, events = self._opening.judge(measurement)
             if first is None:
                 return events
-            self._use(first)
-            elapsed = measurement.own_hours - first.own_hours
+            events += self._use(first)
+            elapsed = measurement.hours - first.hours
         else:
             events = []
         self._mixture.advance(elapsed)
@@ -200,7 +172,7 @@ class Tracker:
             rose = abs(measurement.value[number]) > abs(mean[number])
             self._restart(int(number), measurement, keep=KEPT_AFTER_STEP if rose else 0.0)
         if not held.all():
-            self._use(measurement, changed, held)
+            odd += self._use(measurement, changed, held)
         else:
             self._mixture.skip()
         return events + odd
@@ -210,29 +182,72 @@ class Tracker:
         measurement: Measurement,
         changed: NDArray[np.bool_] | bool = False,
         held: NDArray[np.bool_] | bool = False,
-    ) -> None:
-        """Update by a test, but for components whose level it has set and those held back."""
+    ) -> list[Event]:
+        """Update by a test, but for components whose level it has set and those held back.
+
+        Returns the changes of their rates that it shows.
+        """
         used = measurement.seen & ~np.logical_or(changed, held)
         first = used & (self._tests == 0)
         for number in np.flatnonzero(first):
             self._restart(int(number), measurement, keep=0.0)
         used &= ~first
         mean, variance = self._mixture.moments()
-        value, noise = measurement.without_common_errors(
-            mean, variance, used & ~measurement.near_healthy
-        )
-        self._mixture.measure(value, noise, used, used & measurement.near_healthy)
+        plain = used & ~measurement.near_healthy
+        value, noise = measurement.without_common_errors(mean, variance, plain)
+        pit = self._mixture.measure(value, noise, used, used & measurement.near_healthy)
+        self._check.one_step(pit, plain)
         self._tests += measurement.seen & np.logical_not(held)
         constant = self._mixture.constant()
         begins = (constant < BEGINS_BELOW) & (self._tests >= LEAST_TESTS)
         self._growing = np.where(self._growing, constant < ENDS_ABOVE, begins)
+        events = self._changes_of_regime(measurement.hours, value, noise, plain)
+        self._check.observe(measurement, plain, self._mixture.errors.factor)
+        if self._check.is_due:
+            self._keep_prediction()
+        return events
+
+    def _changes_of_regime(
+        self,
+        hours: float,
+        value: NDArray[np.float64],
+        noise: NDArray[np.float64],
+        plain: NDArray[np.bool_],
+    ) -> list[Event]:
+        """Return the changes of growth that a test shows; what was known of it is forgotten."""
+        errors, events = self._mixture.errors, list[Event]()
+        self._regimes.add(hours, value, max(errors.factor, 1.0) ** 2 * noise, plain)
+        diffusion = self._mixture.bank.diffusion()
+        for number in np.flatnonzero(plain & self._growing):
+            moves = GrowthNoise(
+                errors.correlation,
+                self._settings.occasional_error,
+                self._mixture.bank.noise_hours,
+                float(diffusion[number]),
+            )
+            change = self._regimes.judge(int(number), moves)
+            if change is not None:
+                self._mixture.change_rate(int(number), change.after, change.sigma)
+                self._check.restart(int(number), is_new=False)
+                events.append(regime_event(COMPONENTS[number], change))
+        return events
+
+    def _keep_prediction(self) -> None:
+        """Keep a prediction of what later tests will show, to hold it against them."""
+        rng = np.random.default_rng([1, self.updates])
+        sample = draw(self._mixture.bank, SAMPLES, rng, self._mixture.waves)
+        ahead = self._check.hours_ahead(self.hours)
+        away = futures(sample, ahead, rng)
+        self._check.keep(self.hours + ahead, away, self._tests > 0, self._growing)
 
     def _restart(self, number: int, measurement: Measurement, keep: float) -> None:
         value, noise = float(measurement.value[number]), float(measurement.noise[number])
         self._mixture.restart(number, value, noise, keep=keep)
+        self._check.restart(number, is_new=keep == 0.0)
+        self._regimes.restart(number)
         self._tests[number] = 0
         if keep == 0.0:
-            self._first_hours[number] = measurement.own_hours[number]
+            self._first_hours[number] = measurement.hours
             self._growing[number] = False
 
     def grown_faults(self) -> dict[str, GrownFault]:
@@ -242,50 +257,12 @@ class Tracker:
 
     def components(self) -> tuple[TrackedFault, ...]:
         """Return what is known of each component."""
-        bank, waves = self._mixture.bank, self._mixture.waves
-        cells, weight = bank.cells, bank.weight
-        mean, variance = self._mixture.moments()
-        rates = np.zeros_like(weight)
-        for law, part in cells.slices.items():
-            x = np.clip(cells.side[part] * bank.mean[part], 0.0, 1.0)
-            an_hour = increment(law, x, cells.rate[part], cells.shape[part], 1.0)
-            rates[part] = np.minimum(an_hour, 1.0)
-        rates *= cells.side
-        waving = np.where(waves.grows, waves.mean[..., 1], 0.0)
-        trend = bank.sums(weight * rates) + np.sum(waves.weight * waving, axis=1)
-        squares = bank.sums(weight * (rates - trend[cells.component]) ** 2)
-        squares += np.sum(waves.weight * (waving - trend[:, None]) ** 2, axis=1)
-        trend_sigma = np.sqrt(squares)
-        figures = np.array([HEALTHY + mean, np.sqrt(variance), trend, trend_sigma])
-        figures[:, self._tests == 0] = np.nan
-        figures[0] = np.clip(figures[0], 0.0, HIGHEST[INDICES])
-        laws = {
-            law: np.bincount(cells.component[part], weight[part], len(COMPONENTS)).tolist()
-            for law, part in cells.slices.items()
-        }
-        of_waves = np.sum(waves.weight * waves.grows, axis=1)
-        laws["linear"] = (laws["linear"] + of_waves).tolist()
-        laws["constant"] = self._mixture.constant().tolist()
-        return tuple(
-            TrackedFault(
-                name,
-                int(self._tests[i]),
-                value,
-                sigma,
-                trend,
-                trend_sigma,
-                {law: share[i] for law, share in laws.items()},
-                1.0 - laws["constant"][i],
-            )
-            for i, (name, (value, sigma, trend, trend_sigma)) in enumerate(
-                zip(COMPONENTS, figures.T.tolist(), strict=True)
-            )
-        )
+        return tracked_faults(self._mixture, self._tests, self._check)
 
     def _rng(self) -> np.random.Generator:
         return np.random.default_rng([0, self.updates])
 
-    def predict(self, duty: FutureDuty | float = 1.0) -> Prognosis:
+    def predict(self, duty: float = 1.0) -> Prognosis:
         """Return the remaining useful life from the latest test on.
 
         Parameters
@@ -299,24 +276,22 @@ class Tracker:
         ValueError
             When the duty is not a number above 0.
         """
-        duty = FutureDuty.of(duty)
+        _check_duty(duty)
         rng = self._rng()
         sample = draw(self._mixture.bank, self._settings.samples, rng, self._mixture.waves)
-        own = lives(sample, rng)
-        hours = duty.hours_of(own)
+        hours = widened_lives(lives(sample, rng), self._check.widening()) / duty
         mean, variance = self._mixture.moments()
         limits = [self._limits.of(name) for name in COMPONENTS]
         is_shown = self._tests > 0
         is_over = is_shown & (np.abs(mean) - ONE_SIDED_95 * np.sqrt(variance) > limits)
         hours[is_over] = 0.0
         reasons = [
-            "" if is_over[number] else self._reason_unknown(number, one)
-            for number, one in enumerate(own)
+            "" if is_over[number] else self._reason_unknown(number, own * duty)
+            for number, own in enumerate(hours)
         ]
-        levels = sample.x
-        return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty, levels)
+        return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty, sample.x)
 
-    def _reason_unknown(self, number: int, own_hours: NDArray[np.float64]) -> str:
+    def _reason_unknown(self, number: int, past_hours: NDArray[np.float64]) -> str:
         """Return why no life of a component can be given; empty when one can."""
         tests = int(self._tests[number])
         if not tests:
@@ -324,12 +299,10 @@ class Tracker:
         if not self._growing[number]:
             constant = float(self._mixture.constant()[number])
             return growth_not_certain(constant, tests, BEGINS_BELOW, CONSTANT_PRIOR, LEAST_TESTS)
-        observed = float(self._own_hours[number] - self._first_hours[number])
-        return beyond_horizon(float(np.median(own_hours)), observed, tests, self._settings)
+        observed = self.hours - float(self._first_hours[number])
+        return beyond_horizon(float(np.median(past_hours)), observed, tests, self._settings)
 
-    def futures(
-        self, hours: ArrayLike, n: int = 500, duty: FutureDuty | float = 1.0
-    ) -> NDArray[np.float64]:
+    def futures(self, hours: ArrayLike, n: int = 500, duty: float = 1.0) -> NDArray[np.float64]:
         """Return samples of the fault vector in the future.
 
         Parameters
@@ -352,12 +325,13 @@ class Tracker:
         ValueError
             When the hours descend or are below 0, or the duty is not a number above 0.
         """
+        _check_duty(duty)
         times = np.atleast_1d(np.asarray(hours, dtype=np.float64))
         if times.ndim != 1 or not np.all(np.diff(times, prepend=0.0) >= 0.0):
             raise ValueError(f"hours = {hours} h: expected ascending numbers of at least 0")
         rng = self._rng()
         sample = draw(self._mixture.bank, n, rng, self._mixture.waves)
-        away = futures(sample, FutureDuty.of(duty).own_hours(times, n), rng)
+        away = widened(futures(sample, times * duty, rng), self._check.widening())
         vectors = np.tile(healthy_faults(), (times.size, n, 1))
         vectors[..., INDICES] += np.moveaxis(away, 1, 2)
         vectors[..., ECCENTRICITY_PHASE] = self._phase
@@ -367,7 +341,7 @@ class Tracker:
         self,
         hours: ArrayLike,
         levels: tuple[float, ...] = (0.05, 0.25, 0.5, 0.75, 0.95),
-        duty: FutureDuty | float = 1.0,
+        duty: float = 1.0,
     ) -> Fan:
         """Return quantiles of the future of each component, for plots.
 
@@ -389,3 +363,8 @@ class Tracker:
             np.array(levels),
             {name: values[..., i] for name, i in zip(COMPONENTS, INDICES, strict=True)},
         )
+
+
+def _check_duty(duty: float) -> None:
+    if not 0.0 < duty < np.inf:
+        raise ValueError(f"duty = {duty!r}: expected a number above 0")

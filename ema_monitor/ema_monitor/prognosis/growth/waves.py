@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS
 from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.growth.filters import probabilities_below
 from ema_monitor.prognosis.growth.measurement import REACH
 from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
 from ema_monitor.prognosis.growth.settings import TrackerSettings
@@ -76,7 +77,7 @@ class Waves:
         self.mean = np.zeros((n, k, 4))
         self.covariance = np.zeros((n, k, 4, 4))
         self._before = self.mean, self.covariance
-        self._step = np.zeros((n, k, 4, 4)), np.zeros((n, k, 4, 4))
+        self._step = np.zeros((k, 4, 4)), np.zeros((n, k, 4, 4))
         for number in range(n):
             self.restart(number, 0.0, 1.0)
         self._noise_hours = float(np.expm1(settings.process_noise**2))
@@ -108,6 +109,14 @@ class Waves:
         one[:, 2, 2] = one[:, 3, 3] = wave
         self.covariance[number] = one
 
+    def change_rate(self, number: int, rate: float, sigma: float) -> None:
+        """Let a component that grows go on at another rate, of a standard deviation [1/h]."""
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[number, self.grows, 1] = rate
+        covariance[number, self.grows, 1, :] = covariance[number, self.grows, :, 1] = 0.0
+        covariance[number, self.grows, 1, 1] = sigma**2
+        self.mean, self.covariance = mean, covariance
+
     def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return mean and variance of x + w in each filter, ``(7, k)`` each."""
         p = self.covariance
@@ -116,18 +125,17 @@ class Waves:
             p[..., 0, 0] + 2.0 * p[..., 0, 2] + p[..., 2, 2],
         )
 
-    def advance(self, hours: NDArray[np.float64]) -> None:
-        """Let the filters of each component go on over hours of its own, ``(7,)`` [h]."""
+    def advance(self, hours: float) -> None:
+        """Let all filters go on over some hours, above 0 [h]."""
         self._begin()
-        hours = hours[:, None]
-        turn = hours * self.omega
+        k, turn = self.omega.size, self.omega * hours
         kept = np.exp(-turn / (2.0 * np.pi * LASTING))
-        step = np.zeros_like(self.covariance)
-        step[..., 0, 0] = step[..., 1, 1] = 1.0
-        step[..., 0, 1] = hours
-        step[..., 2, 2] = step[..., 3, 3] = kept * np.cos(turn)
-        step[..., 2, 3] = kept * np.sin(turn)
-        step[..., 3, 2] = -step[..., 2, 3]
+        step = np.zeros((k, 4, 4))
+        step[:, 0, 0] = step[:, 1, 1] = 1.0
+        step[:, 0, 1] = hours
+        step[:, 2, 2] = step[:, 3, 3] = kept * np.cos(turn)
+        step[:, 2, 3] = kept * np.sin(turn)
+        step[:, 3, 2] = -step[:, 2, 3]
         noise = np.zeros_like(self.covariance)
         rate = np.where(self.grows, self.mean[..., 1] ** 2, 0.0)
         walk = rate * _RATE_WALK**2 * hours
@@ -136,8 +144,8 @@ class Waves:
         noise[..., 1, 1] = walk
         noise[..., 2, 2] = noise[..., 3, 3] = self._wave_variance[:, None] * (1.0 - kept**2)
         self._before, self._step = (self.mean, self.covariance), (step, noise)
-        self.mean = np.einsum("nkij,nkj->nki", step, self.mean)
-        self.covariance = step @ self.covariance @ np.swapaxes(step, 2, 3) + noise
+        self.mean = np.einsum("kij,nkj->nki", step, self.mean)
+        self.covariance = step @ self.covariance @ np.swapaxes(step, 1, 2) + noise
 
     def _begin(self) -> None:
         """Let growth begin in filters without, with the probability of the settings."""
@@ -168,7 +176,7 @@ class Waves:
         carried: NDArray[np.float64],
         value_before: NDArray[np.float64],
         log_likelihood: NDArray[np.float64],
-    ) -> None:
+    ) -> NDArray[np.float64]:
         """Update the filters of some components by values with occasional errors.
 
         Parameters
@@ -179,16 +187,21 @@ class Waves:
             As of ``measure_cells``.
         log_likelihood
             Of each filter, ``(7, k)``; written for those components.
+
+        Returns
+        -------
+        numpy.ndarray
+            Probabilities of a smaller value by each filter, ``(7, k)``; 0 of other components.
         """
         settings, c = self._settings, carried[plain, None]
         mean, covariance = (part[plain] for part in self._before)
-        step, noise = (part[plain] for part in self._step)
-        seen = (step[..., 0, :] + step[..., 2, :]) - np.stack([c, 0.0 * c, c, 0.0 * c], axis=-1)
+        step, noise = self._step
+        seen = (step[:, 0] + step[:, 2]) - np.stack([c, 0.0 * c, c, 0.0 * c], axis=-1)
         innovation = value[plain, None] - self.mean[plain, :, 0] - self.mean[plain, :, 2]
         innovation = innovation - c * (value_before[plain, None] - mean[..., 0] - mean[..., 2])
-        from_noise = noise[..., 0, :] + noise[..., 2, :]
+        from_noise = noise[plain, :, 0] + noise[plain, :, 2]
         spread = np.einsum("mkij,mkj->mki", covariance, seen)
-        shared = np.einsum("mkij,mkj->mki", step, spread) + from_noise
+        shared = np.einsum("kij,mkj->mki", step, spread) + from_noise
         usual = np.einsum("mki,mki->mk", seen, spread) + from_noise[..., 0] + from_noise[..., 2]
         usual = usual + fresh[plain, None]
         wide, rare = usual + settings.occasional_error**2, settings.occasional_probability
@@ -202,6 +215,11 @@ class Waves:
         both = share * (1.0 - share) * (1.0 / usual - 1.0 / wide) ** 2 * squared
         outer = shared[..., None] * shared[..., None, :]
         self.covariance[plain] -= outer * (gain - both)[..., None, None]
+        below = np.zeros_like(self.weight)
+        own = np.empty(innovation.size)
+        probabilities_below(innovation.ravel(), usual.ravel(), wide.ravel(), rare, own)
+        below[plain] = own.reshape(innovation.shape)
+        return below
 
     def measure_near(
         self,

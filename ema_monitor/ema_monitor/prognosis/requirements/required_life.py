@@ -11,7 +11,8 @@ from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULT_NAMES, N_FAULT
 from ema_monitor.health import ONE_SIDED_95, FaultHealth, HealthLimits
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
 from ema_monitor.prognosis.growth.settings import TrackerSettings
-from ema_monitor.prognosis.growth.tracker import TrackedFault, Tracker
+from ema_monitor.prognosis.growth.tracked_fault import TrackedFault
+from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.growth.waiting import NOT_SHOWN
 from ema_monitor.prognosis.requirements.requirements import (
     MODELLED,
@@ -126,8 +127,8 @@ def required_life(
         return RequiredLife.unknown(reason, requirements, healths)
     if not grows and not any(map(_surely_fails, healths)):
         return RequiredLife.unknown("no significant growth", requirements, healths)
-    duty = prognosis.future
-    horizon = min(settings.horizon_hours, settings.horizon_factor * observed_hours) / duty.factor
+    duty = prognosis.duty
+    horizon = min(settings.horizon_hours, settings.horizon_factor * observed_hours) / duty
     longest = prognosis.overall.hours_95
     if 0.0 < longest < np.inf:
         horizon = min(horizon, _BEYOND * longest)

@@ -1,0 +1,281 @@
+"""A unit's own predictions, held against what its tests then showed.
+
+The probability integral transform (PIT) of a test is the predicted probability of a value below
+the one that it then showed; over many tests it is uniform when predictions are honest (Dawid 1984;
+Diebold, Gunther and Tay 1998). It is kept of each test's prediction by the test before, and of
+predictions twenty tests ahead. The latter also tell by how much wider, or narrower, the growth
+that was predicted should have been: the probabilities of factors of its width, by the likelihood
+of what came. Intervals are widened by it, and never narrowed: what lies beyond twenty tests is
+less certain.
+"""
+
+import math
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import COMPONENTS
+from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.growth.settings import TrackerSettings
+
+AHEAD: Final = 20
+"""Tests from a prediction to the one that it is held against."""
+
+EVERY: Final = 5
+"""Tests from one such prediction to the next."""
+
+WIDTHS: Final = np.array([0.4, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8])
+"""Factors of the width of a prediction on the grid [-]."""
+
+SAMPLES: Final = 256
+"""Samples of a prediction that is kept for the check."""
+
+_WIDTH_SIGMA: Final = 0.35
+"""Standard deviation of the logarithm of such a factor before any test [-]."""
+
+_KEPT: Final = 0.98
+"""Share that what was learnt keeps at each test."""
+
+_LEAST: Final = 5.0
+"""Tests below which nothing is said of calibration."""
+
+_PENDING: Final = AHEAD // EVERY
+_QUANTILES: Final = (np.arange(16) + 0.5) / 16.0
+_LADDER: Final = np.array([0.4, 0.7, 1.0, 1.5, 2.5, 4.0])
+_EDGE: Final = 1e-6
+_FARTHEST: Final = 10.0
+_NORMAL: Final = NormalDist()
+
+Array = NDArray[np.float64]
+
+LOG_PRIOR: Final = -0.5 * (np.log(WIDTHS) / _WIDTH_SIGMA) ** 2
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """How the predictions of a fault held against its tests.
+
+    Attributes
+    ----------
+    one_step, ahead
+        Root mean square of the normal scores of the PIT of predictions of the next test, and of
+        that twenty tests ahead: 1 when their intervals are right, above 1 when they are too narrow;
+        NaN while too few tests are known [-].
+    widening
+        Factor by which its intervals are widened, 1 or more; NaN while it is unknown [-].
+    """
+
+    one_step: float = math.nan
+    ahead: float = math.nan
+    widening: float = math.nan
+
+
+class PredictionCheck:
+    """Keeps the scores of predictions, and those predictions whose tests are still to come."""
+
+    def __init__(self, settings: TrackerSettings) -> None:
+        self._large = settings.occasional_error
+        self._rare = settings.occasional_probability
+        n = len(COMPONENTS)
+        # Number of scores and sum of their squares, the next test and ahead.
+        self._scores = np.zeros((2, n, 2))
+        self._log_widths = np.tile(LOG_PRIOR, (n, 1))
+        self._hours = np.full((_PENDING, _LADDER.size), np.nan)
+        self._quantiles = np.zeros((_PENDING, _LADDER.size, n, _QUANTILES.size))
+        self._waits = np.zeros((_PENDING, n), dtype=np.intp)
+        self._grows = np.zeros((_PENDING, n), dtype=bool)
+        self._tests = 0
+        self._first_hours = math.nan
+
+    def frozen(self) -> "PredictionCheck":
+        """Return a copy whose factors do not change with this one."""
+        twin = copy(self)
+        twin._log_widths, twin._scores = self._log_widths.copy(), self._scores.copy()
+        return twin
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return all that is known, for ``restore``."""
+        return {
+            "check_scores": self._scores,
+            "check_widths": self._log_widths,
+            "check_hours": self._hours,
+            "check_quantiles": self._quantiles,
+            "check_waits": self._waits,
+            "check_grows": self._grows,
+            "check_tests": np.array([self._tests, self._first_hours]),
+        }
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from what ``state`` returned."""
+        self._scores, self._log_widths = state["check_scores"], state["check_widths"]
+        self._hours, self._quantiles = state["check_hours"], state["check_quantiles"]
+        self._waits, self._grows = state["check_waits"], state["check_grows"]
+        tests, self._first_hours = map(float, state["check_tests"])
+        self._tests = int(tests)
+
+    def restart(self, number: int, *, is_new: bool) -> None:
+        """Drop the predictions of a component whose level or growth has changed.
+
+        Parameters
+        ----------
+        number
+            The component.
+        is_new
+            Whether it was repaired, so that its scores are of another part.
+        """
+        self._waits[:, number] = 0
+        if is_new:
+            self._scores[:, number] = 0.0
+            self._log_widths[number] = LOG_PRIOR
+
+    def one_step(self, pit: Array, plain: NDArray[np.bool_]) -> None:
+        """Add the PIT of a test by the one before, ``(7,)``, of the components that it shows."""
+        for number in np.flatnonzero(plain):
+            self._add(0, int(number), float(pit[number]))
+
+    def _add(self, which: int, number: int, pit: float) -> None:
+        score = _NORMAL.inv_cdf(min(max(pit, _EDGE), 1.0 - _EDGE))
+        self._scores[which, number] = _KEPT * self._scores[which, number] + [1.0, score**2]
+
+    def observe(self, measurement: Measurement, used: NDArray[np.bool_], factor: float) -> None:
+        """Hold the predictions that are due against a test.
+
+        Parameters
+        ----------
+        measurement
+            The test.
+        used
+            Components that it measures, ``(7,)``.
+        factor
+            Factor of the standard deviations of its errors [-].
+        """
+        if math.isnan(self._first_hours):
+            self._first_hours = measurement.hours
+        self._tests += 1
+        for slot in range(_PENDING):
+            waiting = self._waits[slot] > 0
+            self._waits[slot, waiting & used] -= 1
+            due = np.flatnonzero(waiting & used & (self._waits[slot] == 0))
+            if measurement.hours > self._hours[slot, -1]:
+                # Further ahead than was predicted, as after a gap.
+                self._waits[slot] = 0
+                continue
+            for number in due:
+                self._judge(slot, int(number), measurement, factor)
+
+    def _judge(self, slot: int, number: int, measurement: Measurement, factor: float) -> None:
+        hours, table = self._hours[slot], self._quantiles[slot, :, number]
+        after = min(int(np.searchsorted(hours, measurement.hours)), hours.size - 1)
+        at = max(after - 1, 0)
+        share = np.clip((measurement.hours - hours[at]) / max(hours[after] - hours[at], 1e-9), 0, 1)
+        quantiles = (1.0 - share) * table[at] + share * table[after]
+        value = float(measurement.value[number])
+        usual = float(measurement.noise[number]) * factor**2
+        errors = ((1.0 - self._rare, usual), (self._rare, usual + self._large**2))
+        pit = sum(
+            part * np.mean([_NORMAL.cdf(away) for away in (value - quantiles) / math.sqrt(size)])
+            for part, size in errors
+        )
+        self._add(1, number, float(pit))
+        if not self._grows[slot, number]:
+            return
+        middle = np.median(quantiles)
+        away = value - middle - WIDTHS[:, None] * (quantiles - middle)
+        likelihood = sum(
+            part * np.mean(np.exp(-0.5 * away**2 / size), axis=1) / math.sqrt(size)
+            for part, size in errors
+        )
+        # Predictions overlap: of each hour of growth there are four.
+        gain = np.log(np.maximum(likelihood, 1e-280)) / _PENDING
+        known = self._log_widths[number] - LOG_PRIOR
+        known = LOG_PRIOR + _KEPT * known + gain
+        self._log_widths[number] = known - known.max()
+
+    @property
+    def is_due(self) -> bool:
+        """Whether a prediction is to be kept after this test."""
+        return self._tests % EVERY == 0 and self._tests >= EVERY
+
+    def hours_ahead(self, hours: float) -> Array:
+        """Return at which hours from a service hour on it is to be made [h], ``(m,)``."""
+        interval = (hours - self._first_hours) / max(self._tests - 1, 1)
+        return max(interval, 1e-3) * AHEAD * _LADDER
+
+    def keep(
+        self,
+        hours: Array,
+        samples: Array,
+        shown: NDArray[np.bool_],
+        grows: NDArray[np.bool_],
+    ) -> None:
+        """Keep a prediction until its test.
+
+        Parameters
+        ----------
+        hours
+            Service hours of ``hours_ahead`` [h], ``(m,)``.
+        samples
+            Signed distances from healthy at each, ``(m, 7, n)``.
+        shown, grows
+            Components whose level is known, and those judged to grow, ``(7,)``.
+        """
+        slot = (self._tests // EVERY) % _PENDING
+        self._hours[slot] = hours
+        within = np.clip(samples, -_FARTHEST, _FARTHEST)
+        self._quantiles[slot] = np.moveaxis(np.quantile(within, _QUANTILES, axis=2), 0, 2)
+        self._waits[slot] = np.where(shown, AHEAD, 0)
+        self._grows[slot] = grows
+
+    def widening(self) -> Array:
+        """Return the factor by which the intervals of each component are widened, ``(7,)``."""
+        p = np.exp(self._log_widths - self._log_widths.max(axis=1, keepdims=True))
+        return np.maximum(np.exp(p @ np.log(WIDTHS) / p.sum(axis=1)), 1.0)
+
+    def of(self, number: int) -> Calibration:
+        """Return what is known of a component."""
+        counts, sums = self._scores[:, number, 0], self._scores[:, number, 1]
+        one_step, ahead = (
+            math.sqrt(total / count) if count >= _LEAST else math.nan
+            for count, total in zip(counts.tolist(), sums.tolist(), strict=True)
+        )
+        widening = math.nan if math.isnan(ahead) else float(self.widening()[number])
+        return Calibration(one_step, ahead, widening)
+
+
+def widened_lives(hours: Array, factor: Array) -> Array:
+    """Return remaining lives spread about the median of each component by a factor [h].
+
+    Parameters
+    ----------
+    hours
+        Samples [h], ``(7, n)``.
+    factor
+        Factor of the logarithm of their ratio to the median, 1 or more [-], ``(7,)``.
+    """
+    middle = np.quantile(hours, 0.5, axis=1, keepdims=True, method="inverted_cdf")
+    result = hours.copy()
+    for number in np.flatnonzero((factor > 1.0) & np.isfinite(middle[:, 0]) & (middle[:, 0] > 0.0)):
+        result[number] = middle[number] * (hours[number] / middle[number]) ** factor[number]
+    return result
+
+
+def widened(values: Array, factor: Array) -> Array:
+    """Return futures spread about the median of each component by a factor.
+
+    Parameters
+    ----------
+    values
+        Samples, ``(m, 7, n)``.
+    factor
+        Factor of their distances from the median, 1 or more [-], ``(7,)``.
+    """
+    if not np.any(factor > 1.0):
+        return values
+    within = np.clip(values, -_FARTHEST, _FARTHEST)
+    middle = np.median(within, axis=2, keepdims=True)
+    return middle + factor[:, None] * (within - middle)
