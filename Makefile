@@ -101,6 +101,7 @@ bench: setup ## all targets of speed and accuracy in one table; an hour, writes 
 	$(activate) && cd benchmarks && python startup.py --json startup.json
 	$(activate) && cd benchmarks && python resume.py --json resume.json
 	$(activate) && cd benchmarks && python memory.py --json memory.json
+	$(activate) && cd benchmarks && python archive.py --json archive.json
 	tools/peers.sh python benchmarks/prognosis.py --json benchmarks/prognosis.json
 	tools/peers.sh python benchmarks/foreign_prognosis.py --json benchmarks/foreign_prognosis.json
 	$(activate) && cd benchmarks && python advisory.py --json advisory.json

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import advisory
+import archive
 import design
 import field_oriented
 import memory
@@ -112,6 +113,7 @@ def main() -> None:
         "startup": startup.rows,
         "resume": resume.rows,
         "memory": memory.rows,
+        "archive": archive.rows,
         "prognosis": prognosis_tables.rows,
         "advisory": advisory.rows,
     }

@@ -103,13 +103,46 @@ class BagRecords(Database):
         begun = self._db.execute("SELECT model, unit, month FROM begun WHERE url = ?", (url,))
         return places | set(begun)
 
-    def commit(self, results: Iterable[BagResult], settings: ArchiveSettings) -> None:
-        """Note what became of bags, in one transaction; their units are then due."""
+    def moved(self, results: Iterable[BagResult]) -> list[str]:
+        """Return the addresses of bags that are gone and whose content one of the results has."""
+        found = set[str]()
+        for one in results:
+            rows = self._db.execute(
+                f"SELECT url FROM bag WHERE sha256 = ? AND url <> ? AND NOT {self.there}",
+                (one.sha256, one.task.url),
+            )
+            found.update(url for (url,) in rows)
+        return sorted(found)
+
+    def commit(
+        self,
+        results: Iterable[BagResult],
+        settings: ArchiveSettings,
+        moved: Iterable[str] = (),
+    ) -> None:
+        """Note what became of bags, in one transaction; their units are then due.
+
+        Parameters
+        ----------
+        moved
+            Addresses of bags that are elsewhere now; nothing is known of them any more.
+        """
         db = self._db
         with transaction(db):
             for one in results:
                 self._commit_bag(one, settings)
+            for url in moved:
+                self._forget_parts(url)
+                db.execute("DELETE FROM bag WHERE url = ?", (url,))
             self._advance()
+
+    def _forget_parts(self, url: str) -> None:
+        """Forget what a bag has of which unit; these are then due."""
+        self._db.execute(
+            "UPDATE unit SET is_due = 1 WHERE unit IN (SELECT unit FROM part WHERE url = ?)", (url,)
+        )
+        self._db.execute("DELETE FROM part WHERE url = ?", (url,))
+        self._db.execute("DELETE FROM begun WHERE url = ?", (url,))
 
     def _commit_bag(self, one: BagResult, settings: ArchiveSettings) -> None:
         db, url = self._db, one.task.url
@@ -119,9 +152,7 @@ class BagRecords(Database):
                 "UPDATE bag SET state = ?, reason = ? WHERE url = ?", (one.state, one.reason, url)
             )
             return
-        db.execute(
-            "UPDATE unit SET is_due = 1 WHERE unit IN (SELECT unit FROM part WHERE url = ?)", (url,)
-        )
+        self._forget_parts(url)
         estimates = [row for part in one.units for row in part.estimates]
         db.execute(
             "UPDATE bag SET state = ?, seen = ?, sha256 = ?, software = ?, settings = ?, "
@@ -130,7 +161,7 @@ class BagRecords(Database):
                 one.state,
                 one.task.mark,
                 one.sha256,
-                estimation_software(),
+                one.software,
                 settings.estimation_id,
                 one.reason,
                 "; ".join(one.remarks),
@@ -139,8 +170,6 @@ class BagRecords(Database):
                 url,
             ),
         )
-        db.execute("DELETE FROM part WHERE url = ?", (url,))
-        db.execute("DELETE FROM begun WHERE url = ?", (url,))
         for part in one.units:
             db.execute(
                 "INSERT INTO part VALUES (?, ?, ?, ?, ?, ?, ?)",

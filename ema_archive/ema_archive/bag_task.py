@@ -6,7 +6,7 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from ema_archive.calibrations import calibration_of, identity_of
-from ema_archive.partitions import month_of
+from ema_archive.partitions import month_of, shortened
 from ema_archive.provenance import estimation_software
 from ema_archive.settings import ArchiveSettings
 from ema_archive.sources import content_digest, local_copy
@@ -95,6 +95,8 @@ class BagResult:
         One of ``DONE``, ``DAMAGED``, ``FAILED``, and why it is not the first, or has no window.
     remarks
         What is wrong with it beside that.
+    software
+        Identity of the software of the worker.
     """
 
     task: BagTask
@@ -103,11 +105,12 @@ class BagResult:
     sha256: str = ""
     remarks: list[str] = field(default_factory=list)
     units: list[UnitRows] = field(default_factory=list)
+    software: str = field(default_factory=estimation_software)
 
 
 def unit_name(actuator_id: str, serial_number: str) -> str:
     """Return the name of a unit, which may be that of a folder."""
-    return f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}"
+    return shortened(f"{quote(actuator_id, safe=' ')}+{quote(serial_number, safe=' ')}")
 
 
 def diagnose_bag(task: BagTask) -> BagResult:
@@ -156,7 +159,7 @@ def _diagnosed(task: BagTask, path: Path, sha256: str) -> BagResult:
             UnitRows(
                 unit.actuator_id,
                 unit.serial_number,
-                unit.model,
+                shortened(unit.model),
                 identity_of(calibration),
                 _estimates(found, calibration, task, sha256),
                 [

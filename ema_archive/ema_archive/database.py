@@ -29,6 +29,7 @@ CREATE TABLE begun (
     url TEXT NOT NULL, model TEXT NOT NULL, unit TEXT NOT NULL, month TEXT NOT NULL,
     PRIMARY KEY (url, model, unit, month)
 ) WITHOUT ROWID;
+CREATE INDEX bag_of_content ON bag (sha256);
 CREATE INDEX part_of_unit ON part (unit, last_ns);
 CREATE TABLE unit (
     unit TEXT PRIMARY KEY, actuator_id TEXT NOT NULL, serial_number TEXT NOT NULL,
@@ -39,7 +40,12 @@ CREATE TEMP TABLE current (source TEXT, unit TEXT, id TEXT, PRIMARY KEY (source,
     WITHOUT ROWID;
 """
 # From each version to the next.
-_CHANGES: Final = {1: "ALTER TABLE unit ADD COLUMN record TEXT NOT NULL DEFAULT '{}'"}
+_CHANGES: Final = {
+    1: (
+        "ALTER TABLE unit ADD COLUMN record TEXT NOT NULL DEFAULT '{}'",
+        "CREATE INDEX bag_of_content ON bag (sha256)",
+    )
+}
 
 
 class Database(AbstractContextManager[Any, None]):
@@ -126,7 +132,8 @@ class Database(AbstractContextManager[Any, None]):
         with transaction(db):
             # Within the transaction, as another process may have done it meanwhile.
             for number in range(db.execute("PRAGMA user_version").fetchone()[0], _VERSION):
-                db.execute(_CHANGES[number])
+                for statement in _CHANGES[number]:
+                    db.execute(statement)
             db.execute(f"PRAGMA user_version = {_VERSION}")
 
     @property

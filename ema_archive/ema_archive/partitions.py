@@ -1,5 +1,6 @@
 """The Parquet files of an archive: one for each model, unit and month, replaced as a whole."""
 
+import hashlib
 import shutil
 from collections.abc import Collection, Iterable
 from datetime import UTC, datetime
@@ -19,6 +20,9 @@ TABLES: Final = "tables"
 SCHEMAS: Final = {"estimates": ESTIMATES, "usage": USAGE, "health": HEALTH, "growth": GROWTH}
 """Columns of the tables by name."""
 
+_LONGEST: Final = 240
+"""Characters of a name in a path, of the 255 that file systems take, with what stands before it."""
+
 _FILE: Final = "part.parquet"
 _UNNAMED: Final = "unknown"
 _ORDER: Final = {
@@ -26,6 +30,17 @@ _ORDER: Final = {
     "health": [("stamp_ns", "ascending")],
     "usage": [("stamp_ns", "ascending"), ("bag", "ascending"), ("number", "ascending")],
 }
+
+
+def shortened(name: str) -> str:
+    """Return a name that may be that of a folder: a digest stands for the end of a long one."""
+    if len(_quoted(name)) <= _LONGEST:
+        return name
+    digest = hashlib.sha256(name.encode()).hexdigest()[:16]
+    kept = name
+    while len(_quoted(kept)) > _LONGEST - 1 - len(digest):
+        kept = kept[:-1]
+    return f"{kept}~{digest}"
 
 
 def month_of(stamp_ns: int) -> str:

@@ -11,6 +11,7 @@ from ema_archive.bag_task import DAMAGED, DONE, FAILED, BagResult, BagTask, diag
 from ema_archive.calibrations import source_of
 from ema_archive.manifest import Manifest
 from ema_archive.partitions import read_state, read_unit, replace_rows, write_health, write_state
+from ema_archive.provenance import estimation_software, prognosis_software
 from ema_archive.settings import ArchiveSettings
 from ema_archive.sources import full_url, list_bags
 from ema_archive.summaries import write_summaries
@@ -20,6 +21,9 @@ from ema_tasks.pool import ClusterLostError, Outcome, Pool, WorkerLostError
 
 _MOST_GATHERED: Final = 2000
 _LONGEST_GATHERED_S: Final = 30.0
+_OTHER_SOFTWARE: Final = (
+    "the worker has other software than this command: install the same version on all machines"
+)
 
 
 @dataclass(frozen=True)
@@ -171,7 +175,10 @@ def run_bags(
 def _bag_result(outcome: Outcome) -> BagResult:
     task, error = outcome.name, outcome.error
     if error is None:
-        return outcome.value
+        result: BagResult = outcome.value
+        if result.software != estimation_software():
+            return BagResult(task, FAILED, _OTHER_SOFTWARE)
+        return result
     if isinstance(error, ClusterLostError):
         raise error
     if isinstance(error, WorkerLostError):
@@ -210,15 +217,18 @@ def write_results(
 ) -> None:
     """Put the rows of bags into the tables and note what became of them."""
     kept = [one for one in results if one.state != FAILED]
+    moved = manifest.moved(kept)
+    # Without rows: those that they have are taken away.
+    left = [BagResult(BagTask(url, "", "", settings), DONE) for url in moved]
     parts = {(one.task.url, part.model, part.unit): part for one in kept for part in one.units}
     archive = manifest.archive
-    for place, urls in sorted(manifest.begin(kept).items()):
+    for place, urls in sorted(manifest.begin([*kept, *left]).items()):
         model, unit, month = place
         found = [part for url in sorted(urls) if (part := parts.get((url, model, unit)))]
         for table in ("estimates", "usage"):
             rows = [row for part in found for row in part.rows(table, month)]
             replace_rows(archive, table, place, urls, rows)
-    manifest.commit(results, settings)
+    manifest.commit(results, settings, moved)
 
 
 def run_units(
@@ -238,6 +248,9 @@ def run_units(
             tally.not_followed[outcome.name] = words
             continue
         result: UnitResult = outcome.value
+        if result.software != prognosis_software():
+            tally.not_followed[outcome.name] = _OTHER_SOFTWARE
+            continue
         entry = entries[outcome.name]
         manifest.begin_unit(entry)
         write_health(manifest.archive, entry.model, entry.unit, result.health)

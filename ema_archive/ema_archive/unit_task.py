@@ -58,6 +58,8 @@ class UnitResult:
     ----------
     made_by
         Identity of what they follow from, beside its tests.
+    software
+        Identity of the software of the worker.
     health
         Rows of the table of health, one a valid test.
     latest
@@ -74,6 +76,7 @@ class UnitResult:
 
     unit: str
     made_by: str
+    software: str
     health: pa.Table
     latest: dict[str, Any] | None
     growth: list[dict[str, Any]]
@@ -127,6 +130,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
     return UnitResult(
         task.unit,
         maker,
+        prognosis_software(),
         pa.Table.from_pylist(rows, HEALTH),
         rows[-1] if rows else None,
         [] if last is None else [row | names for row in growth_rows(last)],

@@ -62,6 +62,7 @@ def test_a_database_of_earlier_software_is_made_one_of_this(tmp_path):
     with contextlib.closing(sqlite3.connect(archive / FILE)) as db:
         columns = db.execute("SELECT name FROM pragma_table_info('unit')").fetchall()
         db.execute("ALTER TABLE unit DROP COLUMN record")
+        db.execute("DROP INDEX bag_of_content")
         db.execute(
             "INSERT INTO unit (unit, actuator_id, serial_number, model, is_due) "
             "VALUES ('a+1', 'a', '1', 'm', 1)"

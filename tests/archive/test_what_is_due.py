@@ -7,7 +7,10 @@ from dataclasses import replace
 
 import pytest
 
+from ema_archive import running
+from ema_archive.bag_task import DONE, BagResult
 from ema_archive.manifest import Manifest
+from ema_archive.query import answer
 from ema_archive.running import run, scan
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.calibration import Calibration
@@ -127,7 +130,7 @@ def test_limit_changes_health_and_no_estimate(ema, archive):
 
 @pytest.mark.long
 def test_other_software_does_all_bags_again(archive, monkeypatch):
-    for module in ("ema_archive.manifest", "ema_archive.bag_task"):
+    for module in ("ema_archive.bag_records", "ema_archive.bag_task"):
         monkeypatch.setattr(f"{module}.estimation_software", lambda: "another")
     with Manifest(archive) as manifest:
         assert manifest.status(manifest.settings).reasons == {"other software": 10}
@@ -207,3 +210,71 @@ def test_bags_in_an_object_store_give_the_same_rows(archive, fleet, tmp_path):
     assert exactly(tmp_path / "remote", "health") == exactly(archive, "health")
     [first, *_] = table_of(tmp_path / "remote", "estimates")["bag"].to_pylist()
     assert first.startswith("memory://")
+
+
+@pytest.mark.slow
+def test_bag_that_moved_counts_once(archive, fleet):
+    def estimates():
+        # As text, in which what is no number is equal to itself.
+        rows = table_of(archive, "estimates").drop_columns("bag").to_pylist()
+        return sorted(map(str, rows))
+
+    before = estimates()
+    (fleet / "unit_0" / "5.mcap").rename(fleet / "unit_0" / "moved.mcap")
+    tally, due = bring_up_to_date(archive)
+    assert (tally.bags, due.reasons, due.gone) == (1, {"new": 1}, 1)
+    assert estimates() == before
+    with Manifest(archive, writes=False) as manifest:
+        status = manifest.status(manifest.settings)
+    assert (status.bags, status.gone, status.due, status.units_due) == (10, 0, 0, 0)
+    _, bags = answer(archive, "select bag from bags")
+    assert (len(bags), sum(bag.endswith("moved.mcap") for (bag,) in bags)) == (10, 1)
+
+
+@pytest.mark.slow
+def test_bag_that_was_being_moved_when_the_run_died_counts_once(archive, fleet, monkeypatch):
+    before = table_of(archive, "estimates").num_rows
+    (fleet / "unit_0" / "5.mcap").rename(fleet / "unit_0" / "moved.mcap")
+    monkeypatch.setattr(Manifest, "commit", _die)
+    with pytest.raises(KeyboardInterrupt):
+        bring_up_to_date(archive)
+    monkeypatch.undo()
+    bring_up_to_date(archive)
+    assert table_of(archive, "estimates").num_rows == before
+    with Manifest(archive, writes=False) as manifest:
+        assert manifest.status(manifest.settings).bags == 10
+
+
+def _die(*_):
+    raise KeyboardInterrupt
+
+
+def test_worker_of_other_software_is_refused(fleet, tmp_path):
+    with Manifest(tmp_path / "archive", is_new=True) as manifest, ThreadPool(1) as pool:
+        scan(manifest, [str(fleet)])
+        tally = run(manifest, pool, diagnose=diagnosed_elsewhere)
+        status = manifest.status(manifest.settings)
+    assert (tally.bags, tally.failed) == (10, 10)
+    assert (status.windows, status.reasons) == (0, {"could not be read": 10})
+    _, [(reason,)] = answer(tmp_path / "archive", "select distinct reason from bags")
+    assert reason.startswith("the worker has other software than this command")
+
+
+def diagnosed_elsewhere(task):
+    return BagResult(task, DONE, sha256=task.url, software="of another version")
+
+
+@pytest.mark.slow
+def test_unit_that_other_software_followed_stays_due(archive, ema, monkeypatch):
+    assert ema("archive", "scan", archive, "--limit", "friction=0.4").exit_code == 0
+    before = exactly(archive, "health")
+    followed = running.follow_unit
+    monkeypatch.setattr(
+        running, "follow_unit", lambda task: replace(followed(task), software="another")
+    )
+    tally, _ = bring_up_to_date(archive)
+    assert (tally.units, len(tally.not_followed)) == (0, 2)
+    assert exactly(archive, "health") == before
+    monkeypatch.undo()
+    tally, _ = bring_up_to_date(archive)
+    assert (tally.units, tally.not_followed) == (2, {})
