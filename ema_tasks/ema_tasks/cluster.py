@@ -1,7 +1,9 @@
 """Workers of a Dask cluster, elsewhere or started here."""
 
 from collections import deque
+from collections.abc import Iterator
 from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from typing import Any, Final
 
@@ -66,7 +68,10 @@ class DaskPool(Pool):
     @property
     def workers(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Threads of the workers that the scheduler has now, at least one."""
-        return max(1, sum(self._client.nthreads().values())) if self._is_there() else 1
+        if not self._is_there():
+            return 1
+        with self._reached():
+            return max(1, sum(self._client.nthreads().values()))
 
     @property
     def has_room(self) -> bool:
@@ -81,7 +86,8 @@ class DaskPool(Pool):
 
     def _begin(self, task: Task) -> None:
         number = self._submitted = self._submitted + 1
-        future = self._client.submit(task.function, *task.arguments, pure=False)
+        with self._reached():
+            future = self._client.submit(task.function, *task.arguments, pure=False)
         self._futures[number] = task, future
         future.add_done_callback(lambda _: self._done.put(number))
 
@@ -102,7 +108,8 @@ class DaskPool(Pool):
                 # Its scheduler has ended: another one at the same address knows nothing of it.
                 self._again(task)
                 continue
-            error = None if future.status == "finished" else future.exception()
+            with self._reached():
+                error = None if future.status == "finished" else future.exception()
             if type(error).__name__ == "KilledWorker":
                 if not task.deaths:
                     # Dask suspects all tasks that an ended worker had: by itself it will show.
@@ -112,12 +119,18 @@ class DaskPool(Pool):
                 error = WorkerLostError(
                     "the workers of the cluster that worked on it ended, one after the other"
                 )
-            return Outcome(task.name, None if error else self._result(task, future), error)
+            return Outcome(task.name, None if error else self._result(future), error)
 
-    def _result(self, task: Task, future: Any) -> Any:
-        try:
+    def _result(self, future: Any) -> Any:
+        with self._reached():
             return future.result(timeout=CONNECT_S * 6)
-        except (CancelledError, OSError, TimeoutError) as error:
+
+    @contextmanager
+    def _reached(self) -> Iterator[None]:
+        """Say that the scheduler is out of reach, whatever its library raises then."""
+        try:
+            yield
+        except (CancelledError, OSError, RuntimeError, TimeoutError) as error:
             raise self._lost() from error
 
     def _again(self, task: Task) -> None:
@@ -127,12 +140,17 @@ class DaskPool(Pool):
         self._begin(task)
 
     def _lost(self) -> ClusterLostError:
-        return ClusterLostError(f"the Dask scheduler {self.address} is out of reach")
+        return ClusterLostError(
+            f"the Dask scheduler {self.address} is out of reach; what is done is kept"
+        )
 
     def _close(self, *, is_failed: bool) -> None:
-        if is_failed and self._is_there():
-            self._client.cancel([future for _, future in self._futures.values()])
+        # Where the scheduler has ended there is nobody to tell: what failed stays the error.
+        with suppress(ClusterLostError), self._reached():
+            if is_failed and self._is_there():
+                self._client.cancel([future for _, future in self._futures.values()])
         self._futures.clear()
-        self._client.close(timeout=CONNECT_S)
+        with suppress(ClusterLostError), self._reached():
+            self._client.close(timeout=CONNECT_S)
         if self._cluster is not None:
             self._cluster.close(timeout=CONNECT_S)

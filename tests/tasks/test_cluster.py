@@ -64,7 +64,17 @@ print(outcomes["once"].value, [outcomes[number].value for number in range(4)])
     assert told == "done [0, 1, 4, 9]\n"
 
 
-def test_scheduler_that_ends_is_named(tmp_path):
+AT_ITS_END = {
+    "waiting": "pool.next()",
+    "submitting": """for number in range(500):
+            pool.submit(number, work.square, number)
+            pool.has_room, pool.workers
+        pool.next()""",
+}
+
+
+@pytest.mark.parametrize("doing", AT_ITS_END)
+def test_scheduler_that_ends_is_named(tmp_path, doing):
     told = run(
         tmp_path,
         """
@@ -81,14 +91,14 @@ try:
         pool.submit("waits", work.square, 3)
         scheduler.kill()
         scheduler.wait()
-        pool.next()
+        DOING
 except ClusterLostError as error:
     print(error)
-""",
+""".replace("DOING", AT_ITS_END[doing]),
         free_port(),
     )
     assert "the Dask scheduler tcp://127.0.0.1:" in told
-    assert "is out of reach" in told
+    assert "is out of reach; what is done is kept" in told
 
 
 def test_scheduler_that_does_not_answer_is_named(tmp_path):
