@@ -18,7 +18,7 @@ def allocate_compactly() -> None:
     By default glibc gives each thread a heap of its own, and lets arrays of up to 32 MB into it
     once one of that size was freed. What is small and stays between them keeps their space from
     being given back or used by other threads: a monitor of four actuators grew by 1.3 MB a minute
-    that nothing used. Where the system's library is another one, nothing is changed.
+    in its first quarter of an hour. Where the system's library is another one, nothing is changed.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
