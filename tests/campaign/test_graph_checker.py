@@ -236,6 +236,31 @@ def test_planted_violation_is_found(
     assert rule in rules(modules, record)
 
 
+def test_windows_dropped_before_a_record_may_be_answered_in_it(modules: Modules, record: Any):
+    """A window is counted as dropped at once; its refusal waits behind the windows before it."""
+    dropped = range(5, 8)
+    for number in dropped:
+        record.answers[number] = replace(
+            record.answers[number], valid=False, refused=True, reason="dropped: too many waited"
+        )
+    ends = {record.answers[number].end_ns for number in dropped}
+    record.healths = [item for item in record.healths if item.stamp_ns not in ends]
+    for place, status in enumerate(record.statuses):
+        if "windows" not in status.values:
+            continue
+        answered = sum(item.sent_ns < status.sent_ns for item in record.answers)
+        invalid = sum(item.sent_ns < status.sent_ns and not item.valid for item in record.answers)
+        counts = {
+            "windows": max(answered, dropped.stop),
+            "windows dropped": len(dropped),
+            "estimates valid": answered - invalid,
+            "estimates invalid": invalid,
+        }
+        values = {**status.values, **{key: str(value) for key, value in counts.items()}}
+        record.statuses[place] = replace(status, values=values)
+    assert rules(modules, record) == set()
+
+
 def test_what_the_recorder_counts_as_lost_is_no_violation(modules: Modules, record: Any):
     without_answer(record)
     del record.healths[6]

@@ -29,7 +29,7 @@ _SPACING: Final = float(np.log(LIFE_HOURS[-1] / LIFE_HOURS[0]) / (N_RATES - 1))
 """Rates that are told apart, by the hours from healthy to the limit, and their distance [-]."""
 LEAST_LOG: Final = -30.0
 """Logarithm below the highest at which a likelihood is cut off [-]."""
-_KEPT: Final = 0.2
+_KEPT: Final = 0.5
 """Share of the prior without a fleet that is kept: the unit may be of another kind [-]."""
 _UNITS_OF_CURVES: Final = 4.0
 _UNITS_OF_RATES: Final = 2.0

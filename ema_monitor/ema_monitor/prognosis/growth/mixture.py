@@ -2,10 +2,10 @@
 
 Probabilities of cells and waves are exact marginal likelihoods, but for what growth was like long
 ago where it does not keep to a law for life: each test draws those of rates that wander, and of
-waves, towards their prior by a small power (Raftery, Karny and Ettler 2010, dynamic model
-averaging). What kind of growth it is, is not forgotten: none, by a law for life, at a rate that
-wanders, or under a wave. So a unit whose growth is steady comes to count as such, and is told the
-narrower interval, and one whose growth is not does not.
+waves, and whether growth is by a law for life, at a rate that wanders, or under a wave, towards
+their prior by a small power (Raftery, Karny and Ettler 2010, dynamic model averaging). Which of the
+laws for life it is, and whether anything grows, is not forgotten. So a unit whose growth is steady
+comes to count as such, and is told the narrower interval, and one whose growth is not does not.
 """
 
 from collections.abc import Mapping
@@ -171,17 +171,29 @@ class Mixture:
         """
         bank, waves, waving = self.bank, self.waves, self.waves.grows
         power = np.where(used, self._power, 1.0)
+        grown, prior = waves.weight[:, waving], waves.prior[:, waving]
+        before = self._of_kinds(bank.weight, grown)
+        expected = self._of_kinds(self._prior, prior)
         # What wanders forgets; a law is one for life, or it is found to be none.
         powers = np.concatenate([np.ones_like(power), np.ones_like(power), power])
-        before = np.bincount(self._kind, bank.weight, powers.size)
         temper(bank.weight, self._prior, self._kind, powers)
-        after = np.bincount(self._kind, bank.weight, powers.size)
-        bank.weight *= (before / np.maximum(after, _LEAST))[self._kind]
-        grown, prior = waves.weight[:, waving], waves.prior[:, waving]
-        kept = np.maximum(grown, _LEAST) ** power[:, None] * prior ** (1.0 - power[:, None])
-        kept = np.where(prior > 0.0, kept, 0.0)
-        kept *= (grown.sum(axis=1) / np.maximum(kept.sum(axis=1), _LEAST))[:, None]
-        waves.weight[:, waving] = kept
+        kept = _tempered(grown, prior, power[:, None])
+        after = self._of_kinds(bank.weight, kept)
+        wanted = before.copy()
+        wanted[1:] = _tempered(before[1:], expected[1:], power)
+        wanted[1:] *= before[1:].sum(axis=0) / np.maximum(wanted[1:].sum(axis=0), _LEAST)
+        factor = wanted / np.maximum(after, _LEAST)
+        bank.weight *= factor[:-1].ravel()[self._kind]
+        waves.weight[:, waving] = kept * factor[-1][:, None]
+
+    def _of_kinds(
+        self, of_cells: NDArray[np.float64], of_waves: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return sums by kind of growth and component: none, for life, wandering, wave; (4, 7)."""
+        found = np.bincount(self._kind, of_cells, 3 * len(COMPONENTS)).astype(
+            np.float64, copy=False
+        )
+        return np.stack([*found.reshape(3, -1), of_waves.sum(axis=1)])
 
     def measure(
         self,
@@ -270,3 +282,11 @@ class Mixture:
         values, noises, used = last.value.copy(), last.noise.copy(), last.used.copy()
         values[number], noises[number], used[number] = value, noise, False
         self._last = LastTest(values, noises, used)
+
+
+def _tempered(
+    weight: NDArray[np.float64], prior: NDArray[np.float64], power: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return probabilities, drawn by a power towards their prior; they are not normalised."""
+    kept = np.maximum(weight, _LEAST) ** power * prior ** (1.0 - power)
+    return np.where(prior > 0.0, kept, 0.0)

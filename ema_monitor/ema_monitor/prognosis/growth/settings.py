@@ -83,8 +83,8 @@ class TrackerSettings:
     change_probability
         Probability that the growth of a component changes altogether, each test [-].
     forgetting
-        Power to which the probabilities of rates that wander, and of waves, are kept at each test,
-        towards their prior [-].
+        Power to which the probabilities of rates that wander, of waves, and of the kinds of growth
+        are kept at each test, towards their prior [-].
     sigma_floor
         Error of an estimate beside its covariance [-].
     occasional_error, occasional_probability
