@@ -167,7 +167,7 @@ def _change_rows(db: sqlite3.Connection, rng: random.Random) -> None:
     elif how == 3:
         db.execute(f'DROP TABLE "{table}"')
     elif how == 4:
-        db.execute(f"PRAGMA user_version = {rng.choice((0, 1, 3, 4, 5, 6, -1))}")
+        db.execute(f"PRAGMA user_version = {rng.choice((0, 1, 3, 4, 5, 6, 7, -1))}")
     else:
         found = db.execute("SELECT record FROM test WHERE rowid = ?", (rowid,)).fetchone()
         if found:

@@ -12,6 +12,8 @@ from ema_cli.gathered_options import gathered
 from ema_core.wording import as_identifier, unknown_name
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.advisory import Costs
+from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.duty.scenario import Scenario, read_scenarios
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.growth.known_laws import FORM as FORM_OF_LAW
 from ema_monitor.prognosis.growth.known_laws import known_law
@@ -102,6 +104,26 @@ _OPTIONS = (
         help="How other units of the model grew, a file of `ema learn`.",
     ),
     click.option(
+        "--scenarios",
+        "scenario_file",
+        type=click.Path(path_type=Path, exists=True, dir_okay=False),
+        help="Future duties under which to predict the life too, a YAML file.",
+    ),
+    click.option(
+        "--growth-per",
+        type=click.Choice(["damage", "hours"]),
+        default=DamageSettings.growth_per,
+        help="What growth is counted by, where the duty that was flown is known.",
+    ),
+    click.option(
+        "--damage",
+        "damages",
+        type=Assignments(as_identifier),
+        multiple=True,
+        help="How duty does damage, e.g. wear_exponent=3,activation_energy=0.8; as the monitor's "
+        "parameters damage.NAME.",
+    ),
+    click.option(
         "--end-hours",
         type=click.FloatRange(min=0.0),
         callback=_finite,
@@ -141,6 +163,8 @@ class PrognosisOptions:
         Service hour at which the prognosis is made [h]; after the last test when None.
     archive
         Folder of an archive that was given as the fleet; None when none was.
+    scenarios
+        Future duties under which the life is predicted, too.
     """
 
     settings: PrognosisSettings
@@ -148,6 +172,7 @@ class PrognosisOptions:
     end_hours: float | None
     at_hours: float | None
     archive: Path | None = None
+    scenarios: tuple[Scenario, ...] = ()
 
 
 def _build(
@@ -155,6 +180,9 @@ def _build(
     limits: tuple[list[tuple[str, float]], ...],
     laws: tuple[tuple[str, KnownLaw], ...],
     fleet_file: Path | None,
+    scenario_file: Path | None,
+    growth_per: str,
+    damages: tuple[list[tuple[str, float]], ...],
     duty: float,
     hours_per_cycle: float,
     removal_risk: float,
@@ -169,9 +197,24 @@ def _build(
     archive = fleet_file if fleet_file is not None and fleet_file.is_dir() else None
     if fleet_file is not None and archive is None:
         settings = replace(settings, fleet=Fleet.read(fleet_file))
+    settings = replace(settings, damage=_damage(growth_per, merged(damages, "--damage")))
     return PrognosisOptions(
-        settings, _costs(merged(costs, "--cost"), cost_unit), end_hours, at_hours, archive
+        settings,
+        _costs(merged(costs, "--cost"), cost_unit),
+        end_hours,
+        at_hours,
+        archive,
+        read_scenarios(scenario_file) if scenario_file is not None else (),
     )
+
+
+def _damage(growth_per: str, given: dict[str, float]) -> DamageSettings:
+    """Return how duty does damage; ValueError for an unknown name or a value out of its range."""
+    known = [item.name for item in fields(DamageSettings) if item.name != "growth_per"]
+    for name in given:
+        if name not in known:
+            raise ValueError(f"--damage: {unknown_name('figure', name, known)}")
+    return DamageSettings(growth_per, **given)
 
 
 def _costs(given: dict[str, float], unit: str) -> Costs | None:
@@ -250,6 +293,9 @@ prognosis_options = gathered(
         "limits",
         "laws",
         "fleet_file",
+        "scenario_file",
+        "growth_per",
+        "damages",
         "duty",
         "hours_per_cycle",
         "removal_risk",

@@ -97,7 +97,13 @@ def diagnose_unit(
     estimates = estimate_windows(
         record.windows, calibration, options, force=source.force, any_motion=source.any_motion
     )
-    course = follow(record, estimates, calibration.unit_parameters, prognosis.settings)
+    course = follow(
+        record,
+        estimates,
+        calibration.unit_parameters,
+        prognosis.settings,
+        prognosis.scenarios,
+    )
     for number, estimate in enumerate(estimates):
         if not estimate.valid:
             click.echo(f"window {number}: no valid estimate: {estimate.reason}", err=True)

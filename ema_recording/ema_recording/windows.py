@@ -3,7 +3,7 @@
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final, Self
@@ -17,6 +17,8 @@ from ema_core.faults import healthy_faults
 from ema_core.telemetry import Telemetry, join
 from ema_core.wording import counted
 from ema_monitor.model.measured import measured_causes
+from ema_monitor.prognosis.duty.flown import FlownDuty
+from ema_monitor.prognosis.duty.meter import DutyMeter
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.measurements import MAX_AGE_S, MeasurementLog
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
@@ -119,6 +121,8 @@ class BagWindows:
         Whether the command was ever at rest.
     truths
         True faults of the actuator by test cycle, in order, where the bag records them.
+    flown
+        Duty up to the end of each window, and to that of the bag, by stamp [ns].
     """
 
     description: ActuatorDescription
@@ -131,6 +135,7 @@ class BagWindows:
     longest_motion_s: float
     has_rested: bool
     truths: list[StampedFaults]
+    flown: list[tuple[int, FlownDuty]] = field(default_factory=list)
 
     @property
     def usable(self) -> Sequence[Window]:
@@ -300,6 +305,8 @@ def find_recorded_windows(
     blocks = samples = defects = 0
     windows: list[RecordedWindow] = []
     named_defects: list[Defect] = []
+    measurements, wrong = _recorded_measurements(recorded)
+    meter, flown, last_ns = DutyMeter(), list[tuple[int, FlownDuty]](), 0
     for place, item in recorded.items():
         if isinstance(item, ActuatorDescription):
             events = finder.describe(item) if description is None else []
@@ -309,19 +316,25 @@ def find_recorded_windows(
             first = first or item.part(0, 1)
             blocks, samples = blocks + 1, samples + len(item)
             latest.append(place, item)
+            last_ns = item.stamp_at(len(item) - 1)
+            if finder.description is not None:
+                age_s = measured_max_age_s
+                rise = measurements.winding_rise(recorded.actuator_id, item.stamp_ns, age_s)
+                meter.add(item, finder.description.parameters, rise)
             events = finder.feed(item)
             if on_block is not None:
                 on_block(item)
         for event in events:
             if isinstance(event, Segment):
                 windows.append(_recorded_window(event, latest))
+                flown.append((event.window.end_ns, meter.take()))
             else:
                 defects += 1
                 named_defects += [event] if defects <= _MOST_DEFECTS else []
     windows += [
         _recorded_window(event, latest) for event in finder.finish() if isinstance(event, Segment)
     ]
-    measurements, wrong = _recorded_measurements(recorded)
+    flown.append((last_ns, meter.take()))
     truths = _recorded_truths(recorded)
     for number, item in enumerate(windows):
         measured = measurements.at(recorded.actuator_id, item.start_ns, measured_max_age_s)
@@ -350,6 +363,7 @@ def find_recorded_windows(
         finder.longest_motion_s,
         finder.has_rested,
         truths,
+        flown,
     )
 
 

@@ -78,7 +78,7 @@ def test_futures_pass_the_limit_when_the_lives_end():
     number = COMPONENTS.index("backlash")
     ends = lives(sample, rng)[number]
     hours = np.array([0.0, 200.0, 300.0, 350.0, 400.0])
-    values = futures(sample, hours, rng)[:, number]
+    values = futures(sample, hours[:, None, None], rng)[:, number]
     np.testing.assert_allclose(values[0], 0.25)
     for at, share in zip(hours, (values >= 0.5).mean(axis=1), strict=True):
         # Two binomial shares of 4,000 samples, four standard errors, and the first order.

@@ -12,6 +12,7 @@ from ema_cli.show.progress import progress_bar
 from ema_core.faults import FAULTS, N_FAULTS
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.duty.scenario import Scenario
 from ema_monitor.prognosis.following import outlooks
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth_record import GrowthRecord
@@ -49,6 +50,8 @@ class Course:
         What is known of growth after the last of them.
     forecaster
         What forecasts the faults from there on; None without a valid test.
+    scenarios
+        Scenarios of future duty, with the health and life under each after the last test.
     """
 
     record: UnitRecord
@@ -57,6 +60,7 @@ class Course:
     steps: list[Step]
     growth: GrowthRecord
     forecaster: Forecaster | None
+    scenarios: tuple[tuple[Scenario, Outlook], ...] = ()
 
     @property
     def outlooks(self) -> list[Outlook]:
@@ -75,6 +79,7 @@ def follow(
     estimates: Sequence[Estimate],
     parameters: ActuatorParameters | None,
     settings: PrognosisSettings,
+    scenarios: Sequence[Scenario] = (),
 ) -> Course:
     """Return health and life of a unit test by test, with a progress bar.
 
@@ -82,6 +87,8 @@ def follow(
     ----------
     parameters
         Those of the unit, as calibrated; None where its drive is unknown.
+    scenarios
+        Future duties under which to predict its life after the last test.
     """
     unit = record.description
     key = (unit.actuator_id, unit.serial_number)
@@ -91,12 +98,16 @@ def follow(
         steps = [
             Step(estimate, outlook)
             for estimate, outlook in outlooks(
-                prognostics, key, tracked, record.counts, parameters, settings
+                prognostics, key, tracked, record.counts, parameters, settings, record.flown
             )
         ]
     last = next((step.outlook for step in reversed(steps) if step.outlook is not None), None)
     forecaster = prognostics.forecaster(last) if last is not None else None
-    return Course(record, settings, parameters, steps, prognostics.growth, forecaster)
+    lives = tuple(
+        (one, prognostics.under(one, parameters, settings))
+        for one in (scenarios if last is not None else ())
+    )
+    return Course(record, settings, parameters, steps, prognostics.growth, forecaster, lives)
 
 
 def true_faults(course: Course) -> NDArray[np.float64]:

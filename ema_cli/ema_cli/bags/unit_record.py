@@ -11,6 +11,7 @@ from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import read_windows, require_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_core.description import ActuatorDescription
+from ema_monitor.prognosis.duty.flown import FlownDuty
 from ema_monitor.prognosis.history_entry import Count
 from ema_recording.metadata import METADATA_FILE
 from ema_recording.reader import Bag
@@ -43,6 +44,8 @@ class UnitRecord:
         What is wrong with a bag, or was passed over.
     bags
         The bag of each window, by the window's last stamp.
+    flown
+        Duty up to the end of each window, by stamp [ns], in order of time.
     """
 
     description: ActuatorDescription
@@ -51,6 +54,7 @@ class UnitRecord:
     truths: list[StampedFaults]
     remarks: list[str]
     bags: dict[int, Path] = field(default_factory=dict)
+    flown: list[tuple[int, FlownDuty]] = field(default_factory=list)
 
     def as_known_at(self, hours: float) -> Self:
         """Return what was known of the unit at a service hour [h].
@@ -120,6 +124,7 @@ def read_unit(
     counts: list[Count] = []
     truths: list[StampedFaults] = []
     remarks: list[str] = []
+    flown: list[tuple[int, FlownDuty]] = []
     unit: tuple[Path, ActuatorDescription] | None = None
     for path in find_bags(paths):
         try:
@@ -147,6 +152,7 @@ def read_unit(
             remarks.append(str(error))
         tests += [(path, item) for item in found.windows]
         truths += found.truths
+        flown += found.flown
         counted, wrong = read_counts(bag, found.description)
         counts += counted
         remarks += [f"{path}: {remark}" for remark in wrong]
@@ -169,6 +175,7 @@ def read_unit(
         sorted(truths, key=lambda truth: truth.stamp_ns),
         remarks,
         {item.end_ns: path for path, item in tests},
+        sorted(flown, key=lambda piece: piece[0]),
     )
 
 

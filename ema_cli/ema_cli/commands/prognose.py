@@ -15,10 +15,17 @@ from ema_cli.figures.files import picture_option, require_drawable, save_picture
 from ema_cli.figures.prognosis import draw_course
 from ema_cli.identification_options import IdentificationOptions, identification_options
 from ema_cli.prognosis_options import PrognosisOptions, prognosis_options
-from ema_cli.show.prognosis_table import as_values, course_as_values, summary, table_of_growth
+from ema_cli.show.prognosis_table import (
+    as_values,
+    course_as_values,
+    summary,
+    table_of_growth,
+    table_of_scenarios,
+)
 from ema_cli.unit_diagnosis import diagnose_unit
 from ema_core.wording import counted
 from ema_monitor.node.messages import health_to_message
+from ema_monitor.node.scenario_messages import scenario_to_message
 
 
 @click.command()
@@ -61,8 +68,11 @@ def prognose(
                 "--hours-per-cycle",
                 err=True,
             )
+        scenarios = [scenario_to_message(*one) for one in course.scenarios]
     if as_json:
         values = as_values(message) | {"tests": course_as_values(course)}
+        if scenarios:
+            values["scenarios"] = as_values(scenarios)
         if told.advice is not None:
             advice = asdict(told.advice)
             values["advice"] = {name: as_values(value) for name, value in advice.items()}
@@ -79,6 +89,8 @@ def prognose(
             click.echo(told.advice_in_words)
         Console().print(table_of_growth(message))
         click.echo("\n".join(summary(course, message)))
+        if scenarios:
+            Console().print(table_of_scenarios(scenarios))
     if output is not None:
         # After the figures: they stand, even if the disk is full.
         with one_clear_line():

@@ -124,7 +124,7 @@ def _fan(course: Course, end: float) -> Fan | None:
     if not tracker.updates or not ahead > 0.0:
         return None
     times = ahead * np.linspace(0.0, 1.0, _FAN_TIMES)
-    return tracker.fan(times, _FAN_LEVELS, course.outlooks[-1].duty)
+    return tracker.fan(times, _FAN_LEVELS, course.outlooks[-1].future)
 
 
 def _draw_lives(

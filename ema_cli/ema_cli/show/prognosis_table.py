@@ -1,10 +1,12 @@
 """A prognosis as tables, and as plain values."""
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
+from rich.markup import escape
 from rich.table import Table
 
 from ema_cli.bags.unit_course import Course
@@ -73,6 +75,26 @@ def table_of_growth(message: Any) -> Table:
     return table
 
 
+def table_of_scenarios(messages: Sequence[Any]) -> Table:
+    """Return the remaining life under each scenario of future duty, and what ends it."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table.add_column("scenario")
+    for unit in ("h", "cycles", "days"):
+        table.add_column(rf"RUL \[{unit}]" + "\n5 / 50 / 95 %", justify="right", min_width=14)
+    table.add_column("ended by")
+    for one in messages:
+        life = one.rul
+        cycles = (life.cycles_05, life.cycles_50, life.cycles_95)
+        days = (one.days_05, one.days_50, one.days_95)
+        table.add_row(
+            escape(one.name),
+            _life(life),
+            *(_quantiles(each) if life.known else "" for each in (cycles, days)),
+            label_of(one.dominant_fault),
+        )
+    return table
+
+
 def summary(course: Course, message: Any) -> list[str]:
     """Return remaining life, health, assumption and events, a line each."""
     lives = {
@@ -111,7 +133,12 @@ def summary(course: Course, message: Any) -> list[str]:
 def _life(life: Any) -> str:
     if not life.known:
         return f"[dim]{life.reason or 'unknown'}[/]"
-    return " / ".join(_hours(one) for one in (life.hours_05, life.hours_50, life.hours_95))
+    return _quantiles((life.hours_05, life.hours_50, life.hours_95))
+
+
+def _quantiles(values: tuple[float, float, float]) -> str:
+    """Return quantiles as a text; empty where the unit of them is not known."""
+    return "" if math.isnan(values[0]) else " / ".join(map(_hours, values))
 
 
 def _checked(faults: Any) -> list[str]:

@@ -6,8 +6,11 @@ from dataclasses import replace
 from typing import Any
 
 from ema_core.description import ActuatorDescription, check_name
+from ema_core.telemetry import Telemetry
 from ema_monitor.node.unit import Unit
 from ema_monitor.node.units import Units
+from ema_monitor.prognosis.duty.meter import DutyLog
+from ema_monitor.prognosis.service import UnitKey
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.measurements import MeasurementLog
 from ema_monitor.windows.trigger import INDEX_WENT_BACK, Defect, TriggerSettings
@@ -43,6 +46,8 @@ class Intake:
         Gives the settings that a window which begins now is identified with.
     sources
         Gives the nodes that publish telemetry, one name for each publisher.
+    duties
+        Sums up the duty that telemetry tells.
     """
 
     def __init__(
@@ -56,6 +61,7 @@ class Intake:
         inform: Callable[[str], object],
         settings_now: Callable[[], Any],
         sources: Callable[[], list[str]],
+        duties: DutyLog,
     ) -> None:
         self._units = units
         self._now_ns = now_ns
@@ -67,6 +73,7 @@ class Intake:
         self._inform = inform
         self._settings_now = settings_now
         self._sources = sources
+        self._duties = duties
 
     def clear(self) -> None:
         """Forget what was measured."""
@@ -76,6 +83,7 @@ class Intake:
         """Forget what was measured of an actuator."""
         with self._units.lock:
             self._measurements.forget(actuator_id)
+            self._duties.forget(actuator_id)
 
     def receive_description(self, message: Any) -> None:
         """Apply ``ema_interfaces/msg/ActuatorDescription``, which may be impossible."""
@@ -129,6 +137,7 @@ class Intake:
                 stamp_ns = stamp_from_message(message.header.stamp)
                 events = unit.finder.reject(stamp_ns, str(error))
             else:
+                self._note_duty(unit, block)
                 events = unit.finder.feed(block)
             if unit.finder.blocks == 1:
                 self._inform(f"{actuator_id}: first telemetry")
@@ -140,6 +149,14 @@ class Intake:
                 unit.settings = self._settings_now()
             if unit.next_trigger is not None and (is_over or not unit.finder.is_open):
                 self._restart(unit, unit.next_trigger)
+
+    def _note_duty(self, unit: Unit, block: Telemetry) -> None:
+        """Add a block to the duty of a unit, once that is described."""
+        if unit.description is not None:
+            rise = self._measurements.winding_rise(
+                unit.actuator_id, block.stamp_ns, self._max_age_s()
+            )
+            self._duties.add(_key(unit.description), block, unit.description.parameters, rise)
 
     def receive_measured(self, message: Any) -> None:
         """Keep ``ema_interfaces/msg/MeasuredCauses``, which may be impossible."""
@@ -199,6 +216,7 @@ class Intake:
             if isinstance(event, Defect):
                 self._units.add_defect(unit.actuator_id, event.reason)
                 continue
+            self._duties.cut(_key(event.description), event.window.end_ns)
             if isinstance(event.window, Window):
                 measured = self._measurements.at(
                     unit.actuator_id, event.window.start_ns, self._max_age_s()
@@ -206,6 +224,10 @@ class Intake:
                 event = replace(event, window=replace(event.window, measured=measured))
                 unit.latest = event
             self._queue_window(replace(event, settings=unit.settings))
+
+
+def _key(description: ActuatorDescription) -> UnitKey:
+    return description.actuator_id, description.serial_number
 
 
 def _is_name(actuator_id: str) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ema_core.faults import N_FAULTS, healthy_faults
 from ema_monitor.model.monitor_model import FORMS, compile_kernels
+from ema_monitor.prognosis.duty.meter import count_travel
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.tracker import Tracker
 
@@ -27,9 +28,14 @@ def _compile_growth() -> None:
     tracker.predict()
 
 
+def _compile_duty() -> None:
+    """Count the travel of a shaft that moved once."""
+    count_travel(np.arange(2.0), np.ones(2), 0.0, np.zeros(1), np.zeros(1))
+
+
 STEPS: Final[Mapping[str, Callable[[], object]]] = MappingProxyType(
     {f"{form} model": lambda form=form: compile_kernels([form]) for form in FORMS}
-    | {"growth": _compile_growth}
+    | {"growth": _compile_growth, "duty": _compile_duty}
 )
 """What is compiled, or loaded from the cache, by name: all that an estimate and health wait for.
 

@@ -122,7 +122,7 @@ def health_to_message(outlook: Outlook, description: ActuatorDescription) -> Hea
         When the stamp is out of range.
     """
     health, lives = outlook.health, (outlook.rul_faults, outlook.rul_requirements, outlook.rul)
-    rul_faults, rul_requirements, rul = (_life(life, outlook) for life in lives)
+    rul_faults, rul_requirements, rul = (life_to_message(life, outlook) for life in lives)
     message = HealthMessage(
         actuator_id=description.actuator_id,
         serial_number=description.serial_number,
@@ -169,11 +169,11 @@ def _item(item: FaultHealth, unit: str, outlook: Outlook) -> FaultHealthMessage:
         calibration_ahead=float(checked.ahead),
         widening=float(checked.widening),
         unit=unit,
-        rul=_life(outlook.lives.get(item.name, outlook.rul), outlook),
+        rul=life_to_message(outlook.lives.get(item.name, outlook.rul), outlook),
     )
 
 
-def _life(life: RemainingLife, outlook: Outlook) -> RemainingUsefulLife:
+def life_to_message(life: RemainingLife, outlook: Outlook) -> RemainingUsefulLife:
     """Return a remaining life as a message, in flight hours and in test cycles."""
     per_cycle = outlook.hours_per_cycle
     return RemainingUsefulLife(

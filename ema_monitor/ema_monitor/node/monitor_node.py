@@ -30,6 +30,7 @@ from ema_monitor.node.summary import summary_of
 from ema_monitor.node.units import Units
 from ema_monitor.node.worker import IdentificationWorker
 from ema_monitor.prognosis.advisory import Costs
+from ema_monitor.prognosis.duty.meter import DutyLog
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment
@@ -84,6 +85,7 @@ class MonitorNode(ManagedNode):
             self._window_settings,
             self.get_namespace(),
         )
+        self._duties = DutyLog()
         self._intake = Intake(
             self._units,
             self._now_ns,
@@ -94,8 +96,11 @@ class MonitorNode(ManagedNode):
             self._inform,
             self._window_settings,
             self._telemetry_sources,
+            self._duties,
         )
-        self._prognosis = MonitorPrognosis(self, self._calibration_of, self._units, self._resume)
+        self._prognosis = MonitorPrognosis(
+            self, self._calibration_of, self._units, self._resume, self._duties
+        )
         declare(self, Files)
         self._worker = IdentificationWorker(
             self._calibration_of,

@@ -21,9 +21,12 @@ from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.messages import health_to_message, history_to_message
 from ema_monitor.node.recordable import Recordable
+from ema_monitor.node.scenario_messages import scenario_to_message, scenarios_from_messages
 from ema_monitor.node.settings import folder_of
 from ema_monitor.node.summary import unknown_health
 from ema_monitor.node.units import Units
+from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.duty.meter import DutyLog
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.known_laws import KnownLawTexts
@@ -154,6 +157,8 @@ class MonitorPrognosis:
         The actuators.
     resume
         Called with a unit, once its history is read, and its outlook.
+    duties
+        Duty that telemetry tells.
     """
 
     def __init__(
@@ -162,16 +167,19 @@ class MonitorPrognosis:
         calibration_of: Callable[[ActuatorDescription], AnyCalibration | str],
         units: Units,
         resume: Callable[[ActuatorDescription, Outlook], None],
+        duties: DutyLog,
     ) -> None:
         self._node = node
         self._calibration_of = calibration_of
         self._units = units
         self._resume = resume
+        self._duties = duties
         self._limits = LiveSettings(node, HealthLimits, "limits.")
         self._requirements = LiveSettings(node, RequirementLimits, "requirements.")
         self._tracker = LiveSettings(node, TrackerSettings, "tracker.")
         self._laws = LiveSettings(node, KnownLawTexts, "known_law.")
         self._service = LiveSettings(node, Service)
+        self._damage = LiveSettings(node, DamageSettings, "damage.")
         self._recordable = Recordable(node)
         self._fleet: Fleet | None = None
         self._histories = MonitorHistories(self._requirements_of)
@@ -188,6 +196,7 @@ class MonitorPrognosis:
             replace(self._tracker.value, laws=self._laws.value.laws()),
             self._service.value,
             self._fleet,
+            self._damage.value,
         )
 
     def begin(self, history_folder: str, fleet: Fleet | None) -> None:
@@ -223,6 +232,7 @@ class MonitorPrognosis:
         """
         with self._resuming:
             self._histories.end()
+            self._duties.clear()
             self._histories.begin(self._recordable.change_clock(self._folder))
         self._logged.clear()
 
@@ -231,6 +241,7 @@ class MonitorPrognosis:
         # A health that is being published comes first.
         with self._resuming:
             self._histories.end()
+            self._duties.clear()
         self._node.destroy_service(self._call)
         self._node.destroy_service(self._get_history)
         self._node.destroy_guard_condition(self._refresh_soon)
@@ -301,7 +312,9 @@ class MonitorPrognosis:
             if refused:
                 return outlook_of_one(estimate, settings.limits, refused)
             count = self._histories.counts.latest(_key(description), estimate.end_ns)
-            outlook = prognostics.update(estimate, self._parameters(description), settings, count)
+            flown = self._duties.take(_key(description), estimate.end_ns)
+            parameters = self._parameters(description)
+            outlook = prognostics.update(estimate, parameters, settings, count, flown)
         except Exception as error:
             # A failure here must prevent neither the estimate nor the alarm.
             reason = self.report_failure(description.actuator_id, error)
@@ -395,9 +408,14 @@ class MonitorPrognosis:
         try:
             _, description = self._units.find(request.actuator_id)
             settings = duty_of(self.settings, request.duty)
-            prognostics = self._of(description)
-            outlook = prognostics.outlook(self._parameters(description), settings)
+            scenarios = scenarios_from_messages(list(request.scenarios))
+            prognostics, parameters = self._of(description), self._parameters(description)
+            outlook = prognostics.outlook(parameters, settings)
             response.health = health_to_message(outlook, description)
+            response.scenarios = [
+                scenario_to_message(one, prognostics.under(one, parameters, settings))
+                for one in scenarios
+            ]
             response.success = True
             return response
         except ValueError as error:

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.duty.flown import FlownDuty, together
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import Prognostics
@@ -19,6 +20,7 @@ def outlooks(
     counts: Sequence[Count],
     parameters: ActuatorParameters | None,
     settings: PrognosisSettings,
+    flown: Sequence[tuple[int, FlownDuty]] = (),
 ) -> Iterator[tuple[Estimate, Outlook | None]]:
     """Yield each estimate with the outlook after it, as a monitor gives it; None if it is invalid.
 
@@ -32,11 +34,15 @@ def outlooks(
         Those of the unit, as calibrated; None where its drive is unknown.
     settings
         What the prognosis rests on.
+    flown
+        Duty up to the ends of windows, by their stamps [ns], in order of time.
     """
     # Only counts before a test are logged before it, however many there are in all.
-    waiting, log = deque(counts), CountLog()
+    waiting, log, pieces = deque(counts), CountLog(), deque(flown)
     for estimate in estimates:
         while waiting and waiting[0].stamp_ns <= estimate.end_ns:
             log.add(key, waiting.popleft())
-        count = log.latest(key, estimate.end_ns)
-        yield estimate, prognostics.update(estimate, parameters, settings, count)
+        count, duty = log.latest(key, estimate.end_ns), None
+        while pieces and pieces[0][0] <= estimate.end_ns:
+            duty = together(duty, pieces.popleft()[1])
+        yield estimate, prognostics.update(estimate, parameters, settings, count, duty)

@@ -50,7 +50,7 @@ class Forecaster:
             return None
         ahead = hours_ahead(self.outlook.rul, self.observed_hours)
         hours = ahead * np.linspace(0.0, 1.0, _TIMES)
-        return self.tracker.fan(hours, LEVELS, self.outlook.duty)
+        return self.tracker.fan(hours, LEVELS, self.outlook.future)
 
 
 def hours_ahead(life: RemainingLife, observed_hours: float) -> float:

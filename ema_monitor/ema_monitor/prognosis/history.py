@@ -10,6 +10,7 @@ from urllib.parse import quote, unquote
 
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment
+from ema_monitor.prognosis.duty.flown import FlownDuty, together
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, import_lines
 from ema_monitor.prognosis.history_files import (
     code_of,
@@ -70,6 +71,8 @@ class History:
         packed.
     unused_cycles
         How many test cycles since the latest of them had no valid estimate.
+    unused_duty
+        Duty in these; None when it is not known.
     assessments
         What was found after each valid test, by its stamp [ns]; tests of a file of schema version
         3 have none.
@@ -91,6 +94,7 @@ class History:
     ) -> None:
         self.entries: list[Entry] = []
         self.unused_cycles = 0
+        self.unused_duty: FlownDuty | None = None
         self.assessments = KeptAssessments()
         self.growth = b""
         self.imported = ""
@@ -219,9 +223,10 @@ class History:
             self.entries.append(test)
             if len(self.entries) > _UNPACKED:
                 self.entries[-_UNPACKED - 1].pack()
-            self.unused_cycles = 0
+            self.unused_cycles, self.unused_duty = 0, None
         else:
             self.unused_cycles += 1
+            self.unused_duty = together(self.unused_duty, test.flown)
 
     def _leave_entries(self) -> None:
         """Leave estimates of earlier tests to the file, if it has them."""
@@ -265,6 +270,7 @@ class History:
             self._mended = "; ".join(filter(None, [self._mended, reason]))
             tests = [test for number, test in enumerate(self._tests, 1) if number not in lost]
             self._tests, self._stamps_ns, self.entries, self.unused_cycles = [], set(), [], 0
+            self.unused_duty = None
             for test in tests:
                 self._add(test)
 

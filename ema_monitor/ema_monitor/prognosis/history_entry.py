@@ -14,6 +14,7 @@ import numpy as np
 from ema_core.faults import FAULT_NAMES
 from ema_core.quantity import is_finite_number
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain_number
+from ema_monitor.prognosis.duty.flown import FlownDuty
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.packed_estimate import pack, unpack
 
@@ -81,10 +82,25 @@ class Entry:
         When the estimate is not valid, or a figure of it is impossible.
     """
 
-    __slots__ = ("_estimate", "_file", "_packed", "count", "cycles", "hours", "number", "stamp_ns")
+    __slots__ = (
+        "_estimate",
+        "_file",
+        "_flown",
+        "_packed",
+        "count",
+        "cycles",
+        "hours",
+        "number",
+        "stamp_ns",
+    )
 
     def __init__(
-        self, estimate: Estimate, hours: float, cycles: int, count: Count | None = None
+        self,
+        estimate: Estimate,
+        hours: float,
+        cycles: int,
+        count: Count | None = None,
+        flown: FlownDuty | None = None,
     ) -> None:
         Measurement.of(estimate, 0.0 if math.isnan(hours) else hours)
         self.stamp_ns = estimate.end_ns
@@ -92,9 +108,15 @@ class Entry:
         self.cycles = cycles
         self.count = count
         self.number = 0
+        self._flown = flown.as_array() if flown else None
         self._estimate: Estimate | None = estimate
         self._packed = b""
         self._file: EstimateFile | None = None
+
+    @property
+    def flown(self) -> FlownDuty | None:
+        """Duty since the valid test before; made anew at each call."""
+        return FlownDuty.of_array(self._flown) if self._flown else None
 
     @property
     def estimate(self) -> Estimate:
@@ -149,9 +171,12 @@ class UnusedCycle:
     ----------
     stamp_ns
         Stamp of the window's end [ns].
+    flown
+        Duty since the test cycle before; None where no telemetry tells it.
     """
 
     stamp_ns: int
+    flown: FlownDuty | None = None
 
 
 @contextmanager
@@ -173,15 +198,16 @@ def whole(record: Mapping[str, Any], name: str) -> int:
 
 def as_text(test: Entry | UnusedCycle) -> str:
     """Return a test as JSON."""
-    if isinstance(test, UnusedCycle):
-        return json.dumps({"end_ns": test.stamp_ns})
-    record = {
-        "end_ns": test.stamp_ns,
-        "hours": plain_number(test.hours),
-        "cycles": test.cycles,
-        "count": asdict(test.count) if test.count else None,
-        "estimate": estimate_record(test.estimate),
-    }
+    record: dict[str, Any] = {"end_ns": test.stamp_ns}
+    if isinstance(test, Entry):
+        record |= {
+            "hours": plain_number(test.hours),
+            "cycles": test.cycles,
+            "count": asdict(test.count) if test.count else None,
+            "estimate": estimate_record(test.estimate),
+        }
+    if test.flown is not None:
+        record["duty"] = test.flown.as_record()
     return json.dumps(record, ensure_ascii=False, allow_nan=False)
 
 
@@ -195,14 +221,16 @@ def entry_of(text: str) -> Entry | UnusedCycle:
         When it describes none.
     """
     record: dict[str, Any] = json.loads(text)
+    flown = FlownDuty.of_record(record["duty"]) if "duty" in record else None
     if "estimate" not in record:
-        return UnusedCycle(whole(record, "end_ns"))
+        return UnusedCycle(whole(record, "end_ns"), flown)
     hours, count = record["hours"], record["count"]
     return Entry(
         estimate_of(record["estimate"]),
         math.nan if hours is None else hours,
         whole(record, "cycles"),
         Count(**count) if count else None,
+        flown,
     )
 
 

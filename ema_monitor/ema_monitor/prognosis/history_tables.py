@@ -11,10 +11,14 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment, assessment_from, assessment_text
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_text, entry_of
 
-SCHEMA_VERSION: Final = 5
-"""``user_version`` of the database; 1 and 2 were files of JSON lines, 4 had no chain of hashes."""
+SCHEMA_VERSION: Final = 6
+"""``user_version`` of the database.
 
-_EARLIER: Final = (3, 4)
+1 and 2 were files of JSON lines, 3 and 4 had no chain of hashes, 5 no duty in its records.
+"""
+
+_CHAINED_SINCE: Final = 5
+_EARLIER: Final = (3, 4, 5)
 _TABLES: Final = (
     "CREATE TABLE IF NOT EXISTS unit (actuator_id TEXT NOT NULL, serial_number TEXT NOT NULL)",
     "CREATE TABLE IF NOT EXISTS test (number INTEGER PRIMARY KEY, record TEXT NOT NULL, "
@@ -48,14 +52,16 @@ def prepare(db: sqlite3.Connection, unit: Unit) -> None:
     # Also where nothing is to be made: it shows whether the file can be written.
     db.execute("BEGIN IMMEDIATE")
     with db:
-        if db.execute("PRAGMA user_version").fetchone()[0] == SCHEMA_VERSION:
+        version = db.execute("PRAGMA user_version").fetchone()[0]
+        if version == SCHEMA_VERSION:
             return
         is_new = not db.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]
         for statement in _TABLES:
             db.execute(statement)
         if is_new:
             db.execute("INSERT INTO unit VALUES (?, ?)", unit)
-        _begin_chain(db, unit)
+        if version < _CHAINED_SINCE:
+            _begin_chain(db, unit)
         db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 

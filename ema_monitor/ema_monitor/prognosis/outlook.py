@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.faults import ECCENTRICITY_PHASE, FAULT_NAMES
+from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULT_NAMES
 from ema_core.levels import ERROR, STALE, WARN
 from ema_monitor.health import (
     TORQUE_PER_AMPERE,
@@ -18,8 +18,9 @@ from ema_monitor.health import (
     with_requirements,
 )
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.growth.check import Calibration
-from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife, assumption_of
+from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
 from ema_monitor.prognosis.growth.tracked_fault import TrackedFault
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.removal import Removal, removal_of, usage_of
@@ -58,10 +59,10 @@ class Outlook:
     dominant
         Fault or requirement that ends life first; the worst with a warning when none is known to
         end it; else empty.
-    duty
-        Growth of the faults in a future flight hour, relative to a past one [-].
+    future
+        What is assumed of the duty to come.
     assumption
-        What is assumed of future use, in words.
+        The same, and what else is assumed, in words.
     events
         What the latest test revealed, in words.
     happened
@@ -92,7 +93,7 @@ class Outlook:
     rul_requirements: RemainingLife
     rul: RemainingLife
     dominant: str
-    duty: float
+    future: FutureDuty
     assumption: str
     events: tuple[str, ...]
     failed_since: float = math.nan
@@ -106,6 +107,11 @@ class Outlook:
     )
     tests_tell: bool = True
     calibrations: Mapping[str, Calibration] = field(default_factory=dict)
+
+    @property
+    def duty(self) -> float:
+        """Growth of the faults in a future flight hour beside the duty to come [-]."""
+        return self.future.factor
 
 
 def unknown_outlook(reason: str) -> Outlook:
@@ -123,8 +129,8 @@ def unknown_outlook(reason: str) -> Outlook:
         rul_requirements=life,
         rul=life,
         dominant="",
-        duty=1.0,
-        assumption=assumption_of(1.0),
+        future=(future := FutureDuty.steady()),
+        assumption=str(future),
         events=(),
     )
 
@@ -221,16 +227,18 @@ def outlook_of(
     ValueError
         When there is no test.
     """
-    service, limits, duty = growth.service, settings.limits, settings.service.duty
+    service, limits = growth.service, settings.limits
     entry = service.latest
     if entry is None:
         raise ValueError("there is no history yet: no valid test so far")
+    future = _future(growth, settings)
     if service.unknown:
         tracked: tuple[TrackedFault, ...] = ()
-        prognosis = Prognosis.unknown(service.unknown, limits, duty)
+        prognosis = Prognosis.unknown(service.unknown, limits, future)
     else:
-        tracked = tuple(item for item in growth.tracker.components() if item.tests)
-        prognosis = growth.tracker.predict(duty)
+        tracked = tuple(_in_service(item, growth) for item in growth.tracker.components())
+        tracked = tuple(item for item in tracked if item.tests)
+        prognosis = growth.tracker.predict(future)
     # Alarms do not wait for a count.
     judged = {
         item.name: Tracked(item.value, item.sigma, item.name in growth.doubtful)
@@ -250,6 +258,10 @@ def outlook_of(
         hidden = dict(zip(FAULT_NAMES, entry.estimate.unobservable, strict=True))
         tests_tell = not hidden.get(dominant, False)
     hours_per_cycle = _hours_per_cycle(growth, settings)
+    hours_a_day = usage_of(service.used)
+    if settings.scenario is not None:
+        hours_per_cycle = settings.scenario.hours_per_cycle or hours_per_cycle
+        hours_a_day = settings.scenario.hours_per_day or hours_a_day
     return Outlook(
         stamp_ns=entry.stamp_ns,
         hours=service.hours,
@@ -262,17 +274,33 @@ def outlook_of(
         rul_requirements=required.overall,
         rul=rul,
         dominant=dominant,
-        duty=duty,
+        future=future,
         assumption=prognosis.assumption,
         events=(),
         lifetimes=lifetimes,
         levels=levels,
         removal=removal_of(
-            rul, lifetimes, settings.service.removal_risk, hours_per_cycle, usage_of(service.used)
+            rul, lifetimes, settings.service.removal_risk, hours_per_cycle, hours_a_day
         ),
         tests_tell=tests_tell,
         calibrations={item.name: item.calibration for item in tracked},
     )
+
+
+def _future(growth: GrowthRecord, settings: PrognosisSettings) -> FutureDuty:
+    """Return the duty to come; ValueError when a scenario cannot be compared with the past."""
+    factor = settings.service.duty
+    if settings.scenario is not None:
+        return settings.scenario.future(growth.duty, factor)
+    return growth.duty.as_flown(factor) if growth.duty else FutureDuty.steady(factor)
+
+
+def _in_service(item: TrackedFault, growth: GrowthRecord) -> TrackedFault:
+    """Return what is known of a component with its trend an hour of service, not of growth."""
+    if growth.duty is None:
+        return item
+    rate = float(growth.duty.present[COMPONENTS.index(item.name)])
+    return replace(item, trend=rate * item.trend, trend_sigma=rate * item.trend_sigma)
 
 
 def _not_tracked(health: Health) -> dict[str, RemainingLife]:

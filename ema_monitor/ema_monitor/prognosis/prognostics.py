@@ -11,12 +11,14 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment, assessment_of
+from ema_monitor.prognosis.duty.flown import FlownDuty, together
+from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, Entry, UnusedCycle
-from ema_monitor.prognosis.outlook import Outlook, outlook_of
+from ema_monitor.prognosis.outlook import Outlook, outlook_of, unknown_outlook
 from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits, Requirements
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.prognosis.unit_event import CALIBRATION, RESTART, UnitEvent
@@ -71,7 +73,11 @@ class Prognostics:
         self._lock = threading.RLock()
         self._settings = settings = settings or PrognosisSettings()
         self.growth = GrowthRecord(
-            settings.limits, self._tracker_settings(settings), history.entries, history.growth
+            settings.limits,
+            self._tracker_settings(settings),
+            history.entries,
+            history.growth,
+            settings.damage,
         )
         history.growth = b""
         # Tests of the state of the tracker that was kept last.
@@ -91,6 +97,7 @@ class Prognostics:
         parameters: ActuatorParameters | None,
         settings: PrognosisSettings,
         count: Count | None = None,
+        flown: FlownDuty | None = None,
     ) -> Outlook | None:
         """Record the estimate of a test and return the outlook after it; None if it is invalid.
 
@@ -104,6 +111,8 @@ class Prognostics:
             Those used from now on.
         count
             Latest count of service hours that was read before the test; None when there is none.
+        flown
+            Duty since the test before, valid or not; None when it is not known.
 
         Notes
         -----
@@ -116,14 +125,15 @@ class Prognostics:
             is_new = not self.history.holds(estimate.end_ns)
             if not estimate.valid:
                 if is_new:
-                    self.history.append(UnusedCycle(estimate.end_ns))
+                    self.history.append(UnusedCycle(estimate.end_ns, flown))
                 return None
             if self.history.holds_valid(estimate.end_ns):
                 again = "a test that is in the history already came again and changes nothing"
                 self._events = (*self._events, again)
             else:
                 cycles = self.history.unused_cycles + is_new
-                entry, ignored = self._entry(estimate, cycles, count)
+                flown = together(self.history.unused_duty, flown)
+                entry, ignored = self._entry(estimate, cycles, count, flown)
                 events = [*ignored, *self._oddities(entry), *self.growth.add(entry)]
                 self.history.append(entry)
                 self._events = (*self._events, *events)
@@ -159,6 +169,29 @@ class Prognostics:
         with self._lock:
             self._apply(settings)
             return self._outlook(parameters)
+
+    def under(
+        self,
+        scenario: Scenario,
+        parameters: ActuatorParameters | None,
+        settings: PrognosisSettings,
+    ) -> Outlook:
+        """Return the outlook under a scenario, and record nothing.
+
+        It is unknown, with the reason, where the scenario cannot be compared with what was flown.
+
+        Raises
+        ------
+        ValueError
+            When there is no history.
+        """
+        with self._lock:
+            try:
+                return self.outlook(parameters, replace(settings, scenario=scenario))
+            except NotComparableError as error:
+                return unknown_outlook(str(error))
+            finally:
+                self._settings = settings
 
     def latest_tests(self, most: int) -> tuple[list[KnownTest], int]:
         """Return the latest valid tests with what was found, the oldest first, and how many more.
@@ -216,9 +249,11 @@ class Prognostics:
         """Use settings from now on; a tracker that assumes other things begins anew."""
         old, self._settings = self._settings, settings
         is_other_fleet = old.fleet is not settings.fleet
-        if is_other_fleet or (old.limits, old.tracker) != (settings.limits, settings.tracker):
+        assumed = (settings.limits, settings.tracker, settings.damage)
+        if is_other_fleet or (old.limits, old.tracker, old.damage) != assumed:
             tracker = self._tracker_settings(settings)
-            self.growth = GrowthRecord(settings.limits, tracker, self.history.entries)
+            entries = self.history.entries
+            self.growth = GrowthRecord(settings.limits, tracker, entries, damage=settings.damage)
             self._kept_tests = 0
 
     def _tracker_settings(self, settings: PrognosisSettings) -> TrackerSettings:
@@ -300,7 +335,11 @@ class Prognostics:
         return events
 
     def _entry(
-        self, estimate: Estimate, new_cycles: int, count: Count | None
+        self,
+        estimate: Estimate,
+        new_cycles: int,
+        count: Count | None,
+        flown: FlownDuty | None,
     ) -> tuple[Entry, list[str]]:
         """Return a test as it is kept, and an event when the first count is ignored."""
         latest = self.growth.service.latest
@@ -308,7 +347,7 @@ class Prognostics:
         cycles = new_cycles + (latest.cycles if latest else 0)
         if hours_per_cycle > 0.0:
             hours = self.growth.service.after(cycles, hours_per_cycle)
-            entry = Entry(estimate, hours, cycles)
+            entry = Entry(estimate, hours, cycles, flown=flown)
             if count is None or self._ignores_usage:
                 return entry, []
             self._ignores_usage = True
@@ -322,7 +361,7 @@ class Prognostics:
         newest = max(read, key=lambda item: item.stamp_ns, default=None)
         if newest is not None and newest != before:
             cycles = newest.cycles or cycles
-        return Entry(estimate, math.nan, cycles, newest), []
+        return Entry(estimate, math.nan, cycles, newest, flown), []
 
     def _oddities(self, entry: Entry) -> list[str]:
         """Return what is odd about the stamp and cycle of a test after the latest one, in words."""

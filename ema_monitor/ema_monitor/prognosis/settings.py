@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field, replace
 
 from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.duty.scenario import Scenario
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
@@ -25,6 +27,10 @@ class PrognosisSettings:
         What is assumed of use.
     fleet
         What other units say of growth; None when there are none.
+    damage
+        How duty does damage.
+    scenario
+        Future duty; None for that of the past.
     """
 
     limits: HealthLimits = field(default_factory=HealthLimits)
@@ -32,6 +38,8 @@ class PrognosisSettings:
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
     service: Service = field(default_factory=Service)
     fleet: Fleet | None = None
+    damage: DamageSettings = field(default_factory=DamageSettings)
+    scenario: Scenario | None = None
 
 
 def duty_of(settings: PrognosisSettings, duty: float) -> PrognosisSettings:

@@ -84,6 +84,16 @@ class MeasurementLog:
                 found.append(course[before - 1][1])
         return tuple(found)
 
+    def winding_rise(
+        self, actuator_id: str, stamp_ns: int, max_age_s: float = MAX_AGE_S
+    ) -> float | None:
+        """Return the latest measured rise of the winding [K], as of ``at``; None without one."""
+        course = self._by_actuator.get(actuator_id, {}).get("winding_temperature", [])
+        before = bisect_right(course, stamp_ns, key=_stamp)
+        if before and stamp_ns - course[before - 1][0] <= max_age_s * 1e9:
+            return course[before - 1][1].value
+        return None
+
 
 def _stamp(item: tuple[int, CauseEstimate]) -> int:
     return item[0]

@@ -99,26 +99,28 @@ class Bank:
         total = np.maximum(self.sums(self.weight), _LEAST)
         return np.sqrt(self.sums(self.weight * self.cells.diffusion**2) / total)
 
-    def advance(self, hours: float) -> None:
-        """Let all cells grow over some hours [h]."""
-        if hours > 0.0:
-            states = (self.weight, self.mean, self.variance)
-            mix_paces(*states, self.cells.blocks, N_WANDERING_RATES, transition(hours))
+    def advance(self, hours: NDArray[np.float64]) -> None:
+        """Let the cells of each component grow over hours of its own, ``(7,)`` [h]."""
+        states = (self.weight, self.mean, self.variance)
+        own, blocks = hours[self.cells.component], self.cells.blocks
+        for elapsed in np.unique(hours[hours > 0.0]):
+            at = blocks[own[blocks] == elapsed]
+            mix_paces(*states, at, N_WANDERING_RATES, transition(float(elapsed)))
         self._before = self.mean.copy(), self.variance.copy()
         self._slope = np.ones_like(self.mean)
-        if hours <= 0.0:
+        if not own.any():
             return
         cells = self.cells
         for law, part in cells.slices.items():
             if law == "constant":
                 continue
             if law == "drift":
-                self.mean[part] += cells.side[part] * cells.rate[part] * hours
-                self.variance[part] += cells.diffusion[part] ** 2 * hours
+                self.mean[part] += cells.side[part] * cells.rate[part] * own[part]
+                self.variance[part] += cells.diffusion[part] ** 2 * own[part]
                 continue
             figures = (self._law, cells.side, cells.rate, cells.shape)
             states = (self.mean, self.variance, self._slope)
-            grow_cells(*(one[part] for one in (*figures, *states)), hours, self.noise_hours)
+            grow_cells(*(one[part] for one in (*figures, *states, own)), self.noise_hours)
 
     def change(self) -> None:
         """Let growth begin, or become another, with the probabilities of the settings."""

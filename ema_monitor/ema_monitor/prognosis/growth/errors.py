@@ -104,8 +104,8 @@ class EstimateErrors:
         """Mean factor of the standard deviations [-]."""
         return float(FACTORS @ self.probability.sum(axis=0))
 
-    def advance(self, hours: float) -> None:
-        """Count the hours of service since the tests [h]."""
+    def advance(self, hours: NDArray[np.float64]) -> None:
+        """Count the hours of growth since the tests, ``(7,)`` [h]."""
         self.hours = self.hours + hours
 
     def restart(self, number: int) -> None:

@@ -48,7 +48,7 @@ def grow_cells(
     mean: NDArray[np.float64],
     variance: NDArray[np.float64],
     slope: NDArray[np.float64],
-    hours: float,
+    hours: NDArray[np.float64],
     noise_hours: float,
 ) -> None:
     """Let the levels of cells grow in place, at two sigma points each.
@@ -64,20 +64,23 @@ def grow_cells(
     slope
         Derivative of the level after by that before, ``(n,)``; written.
     hours
-        Hours in service, above 0 [h].
+        Hours of growth, ``(n,)`` [h]; where they are 0 nothing changes.
     noise_hours
         Variance of the effective time of growth per hour [h].
     """
     for i in range(mean.size):
+        u = hours[i]
+        if u <= 0.0:
+            continue
         x, sd = side[i] * mean[i], math.sqrt(variance[i])
         low, high = max(x - sd, 0.0), max(x + sd, 0.0)
-        least = _grown(law[i], rate[i], shape[i], low, hours)
-        most = _grown(law[i], rate[i], shape[i], high, hours)
+        least = _grown(law[i], rate[i], shape[i], low, u)
+        most = _grown(law[i], rate[i], shape[i], high, u)
         spread = 0.5 * (high + most - low - least)
         step = 0.5 * (least + most)
         slope[i] = spread / sd if sd > 0.0 else 1.0
         mean[i] = side[i] * 0.5 * (low + least + high + most)
-        variance[i] = spread * spread + step * step * noise_hours / hours
+        variance[i] = spread * spread + step * step * noise_hours / u
 
 
 @kernel()

@@ -111,26 +111,26 @@ def futures(
     sample
         State and growth now.
     hours
-        Ascending hours from now on [h], ``(m,)``.
+        Ascending hours of growth from now on [h], in a form that broadcasts to ``(m, 7, n)``.
     rng
         Random numbers.
     """
     cells, cell = sample.cells, sample.cell
     side = cells.side[cell]
-    steps = np.diff(hours, prepend=0.0)
-    wiener = np.cumsum(
-        np.sqrt(steps)[:, None, None] * rng.standard_normal((hours.size, *cell.shape)), axis=0
-    )
-    values = np.empty((hours.size, *cell.shape))
+    steps = np.diff(hours, axis=0, prepend=0.0)
+    shape = (len(hours), *cell.shape)
+    hours = np.broadcast_to(hours, shape)
+    wiener = np.cumsum(np.sqrt(steps) * rng.standard_normal(shape), axis=0)
+    values = np.empty(shape)
     time = _paced(sample, steps, rng)
     for law, part in cells.slices.items():
         at = (cell >= part.start) & (cell < part.stop)
         own = cell[at]
         x, rate = sample.x[at], sample.rate[at]
         if law == "drift":
-            grown = x + rate * hours[:, None] + cells.diffusion[own] * wiener[:, at]
+            grown = x + rate * hours[:, at] + cells.diffusion[own] * wiener[:, at]
         elif law == "constant":
-            grown = x + 0.0 * hours[:, None]
+            grown = x + 0.0 * hours[:, at]
         else:
             x = np.maximum(x, 0.0)
             own_time = time[:, at] + np.sqrt(sample.noise_hours) * wiener[:, at]
@@ -138,7 +138,7 @@ def futures(
             grown = x + increment(law, x, rate, cells.shape[own], own_time)
         values[:, at] = side[at] * grown
     if sample.waves is not None:
-        values[:, *sample.waves.at] = wave_values(sample.waves, hours)
+        values[:, *sample.waves.at] = wave_values(sample.waves, hours[:, *sample.waves.at])
     return values
 
 
@@ -147,10 +147,11 @@ def _paced(
 ) -> NDArray[np.float64]:
     """Return the times of growth after some steps [h], ``(m, 7, n)``."""
     wanders = sample.cells.wanders[sample.cell]
-    times = np.tile(np.cumsum(steps)[:, None, None], sample.cell.shape)
+    steps = np.broadcast_to(steps, (len(steps), *sample.cell.shape))
+    times = np.cumsum(steps, axis=0)
     pace = sample.pace[wanders]
     passed = np.zeros(pace.size)
-    for number, step in enumerate(steps):
+    for number, step in enumerate(steps[:, wanders]):
         kept = np.exp(-step / wander.WANDER_HOURS)
         spread = wander.SIGMA * np.sqrt(1.0 - kept**2)
         after = kept * pace + spread * rng.standard_normal(pace.size)

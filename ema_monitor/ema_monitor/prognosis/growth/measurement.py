@@ -35,6 +35,9 @@ class Measurement:
         Components that the test does not show, ``(8,)``.
     sigma_floor
         Error beside the covariance, as a standard deviation of each tracked component [-].
+    growth_hours
+        Hours of growth of each tracked component, ``(7,)`` [h]: those at a reference duty that do
+        the same damage (P23); the service hour when None.
 
     Raises
     ------
@@ -48,6 +51,7 @@ class Measurement:
     covariance: NDArray[np.float64]
     unobservable: NDArray[np.bool_]
     sigma_floor: float = 0.0
+    growth_hours: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.hours < math.inf:
@@ -69,7 +73,9 @@ class Measurement:
             raise ValueError(f"variances = {variances}: expected numbers of at least 0")
 
     @classmethod
-    def of(cls, estimate: Estimate, hours: float) -> Self:
+    def of(
+        cls, estimate: Estimate, hours: float, growth_hours: NDArray[np.float64] | None = None
+    ) -> Self:
         """Return the measurement that an estimate makes.
 
         Parameters
@@ -78,6 +84,8 @@ class Measurement:
             Estimate of a window.
         hours
             Service hour of the window [h].
+        growth_hours
+            As of the class.
 
         Raises
         ------
@@ -87,7 +95,11 @@ class Measurement:
         if not estimate.valid:
             raise ValueError(f"an invalid estimate measures nothing: {estimate.reason}")
         return cls(
-            float(hours), np.array(estimate.faults), estimate.covariance, estimate.unobservable
+            float(hours),
+            np.array(estimate.faults),
+            estimate.covariance,
+            estimate.unobservable,
+            growth_hours=growth_hours,
         )
 
     def as_row(self) -> NDArray[np.float64]:
@@ -97,6 +109,7 @@ class Measurement:
                 [self.hours, self.sigma_floor],
                 self.faults,
                 self.unobservable,
+                self.own_hours,
                 self.covariance.ravel(),
             ]
         )
@@ -110,10 +123,17 @@ class Measurement:
         ValueError
             When the row is none.
         """
-        ends = np.cumsum([2, N_FAULTS, N_FAULTS])
-        (hours, floor), faults, unobservable, covariance = np.split(row, ends)
-        square = covariance.reshape(N_FAULTS, N_FAULTS)
-        return cls(float(hours), faults, square, unobservable.astype(np.bool_), float(floor))
+        ends = np.cumsum([2, N_FAULTS, N_FAULTS, len(INDICES)])
+        (hours, floor), faults, unobservable, own, covariance = np.split(row, ends)
+        square, hidden = covariance.reshape(N_FAULTS, N_FAULTS), unobservable.astype(np.bool_)
+        return cls(float(hours), faults, square, hidden, float(floor), own)
+
+    @property
+    def own_hours(self) -> NDArray[np.float64]:
+        """Hours of growth of each tracked component, ``(7,)`` [h]."""
+        if self.growth_hours is None:
+            return np.full(len(INDICES), self.hours)
+        return self.growth_hours
 
     @property
     def at_healthy(self) -> NDArray[np.bool_]:

@@ -155,8 +155,8 @@ class Mixture:
         bank.weight[at] = np.maximum(weight * (bank.weight[at].sum() / weight.sum()), _LEAST)
         waves.change_rate(number, rate, sigma)
 
-    def advance(self, hours: float) -> None:
-        """Let all grow over some hours, at least 0 [h]."""
+    def advance(self, hours: NDArray[np.float64]) -> None:
+        """Let each component grow over hours of its own, at least 0, ``(7,)`` [h]."""
         self.errors.advance(hours)
         self.bank.advance(hours)
         self.waves.advance(hours)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ema_core.faults import COMPONENTS, FAULT_NAMES, FAULTS
 from ema_core.wording import text_table
 from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.duty.future import FutureDuty
 
 _ANY_LIMIT: Final = "first fault limit"
 
@@ -66,10 +67,8 @@ class Prognosis:
         Component that does so first most often; empty when none is known to grow.
     samples
         Samples of the overall life [h], ``(n,)``; infinite when it is not known.
-    duty
-        Growth of the faults in a future flight hour, relative to a past one [-].
-    assumption
-        What is assumed of future use, in words.
+    future
+        What is assumed of the duty to come.
     levels
         Present distance of the dominant fault from healthy in each sample [-], ``(n,)``; empty
         when there is no dominant one.
@@ -80,19 +79,28 @@ class Prognosis:
     overall: RemainingLife
     dominant_fault: str
     samples: NDArray[np.float64]
-    duty: float
-    assumption: str
+    future: FutureDuty
     levels: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     @classmethod
-    def unknown(cls, reason: str, limits: HealthLimits, duty: float) -> "Prognosis":
+    def unknown(cls, reason: str, limits: HealthLimits, duty: FutureDuty) -> "Prognosis":
         """Return the prognosis of which no figure can be given."""
         components = {
             name: RemainingLife.unknown(_criterion(name, limits.of(name)), reason)
             for name in COMPONENTS
         }
         overall = RemainingLife.unknown(_ANY_LIMIT, reason)
-        return cls(math.nan, components, overall, "", np.empty(0), duty, assumption_of(duty))
+        return cls(math.nan, components, overall, "", np.empty(0), duty)
+
+    @property
+    def duty(self) -> float:
+        """Growth of the faults in a future flight hour beside the duty to come [-]."""
+        return self.future.factor
+
+    @property
+    def assumption(self) -> str:
+        """What is assumed of future use, in words."""
+        return str(self.future)
 
     def as_rows(self) -> list[dict[str, Any]]:
         """Return a table of plain values: a row a component, and one for the first of them."""
@@ -132,20 +140,13 @@ class Fan:
     values: Mapping[str, NDArray[np.float64]]
 
 
-def assumption_of(duty: float) -> str:
-    """Return in words what a duty assumes of future use."""
-    if duty == 1.0:
-        return "future use as in the past"
-    return f"faults grow {duty:g} times as fast in each future flight hour as in the past"
-
-
 def prognosis_of(
     at_hours: float,
     samples: NDArray[np.float64],
     is_shown: NDArray[np.bool_],
     reasons: Sequence[str],
     limits: HealthLimits,
-    duty: float,
+    duty: FutureDuty,
     levels: NDArray[np.float64],
 ) -> Prognosis:
     """Return the prognosis by samples of lives, with quantiles where they can be given.
@@ -184,9 +185,7 @@ def prognosis_of(
     else:
         dominant, first, own_levels = "", np.full(samples.shape[1], np.inf), np.empty(0)
         overall = RemainingLife.unknown(_ANY_LIMIT, "; ".join(sorted(set(reasons))))
-    return Prognosis(
-        at_hours, components, overall, dominant, first, duty, assumption_of(duty), own_levels
-    )
+    return Prognosis(at_hours, components, overall, dominant, first, duty, own_levels)
 
 
 def _criterion(name: str, limit: float) -> str:

@@ -119,20 +119,20 @@ class RegimeWatch:
         """Forget the tests of a component: its level has changed."""
         self._count[number] = 0
 
-    def add(self, hours: float, value: Array, noise: Array, used: NDArray[np.bool_]) -> None:
+    def add(self, hours: Array, value: Array, noise: Array, used: NDArray[np.bool_]) -> None:
         """Add a test.
 
         Parameters
         ----------
         hours
-            Its service hour [h].
+            Hours of growth of each component, ``(7,)`` [h].
         value, noise
             Signed distances from healthy and variances of their errors, ``(7,)``.
         used
             Components that it measures, ``(7,)``.
         """
         self._kept[used] = np.roll(self._kept[used], -1, axis=2)
-        self._kept[used, 0, -1] = hours
+        self._kept[used, 0, -1] = hours[used]
         self._kept[used, 1, -1] = value[used]
         self._kept[used, 2, -1] = noise[used]
         self._count = np.minimum(self._count + used, TESTS)

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import COMPONENTS, ECCENTRICITY_PHASE, FAULTS, HIGHEST, healthy_faults
 from ema_monitor.health import ONE_SIDED_95, HealthLimits
+from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.growth.cells import CONSTANT_PRIOR
 from ema_monitor.prognosis.growth.check import SAMPLES, PredictionCheck, widened, widened_lives
 from ema_monitor.prognosis.growth.fleet import GrownFault, grown_faults
@@ -85,6 +86,7 @@ class Tracker:
         self._first_hours = np.full(len(COMPONENTS), np.nan)
         self._growing = np.zeros(len(COMPONENTS), dtype=bool)
         self._phase = float(FAULTS[ECCENTRICITY_PHASE].healthy)
+        self._own_hours = np.full(len(COMPONENTS), np.nan)
         self.updates = 0
         self.hours = math.nan
 
@@ -107,6 +109,7 @@ class Tracker:
             "tests": self._tests,
             "first_hours": self._first_hours,
             "growing": self._growing,
+            "own_hours": self._own_hours,
             "figures": np.array([self._phase, self.hours, self.updates]),
         }
 
@@ -124,7 +127,7 @@ class Tracker:
         self._check.restore(state)
         self._regimes.restore(state)
         self._tests, self._first_hours = state["tests"], state["first_hours"]
-        self._growing = state["growing"]
+        self._growing, self._own_hours = state["growing"], state["own_hours"]
         phase, hours, updates = state["figures"]
         self._phase, self.hours, self.updates = float(phase), float(hours), int(updates)
 
@@ -151,8 +154,8 @@ class Tracker:
                 f"hours = {measurement.hours:g} h: expected at least those of the latest test, "
                 f"{self.hours:g} h"
             )
-        elapsed = measurement.hours - self.hours
-        self.hours = measurement.hours
+        elapsed = measurement.own_hours - self._own_hours
+        self.hours, self._own_hours = measurement.hours, measurement.own_hours
         self.updates += 1
         if not measurement.unobservable[ECCENTRICITY_PHASE]:
             self._phase = float(measurement.faults[ECCENTRICITY_PHASE])
@@ -162,7 +165,7 @@ class Tracker:
             if first is None:
                 return events
             events += self._use(first)
-            elapsed = measurement.hours - first.hours
+            elapsed = measurement.own_hours - first.own_hours
         else:
             events = []
         self._mixture.advance(elapsed)
@@ -201,7 +204,7 @@ class Tracker:
         constant = self._mixture.constant()
         begins = (constant < BEGINS_BELOW) & (self._tests >= LEAST_TESTS)
         self._growing = np.where(self._growing, constant < ENDS_ABOVE, begins)
-        events = self._changes_of_regime(measurement.hours, value, noise, plain)
+        events = self._changes_of_regime(measurement.own_hours, value, noise, plain)
         self._check.observe(measurement, plain, self._mixture.errors.factor)
         if self._check.is_due:
             self._keep_prediction()
@@ -209,7 +212,7 @@ class Tracker:
 
     def _changes_of_regime(
         self,
-        hours: float,
+        hours: NDArray[np.float64],
         value: NDArray[np.float64],
         noise: NDArray[np.float64],
         plain: NDArray[np.bool_],
@@ -237,7 +240,7 @@ class Tracker:
         rng = np.random.default_rng([1, self.updates])
         sample = draw(self._mixture.bank, SAMPLES, rng, self._mixture.waves)
         ahead = self._check.hours_ahead(self.hours)
-        away = futures(sample, ahead, rng)
+        away = futures(sample, ahead[:, None, None], rng)
         self._check.keep(self.hours + ahead, away, self._tests > 0, self._growing)
 
     def _restart(self, number: int, measurement: Measurement, keep: float) -> None:
@@ -247,7 +250,7 @@ class Tracker:
         self._regimes.restart(number)
         self._tests[number] = 0
         if keep == 0.0:
-            self._first_hours[number] = measurement.hours
+            self._first_hours[number] = measurement.own_hours[number]
             self._growing[number] = False
 
     def grown_faults(self) -> dict[str, GrownFault]:
@@ -262,7 +265,7 @@ class Tracker:
     def _rng(self) -> np.random.Generator:
         return np.random.default_rng([0, self.updates])
 
-    def predict(self, duty: float = 1.0) -> Prognosis:
+    def predict(self, duty: FutureDuty | float = 1.0) -> Prognosis:
         """Return the remaining useful life from the latest test on.
 
         Parameters
@@ -276,22 +279,24 @@ class Tracker:
         ValueError
             When the duty is not a number above 0.
         """
-        _check_duty(duty)
+        duty = FutureDuty.of(duty)
         rng = self._rng()
         sample = draw(self._mixture.bank, self._settings.samples, rng, self._mixture.waves)
-        hours = widened_lives(lives(sample, rng), self._check.widening()) / duty
+        own = widened_lives(lives(sample, rng), self._check.widening())
+        hours = duty.hours_of(own)
         mean, variance = self._mixture.moments()
         limits = [self._limits.of(name) for name in COMPONENTS]
         is_shown = self._tests > 0
         is_over = is_shown & (np.abs(mean) - ONE_SIDED_95 * np.sqrt(variance) > limits)
         hours[is_over] = 0.0
         reasons = [
-            "" if is_over[number] else self._reason_unknown(number, own * duty)
-            for number, own in enumerate(hours)
+            "" if is_over[number] else self._reason_unknown(number, one)
+            for number, one in enumerate(own)
         ]
-        return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty, sample.x)
+        levels = sample.x
+        return prognosis_of(self.hours, hours, is_shown, reasons, self._limits, duty, levels)
 
-    def _reason_unknown(self, number: int, past_hours: NDArray[np.float64]) -> str:
+    def _reason_unknown(self, number: int, own_hours: NDArray[np.float64]) -> str:
         """Return why no life of a component can be given; empty when one can."""
         tests = int(self._tests[number])
         if not tests:
@@ -299,10 +304,12 @@ class Tracker:
         if not self._growing[number]:
             constant = float(self._mixture.constant()[number])
             return growth_not_certain(constant, tests, BEGINS_BELOW, CONSTANT_PRIOR, LEAST_TESTS)
-        observed = self.hours - float(self._first_hours[number])
-        return beyond_horizon(float(np.median(past_hours)), observed, tests, self._settings)
+        observed = float(self._own_hours[number] - self._first_hours[number])
+        return beyond_horizon(float(np.median(own_hours)), observed, tests, self._settings)
 
-    def futures(self, hours: ArrayLike, n: int = 500, duty: float = 1.0) -> NDArray[np.float64]:
+    def futures(
+        self, hours: ArrayLike, n: int = 500, duty: FutureDuty | float = 1.0
+    ) -> NDArray[np.float64]:
         """Return samples of the fault vector in the future.
 
         Parameters
@@ -325,13 +332,13 @@ class Tracker:
         ValueError
             When the hours descend or are below 0, or the duty is not a number above 0.
         """
-        _check_duty(duty)
         times = np.atleast_1d(np.asarray(hours, dtype=np.float64))
         if times.ndim != 1 or not np.all(np.diff(times, prepend=0.0) >= 0.0):
             raise ValueError(f"hours = {hours} h: expected ascending numbers of at least 0")
         rng = self._rng()
         sample = draw(self._mixture.bank, n, rng, self._mixture.waves)
-        away = widened(futures(sample, times * duty, rng), self._check.widening())
+        own = FutureDuty.of(duty).own_hours(times, n)
+        away = widened(futures(sample, own, rng), self._check.widening())
         vectors = np.tile(healthy_faults(), (times.size, n, 1))
         vectors[..., INDICES] += np.moveaxis(away, 1, 2)
         vectors[..., ECCENTRICITY_PHASE] = self._phase
@@ -341,7 +348,7 @@ class Tracker:
         self,
         hours: ArrayLike,
         levels: tuple[float, ...] = (0.05, 0.25, 0.5, 0.75, 0.95),
-        duty: float = 1.0,
+        duty: FutureDuty | float = 1.0,
     ) -> Fan:
         """Return quantiles of the future of each component, for plots.
 
@@ -363,8 +370,3 @@ class Tracker:
             np.array(levels),
             {name: values[..., i] for name, i in zip(COMPONENTS, INDICES, strict=True)},
         )
-
-
-def _check_duty(duty: float) -> None:
-    if not 0.0 < duty < np.inf:
-        raise ValueError(f"duty = {duty!r}: expected a number above 0")

@@ -98,7 +98,7 @@ def _first_passages(state: NDArray[np.float64], omega: NDArray[np.float64]) -> N
 
 
 def wave_values(sample: WaveDraw, hours: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return signed distances from healthy after some hours [h], ``(k, m)``."""
+    """Return signed distances from healthy after hours of growth of each [h], ``(k, m)``."""
     x, rate, c, s = sample.state.T
-    turn = hours[:, None] * sample.omega
-    return x + rate * hours[:, None] + c * np.cos(turn) + s * np.sin(turn)
+    turn = hours * sample.omega
+    return x + rate * hours + c * np.cos(turn) + s * np.sin(turn)

@@ -77,7 +77,7 @@ class Waves:
         self.mean = np.zeros((n, k, 4))
         self.covariance = np.zeros((n, k, 4, 4))
         self._before = self.mean, self.covariance
-        self._step = np.zeros((k, 4, 4)), np.zeros((n, k, 4, 4))
+        self._step = np.zeros((n, k, 4, 4)), np.zeros((n, k, 4, 4))
         for number in range(n):
             self.restart(number, 0.0, 1.0)
         self._noise_hours = float(np.expm1(settings.process_noise**2))
@@ -125,17 +125,18 @@ class Waves:
             p[..., 0, 0] + 2.0 * p[..., 0, 2] + p[..., 2, 2],
         )
 
-    def advance(self, hours: float) -> None:
-        """Let all filters go on over some hours, above 0 [h]."""
+    def advance(self, hours: NDArray[np.float64]) -> None:
+        """Let the filters of each component go on over hours of its own, ``(7,)`` [h]."""
         self._begin()
-        k, turn = self.omega.size, self.omega * hours
+        hours = hours[:, None]
+        turn = hours * self.omega
         kept = np.exp(-turn / (2.0 * np.pi * LASTING))
-        step = np.zeros((k, 4, 4))
-        step[:, 0, 0] = step[:, 1, 1] = 1.0
-        step[:, 0, 1] = hours
-        step[:, 2, 2] = step[:, 3, 3] = kept * np.cos(turn)
-        step[:, 2, 3] = kept * np.sin(turn)
-        step[:, 3, 2] = -step[:, 2, 3]
+        step = np.zeros_like(self.covariance)
+        step[..., 0, 0] = step[..., 1, 1] = 1.0
+        step[..., 0, 1] = hours
+        step[..., 2, 2] = step[..., 3, 3] = kept * np.cos(turn)
+        step[..., 2, 3] = kept * np.sin(turn)
+        step[..., 3, 2] = -step[..., 2, 3]
         noise = np.zeros_like(self.covariance)
         rate = np.where(self.grows, self.mean[..., 1] ** 2, 0.0)
         walk = rate * _RATE_WALK**2 * hours
@@ -144,8 +145,8 @@ class Waves:
         noise[..., 1, 1] = walk
         noise[..., 2, 2] = noise[..., 3, 3] = self._wave_variance[:, None] * (1.0 - kept**2)
         self._before, self._step = (self.mean, self.covariance), (step, noise)
-        self.mean = np.einsum("kij,nkj->nki", step, self.mean)
-        self.covariance = step @ self.covariance @ np.swapaxes(step, 1, 2) + noise
+        self.mean = np.einsum("nkij,nkj->nki", step, self.mean)
+        self.covariance = step @ self.covariance @ np.swapaxes(step, 2, 3) + noise
 
     def _begin(self) -> None:
         """Let growth begin in filters without, with the probability of the settings."""
@@ -195,13 +196,13 @@ class Waves:
         """
         settings, c = self._settings, carried[plain, None]
         mean, covariance = (part[plain] for part in self._before)
-        step, noise = self._step
-        seen = (step[:, 0] + step[:, 2]) - np.stack([c, 0.0 * c, c, 0.0 * c], axis=-1)
+        step, noise = (part[plain] for part in self._step)
+        seen = (step[..., 0, :] + step[..., 2, :]) - np.stack([c, 0.0 * c, c, 0.0 * c], axis=-1)
         innovation = value[plain, None] - self.mean[plain, :, 0] - self.mean[plain, :, 2]
         innovation = innovation - c * (value_before[plain, None] - mean[..., 0] - mean[..., 2])
-        from_noise = noise[plain, :, 0] + noise[plain, :, 2]
+        from_noise = noise[..., 0, :] + noise[..., 2, :]
         spread = np.einsum("mkij,mkj->mki", covariance, seen)
-        shared = np.einsum("kij,mkj->mki", step, spread) + from_noise
+        shared = np.einsum("mkij,mkj->mki", step, spread) + from_noise
         usual = np.einsum("mki,mki->mk", seen, spread) + from_noise[..., 0] + from_noise[..., 2]
         usual = usual + fresh[plain, None]
         wide, rare = usual + settings.occasional_error**2, settings.occasional_probability

@@ -127,8 +127,8 @@ def required_life(
         return RequiredLife.unknown(reason, requirements, healths)
     if not grows and not any(map(_surely_fails, healths)):
         return RequiredLife.unknown("no significant growth", requirements, healths)
-    duty = prognosis.duty
-    horizon = min(settings.horizon_hours, settings.horizon_factor * observed_hours) / duty
+    duty = prognosis.future
+    horizon = min(settings.horizon_hours, settings.horizon_factor * observed_hours) / duty.factor
     longest = prognosis.overall.hours_95
     if 0.0 < longest < np.inf:
         horizon = min(horizon, _BEYOND * longest)

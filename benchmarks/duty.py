@@ -1,0 +1,105 @@
+"""Remaining life by damage and by hours, of friction that wears by a duty that may change.
+
+Friction is in proportion to the wear, with a process noise of 0.3 as of ``ema_sim.lives``; tests
+are ten hours apart, their telemetry covers all hours, and no law is known.
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.faults import FAULT_NAMES, N_FAULTS, FaultVector, fault_vector
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.duty.flown import FlownDuty, Share
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.prognosis.service import Service
+from ema_monitor.prognosis.settings import PrognosisSettings
+
+SEED: Final = 18_022
+INTERVAL_H: Final = 10.0
+LIMIT: Final = 0.5
+LIFE_TESTS: Final = 90
+TRAVEL: Final = 50.0
+SIGMA: Final = 0.003
+_SCORED_FROM: Final = LIFE_TESTS // 2 + 2
+
+KINDS: Final[dict[str, Callable[[np.random.Generator, NDArray[np.intp]], NDArray[np.float64]]]] = {
+    "steady": lambda rng, n: np.exp(0.2 * rng.standard_normal(n.size)),
+    "scattering": lambda rng, n: np.exp(0.8 * rng.standard_normal(n.size) - 0.32),
+    "three times as hard from half of life on": lambda rng, n: (
+        np.exp(0.2 * rng.standard_normal(n.size)) * np.where(n < LIFE_TESTS // 2, 1.0, 3.0)
+    ),
+    "a third as hard from half of life on": lambda rng, n: (
+        np.exp(0.2 * rng.standard_normal(n.size)) * np.where(n < LIFE_TESTS // 2, 1.0, 1.0 / 3.0)
+    ),
+    "missions of some 20 tests": lambda rng, n: np.repeat(
+        rng.choice([0.4, 1.0, 2.0], n.size // 20 + 1), 20
+    )[: n.size],
+}
+"""Duty of each test relative to the usual one."""
+
+
+def estimate_of(number: int, friction: float, rng: np.random.Generator) -> Estimate:
+    """Return the estimate of a test that errs."""
+    k = fault_vector(
+        {"friction": float(np.clip(friction + SIGMA * rng.standard_normal(), 0, 0.99))}
+    )
+    hidden = np.array([name == "eccentricity_phase" for name in FAULT_NAMES])
+    covariance = np.where(np.outer(hidden, hidden), np.nan, SIGMA**2 * np.eye(N_FAULTS))
+    end_ns = round((number + 1) * INTERVAL_H * 3.6e12)
+    return Estimate(
+        end_ns - 500_000_000, end_ns, "least_squares", 0, "made", FaultVector.of(k), covariance,
+        hidden, -1.0, 0.01, 1.0, 3.5, 0.01, 200, 0.05, True, "",
+    )  # fmt: skip
+
+
+def scores(kind: str, seed: int, growth_per: str, every: int) -> tuple[list[float], list[bool]]:
+    """Return accuracy and coverage at the tests from two after the change on."""
+    rng = np.random.default_rng([SEED, seed])
+    duty = KINDS[kind](rng, np.arange(4 * LIFE_TESTS))
+    noise = np.exp(0.3 * rng.standard_normal(duty.size) - 0.045)
+    friction = np.cumsum(duty * noise) * LIMIT / LIFE_TESTS
+    end = int(np.searchsorted(friction, LIMIT))
+    into = (LIMIT - friction[end - 1]) / (friction[end] - friction[end - 1])
+    settings = PrognosisSettings(service=Service(hours_per_cycle=INTERVAL_H))
+    settings = replace(settings, damage=DamageSettings(growth_per=growth_per))
+    prognostics = Prognostics(History("flap", str(seed)), settings)
+    accuracy, covered = [], []
+    for number in range(end):
+        flown = FlownDuty(INTERVAL_H, (Share(2, INTERVAL_H * TRAVEL * duty[number], 0.25),))
+        estimate = estimate_of(number, friction[number], rng)
+        outlook = prognostics.update(estimate, None, settings, flown=flown)
+        if outlook is None or number < _SCORED_FROM or number % every:
+            continue
+        life, left = outlook.rul, (end - 1 - number + into) * INTERVAL_H
+        accuracy.append(max(1.0 - abs(life.hours_50 - left) / left, 0.0) if life.known else 0.0)
+        if life.known:
+            covered.append(life.hours_05 <= left <= life.hours_95)
+    return accuracy, covered
+
+
+def main() -> None:
+    """Print the table of all kinds."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--lives", type=int, default=8, help="lives of each kind")
+    parser.add_argument("--every", type=int, default=3, help="tests from one score to the next")
+    options = parser.parse_args()
+    print("| duty | accuracy by hours | by damage | coverage by hours | by damage |")
+    print("|---|---|---|---|---|")
+    for kind in KINDS:
+        cells: dict[str, list[str]] = {"accuracy": [], "coverage": []}
+        for growth_per in ("hours", "damage"):
+            each = [scores(kind, seed, growth_per, options.every) for seed in range(options.lives)]
+            cells["accuracy"].append(f"{np.mean([np.mean(one) for one, _ in each]):.3f}")
+            cells["coverage"].append(f"{np.mean(np.concatenate([one for _, one in each])):.2f}")
+        print(f"| {kind} | {' | '.join(cells['accuracy'] + cells['coverage'])} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

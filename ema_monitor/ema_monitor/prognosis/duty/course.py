@@ -1,0 +1,182 @@
+"""Duty of a unit from test to test: hours of growth at its tests, and duty to come by the past."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_monitor.prognosis.duty.damage import MEASURE, DamageSettings, damage_row
+from ema_monitor.prognosis.duty.future import FutureDuty
+from ema_monitor.prognosis.history_entry import Entry
+from ema_monitor.prognosis.service import TimedTest
+
+REFERENCE_TESTS: Final = 10
+"""Intervals of known duty whose mean is the reference; with fewer, growth is by hours."""
+
+_FASTEST: Final = 1e3
+_LEAST_SINCE: Final = 2
+_LEAST_SPREAD: Final = 0.03
+_PATHS: Final = 100
+_STEPS: Final = 30
+_FIGURES: Final = 5
+
+
+@dataclass(frozen=True, eq=False)
+class DutyCourse:
+    """Duty of a unit in the intervals between its tests.
+
+    Attributes
+    ----------
+    settings
+        How duty does damage.
+    hours
+        Service hours of the tests [h], ``(n,)``.
+    rate
+        Wear [rad/h] and ageing [-] in an hour of each interval, ``(2, n - 1)``; NaN where not
+        known.
+    travel
+        Travel of the user shaft in an hour of each [rad/h], ``(n - 1,)``; NaN where not known.
+    reference
+        Wear and ageing in an hour at the reference duty, ``(2,)``; NaN where there is none.
+    relative
+        Hours of growth in an hour of each interval, by wear, ageing and hours, ``(3, n - 1)``.
+    """
+
+    settings: DamageSettings
+    hours: NDArray[np.float64]
+    rate: NDArray[np.float64]
+    travel: NDArray[np.float64]
+    reference: NDArray[np.float64] = field(init=False)
+    relative: NDArray[np.float64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        elapsed = np.diff(self.hours)
+        reference, relative = np.full(2, np.nan), np.ones((3, elapsed.size))
+        for number, rate in enumerate(self.rate if self.settings.growth_per == "damage" else ()):
+            first = np.flatnonzero(np.isfinite(rate))[:REFERENCE_TESTS]
+            if first.size < REFERENCE_TESTS or not np.any(rate[first] > 0.0):
+                continue
+            reference[number] = np.average(rate[first], weights=elapsed[first])
+            own = np.minimum(rate / reference[number], _FASTEST)
+            # An interval without known duty is as the one before; the first ones as the reference.
+            latest = np.maximum.accumulate(np.where(np.isfinite(own), np.arange(own.size), -1))
+            relative[number] = np.where(latest < 0, 1.0, own[latest])
+        object.__setattr__(self, "reference", reference)
+        object.__setattr__(self, "relative", relative)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether any growth is counted by damage."""
+        return bool(np.isfinite(self.reference).any())
+
+    @property
+    def own_hours(self) -> NDArray[np.float64]:
+        """Hours of growth of each component at the tests [h], ``(n, 7)``."""
+        grown = np.cumsum(self.relative * np.diff(self.hours), axis=1)
+        own = np.concatenate([np.zeros((3, 1)), grown], axis=1) + self.hours[0]
+        own[~np.append(np.isfinite(self.reference), False)] = self.hours
+        return own[MEASURE].T
+
+    @property
+    def _since(self) -> int:
+        """Number of the first interval since the latest change of the duty."""
+        known = np.isfinite(self.reference)
+        return max((latest_change(one) for one in self.relative[:2][known]), default=0)
+
+    @property
+    def present(self) -> NDArray[np.float64]:
+        """Hours of growth of each component in an hour since the latest change, ``(7,)`` [-]."""
+        since = self._since
+        elapsed = np.diff(self.hours)[since:]
+        return np.average(self.relative[:, since:], axis=1, weights=elapsed)[MEASURE]
+
+    def lately(self, figure: NDArray[np.float64]) -> float:
+        """Return the mean of a figure of the intervals since the latest change; NaN without any."""
+        recent, elapsed = figure[self._since :], np.diff(self.hours)[self._since :]
+        known = np.isfinite(recent)
+        return float(np.average(recent[known], weights=elapsed[known])) if known.any() else np.nan
+
+    def as_flown(self, factor: float) -> FutureDuty:
+        """Return the duty to come by that since its latest change, drawn from it (P24).
+
+        Parameters
+        ----------
+        factor
+            Growth beside it [-].
+        """
+        since = self._since
+        words = f"future duty as flown since {self.hours[since]:.6g} h"
+        rng = np.random.default_rng([1, self.hours.size])
+        known = since + np.flatnonzero(np.diff(self.hours)[since:] > 0.0)
+        # Whole stretches of the past: what follows one another is alike.
+        length = max(round(np.sqrt(known.size)), 1)
+        elapsed = np.diff(self.hours)[known]
+        growth = self.relative[:, known] * elapsed
+        start = rng.integers(known.size - length + 1, size=(_PATHS, _STEPS))
+        passed = np.cumsum(np.concatenate([elapsed[None], growth]), axis=1)
+        passed = np.concatenate([np.zeros((4, 1)), passed], axis=1)
+        steps = passed[:, start + length] - passed[:, start]
+        return FutureDuty(factor, steps[0], steps[1:][MEASURE], words)
+
+
+def latest_change(relative: NDArray[np.float64]) -> int:
+    """Return the number of the first interval since the latest change of a duty.
+
+    Where two means explain the logarithm of the duty much better than one, what was before is left,
+    and what is after looked at in the same way (binary segmentation, Scott and Knott 1974). A
+    change has to raise the logarithm of the likelihood by 2 ln n, and to show in two intervals.
+
+    Parameters
+    ----------
+    relative
+        Duty of the intervals, ``(n,)`` [-].
+    """
+    since = 0
+    value = np.log(np.maximum(relative, 1.0 / _FASTEST))
+    while value.size - since > 2 * _LEAST_SINCE:
+        part = value[since:]
+        size = part.size
+        number = np.arange(_LEAST_SINCE, size - _LEAST_SINCE + 1)
+        first = np.cumsum(part)[number - 1]
+        second = part.sum() - first
+        between = first**2 / number + second**2 / (size - number) - part.sum() ** 2 / size
+        best = int(np.argmax(between))
+        total = max(float(np.sum((part - part.mean()) ** 2)), size * _LEAST_SPREAD**2)
+        within = max(total - between[best], size * _LEAST_SPREAD**2)
+        if size * np.log(total / within) < 4.0 * np.log(size):
+            break
+        since += int(number[best])
+    return since
+
+
+class DutyRecord:
+    """Damage in the tests of a unit, from which its course follows for those that are used."""
+
+    def __init__(self, settings: DamageSettings) -> None:
+        self._settings = settings
+        self._place: dict[int, int] = {}
+        self._passed = np.zeros((1, _FIGURES))
+
+    def add(self, entry: Entry) -> None:
+        """Add the next test."""
+        row = self._passed[-1] + damage_row(entry.flown, self._settings)
+        self._passed = np.vstack([self._passed, row])
+        self._place[entry.stamp_ns] = len(self._passed) - 1
+
+    def course(self, used: Sequence[TimedTest]) -> DutyCourse | None:
+        """Return the duty between tests in the order of their hours; None without any known."""
+        if len(used) <= REFERENCE_TESTS or not self._passed[-1, 0]:
+            return None
+        hours = np.array([test.hours for test in used])
+        passed = self._passed[[self._place[test.entry.stamp_ns] for test in used]]
+        (telemetry, travel, wear, warm, ageing), elapsed = np.diff(passed, axis=0).T, np.diff(hours)
+        least = np.maximum(self._settings.least_coverage * elapsed, 1e-12)
+        # Beyond the hours in service the unit moved on the ground; what is not covered was alike.
+        within = np.where((telemetry >= least) & (elapsed > 0.0), telemetry, np.nan)
+        within = np.minimum(within, elapsed)
+        known = np.where((warm >= least) & (elapsed > 0.0), warm, np.nan)
+        rate = np.stack([wear / within, ageing / known])
+        course = DutyCourse(self._settings, hours, rate, travel / within)
+        return course if course.is_known else None

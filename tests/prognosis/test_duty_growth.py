@@ -1,0 +1,242 @@
+"""Growth by damage: hours of growth go by the duty flown, and lives by the duty to come."""
+
+from dataclasses import replace
+from statistics import mean
+
+import numpy as np
+import pytest
+
+from ema_monitor.prognosis.duty.course import REFERENCE_TESTS, DutyCourse, latest_change
+from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.duty.flown import FlownDuty
+from ema_monitor.prognosis.duty.future import FutureDuty
+from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
+from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.prognostics import Prognostics
+
+from .flown_lives import (
+    BY_DAMAGE,
+    BY_HOURS,
+    INTERVAL_H,
+    UNIT,
+    flies,
+    flown,
+    harder_from,
+    travelled,
+)
+from .lived_units import plain
+from .tracked_lives import of
+
+LIMIT = 0.5
+NUMBER_OF = {"friction": 0, "backlash": 1, "short_circuit_a": 2, "eccentricity": 5, "gain": 6}
+
+
+def worn_at(test: int, *, harder_at: int, seed: int) -> float:
+    """Friction in proportion to the travel: at its limit after 90 tests as in the first."""
+    way = travelled(harder_from(harder_at, seed=seed), 200)
+    return LIMIT * way[test] / (90 * INTERVAL_H * 50.0)
+
+
+def life_tests(harder_at: int, seed: int) -> int:
+    way = travelled(harder_from(harder_at, seed=seed), 200)
+    return int(np.searchsorted(way, 90 * INTERVAL_H * 50.0))
+
+
+@pytest.mark.slow
+def test_unit_flown_harder_from_half_of_its_life_on_is_predicted_better_by_damage():
+    """From five tests after the change on; the errors are of the median, over the hours left."""
+    errors: dict[str, list[float]] = {"damage": [], "hours": []}
+    covered = []
+    for seed in range(4):
+        end = life_tests(45, seed)
+        friction = [worn_at(n, harder_at=45, seed=seed) for n in range(end)]
+        for name, settings in (("damage", BY_DAMAGE), ("hours", BY_HOURS)):
+            duty = harder_from(45, seed=seed)
+            _, outlooks = flies(end, duty, friction.__getitem__, settings, seed=seed)
+            for number in range(46, end - 1):
+                life, left = outlooks[number].rul, (end - number - 0.5) * INTERVAL_H
+                error = abs(life.hours_50 - left) / left if life.known else 1.0
+                errors[name].append(min(error, 1.0))
+                if name == "damage":
+                    covered.append(life.known and life.hours_05 <= left <= life.hours_95)
+    print({name: mean(each) for name, each in errors.items()}, mean(covered))
+    assert mean(errors["damage"]) < 0.8 * mean(errors["hours"])
+    assert mean(covered) > 0.7
+
+
+def test_growth_is_by_hours_where_telemetry_covers_tests_alone():
+    """A test of a second each ten hours says nothing of what was flown between them."""
+
+    def friction(number: int) -> float:
+        return 0.01 * number
+
+    def told(_: int) -> FlownDuty:
+        return replace(flown(50.0), hours=1.0 / 3600.0)
+
+    with_telemetry, outlooks = flies(15, harder_from(5), friction, told=told)
+    assert with_telemetry.growth.duty is None
+    _, without = flies(15, harder_from(5), friction, BY_HOURS)
+    assert plain(outlooks[-1]) == plain(without[-1])
+
+
+def test_hours_of_growth_are_those_at_the_mean_duty_of_the_first_tests():
+    def friction(number: int) -> float:
+        return 0.005 * number
+
+    prognostics, _ = flies(31, lambda n: flown(50.0 if n <= 15 else 100.0), friction)
+    course = prognostics.growth.duty
+    assert course is not None
+    own = course.own_hours
+    assert own[15] == pytest.approx(np.full(7, 160.0))
+    # Twice the travel at the same load is twice the wear; the others go by hours.
+    assert own[30, NUMBER_OF["friction"]] == pytest.approx(160.0 + 2.0 * 150.0)
+    assert own[30, NUMBER_OF["backlash"]] == pytest.approx(160.0 + 2.0 * 150.0)
+    for name in ("short_circuit_a", "eccentricity", "gain"):
+        assert own[30, NUMBER_OF[name]] == 310.0
+    trend = of(prognostics.growth.tracker, "friction").trend
+    assert trend == pytest.approx(0.005 / INTERVAL_H, rel=0.6)
+
+
+def test_wear_goes_by_the_power_of_the_load():
+    cubic = replace(BY_DAMAGE, damage=DamageSettings(wear_exponent=3.0))
+
+    def duty(n: int) -> FlownDuty:
+        return flown(50.0, 0.25 if n <= 15 else 0.5)
+
+    prognostics, _ = flies(31, duty, lambda n: 0.005 * n, cubic)
+    assert prognostics.growth.duty is not None
+    own = prognostics.growth.duty.own_hours[30, NUMBER_OF["friction"]]
+    assert own == pytest.approx(160.0 + 8.0 * 150.0)
+
+
+def test_insulation_ages_twice_as_fast_by_ten_kelvin_at_130_degc():
+    """Montsinger's rule, which an activation energy of 1 eV gives there."""
+
+    def duty(n: int) -> FlownDuty:
+        return flown(50.0, rise=105.0 if n <= 15 else 115.0)
+
+    prognostics, _ = flies(31, duty, lambda n: 0.005 * n)
+    assert prognostics.growth.duty is not None
+    own = prognostics.growth.duty.own_hours[30]
+    assert own[NUMBER_OF["short_circuit_a"]] == pytest.approx(160.0 + 2.0 * 150.0, rel=0.03)
+    assert own[NUMBER_OF["friction"]] == pytest.approx(310.0)
+
+
+def test_interval_without_known_duty_is_as_the_one_before():
+    def told(number: int) -> FlownDuty:
+        one = flown(50.0 if number <= 15 else 100.0)
+        return FlownDuty() if number == 20 else one
+
+    prognostics, _ = flies(31, told, lambda n: 0.005 * n)
+    assert prognostics.growth.duty is not None
+    own = prognostics.growth.duty.own_hours[30, NUMBER_OF["friction"]]
+    assert own == pytest.approx(160.0 + 2.0 * 150.0)
+
+
+def course(*relative: float) -> DutyCourse:
+    """Ten hours at each of these relative wears, after those at 1 that make a reference."""
+    wear = np.array([1.0] * REFERENCE_TESTS + list(relative))
+    hours = np.arange(wear.size + 1) * np.float64(INTERVAL_H)
+    rate = np.stack([wear, np.full(wear.size, np.nan)])
+    return DutyCourse(DamageSettings(), hours, rate, 4.0 * wear)
+
+
+def test_duty_to_come_is_drawn_from_the_past_and_widens_the_life():
+    """Of lives of 400 h of growth without any spread: the spread is that of the duty."""
+    own = np.full((7, 2000), 400.0)
+    steady = course(*[1.0] * 30).as_flown(1.0).hours_of(own)[0]
+    rng = np.random.default_rng(1)
+    varied = course(*np.exp(0.8 * rng.standard_normal(40))).as_flown(1.0)
+    hours = varied.hours_of(own)
+    assert steady == pytest.approx(400.0)
+    assert np.ptp(np.quantile(hours[0], [0.05, 0.95])) > 100.0
+    assert np.quantile(hours[0], [0.05, 0.95]).mean() == pytest.approx(
+        400.0 / varied.rates[0], rel=0.2
+    )
+    assert hours[NUMBER_OF["gain"]] == pytest.approx(400.0)
+
+
+def test_hours_of_service_and_of_growth_are_each_other_inverted():
+    future = course(*np.random.default_rng(2).uniform(0.2, 3.0, 40)).as_flown(1.7)
+    hours = np.array([1.0, 50.0, 400.0, 1e4, 1e5])
+    own = future.own_hours(hours, 200)
+    assert own.shape == (5, 7, 200)
+    for given, grown in zip(hours, own, strict=True):
+        assert future.hours_of(grown) == pytest.approx(np.full((7, 200), given))
+    assert future.hours_of(np.array([[0.0, np.inf]] * 7)).tolist() == [[0.0, np.inf]] * 7
+
+
+def test_duty_to_come_is_that_since_the_latest_change():
+    recent = course(*[1.0] * 40, *[3.0] * 5, *[2.0] * 2)
+    assert recent.as_flown(1.0).rates[0] == pytest.approx(2.0)
+    assert recent.present[0] == pytest.approx(2.0)
+    assert recent.lately(recent.travel) == pytest.approx(8.0)
+    assert str(recent.as_flown(1.0)) == "future duty as flown since 550 h"
+
+
+def test_scatter_is_no_change_of_the_duty():
+    """Of a thousand duties of a hundred intervals that scatter at random, few seem to change."""
+    rng = np.random.default_rng(3)
+    changes = sum(latest_change(np.exp(rng.standard_normal(100))) > 0 for _ in range(1000))
+    assert changes <= 10
+
+
+def worn(settings=BY_DAMAGE) -> Prognostics:
+    return flies(40, lambda _: flown(50.0, rise=80.0), lambda n: 0.008 * n, settings)[0]
+
+
+def test_scenarios_are_lives_at_their_duty():
+    """Friction ends life; half of its travel doubles it, and the temperature changes nothing."""
+    prognostics = worn()
+    asked = {
+        "as flown": Scenario("as flown"),
+        "idle": Scenario("idle", travel_per_hour=25.0, hours_per_day=5.0),
+        "loads": Scenario("loads", loads={0.5: 0.5, 0.25: 0.5}),
+        "hot": Scenario("hot", winding={120.0: 1.0}),
+        "twice": Scenario("twice", duty=2.0, hours_per_cycle=5.0),
+    }
+    now = prognostics.outlook(None, BY_DAMAGE)
+    told = {name: prognostics.under(one, None, BY_DAMAGE) for name, one in asked.items()}
+    assert plain(told["as flown"]) == plain(now)
+    expected = {"idle": 2.0, "loads": 1.0 / 1.5, "hot": 1.0, "twice": 0.5}
+    for name, ratio in expected.items():
+        assert told[name].rul.known
+        assert told[name].dominant == "friction"
+        assert told[name].rul.hours_50 == pytest.approx(ratio * now.rul.hours_50, rel=0.02), name
+    assert told["idle"].removal.days == pytest.approx(told["idle"].removal.hours / 5.0)
+    assert told["twice"].removal.cycles == pytest.approx(told["twice"].removal.hours / 5.0)
+    assert "25 rad/h" in told["idle"].assumption
+    assert plain(prognostics.outlook(None, BY_DAMAGE)) == plain(now)
+
+
+def test_scenario_that_nothing_flown_is_known_to_compare_with_has_an_unknown_life():
+    asked = Scenario("idle", travel_per_hour=25.0)
+    told = worn(BY_HOURS).under(asked, None, BY_HOURS)
+    assert not told.rul.known
+    assert "its duty so far is not known" in told.rul.reason
+    with pytest.raises(NotComparableError, match="the temperature of its winding so far"):
+        Scenario("hot", winding={120.0: 1.0}).future(course(1.0), 1.0)
+    twice = worn(BY_HOURS).under(Scenario("twice", duty=2.0), None, BY_HOURS)
+    assert twice.rul.known
+
+
+def test_restart_finds_the_same_growth(tmp_path):
+
+    prognostics = worn()
+    path = tmp_path / "flap.sqlite"
+    kept = History(*UNIT, path)
+    for entry in prognostics.history.entries:
+        kept.append(entry)
+    kept.close()
+    again = Prognostics(History(*UNIT, path), BY_DAMAGE)
+    assert [one.flown for one in again.history.entries] == [
+        one.flown for one in prognostics.history.entries
+    ]
+    assert plain(again.outlook(None, BY_DAMAGE)) == plain(prognostics.outlook(None, BY_DAMAGE))
+
+
+def test_duty_of_a_factor_alone_divides_lives():
+    own = np.random.default_rng(0).uniform(0.0, 1e3, (7, 10))
+    assert np.array_equal(FutureDuty.steady(4.0).hours_of(own), own / 4.0)
+    with pytest.raises(ValueError, match=r"duty = 0.0: expected a number above 0"):
+        FutureDuty.steady(0.0)

@@ -1,0 +1,160 @@
+"""Lives under scenarios of future duty: of a live monitor, and of the same tests from a bag."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from ema_cli.bags.source_options import Source
+from ema_cli.bags.unit_course import follow
+from ema_cli.bags.unit_record import UnitRecord, read_unit
+from ema_cli.commands.estimate import estimate_windows
+from ema_cli.identification_options import IdentificationOptions
+from ema_cli.main import main
+from ema_core.faults import fault_vector
+from ema_core.telemetry import Telemetry
+from ema_interfaces.msg import DutyScenario, Usage
+from ema_interfaces.srv import PredictRemainingLife
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.node.scenario_messages import scenario_to_message, scenarios_from_messages
+from ema_monitor.prognosis.duty.course import REFERENCE_TESTS
+from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.windows.trigger import TriggerSettings
+from ema_recording.actuator_bag import SimulatedActuatorBag
+from ema_recording.writer import BagWriter
+from ema_ros import topics
+from ema_ros.stamps import stamp_to_message
+from ema_sim.actuator import SimulatedActuator
+
+from .monitor_session import CYCLE, FLAP, START_NS, MonitorSession, monitor
+from .mounted_units import mount
+from .worn_actuator import SERVICE
+
+TESTS = REFERENCE_TESTS + 4
+COVERAGE = 1e-5
+"""Telemetry of a test of some seconds stands for the hours between tests."""
+SCENARIOS = [
+    DutyScenario(name="as flown"),
+    DutyScenario(name="idle", travel_per_hour=1.0, hours_per_cycle=2.0, hours_per_day=4.0),
+    DutyScenario(name="loads", loads=[0.1, 0.8], load_shares=[0.5, 0.5], duty=1.5),
+    DutyScenario(name="hot", winding_temperatures=[120.0], winding_shares=[1.0]),
+]
+
+
+@pytest.fixture(scope="module")
+def tests() -> list[tuple[Telemetry, Usage]]:
+    """Tests of an actuator whose friction grows."""
+    actuator = SimulatedActuator(stamp_ns=START_NS)
+    told = []
+    for number in range(TESTS):
+        actuator.faults = fault_vector({"friction": 0.1 + 0.02 * number})
+        block = actuator.advance(CYCLE.samples)
+        hours = 12.0 * number + number % 3
+        usage = Usage(actuator_id=FLAP.actuator_id, flight_hours=hours, cycles=100 + number)
+        usage.header.stamp = stamp_to_message(block.stamp_ns)
+        told.append((block, usage))
+    return told
+
+
+@pytest.fixture(scope="module")
+def record(tests, tmp_path_factory) -> UnitRecord:
+    path = tmp_path_factory.mktemp("flown") / "life.mcap"
+    with BagWriter(path) as writer, SimulatedActuatorBag(writer, FLAP) as bag:
+        for block, usage in tests:
+            writer.write(f"{topics.NAMESPACE}/{topics.USAGE}", usage, block.stamp_ns)
+            bag.write_block(block, 0.0)
+    trigger = TriggerSettings()
+    return read_unit([path], Source(None, None, trigger.threshold, trigger.rest_s, None))
+
+
+@pytest.fixture(scope="module")
+def session(tests) -> Iterator[MonitorSession]:
+    """A monitor that has heard all of the tests."""
+    with monitor({"damage.least_coverage": COVERAGE}) as running:
+        mount(running, FLAP)
+        for _, usage in tests:
+            running.send(topics.USAGE, usage)
+        # Once the last count is complained of, all before it have been heard.
+        running.send(topics.USAGE, Usage(actuator_id=FLAP.actuator_id, flight_hours=-5.0))
+        running.until_status("flap telemetry", "flight_hours = -5 h")
+        for number, (block, _) in enumerate(tests):
+            running.feed([block])
+            running.until(lambda n=number: len(running.healths()) > n)
+        yield running
+
+
+def asked(session: MonitorSession, *scenarios: DutyScenario):
+    request = PredictRemainingLife.Request(duty=1.0, scenarios=list(scenarios))
+    return session.call(PredictRemainingLife, SERVICE, request)
+
+
+def test_live_and_offline_answers_are_equal_to_the_last_digit(session, record):
+    live = asked(session, *SCENARIOS)
+    assert live.success, live.message
+    calibration = Calibration.builtin()
+    options = IdentificationOptions(SearchSettings(), None)
+    estimates = estimate_windows(record.windows, calibration, options)
+    asked_offline = scenarios_from_messages(SCENARIOS)
+    settings = PrognosisSettings(damage=DamageSettings(least_coverage=COVERAGE))
+    parameters = calibration.unit_parameters
+    course = follow(record, estimates, parameters, settings, asked_offline)
+    told = [scenario_to_message(*one) for one in course.scenarios]
+    assert [str(one) for one in told] == [str(one) for one in live.scenarios]
+    assert course.growth.duty is not None
+    assert "as flown since" in live.health.assumption
+    lives = {one.name: one for one in told}
+    assert str(lives["as flown"].rul) == str(live.health.rul)
+    assert live.health.rul.known
+    assert lives["idle"].rul.known
+    assert lives["idle"].rul.hours_50 > lives["as flown"].rul.hours_50
+    assert lives["idle"].days_50 == pytest.approx(lives["idle"].rul.hours_50 / 4.0)
+    assert lives["idle"].rul.cycles_50 == pytest.approx(lives["idle"].rul.hours_50 / 2.0)
+    assert lives["loads"].rul.known
+    assert not lives["hot"].rul.known
+    assert "the temperature of its winding so far is not known" in lives["hot"].rul.reason
+
+
+@pytest.mark.parametrize(
+    ("scenarios", "texts"),
+    [
+        ([DutyScenario()], ["scenario 1", "name = ''"]),
+        ([DutyScenario(name="a", duty=0.0)], ["scenario 1", "duty = 0", "[0.001, 1000]"]),
+        ([DutyScenario(name="a", loads=[0.1])], ["loads", "0 shares of 1 values"]),
+        (
+            [DutyScenario(name="a", loads=[0.1, 0.1], load_shares=[0.5, 0.5])],
+            ["loads = [0.1, 0.1]", "each value once"],
+        ),
+        (
+            [DutyScenario(name="a", winding_temperatures=[1e3], winding_shares=[1.0])],
+            ["winding", "1000.0", "[-60, 300] degC"],
+        ),
+        ([DutyScenario(name="a"), DutyScenario(name="a")], ["name = 'a'", "expected once"]),
+        ([DutyScenario(name=str(n)) for n in range(21)], ["21 scenarios", "at most 20"]),
+    ],
+)
+def test_wrong_scenarios_are_refused_by_name(
+    session: MonitorSession, scenarios: list[DutyScenario], texts: list[str]
+):
+    answer = asked(session, *scenarios)
+    assert not answer.success
+    assert all(text in answer.message for text in texts), answer.message
+
+
+def ema(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(main, [str(one) for one in arguments])
+
+
+def test_command_prints_lives_under_scenarios(record: UnitRecord, tmp_path: Path):
+    [bag] = set(record.bags.values())
+    file = tmp_path / "scenarios.yaml"
+    file.write_text("scenarios: [{name: as flown}, {name: idle, travel_per_hour: 1}]")
+    result = ema("prognose", bag, "--scenarios", file, "--damage", f"least_coverage={COVERAGE}")
+    assert result.exit_code == 0, result.stderr
+    assert all(text in result.stdout for text in ("idle", "as flown", "RUL [days]"))
+    file.write_text("scenarios: [{name: idle, travel_per_hour: far}]")
+    refused = ema("prognose", bag, "--scenarios", file)
+    assert refused.exit_code == 1
+    assert "travel_per_hour = 'far'" in refused.stderr
