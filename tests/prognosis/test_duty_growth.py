@@ -6,7 +6,11 @@ from statistics import mean
 import numpy as np
 import pytest
 
-from ema_monitor.prognosis.duty.course import REFERENCE_TESTS, DutyCourse, latest_change
+from ema_monitor.prognosis.duty.course import (
+    REFERENCE_TESTS,
+    DutyCourse,
+    duty_changes,
+)
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.duty.flown import FlownDuty
 from ema_monitor.prognosis.duty.future import FutureDuty
@@ -166,18 +170,32 @@ def test_hours_of_service_and_of_growth_are_each_other_inverted():
     assert future.hours_of(np.array([[0.0, np.inf]] * 7)).tolist() == [[0.0, np.inf]] * 7
 
 
-def test_duty_to_come_is_that_since_the_latest_change():
+def test_duty_to_come_begins_as_since_the_latest_change():
     recent = course(*[1.0] * 40, *[3.0] * 5, *[2.0] * 2)
-    assert recent.as_flown(1.0).rates[0] == pytest.approx(2.0)
+    future = recent.as_flown(1.0)
+    soon, late = np.mean(future.own_hours(np.array([5.0, 2000.0]), 100)[:, 0], axis=-1)
+    assert soon == pytest.approx(5.0 * 2.0, rel=0.05)
+    # It changed twice in 570 h: it lasts 285 h in the mean, and is then as in all of the past.
+    assert late == pytest.approx(285.0 * 2.0 + 1715.0 * (50.0 + 15.0 + 4.0) / 57.0, rel=0.1)
     assert recent.present[0] == pytest.approx(2.0)
     assert recent.lately(recent.travel) == pytest.approx(8.0)
-    assert str(recent.as_flown(1.0)) == "future duty as flown since 550 h"
+    expected = "future duty as flown since 550 h, and changing as often as it did (2 times)"
+    assert str(future) == expected
+    steady = course(*[1.0] * 40)
+    assert str(steady.as_flown(1.0)) == "future duty as flown since 0 h"
+
+
+def test_changes_of_a_duty_are_found_also_where_it_comes_back():
+    missions = np.repeat([1.0, 3.0, 1.0, 3.0], 20)
+    noise = np.exp(0.1 * np.random.default_rng(0).standard_normal(80))
+    found = [duty_changes(missions[:n] * noise[:n]).tolist() for n in (20, 40, 60, 80)]
+    assert found == [[], [20], [20, 40], [20, 40, 60]]
 
 
 def test_scatter_is_no_change_of_the_duty():
     """Of a thousand duties of a hundred intervals that scatter at random, few seem to change."""
     rng = np.random.default_rng(3)
-    changes = sum(latest_change(np.exp(rng.standard_normal(100))) > 0 for _ in range(1000))
+    changes = sum(duty_changes(np.exp(rng.standard_normal(100))).size > 0 for _ in range(1000))
     assert changes <= 10
 
 

@@ -28,7 +28,9 @@ def changes(
     fresh = np.sqrt(1.0 - noise.correlation**2)
     for test in range(tests):
         value = np.full(len(COMPONENTS), level(10.0 * test) + error)
-        watch.add(np.full(len(COMPONENTS), 10.0 * test), value, np.full(len(COMPONENTS), SIGMA**2), used)
+        watch.add(
+            np.full(len(COMPONENTS), 10.0 * test), value, np.full(len(COMPONENTS), SIGMA**2), used
+        )
         if (change := watch.judge(FRICTION, noise)) is not None:
             found.append((test, change))
         error = noise.correlation * error + fresh * SIGMA * rng.standard_normal()

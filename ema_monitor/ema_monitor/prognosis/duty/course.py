@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ema_core.wording import counted
 from ema_monitor.prognosis.duty.damage import MEASURE, DamageSettings, damage_row
 from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.history_entry import Entry
@@ -18,6 +20,10 @@ REFERENCE_TESTS: Final = 10
 _FASTEST: Final = 1e3
 _LEAST_SINCE: Final = 2
 _LEAST_SPREAD: Final = 0.03
+_MOST_CUT: Final = 1000
+_SIGMA_OF_MEDIAN: Final = 1.4826 / np.sqrt(2.0)
+"""Standard deviation over the median magnitude of differences, of independent normal values."""
+
 _PATHS: Final = 100
 _STEPS: Final = 30
 _FIGURES: Final = 5
@@ -79,11 +85,17 @@ class DutyCourse:
         own[~np.append(np.isfinite(self.reference), False)] = self.hours
         return own[MEASURE].T
 
+    @cached_property
+    def _changes(self) -> NDArray[np.intp]:
+        """Numbers of the first intervals after changes, of the measure with the latest one."""
+        known = np.isfinite(self.reference)
+        found = [duty_changes(one) for one in self.relative[:2][known]]
+        return max(found, key=lambda one: (one[-1:].sum(), one.size), default=np.empty(0, np.intp))
+
     @property
     def _since(self) -> int:
         """Number of the first interval since the latest change of the duty."""
-        known = np.isfinite(self.reference)
-        return max((latest_change(one) for one in self.relative[:2][known]), default=0)
+        return int(self._changes[-1:].sum())
 
     @property
     def present(self) -> NDArray[np.float64]:
@@ -99,7 +111,10 @@ class DutyCourse:
         return float(np.average(recent[known], weights=elapsed[known])) if known.any() else np.nan
 
     def as_flown(self, factor: float) -> FutureDuty:
-        """Return the duty to come by that since its latest change, drawn from it (P24).
+        """Return the duty to come, drawn from that flown (P24).
+
+        Each path begins as since the latest change, and goes on as in all of the past after a time
+        that is exponentially distributed with the mean of the times between changes.
 
         Parameters
         ----------
@@ -109,6 +124,20 @@ class DutyCourse:
         since = self._since
         words = f"future duty as flown since {self.hours[since]:.6g} h"
         rng = np.random.default_rng([1, self.hours.size])
+        steps = self._drawn_since(since, rng)
+        if changes := self._changes.size:
+            words += f", and changing as often as it did ({counted(changes, 'time')})"
+            lasting = rng.exponential(self.hours[-1] - self.hours[0], size=(_PATHS, 1)) / changes
+            steps = np.where(np.cumsum(steps[0], axis=1) <= lasting, steps, 0.0)
+            # Where the steps do not last as long, the duty goes on as in their mean.
+            drawn = steps.sum(axis=2, keepdims=True)
+            mean = drawn / np.maximum(drawn[0], 1e-12)
+            left = np.where(steps[0, :, -1:] > 0.0, lasting - drawn[0], 0.0) * mean
+            steps = np.concatenate([steps, left, self._drawn_since(0, rng)], axis=2)
+        return FutureDuty(factor, steps[0], steps[1:][MEASURE], words)
+
+    def _drawn_since(self, since: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Return hours of service, and of growth by measure, of steps, ``(4, p, s)`` [h]."""
         known = since + np.flatnonzero(np.diff(self.hours)[since:] > 0.0)
         # Whole stretches of the past: what follows one another is alike.
         length = max(round(np.sqrt(known.size)), 1)
@@ -117,38 +146,42 @@ class DutyCourse:
         start = rng.integers(known.size - length + 1, size=(_PATHS, _STEPS))
         passed = np.cumsum(np.concatenate([elapsed[None], growth]), axis=1)
         passed = np.concatenate([np.zeros((4, 1)), passed], axis=1)
-        steps = passed[:, start + length] - passed[:, start]
-        return FutureDuty(factor, steps[0], steps[1:][MEASURE], words)
+        return passed[:, start + length] - passed[:, start]
 
 
-def latest_change(relative: NDArray[np.float64]) -> int:
-    """Return the number of the first interval since the latest change of a duty.
+def duty_changes(relative: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the numbers of the first intervals after changes of a duty, in their order.
 
-    Where two means explain the logarithm of the duty much better than one, what was before is left,
-    and what is after looked at in the same way (binary segmentation, Scott and Knott 1974). A
-    change has to raise the logarithm of the likelihood by 2 ln n, and to show in two intervals.
+    The logarithm of the duty is cut into parts of the least sum of squares about their means, in
+    units of its scatter from one interval to the next, and 4 ln n for each of its n intervals'
+    cuts (optimal partitioning, Jackson et al. 2005). A part has two intervals at least.
 
     Parameters
     ----------
     relative
-        Duty of the intervals, ``(n,)`` [-].
+        Duty of the intervals, ``(n,)`` [-]; the latest thousand are looked at.
     """
-    since = 0
-    value = np.log(np.maximum(relative, 1.0 / _FASTEST))
-    while value.size - since > 2 * _LEAST_SINCE:
-        part = value[since:]
-        size = part.size
-        number = np.arange(_LEAST_SINCE, size - _LEAST_SINCE + 1)
-        first = np.cumsum(part)[number - 1]
-        second = part.sum() - first
-        between = first**2 / number + second**2 / (size - number) - part.sum() ** 2 / size
-        best = int(np.argmax(between))
-        total = max(float(np.sum((part - part.mean()) ** 2)), size * _LEAST_SPREAD**2)
-        within = max(total - between[best], size * _LEAST_SPREAD**2)
-        if size * np.log(total / within) < 4.0 * np.log(size):
-            break
-        since += int(number[best])
-    return since
+    before = max(relative.size - _MOST_CUT, 0)
+    value = np.log(np.maximum(relative[before:], 1.0 / _FASTEST))
+    size = value.size
+    if size < 2 * _LEAST_SINCE:
+        return np.empty(0, np.intp)
+    scatter = np.median(np.abs(np.diff(value))) * _SIGMA_OF_MEDIAN
+    value /= max(float(scatter), _LEAST_SPREAD)
+    sums, squares = (np.concatenate([[0.0], np.cumsum(one)]) for one in (value, value**2))
+    cost, cut = np.full(size + 1, np.inf), np.zeros(size + 1, np.intp)
+    cost[0] = 0.0
+    for end in range(_LEAST_SINCE, size + 1):
+        first = np.arange(end - _LEAST_SINCE + 1)
+        within = squares[end] - squares[first] - (sums[end] - sums[first]) ** 2 / (end - first)
+        total = cost[first] + within
+        cut[end] = np.argmin(total)
+        cost[end] = total[cut[end]] + 4.0 * np.log(size)
+    found, end = [], cut[size]
+    while end:
+        found.append(before + end)
+        end = cut[end]
+    return np.array(found[::-1], np.intp)
 
 
 class DutyRecord:
