@@ -1,5 +1,6 @@
 """Growth by damage: hours of growth go by the duty flown, and lives by the duty to come."""
 
+import math
 from dataclasses import replace
 from statistics import mean
 
@@ -175,14 +176,21 @@ def test_duty_to_come_begins_as_since_the_latest_change():
     future = recent.as_flown(1.0)
     soon, late = np.mean(future.own_hours(np.array([5.0, 2000.0]), 100)[:, 0], axis=-1)
     assert soon == pytest.approx(5.0 * 2.0, rel=0.05)
-    # It changed twice in 570 h: it lasts 285 h in the mean, and is then as in all of the past.
-    assert late == pytest.approx(285.0 * 2.0 + 1715.0 * (50.0 + 15.0 + 4.0) / 57.0, rel=0.1)
+    # It changed twice in 570 h: it lasts as long in the mean, and is then as in all of the past.
+    lasts = 570.0 * (1.0 - math.exp(-2000.0 / 570.0))
+    assert late == pytest.approx(
+        lasts * 2.0 + (2000.0 - lasts) * (50.0 + 15.0 + 4.0) / 57.0, rel=0.1
+    )
     assert recent.present[0] == pytest.approx(2.0)
     assert recent.lately(recent.travel) == pytest.approx(8.0)
     expected = "future duty as flown since 550 h, and changing as often as it did (2 times)"
     assert str(future) == expected
     steady = course(*[1.0] * 40)
     assert str(steady.as_flown(1.0)) == "future duty as flown since 0 h"
+    # One change may last.
+    harder = course(*[1.0] * 20, *[2.0] * 10).as_flown(1.0)
+    assert str(harder) == "future duty as flown since 300 h"
+    assert harder.rates[0] == pytest.approx(2.0)
 
 
 def test_changes_of_a_duty_are_found_also_where_it_comes_back():

@@ -8,7 +8,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.wording import counted
 from ema_monitor.prognosis.duty.damage import MEASURE, DamageSettings, damage_row
 from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.history_entry import Entry
@@ -113,8 +112,9 @@ class DutyCourse:
     def as_flown(self, factor: float) -> FutureDuty:
         """Return the duty to come, drawn from that flown (P24).
 
-        Each path begins as since the latest change, and goes on as in all of the past after a time
-        that is exponentially distributed with the mean of the times between changes.
+        Each path begins as since the latest change. Where there were k > 1 changes in T hours, it
+        goes on as in all of the past after a time that is exponentially distributed with the mean
+        T / (k - 1): one change may last.
 
         Parameters
         ----------
@@ -125,9 +125,10 @@ class DutyCourse:
         words = f"future duty as flown since {self.hours[since]:.6g} h"
         rng = np.random.default_rng([1, self.hours.size])
         steps = self._drawn_since(since, rng)
-        if changes := self._changes.size:
-            words += f", and changing as often as it did ({counted(changes, 'time')})"
-            lasting = rng.exponential(self.hours[-1] - self.hours[0], size=(_PATHS, 1)) / changes
+        if (changes := self._changes.size) > 1:
+            words += f", and changing as often as it did ({changes} times)"
+            lasting = rng.exponential(self.hours[-1] - self.hours[0], size=(_PATHS, 1))
+            lasting /= changes - 1
             steps = np.where(np.cumsum(steps[0], axis=1) <= lasting, steps, 0.0)
             # Where the steps do not last as long, the duty goes on as in their mean.
             drawn = steps.sum(axis=2, keepdims=True)
