@@ -2,14 +2,14 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from threading import Timer
+from threading import Event, Timer
 from typing import Any, Final
 
 import duckdb
@@ -87,8 +87,11 @@ def fleet_summary(archive: Path, most: int = 20, limit_s: float = 60.0) -> Fleet
         raise ValueError(f"most = {most}: expected 1 to {MOST_ROWS}")
     if not (archive / TABLES).is_dir():
         raise ValueError(f"{archive} has no tables: `ema archive run` makes them")
-    with opened(archive, has_tests=False) as db, _limited(db, limit_s):
-        found = {name: _rows(db, query, most) for name, query in _queries().items()}
+    found = {}
+    with opened(archive, has_tests=False) as db, _limited(db, limit_s) as require_time:
+        for name, query in _queries().items():
+            found[name] = _rows(db, query, most)
+            require_time()
     [levels] = found["levels"]
     lives = found["lives"]
     columns = ([life[name] for life in lives] for name in ("from_age", "to_age", "has_failed"))
@@ -153,12 +156,23 @@ def _plain(row: Mapping[str, Any]) -> Row:
 
 
 @contextmanager
-def _limited(db: duckdb.DuckDBPyConnection, limit_s: float) -> Iterator[None]:
-    timer = Timer(limit_s, db.interrupt)
+def _limited(db: duckdb.DuckDBPyConnection, limit_s: float) -> Iterator[Callable[[], None]]:
+    """Interrupt a query after a time; yields what raises where it is over between two queries."""
+    over = Event()
+
+    def end() -> None:
+        over.set()
+        db.interrupt()
+
+    def require_time() -> None:
+        if over.is_set():
+            raise duckdb.InterruptException
+
+    timer = Timer(limit_s, end)
     timer.daemon = True
     timer.start()
     try:
-        yield
+        yield require_time
     except duckdb.InterruptException as error:
         raise ValueError(f"the summary takes more than {limit_s:g} s") from error
     finally:

@@ -40,7 +40,9 @@ def survival(
     """Return the product-limit estimate of the share that lives beyond an age.
 
     Units count from the age at which they were first watched: those that failed before could not
-    be seen, and would be missing among the failures only. The interval is that of Greenwood's
+    be seen, and would be missing among the failures only. The share is that of those who reach the
+    first failure at which the root of their number is watched: before, one failure of the few that
+    are would take it from all (Lai and Ying 1991). The interval is that of Greenwood's
     variance of log(-log share), which stays within 0 and 1. Where nobody is left the share is 0,
     and its interval is not known.
 
@@ -57,6 +59,9 @@ def survival(
     ages, failures = np.unique(end[is_failure], return_counts=True)
     # Those watched from before on, without those that went before.
     watched = np.searchsorted(np.sort(begin), ages) - np.searchsorted(np.sort(end), ages)
+    enough = watched >= math.sqrt(np.sum(end > begin))
+    first = int(np.argmax(enough)) if enough.any() else ages.size
+    ages, watched, failures = ages[first:], watched[first:], failures[first:]
     steps, share, variance = [], 1.0, 0.0
     for age, at_risk, failed in zip(
         ages.tolist(), watched.tolist(), failures.tolist(), strict=True

@@ -16,9 +16,8 @@ from ema_core.description import ActuatorDescription
 from ema_core.faults import healthy_faults
 from ema_core.telemetry import Telemetry, join
 from ema_core.wording import counted
+from ema_monitor.duty.flown import FlownDuty
 from ema_monitor.model.measured import measured_causes
-from ema_monitor.prognosis.duty.flown import FlownDuty
-from ema_monitor.prognosis.duty.meter import DutyMeter
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.measurements import MAX_AGE_S, MeasurementLog
 from ema_monitor.windows.trigger import Defect, Refusal, TriggerSettings
@@ -279,6 +278,7 @@ def find_recorded_windows(
     description: ActuatorDescription | None = None,
     measured_max_age_s: float = MAX_AGE_S,
     on_block: Callable[[Telemetry], None] | None = None,
+    with_duty: bool = False,
 ) -> BagWindows:
     """Find the windows in recorded telemetry, which is kept no longer than needed.
 
@@ -288,6 +288,8 @@ def find_recorded_windows(
         The actuator; as the recording describes it when None.
     measured_max_age_s
         Age at the start of a window up to which a recorded measurement holds for it [s].
+    with_duty
+        Whether to measure the duty that was flown, for which kernels are compiled.
 
     Raises
     ------
@@ -306,7 +308,11 @@ def find_recorded_windows(
     windows: list[RecordedWindow] = []
     named_defects: list[Defect] = []
     measurements, wrong = _recorded_measurements(recorded)
-    meter, flown, last_ns = DutyMeter(), list[tuple[int, FlownDuty]](), 0
+    meter, flown, last_ns = None, list[tuple[int, FlownDuty]](), 0
+    if with_duty:
+        from ema_monitor.duty.meter import DutyMeter  # the compiler only for it
+
+        meter = DutyMeter()
     for place, item in recorded.items():
         if isinstance(item, ActuatorDescription):
             events = finder.describe(item) if description is None else []
@@ -317,7 +323,7 @@ def find_recorded_windows(
             blocks, samples = blocks + 1, samples + len(item)
             latest.append(place, item)
             last_ns = item.stamp_at(len(item) - 1)
-            if finder.description is not None:
+            if meter is not None and finder.description is not None:
                 age_s = measured_max_age_s
                 rise = measurements.winding_rise(recorded.actuator_id, item.stamp_ns, age_s)
                 meter.add(item, finder.description.parameters, rise)
@@ -327,14 +333,16 @@ def find_recorded_windows(
         for event in events:
             if isinstance(event, Segment):
                 windows.append(_recorded_window(event, latest))
-                flown.append((event.window.end_ns, meter.take()))
+                if meter is not None:
+                    flown.append((event.window.end_ns, meter.take()))
             else:
                 defects += 1
                 named_defects += [event] if defects <= _MOST_DEFECTS else []
     windows += [
         _recorded_window(event, latest) for event in finder.finish() if isinstance(event, Segment)
     ]
-    flown.append((last_ns, meter.take()))
+    if meter is not None:
+        flown.append((last_ns, meter.take()))
     truths = _recorded_truths(recorded)
     for number, item in enumerate(windows):
         measured = measurements.at(recorded.actuator_id, item.start_ns, measured_max_age_s)

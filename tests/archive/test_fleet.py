@@ -40,6 +40,14 @@ def test_units_do_not_count_before_they_were_watched():
     ]
 
 
+def test_early_failure_of_one_that_is_watched_alone_ends_no_curve():
+    many = 199
+    ages = [5000.0] * (many - 1) + [3000.0]
+    failed = [False] * (many - 1) + [True]
+    steps = survival([0.0] + [1000.0] * many, [50.0, *ages], [True, *failed])
+    assert [(step.age, step.at_risk) for step in steps] == [(3000.0, many)]
+
+
 def test_where_nobody_is_left_the_share_is_zero():
     (step,) = survival([0.0, 5.0], [7.0, 5.0], [True, True])
     assert (step.age, step.at_risk, step.share) == (7.0, 1, 0.0)

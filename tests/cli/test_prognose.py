@@ -186,7 +186,7 @@ def test_predictions_so_far_are_told_with_the_fault_that_ends_life():
     assert friction.calibration == pytest.approx(1.0, abs=0.3)
     assert friction.calibration_ahead < 1.5
     assert 1.0 <= friction.widening < 1.3
-    assert math.isnan(message.requirements[0].widening)
+    assert math.isnan(next(iter(message.requirements)).widening)
     [line] = [one for one in summary(course, message) if one.startswith("predictions so far")]
     assert f"friction {friction.calibration:.2f} for the next test" in line
     assert f"{friction.calibration_ahead:.2f} for 20 tests ahead" in line

@@ -11,11 +11,20 @@ from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = sorted(path.parent.name for path in ROOT.glob("ema_*/setup.py"))
-DISTRIBUTIONS = {"yaml": "pyyaml", "foxglove": "foxglove-sdk"}
+DISTRIBUTIONS = {
+    "yaml": "pyyaml",
+    "foxglove": "foxglove-sdk",
+    "prometheus_client": "prometheus-client",
+}
 WITHOUT_KEY = {"distributed", "duckdb", "foxglove", "fsspec", "pyarrow"}
 """Modules that rosdep does not know: pip installs them."""
 
-KEYS = {"yaml": "python3-yaml", "mcap": "python3-mcap-pip", "rosbags": "python3-rosbags-pip"}
+KEYS = {
+    "yaml": "python3-yaml",
+    "mcap": "python3-mcap-pip",
+    "prometheus_client": "python3-prometheus-client",
+    "rosbags": "python3-rosbags-pip",
+}
 """Keys of rosdep that are not ``python3-`` and the name of the module."""
 
 

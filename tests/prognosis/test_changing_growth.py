@@ -20,7 +20,7 @@ def test_size_and_correlation_of_errors_are_learnt(correlation, factor):
     noise = np.full(7, SIGMA**2)
     error = rng.standard_normal(7)
     for test in range(80):
-        errors.advance(10.0)
+        errors.advance(np.full(7, 10.0))
         value = 0.1 + 2e-3 * test + factor * SIGMA * error
         errors.learn(value, noise, ALL, last, (0.01, 0.05))
         last = LastTest(value, noise, ALL)

@@ -15,17 +15,18 @@ ALL = np.ones(len(COMPONENTS), dtype=bool)
 FRICTION = COMPONENTS.index("friction")
 
 
-def checked(factor: float, tests: int = 400) -> PredictionCheck:
+def checked(factor: float, tests: int = 400, misses: int = 0) -> PredictionCheck:
     """Return a check whose predictions, of a spread of 0.02, are missed by that times a factor."""
     result, rng = PredictionCheck(TrackerSettings()), np.random.default_rng(0)
     for test in range(tests):
         # Each test is off the predictions by an error of its own.
         value = 0.2 + factor * 0.02 * rng.standard_normal()
-        result.observe(observed(10.0 * test, {"friction": value}), ALL, 1.0)
+        shown = ALL & (not misses or test % misses != misses - 1)
+        result.observe(observed(10.0 * test, {"friction": value}), shown, 1.0)
         if result.is_due:
             ahead = result.hours_ahead(10.0 * test)
             samples = 0.2 + 0.02 * rng.standard_normal((ahead.size, len(COMPONENTS), 400))
-            result.keep(10.0 * test + ahead, samples, ALL, ALL)
+            result.keep(np.full(len(COMPONENTS), 10.0 * test), ahead, samples, ALL, ALL)
     return result
 
 
@@ -42,6 +43,12 @@ def test_predictions_that_were_right_or_too_wide_are_left():
     wide = checked(0.4).of(FRICTION)
     assert wide.ahead < 0.7
     assert wide.widening == 1.0
+
+
+@pytest.mark.parametrize("misses", [10, 19])
+def test_component_that_now_and_then_misses_a_test_is_checked_as_well(misses):
+    found = checked(2.2, misses=misses).of(FRICTION)
+    assert found.widening == pytest.approx(2.2, rel=0.2)
 
 
 def test_nothing_is_said_before_predictions_are_due():

@@ -7,8 +7,8 @@ import pytest
 
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.prognosis.duty.flown import FlownDuty, Share, together
-from ema_monitor.prognosis.duty.meter import DutyLog, DutyMeter
+from ema_monitor.duty.flown import FlownDuty, Share, together
+from ema_monitor.duty.meter import DutyLog, DutyMeter
 
 PARAMETERS = ActuatorParameters()
 UNIT = ("flap", "SIM-0001")
@@ -118,3 +118,20 @@ def test_record_that_is_none_is_refused(wrong):
     record = FlownDuty(1.0).as_record() | wrong
     with pytest.raises((ValueError, TypeError)):
         FlownDuty.of_record(record)
+
+
+def test_impossible_current_counts_as_the_largest_load():
+    flown = metered(block([0.0, 0.1], share=1e20))
+    [share] = flown.travel
+    assert (share.number, share.mean) == (9, 10.0)
+
+
+def test_piece_whose_stamp_is_ahead_holds_back_no_other():
+    log = DutyLog()
+    for n, end_ns in enumerate((10**18, 1_000, 2_000)):
+        log.add(UNIT, block([0.0, 0.1], 2 * n), PARAMETERS)
+        log.cut(UNIT, end_ns)
+    taken = log.take(UNIT, 2_000)
+    assert taken is not None
+    assert taken.travelled == pytest.approx(0.4)  # with the ways back
+    assert log.take(UNIT, 3_000) is None

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ema_monitor.prognosis.duty.flown import FlownDuty, Share
+from ema_monitor.duty.flown import FlownDuty, Share
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import UnusedCycle
 from ema_monitor.prognosis.history_tables import SCHEMA_VERSION

@@ -13,6 +13,7 @@ from ema_core.levels import ERROR, OK, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis import growth_record
+from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
@@ -233,7 +234,9 @@ def test_requirements_of_a_unit_are_made_once():
 class OfWideGain(Tracker):
     """A tracker whose futures of the gain, which it does not know to grow, go anywhere."""
 
-    def futures(self, hours: ArrayLike, n: int = 500, duty: float = 1.0) -> NDArray[np.float64]:
+    def futures(
+        self, hours: ArrayLike, n: int = 500, duty: FutureDuty | float = 1.0
+    ) -> NDArray[np.float64]:
         paths = super().futures(hours, n, duty)
         paths[1:, :, -1] = np.linspace(0.0, 1.0, n)
         return paths

@@ -28,9 +28,9 @@ def changes(
     fresh = np.sqrt(1.0 - noise.correlation**2)
     for test in range(tests):
         value = np.full(len(COMPONENTS), level(10.0 * test) + error)
-        watch.add(
-            np.full(len(COMPONENTS), 10.0 * test), value, np.full(len(COMPONENTS), SIGMA**2), used
-        )
+        hours = 10.0 * test
+        variance = np.full(len(COMPONENTS), SIGMA**2)
+        watch.add(np.full(len(COMPONENTS), hours), value, variance, used, hours)
         if (change := watch.judge(FRICTION, noise)) is not None:
             found.append((test, change))
         error = noise.correlation * error + fresh * SIGMA * rng.standard_normal()
@@ -118,3 +118,12 @@ def test_watch_goes_on_after_a_restart_as_if_there_was_none():
     assert told[0] == told[1]
     assert [event.kind for event in told[0]] == ["regime"]
     assert of(whole, "friction") == of(kept, "friction")
+
+
+def test_tests_of_one_hour_show_no_change():
+    """As by seven tests on the ground, one after the other."""
+    watch, used = RegimeWatch(), np.ones(len(COMPONENTS), dtype=bool)
+    for hours in (*np.arange(0.0, 165.0, 5.0), *[165.0] * 7):
+        same = np.full(len(COMPONENTS), hours)
+        watch.add(same, 1e-3 * same, np.full(len(COMPONENTS), SIGMA**2), used, hours)
+        assert watch.judge(FRICTION, NOISE) is None

@@ -11,7 +11,7 @@ from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import read_windows, require_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_core.description import ActuatorDescription
-from ema_monitor.prognosis.duty.flown import FlownDuty
+from ema_monitor.duty.flown import FlownDuty
 from ema_monitor.prognosis.history_entry import Count
 from ema_recording.metadata import METADATA_FILE
 from ema_recording.reader import Bag
@@ -140,7 +140,7 @@ def read_unit(
             others = ", ".join(sorted(present))
             remarks.append(f"{path}: passed over, it is of actuator {others}")
             continue
-        found = read_windows(path, source, bag=bag)
+        found = read_windows(path, source, bag=bag, with_duty=True)
         damage = bag.damage
         unit = unit or (path, found.description)
         for one in (*(item.description for item in found.windows), found.description):

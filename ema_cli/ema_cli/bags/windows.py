@@ -21,6 +21,8 @@ def read_windows(
     source: Source,
     on_block: Callable[[Telemetry], None] | None = None,
     bag: Bag | None = None,
+    *,
+    with_duty: bool = False,
 ) -> BagWindows:
     """Read a bag and find the windows in its telemetry, with a progress bar.
 
@@ -34,6 +36,8 @@ def read_windows(
         Called with each block of telemetry.
     bag
         The bag, where it is open already.
+    with_duty
+        Whether to measure the duty that was flown.
 
     Raises
     ------
@@ -67,6 +71,7 @@ def read_windows(
             description=description,
             measured_max_age_s=source.measured_max_age_s,
             on_block=follow,
+            with_duty=with_duty,
         )
     if measured:
         found = found.with_measured(measured)

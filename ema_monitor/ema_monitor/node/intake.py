@@ -7,9 +7,9 @@ from typing import Any
 
 from ema_core.description import ActuatorDescription, check_name
 from ema_core.telemetry import Telemetry
+from ema_monitor.duty.meter import DutyLog
 from ema_monitor.node.unit import Unit
 from ema_monitor.node.units import Units
-from ema_monitor.prognosis.duty.meter import DutyLog
 from ema_monitor.prognosis.service import UnitKey
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.measurements import MeasurementLog

@@ -13,6 +13,7 @@ from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import Health
 from ema_monitor.calibration.loading import AnyCalibration
 from ema_monitor.calibration.store import CalibrationStore
+from ema_monitor.duty.meter import DutyLog
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
@@ -30,7 +31,6 @@ from ema_monitor.node.summary import summary_of
 from ema_monitor.node.units import Units
 from ema_monitor.node.worker import IdentificationWorker
 from ema_monitor.prognosis.advisory import Costs
-from ema_monitor.prognosis.duty.meter import DutyLog
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment

@@ -17,6 +17,7 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
 from ema_interfaces.srv import GetHistory, PredictRemainingLife
 from ema_monitor.calibration.loading import AnyCalibration
+from ema_monitor.duty.meter import DutyLog
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.node.messages import health_to_message, history_to_message
@@ -26,7 +27,6 @@ from ema_monitor.node.settings import folder_of
 from ema_monitor.node.summary import unknown_health
 from ema_monitor.node.units import Units
 from ema_monitor.prognosis.duty.damage import DamageSettings
-from ema_monitor.prognosis.duty.meter import DutyLog
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.known_laws import KnownLawTexts
@@ -306,13 +306,14 @@ class MonitorPrognosis:
         description = segment.description
         try:
             prognostics = self._of(description)
+            # Also of a test that may not enter: what was flown then is not of the next one.
+            flown = self._duties.take(_key(description), estimate.end_ns)
             refused = self._recordable.refuse(_key(description), estimate.end_ns)
             if refused and not estimate.valid:
                 return None
             if refused:
                 return outlook_of_one(estimate, settings.limits, refused)
             count = self._histories.counts.latest(_key(description), estimate.end_ns)
-            flown = self._duties.take(_key(description), estimate.end_ns)
             parameters = self._parameters(description)
             outlook = prognostics.update(estimate, parameters, settings, count, flown)
         except Exception as error:

@@ -4,8 +4,8 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 
 from ema_core.parameters import ActuatorParameters
+from ema_monitor.duty.flown import FlownDuty, together
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.prognosis.duty.flown import FlownDuty, together
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import Prognostics

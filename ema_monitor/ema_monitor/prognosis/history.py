@@ -8,9 +8,9 @@ from tempfile import TemporaryDirectory
 from typing import Final
 from urllib.parse import quote, unquote
 
+from ema_monitor.duty.flown import FlownDuty, together
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment
-from ema_monitor.prognosis.duty.flown import FlownDuty, together
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, import_lines
 from ema_monitor.prognosis.history_files import (
     code_of,

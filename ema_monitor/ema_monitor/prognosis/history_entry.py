@@ -13,8 +13,8 @@ import numpy as np
 
 from ema_core.faults import FAULT_NAMES
 from ema_core.quantity import is_finite_number
+from ema_monitor.duty.flown import FlownDuty
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain_number
-from ema_monitor.prognosis.duty.flown import FlownDuty
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.packed_estimate import pack, unpack
 

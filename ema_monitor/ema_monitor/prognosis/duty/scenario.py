@@ -10,9 +10,9 @@ import numpy as np
 from ema_core.quantity import check_quantities, is_finite_number, quantity, text
 from ema_core.wording import unknown_name
 from ema_core.yaml_file import load_yaml
+from ema_monitor.duty.flown import Share
 from ema_monitor.prognosis.duty.course import DutyCourse
 from ema_monitor.prognosis.duty.damage import MEASURE, ageing, wear
-from ema_monitor.prognosis.duty.flown import Share
 from ema_monitor.prognosis.duty.future import FutureDuty
 
 MOST_SCENARIOS: Final = 20
@@ -95,11 +95,13 @@ class Scenario:
         if self.travel_per_hour or self.loads:
             reference = _known(course.reference[0], "its travel and load so far")
             travel = self.travel_per_hour or course.lately(course.travel)
-            a_rad = course.lately(course.rate[0]) / course.lately(course.travel)
             if self.loads:
                 total = sum(self.loads.values())
                 travels = (Share(0, way / total, load) for load, way in self.loads.items())
                 a_rad = wear(tuple(travels), settings)
+            else:
+                way = course.lately(course.travel)
+                a_rad = course.lately(course.rate[0]) / _known(way or np.nan, "its travel so far")
             growth[MEASURE == 0] = past.hours * (travel * a_rad / reference)
             words.append(f"{travel:.4g} rad/h")
             words += [f"loads {_in_words(self.loads, '')}"] if self.loads else []

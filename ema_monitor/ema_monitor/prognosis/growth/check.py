@@ -45,6 +45,7 @@ _LEAST: Final = 5.0
 """Tests below which nothing is said of calibration."""
 
 _PENDING: Final = AHEAD // EVERY
+_SLOTS: Final = _PENDING + 1  # one more: a component may miss the test that is due
 _QUANTILES: Final = (np.arange(16) + 0.5) / 16.0
 _LADDER: Final = np.array([0.4, 0.7, 1.0, 1.5, 2.5, 4.0])
 _EDGE: Final = 1e-6
@@ -85,10 +86,12 @@ class PredictionCheck:
         # Number of scores and sum of their squares, the next test and ahead.
         self._scores = np.zeros((2, n, 2))
         self._log_widths = np.tile(LOG_PRIOR, (n, 1))
-        self._hours = np.full((_PENDING, _LADDER.size), np.nan)
-        self._quantiles = np.zeros((_PENDING, _LADDER.size, n, _QUANTILES.size))
-        self._waits = np.zeros((_PENDING, n), dtype=np.intp)
-        self._grows = np.zeros((_PENDING, n), dtype=bool)
+        # Of each prediction: hours of growth when it was made, and for how many more it was.
+        self._since = np.full((_SLOTS, n), np.nan)
+        self._ahead = np.full((_SLOTS, _LADDER.size), np.nan)
+        self._quantiles = np.zeros((_SLOTS, _LADDER.size, n, _QUANTILES.size))
+        self._waits = np.zeros((_SLOTS, n), dtype=np.intp)
+        self._grows = np.zeros((_SLOTS, n), dtype=bool)
         self._tests = 0
         self._first_hours = math.nan
 
@@ -103,7 +106,8 @@ class PredictionCheck:
         return {
             "check_scores": self._scores,
             "check_widths": self._log_widths,
-            "check_hours": self._hours,
+            "check_since": self._since,
+            "check_ahead": self._ahead,
             "check_quantiles": self._quantiles,
             "check_waits": self._waits,
             "check_grows": self._grows,
@@ -113,7 +117,8 @@ class PredictionCheck:
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Go on from what ``state`` returned."""
         self._scores, self._log_widths = state["check_scores"], state["check_widths"]
-        self._hours, self._quantiles = state["check_hours"], state["check_quantiles"]
+        self._since, self._ahead = state["check_since"], state["check_ahead"]
+        self._quantiles = state["check_quantiles"]
         self._waits, self._grows = state["check_waits"], state["check_grows"]
         tests, self._first_hours = map(float, state["check_tests"])
         self._tests = int(tests)
@@ -157,22 +162,23 @@ class PredictionCheck:
         if math.isnan(self._first_hours):
             self._first_hours = measurement.hours
         self._tests += 1
-        for slot in range(_PENDING):
-            waiting = self._waits[slot] > 0
-            self._waits[slot, waiting & used] -= 1
-            due = np.flatnonzero(waiting & used & (self._waits[slot] == 0))
-            if measurement.hours > self._hours[slot, -1]:
-                # Further ahead than was predicted, as after a gap.
-                self._waits[slot] = 0
-                continue
-            for number in due:
+        for slot in range(_SLOTS):
+            waits = self._waits[slot]
+            due = (waits == 1) & used
+            # What misses the test that is due is judged by the next that shows it.
+            waits[waits > 1] -= 1
+            waits[due] = 0
+            for number in np.flatnonzero(due):
                 self._judge(slot, int(number), measurement, factor)
 
     def _judge(self, slot: int, number: int, measurement: Measurement, factor: float) -> None:
-        hours, table = self._hours[slot], self._quantiles[slot, :, number]
-        after = min(int(np.searchsorted(hours, measurement.hours)), hours.size - 1)
+        hours, table = self._ahead[slot], self._quantiles[slot, :, number]
+        passed = float(measurement.own_hours[number] - self._since[slot, number])
+        if passed > hours[-1]:
+            return  # further ahead than was predicted, as after a gap
+        after = int(np.searchsorted(hours, passed))
         at = max(after - 1, 0)
-        share = np.clip((measurement.hours - hours[at]) / max(hours[after] - hours[at], 1e-9), 0, 1)
+        share = np.clip((passed - hours[at]) / max(hours[after] - hours[at], 1e-9), 0, 1)
         quantiles = (1.0 - share) * table[at] + share * table[after]
         value = float(measurement.value[number])
         usual = float(measurement.noise[number]) * factor**2
@@ -202,13 +208,14 @@ class PredictionCheck:
         return self._tests % EVERY == 0 and self._tests >= EVERY
 
     def hours_ahead(self, hours: float) -> Array:
-        """Return at which hours from a service hour on it is to be made [h], ``(m,)``."""
+        """Return for how many hours of growth it is to be made at a service hour [h], ``(m,)``."""
         interval = (hours - self._first_hours) / max(self._tests - 1, 1)
         return max(interval, 1e-3) * AHEAD * _LADDER
 
     def keep(
         self,
-        hours: Array,
+        since: Array,
+        ahead: Array,
         samples: Array,
         shown: NDArray[np.bool_],
         grows: NDArray[np.bool_],
@@ -217,15 +224,17 @@ class PredictionCheck:
 
         Parameters
         ----------
-        hours
-            Service hours of ``hours_ahead`` [h], ``(m,)``.
+        since
+            Hours of growth of each component now [h], ``(7,)``.
+        ahead
+            Hours of growth from now on, of ``hours_ahead`` [h], ``(m,)``.
         samples
             Signed distances from healthy at each, ``(m, 7, n)``.
         shown, grows
             Components whose level is known, and those judged to grow, ``(7,)``.
         """
-        slot = (self._tests // EVERY) % _PENDING
-        self._hours[slot] = hours
+        slot = (self._tests // EVERY) % _SLOTS
+        self._since[slot], self._ahead[slot] = since, ahead
         within = np.clip(samples, -_FARTHEST, _FARTHEST)
         self._quantiles[slot] = np.moveaxis(np.quantile(within, _QUANTILES, axis=2), 0, 2)
         self._waits[slot] = np.where(shown, AHEAD, 0)

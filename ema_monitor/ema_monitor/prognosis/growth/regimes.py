@@ -10,7 +10,7 @@ is taken for one (the generalised likelihood ratio of Willsky and Jones 1976, wi
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -40,6 +40,7 @@ _LEAST_RATIO: Final = 1.6
 _SIGNIFICANT: Final = 3.0
 _ODD_SIGMAS: Final = 4.0
 _SCALES: Final = (0.1, 0.2, 0.4)
+_LEAST_HINGE: Final = 1e-9
 
 Array = NDArray[np.float64]
 
@@ -104,8 +105,8 @@ class RegimeWatch:
     def __init__(self) -> None:
         n = len(COMPONENTS)
         self._count = np.zeros(n, dtype=np.intp)
-        # Hours, values and variances of their errors, the latest last.
-        self._kept = np.zeros((n, 3, TESTS))
+        # Hours of growth, values, variances of their errors, and service hours, the latest last.
+        self._kept = np.zeros((n, 4, TESTS))
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Return all that is known, for ``restore``."""
@@ -119,7 +120,9 @@ class RegimeWatch:
         """Forget the tests of a component: its level has changed."""
         self._count[number] = 0
 
-    def add(self, hours: Array, value: Array, noise: Array, used: NDArray[np.bool_]) -> None:
+    def add(
+        self, hours: Array, value: Array, noise: Array, used: NDArray[np.bool_], service: float
+    ) -> None:
         """Add a test.
 
         Parameters
@@ -130,11 +133,14 @@ class RegimeWatch:
             Signed distances from healthy and variances of their errors, ``(7,)``.
         used
             Components that it measures, ``(7,)``.
+        service
+            Service hours of the test [h].
         """
         self._kept[used] = np.roll(self._kept[used], -1, axis=2)
         self._kept[used, 0, -1] = hours[used]
         self._kept[used, 1, -1] = value[used]
         self._kept[used, 2, -1] = noise[used]
+        self._kept[used, 3, -1] = service
         self._count = np.minimum(self._count + used, TESTS)
 
     def judge(self, number: int, noise: GrowthNoise) -> Change | None:
@@ -150,11 +156,12 @@ class RegimeWatch:
         count = int(self._count[number])
         if count < 3 * _BESIDE:
             return None
-        hours, value, variance = self._kept[number, :, TESTS - count :]
+        hours, value, variance, service = self._kept[number, :, TESTS - count :]
         change, tests_after = _found(hours, value, variance, noise)
-        if change is not None:
-            self._count[number] = tests_after
-        return change
+        if change is None:
+            return None
+        self._count[number] = tests_after
+        return replace(change, hours=float(service[count - tests_after]))
 
 
 def _found(
@@ -169,11 +176,15 @@ def _found(
     y, one = white @ value, np.ones_like(t)
     base = white @ np.stack([one, t], axis=1)
     breaks = np.arange(_BESIDE, t.size - _BESIDE)
+    # Tests of one hour, as on the ground, have no growth between them.
+    breaks = breaks[(t[breaks] > 0.0) & (t[breaks] < 1.0)]
+    if not breaks.size:
+        return None, 0
     q, _ = np.linalg.qr(base)
     hinges = white @ np.maximum(t[:, None] - t[breaks], 0.0)
     rest = y - q @ (q.T @ y)
     hinges -= q @ (q.T @ hinges)
-    gains = (hinges.T @ rest) ** 2 / np.sum(hinges**2, axis=0)
+    gains = (hinges.T @ rest) ** 2 / np.maximum(np.sum(hinges**2, axis=0), _LEAST_HINGE)
     at = int(breaks[np.argmax(gains)])
     broken = float(rest @ rest - gains.max())
     squares = [_left(white, y, [one, t, t**2])]

@@ -204,22 +204,23 @@ class Tracker:
         constant = self._mixture.constant()
         begins = (constant < BEGINS_BELOW) & (self._tests >= LEAST_TESTS)
         self._growing = np.where(self._growing, constant < ENDS_ABOVE, begins)
-        events = self._changes_of_regime(measurement.own_hours, value, noise, plain)
+        events = self._changes_of_regime(measurement, value, noise, plain)
         self._check.observe(measurement, plain, self._mixture.errors.factor)
         if self._check.is_due:
-            self._keep_prediction()
+            self._keep_prediction(measurement.own_hours)
         return events
 
     def _changes_of_regime(
         self,
-        hours: NDArray[np.float64],
+        measurement: Measurement,
         value: NDArray[np.float64],
         noise: NDArray[np.float64],
         plain: NDArray[np.bool_],
     ) -> list[Event]:
         """Return the changes of growth that a test shows; what was known of it is forgotten."""
         errors, events = self._mixture.errors, list[Event]()
-        self._regimes.add(hours, value, max(errors.factor, 1.0) ** 2 * noise, plain)
+        scatter = max(errors.factor, 1.0) ** 2 * noise
+        self._regimes.add(measurement.own_hours, value, scatter, plain, measurement.hours)
         diffusion = self._mixture.bank.diffusion()
         for number in np.flatnonzero(plain & self._growing):
             moves = GrowthNoise(
@@ -235,13 +236,13 @@ class Tracker:
                 events.append(regime_event(COMPONENTS[number], change))
         return events
 
-    def _keep_prediction(self) -> None:
+    def _keep_prediction(self, own_hours: NDArray[np.float64]) -> None:
         """Keep a prediction of what later tests will show, to hold it against them."""
         rng = np.random.default_rng([1, self.updates])
         sample = draw(self._mixture.bank, SAMPLES, rng, self._mixture.waves)
         ahead = self._check.hours_ahead(self.hours)
         away = futures(sample, ahead[:, None, None], rng)
-        self._check.keep(self.hours + ahead, away, self._tests > 0, self._growing)
+        self._check.keep(own_hours, ahead, away, self._tests > 0, self._growing)
 
     def _restart(self, number: int, measurement: Measurement, keep: float) -> None:
         value, noise = float(measurement.value[number]), float(measurement.noise[number])

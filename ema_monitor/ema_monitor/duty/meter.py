@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ema_core._jit import kernel
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_monitor.prognosis.duty.flown import (
+from ema_monitor.duty.flown import (
     CLASS_KELVIN,
     LEAST_RISE,
     LOAD_CLASSES,
@@ -19,14 +19,16 @@ from ema_monitor.prognosis.duty.flown import (
     spectrum,
     together,
 )
-from ema_monitor.prognosis.service import UnitKey
 
 RESOLUTION: Final = 5e-4
 """Travel of the user shaft below which a motion is noise of its sensor [rad]."""
 
 _MOST_PIECES: Final = 1000
 _MOST_UNITS: Final = 1000
+_MOST_LOAD: Final = 10.0
 _S_PER_HOUR: Final = 3600.0
+
+_UnitKey = tuple[str, str]
 
 
 @kernel()
@@ -97,8 +99,8 @@ class DutyMeter:
         position = np.ascontiguousarray(block.position, dtype=np.float64)
         load = np.ones(len(block))
         if len(block.current):
-            load = np.abs(block.current) / parameters.I_max
-        known = np.isfinite(position) & np.isfinite(load)
+            load = np.minimum(np.abs(block.current) / parameters.I_max, _MOST_LOAD)
+        known = np.isfinite(position) & ~np.isnan(load)
         self._last = count_travel(position[known], load[known], self._last, *self._travel)
         hours = len(block) * block.sample_period / _S_PER_HOUR
         self._hours += hours
@@ -123,12 +125,12 @@ class DutyLog:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._meters: dict[UnitKey, DutyMeter] = {}
-        self._pieces: dict[UnitKey, deque[tuple[int, FlownDuty]]] = {}
+        self._meters: dict[_UnitKey, DutyMeter] = {}
+        self._pieces: dict[_UnitKey, deque[tuple[int, FlownDuty]]] = {}
 
     def add(
         self,
-        unit: UnitKey,
+        unit: _UnitKey,
         block: Telemetry,
         parameters: ActuatorParameters,
         rise: float | None = None,
@@ -142,7 +144,7 @@ class DutyLog:
                 del self._meters[oldest]
                 self._pieces.pop(oldest, None)
 
-    def cut(self, unit: UnitKey, end_ns: int) -> None:
+    def cut(self, unit: _UnitKey, end_ns: int) -> None:
         """Assign the duty since the last cut to a window by the stamp of its end [ns]."""
         with self._lock:
             meter = self._meters.get(unit)
@@ -154,13 +156,17 @@ class DutyLog:
                 (_, one), (stamp_ns, other) = pieces.popleft(), pieces.popleft()
                 pieces.appendleft((stamp_ns, one + other))
 
-    def take(self, unit: UnitKey, end_ns: int) -> FlownDuty | None:
+    def take(self, unit: _UnitKey, end_ns: int) -> FlownDuty | None:
         """Return the duty of the windows by a stamp [ns], once; None without any telemetry."""
         with self._lock:
-            pieces = self._pieces.get(unit, deque())
-            flown = None
-            while pieces and pieces[0][0] <= end_ns:
-                flown = together(flown, pieces.popleft()[1])
+            # Of any order: one whose stamp is wrong holds back no other.
+            pieces, flown = self._pieces.get(unit, deque()), None
+            for _ in range(len(pieces)):
+                stamp_ns, piece = pieces.popleft()
+                if stamp_ns <= end_ns:
+                    flown = together(flown, piece)
+                else:
+                    pieces.append((stamp_ns, piece))
             return flown
 
     def forget(self, actuator_id: str) -> None:

@@ -1,0 +1,1 @@
+"""Duty of an actuator, measured from its telemetry."""
