@@ -27,6 +27,7 @@ from ema_dashboard.unit_history import ActuatorHistory
 from ema_dashboard.web_server import WebServer
 from ema_interfaces.msg import UnitHistory
 from ema_ros.managed_node import ManagedNode
+from ema_ros.peers import UNKNOWN_NODE
 from ema_ros.run import run
 from ema_ros.settings import declare, read
 from ema_ros.stamps import stamp_from_message
@@ -210,6 +211,8 @@ class DashboardNode(ManagedNode):
         for topic in self._topics.values():
             if topic.relative == PLAYBACK_STATE:
                 for item in self.get_publishers_info_by_topic(topic.name):
+                    if item.node_name == UNKNOWN_NODE:
+                        return  # it is known soon
                     namespace = item.node_namespace.rstrip("/")
                     self._playback.set_player(f"{namespace}/{item.node_name}")
                     return

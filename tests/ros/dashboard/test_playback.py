@@ -325,3 +325,20 @@ def test_an_answer_tells_how_the_player_stands_after_what_was_asked(session, mon
     control.stop()
     assert (answer.status, answer.playback_speed) == (PlaybackStatus.Paused, 2.0)
     assert (answer.current_time, answer.did_seek) == (START_NS + 5 * 10**9, True)
+
+
+def test_player_whose_name_is_not_known_yet_is_waited_for(
+    session: DashboardSession, monkeypatch: pytest.MonkeyPatch
+):
+    """So the middleware gives it between the discovery of a publisher and that of its node."""
+    node = session.dashboard()
+    players: list[str] = []
+    unknown = SimpleNamespace(
+        node_name="_NODE_NAME_UNKNOWN_", node_namespace="_NODE_NAMESPACE_UNKNOWN_"
+    )
+    known = SimpleNamespace(node_name="player", node_namespace="/ema")
+    monkeypatch.setattr(node._playback, "set_player", players.append)
+    for info in (unknown, known):
+        monkeypatch.setattr(node, "get_publishers_info_by_topic", lambda _, info=info: [info])
+        node._find_player()
+    assert set(players) == {"/ema/player"}
