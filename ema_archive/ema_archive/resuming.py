@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ema_archive.tables import estimate_from
+from ema_core.description import UnitKey
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment
 from ema_monitor.prognosis.history import History
@@ -85,7 +86,7 @@ def entry_columns(entry: Entry, assessment: Assessment) -> dict[str, Any]:
 
 
 def resumed(
-    key: tuple[str, str],
+    key: UnitKey,
     kept: KeptState,
     settings: PrognosisSettings,
     estimates: Sequence[Row],

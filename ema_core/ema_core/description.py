@@ -19,6 +19,9 @@ LONGEST_NAME: Final = 100
 SAMPLE_PERIOD = 1e-4
 """Default period of the telemetry [s]."""
 
+UnitKey = tuple[str, str]
+"""``actuator_id`` and ``serial_number`` of a unit."""
+
 
 @dataclass(frozen=True)
 class ActuatorDescription:
@@ -42,11 +45,9 @@ class ActuatorDescription:
     Raises
     ------
     ValueError
-        When the id or serial number is empty, the period is outside
+        When the id or serial number is no name, the period is outside
         ``ema_core.telemetry.PERIODS``, the drive is unknown, or the motor is too weak for its
         friction.
-        When the id or serial number is no name, the period is outside
-        ``ema_core.telemetry.PERIODS`` or the drive is unknown.
     """
 
     actuator_id: str = "flap"
@@ -56,6 +57,11 @@ class ActuatorDescription:
     parameters: ActuatorParameters = field(default_factory=ActuatorParameters)
     drive: str = "six_step"
     acquisition: Acquisition = field(default_factory=Acquisition)
+
+    @property
+    def unit_key(self) -> UnitKey:
+        """Place and serial number, by which all that is kept of a unit is found."""
+        return self.actuator_id, self.serial_number
 
     def __post_init__(self) -> None:
         for name in ("actuator_id", "serial_number", "model"):

@@ -6,15 +6,12 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from ema_cli.bags.source_options import Source
 from ema_cli.bags.unit_course import follow
-from ema_cli.bags.unit_record import UnitRecord, read_unit
+from ema_cli.bags.unit_record import UnitRecord
 from ema_cli.commands.estimate import estimate_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_cli.main import main
-from ema_core.faults import fault_vector
-from ema_core.telemetry import Telemetry
-from ema_interfaces.msg import DutyScenario, Usage
+from ema_interfaces.msg import DutyScenario
 from ema_interfaces.srv import PredictRemainingLife
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.settings import SearchSettings
@@ -22,15 +19,9 @@ from ema_monitor.node.scenario_messages import scenario_to_message, scenarios_fr
 from ema_monitor.prognosis.duty.course import REFERENCE_TESTS
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.settings import PrognosisSettings
-from ema_monitor.windows.trigger import TriggerSettings
-from ema_recording.actuator_bag import SimulatedActuatorBag
-from ema_recording.writer import BagWriter
-from ema_ros import topics
-from ema_ros.stamps import stamp_to_message
-from ema_sim.actuator import SimulatedActuator
 
-from .monitor_session import CYCLE, FLAP, START_NS, MonitorSession, monitor
-from .mounted_units import mount
+from .counted_tests import CountedTest, counted_tests, let_hear, recorded
+from .monitor_session import MonitorSession, monitor
 from .worn_actuator import SERVICE
 
 TESTS = REFERENCE_TESTS + 4
@@ -45,44 +36,21 @@ SCENARIOS = [
 
 
 @pytest.fixture(scope="module")
-def tests() -> list[tuple[Telemetry, Usage]]:
+def tests() -> list[CountedTest]:
     """Tests of an actuator whose friction grows."""
-    actuator = SimulatedActuator(stamp_ns=START_NS)
-    told = []
-    for number in range(TESTS):
-        actuator.faults = fault_vector({"friction": 0.1 + 0.02 * number})
-        block = actuator.advance(CYCLE.samples)
-        hours = 12.0 * number + number % 3
-        usage = Usage(actuator_id=FLAP.actuator_id, flight_hours=hours, cycles=100 + number)
-        usage.header.stamp = stamp_to_message(block.stamp_ns)
-        told.append((block, usage))
-    return told
+    return counted_tests(TESTS, 0.02)
 
 
 @pytest.fixture(scope="module")
-def record(tests, tmp_path_factory) -> UnitRecord:
-    path = tmp_path_factory.mktemp("flown") / "life.mcap"
-    with BagWriter(path) as writer, SimulatedActuatorBag(writer, FLAP) as bag:
-        for block, usage in tests:
-            writer.write(f"{topics.NAMESPACE}/{topics.USAGE}", usage, block.stamp_ns)
-            bag.write_block(block, 0.0)
-    trigger = TriggerSettings()
-    return read_unit([path], Source(None, None, trigger.threshold, trigger.rest_s, None))
+def record(tests: list[CountedTest], tmp_path_factory: pytest.TempPathFactory) -> UnitRecord:
+    return recorded(tmp_path_factory.mktemp("flown") / "life.mcap", tests)
 
 
 @pytest.fixture(scope="module")
-def session(tests) -> Iterator[MonitorSession]:
+def session(tests: list[CountedTest]) -> Iterator[MonitorSession]:
     """A monitor that has heard all of the tests."""
     with monitor({"damage.least_coverage": COVERAGE}) as running:
-        mount(running, FLAP)
-        for _, usage in tests:
-            running.send(topics.USAGE, usage)
-        # Once the last count is complained of, all before it have been heard.
-        running.send(topics.USAGE, Usage(actuator_id=FLAP.actuator_id, flight_hours=-5.0))
-        running.until_status("flap telemetry", "flight_hours = -5 h")
-        for number, (block, _) in enumerate(tests):
-            running.feed([block])
-            running.until(lambda n=number: len(running.healths()) > n)
+        let_hear(running, tests)
         yield running
 
 

@@ -91,7 +91,7 @@ def follow(
         Future duties under which to predict its life after the last test.
     """
     unit = record.description
-    key = (unit.actuator_id, unit.serial_number)
+    key = unit.unit_key
     prognostics = Prognostics(History(*key), settings)
     with progress_bar() as progress:
         tracked = progress.track(estimates, description="following growth")

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
-from ema_core.description import ActuatorDescription
+from ema_core.description import ActuatorDescription, UnitKey
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.files import is_calibration_file
 from ema_monitor.calibration.loading import AnyCalibration, load_calibration
@@ -34,7 +34,7 @@ class CalibrationStore:
     def __init__(self, file: str, own_folder: Path) -> None:
         self._file = file
         self._own_folder = own_folder
-        self._in_use: dict[tuple[str, str], AnyCalibration] = {}
+        self._in_use: dict[UnitKey, AnyCalibration] = {}
         self._set_path(ActuatorDescription())
 
     def of(self, description: ActuatorDescription) -> AnyCalibration | str:
@@ -45,7 +45,7 @@ class CalibrationStore:
         description
             The actuator.
         """
-        key = (description.actuator_id, description.serial_number)
+        key = description.unit_key
         if key not in self._in_use:
             if not self._file:
                 self._in_use[key] = Calibration.builtin()
@@ -87,7 +87,7 @@ class CalibrationStore:
         calibration = load_calibration(path)
         if reason := calibration.unit_mismatch(description):
             raise ValueError(f"{path}: {reason}")
-        self._in_use[description.actuator_id, description.serial_number] = calibration
+        self._in_use[description.unit_key] = calibration
         return calibration, path
 
     def prepare(self, description: ActuatorDescription, file: str) -> Path:
@@ -148,7 +148,7 @@ class CalibrationStore:
             raise ValueError(
                 f"the calibration cannot be stored in {path}: {error.strerror}"
             ) from error
-        self._in_use[description.actuator_id, description.serial_number] = calibration
+        self._in_use[description.unit_key] = calibration
 
     def _place(self, description: ActuatorDescription, file: str) -> Path:
         if file:

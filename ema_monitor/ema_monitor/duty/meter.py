@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core._jit import kernel
+from ema_core.description import UnitKey
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
 from ema_monitor.duty.flown import (
@@ -27,8 +28,6 @@ _MOST_PIECES: Final = 1000
 _MOST_UNITS: Final = 1000
 _MOST_LOAD: Final = 10.0
 _S_PER_HOUR: Final = 3600.0
-
-_UnitKey = tuple[str, str]
 
 
 @kernel()
@@ -125,12 +124,12 @@ class DutyLog:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._meters: dict[_UnitKey, DutyMeter] = {}
-        self._pieces: dict[_UnitKey, deque[tuple[int, FlownDuty]]] = {}
+        self._meters: dict[UnitKey, DutyMeter] = {}
+        self._pieces: dict[UnitKey, deque[tuple[int, FlownDuty]]] = {}
 
     def add(
         self,
-        unit: _UnitKey,
+        unit: UnitKey,
         block: Telemetry,
         parameters: ActuatorParameters,
         rise: float | None = None,
@@ -144,7 +143,7 @@ class DutyLog:
                 del self._meters[oldest]
                 self._pieces.pop(oldest, None)
 
-    def cut(self, unit: _UnitKey, end_ns: int) -> None:
+    def cut(self, unit: UnitKey, end_ns: int) -> None:
         """Assign the duty since the last cut to a window by the stamp of its end [ns]."""
         with self._lock:
             meter = self._meters.get(unit)
@@ -156,7 +155,7 @@ class DutyLog:
                 (_, one), (stamp_ns, other) = pieces.popleft(), pieces.popleft()
                 pieces.appendleft((stamp_ns, one + other))
 
-    def take(self, unit: _UnitKey, end_ns: int) -> FlownDuty | None:
+    def take(self, unit: UnitKey, end_ns: int) -> FlownDuty | None:
         """Return the duty of the windows by a stamp [ns], once; None without any telemetry."""
         with self._lock:
             # Of any order: one whose stamp is wrong holds back no other.

@@ -10,7 +10,6 @@ from ema_core.telemetry import Telemetry
 from ema_monitor.duty.meter import DutyLog
 from ema_monitor.node.unit import Unit
 from ema_monitor.node.units import Units
-from ema_monitor.prognosis.service import UnitKey
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.measurements import MeasurementLog
 from ema_monitor.windows.trigger import INDEX_WENT_BACK, Defect, TriggerSettings
@@ -156,7 +155,7 @@ class Intake:
             rise = self._measurements.winding_rise(
                 unit.actuator_id, block.stamp_ns, self._max_age_s()
             )
-            self._duties.add(_key(unit.description), block, unit.description.parameters, rise)
+            self._duties.add(unit.description.unit_key, block, unit.description.parameters, rise)
 
     def receive_measured(self, message: Any) -> None:
         """Keep ``ema_interfaces/msg/MeasuredCauses``, which may be impossible."""
@@ -216,7 +215,7 @@ class Intake:
             if isinstance(event, Defect):
                 self._units.add_defect(unit.actuator_id, event.reason)
                 continue
-            self._duties.cut(_key(event.description), event.window.end_ns)
+            self._duties.cut(event.description.unit_key, event.window.end_ns)
             if isinstance(event.window, Window):
                 measured = self._measurements.at(
                     unit.actuator_id, event.window.start_ns, self._max_age_s()
@@ -224,10 +223,6 @@ class Intake:
                 event = replace(event, window=replace(event.window, measured=measured))
                 unit.latest = event
             self._queue_window(replace(event, settings=unit.settings))
-
-
-def _key(description: ActuatorDescription) -> UnitKey:
-    return description.actuator_id, description.serial_number
 
 
 def _is_name(actuator_id: str) -> bool:

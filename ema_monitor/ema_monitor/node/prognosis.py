@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from rclpy.node import Node
 
-from ema_core.description import ActuatorDescription
+from ema_core.description import ActuatorDescription, UnitKey
 from ema_core.levels import OK, WARN
 from ema_core.parameters import ActuatorParameters
 from ema_core.wording import counted
@@ -41,7 +41,7 @@ from ema_monitor.prognosis.requirements.requirements import (
     RequirementLimits,
     Requirements,
 )
-from ema_monitor.prognosis.service import CountLog, Service, UnitKey
+from ema_monitor.prognosis.service import CountLog, Service
 from ema_monitor.prognosis.settings import PrognosisSettings, duty_of
 from ema_monitor.windows.finder import Segment
 from ema_ros.executor import WaitingCallbackGroup
@@ -255,7 +255,7 @@ class MonitorPrognosis:
 
     def describe(self, description: ActuatorDescription) -> None:
         """Prepare for a unit that has just been described, as ``refresh`` does."""
-        self._histories.counts.assign(_key(description))
+        self._histories.counts.assign(description.unit_key)
         self.refresh(description)
 
     def refresh(self, description: ActuatorDescription) -> None:
@@ -307,13 +307,13 @@ class MonitorPrognosis:
         try:
             prognostics = self._of(description)
             # Also of a test that may not enter: what was flown then is not of the next one.
-            flown = self._duties.take(_key(description), estimate.end_ns)
-            refused = self._recordable.refuse(_key(description), estimate.end_ns)
+            flown = self._duties.take(description.unit_key, estimate.end_ns)
+            refused = self._recordable.refuse(description.unit_key, estimate.end_ns)
             if refused and not estimate.valid:
                 return None
             if refused:
                 return outlook_of_one(estimate, settings.limits, refused)
-            count = self._histories.counts.latest(_key(description), estimate.end_ns)
+            count = self._histories.counts.latest(description.unit_key, estimate.end_ns)
             parameters = self._parameters(description)
             outlook = prognostics.update(estimate, parameters, settings, count, flown)
         except Exception as error:
@@ -331,7 +331,7 @@ class MonitorPrognosis:
     def forecaster(self, description: ActuatorDescription, outlook: Outlook) -> Forecaster | None:
         """Return what forecasts a unit from its latest outlook on; None when that is impossible."""
         try:
-            if self._recordable.refusal(_key(description)):
+            if self._recordable.refusal(description.unit_key):
                 return None
             return self._of(description).forecaster(outlook)
         except Exception as error:
@@ -389,7 +389,7 @@ class MonitorPrognosis:
         return (FITTED.of if in_sim_time else FITTED.if_ready)(parameters, limits)
 
     def _of(self, description: ActuatorDescription) -> Prognostics:
-        prognostics = self._histories.of(_key(description), self.settings)
+        prognostics = self._histories.of(description.unit_key, self.settings)
         self._log_problem(description, prognostics)
         return prognostics
 
@@ -398,7 +398,7 @@ class MonitorPrognosis:
         return None if isinstance(calibration, str) else calibration.unit_parameters
 
     def _log_problem(self, description: ActuatorDescription, prognostics: Prognostics) -> None:
-        problem, unit = prognostics.history.problem, _key(description)
+        problem, unit = prognostics.history.problem, description.unit_key
         if problem and self._logged.get(unit) != problem:
             self._node.get_logger().error(f"{description.actuator_id}: {problem}")
         self._logged[unit] = problem
@@ -462,7 +462,3 @@ class MonitorPrognosis:
             f"{actuator_id or 'actuator'}: {reason}\n{traceback.format_exc()}"
         )
         return reason
-
-
-def _key(description: ActuatorDescription) -> UnitKey:
-    return description.actuator_id, description.serial_number

@@ -7,8 +7,8 @@ from typing import Final
 
 from rclpy.node import Node
 
+from ema_core.description import UnitKey
 from ema_monitor.node.settings import Recording
-from ema_monitor.prognosis.service import UnitKey
 from ema_ros.settings import LiveSettings
 from ema_ros.throttle import Throttle
 

@@ -9,6 +9,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from ema_core.description import UnitKey
 from ema_core.files import complete_file, open_regular_file
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.fleet import (
@@ -88,7 +89,7 @@ class Fleet:
                 units[digest] = unit
         return Fleet(self.grid, units, self.names | other.names)
 
-    def prior(self, limits: HealthLimits, without: tuple[str, str] | None = None) -> FleetPrior:
+    def prior(self, limits: HealthLimits, without: UnitKey | None = None) -> FleetPrior:
         """Return the distribution of curves and rates over the units.
 
         Parameters

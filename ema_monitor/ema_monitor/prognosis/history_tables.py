@@ -7,6 +7,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
+from ema_core.description import UnitKey
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment, assessment_from, assessment_text
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_text, entry_of
@@ -31,8 +32,6 @@ _TABLES: Final = (
 )
 
 Test = Entry | UnusedCycle
-Unit = tuple[str, str]
-"""``actuator_id`` and ``serial_number``."""
 
 
 class Head(NamedTuple):
@@ -42,12 +41,12 @@ class Head(NamedTuple):
     chain: bytes
 
 
-def empty(unit: Unit) -> Head:
+def empty(unit: UnitKey) -> Head:
     """Return the head of a chain without tests."""
     return Head(0, hashlib.sha256(json.dumps(unit).encode()).digest())
 
 
-def prepare(db: sqlite3.Connection, unit: Unit) -> None:
+def prepare(db: sqlite3.Connection, unit: UnitKey) -> None:
     """Make the tables of a new file, or those that one of an earlier version has not."""
     # Also where nothing is to be made: it shows whether the file can be written.
     db.execute("BEGIN IMMEDIATE")
@@ -65,7 +64,7 @@ def prepare(db: sqlite3.Connection, unit: Unit) -> None:
         db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 
-def check_kind(db: sqlite3.Connection, unit: Unit) -> None:
+def check_kind(db: sqlite3.Connection, unit: UnitKey) -> None:
     """Check a file that is not empty before anything of it is changed.
 
     Raises
@@ -83,7 +82,7 @@ def check_kind(db: sqlite3.Connection, unit: Unit) -> None:
         raise ValueError(f"it is of unit {units}, not {unit}")
 
 
-def _begin_chain(db: sqlite3.Connection, unit: Unit) -> None:
+def _begin_chain(db: sqlite3.Connection, unit: UnitKey) -> None:
     """Chain the tests of a file of an earlier version as they are."""
     if "chain" not in [row[1] for row in db.execute("PRAGMA table_info(test)")]:
         db.execute("ALTER TABLE test ADD COLUMN chain BLOB")
@@ -167,7 +166,7 @@ def read_estimates(db: sqlite3.Connection, first: int, last: int) -> Iterator[tu
             yield number, test.estimate
 
 
-def read_tests(db: sqlite3.Connection, unit: Unit, add: Callable[[Test], None]) -> Head:
+def read_tests(db: sqlite3.Connection, unit: UnitKey, add: Callable[[Test], None]) -> Head:
     """Read the tests that are intact.
 
     Where the chain is broken, a test is intact if its checksum is right and it comes later than

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import takewhile
 from typing import Final, NamedTuple
 
+from ema_core.description import UnitKey
 from ema_core.quantity import check_quantities, quantity
 from ema_core.wording import counted
 from ema_monitor.prognosis.history_entry import Count, Entry
@@ -27,9 +28,6 @@ _MOST_UNITS: Final = 1000
 _NS_PER_S: Final = 1_000_000_000
 # No unit is without a serial number.
 _UNNAMED: Final = ""
-
-UnitKey = tuple[str, str]
-"""``actuator_id`` and ``serial_number``."""
 
 
 @dataclass(frozen=True)

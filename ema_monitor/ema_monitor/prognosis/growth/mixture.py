@@ -65,6 +65,7 @@ class Mixture:
         waving = self.waves.prior.sum(axis=1)
         self._prior = self.bank.cells.prior * (1.0 - waving)[self._component]
         self.bank.weight = self._prior.copy()
+        self._kinds_prior = self._of_kinds(self._prior, self.waves.prior[:, self.waves.grows])
         self._last = LastTest.none()
 
     def frozen(self) -> "Mixture":
@@ -173,14 +174,13 @@ class Mixture:
         power = np.where(used, self._power, 1.0)
         grown, prior = waves.weight[:, waving], waves.prior[:, waving]
         before = self._of_kinds(bank.weight, grown)
-        expected = self._of_kinds(self._prior, prior)
         # What wanders forgets; a law is one for life, or it is found to be none.
         powers = np.concatenate([np.ones_like(power), np.ones_like(power), power])
         temper(bank.weight, self._prior, self._kind, powers)
         kept = _tempered(grown, prior, power[:, None])
         after = self._of_kinds(bank.weight, kept)
         wanted = before.copy()
-        wanted[1:] = _tempered(before[1:], expected[1:], power)
+        wanted[1:] = _tempered(before[1:], self._kinds_prior[1:], power)
         wanted[1:] *= before[1:].sum(axis=0) / np.maximum(wanted[1:].sum(axis=0), _LEAST)
         factor = wanted / np.maximum(after, _LEAST)
         bank.weight *= factor[:-1].ravel()[self._kind]

@@ -10,7 +10,7 @@ is taken for one (the generalised likelihood ratio of Willsky and Jones 1976, wi
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -157,15 +157,14 @@ class RegimeWatch:
         if count < 3 * _BESIDE:
             return None
         hours, value, variance, service = self._kept[number, :, TESTS - count :]
-        change, tests_after = _found(hours, value, variance, noise)
-        if change is None:
-            return None
-        self._count[number] = tests_after
-        return replace(change, hours=float(service[count - tests_after]))
+        change, tests_after = _found(hours, value, variance, service, noise)
+        if change is not None:
+            self._count[number] = tests_after
+        return change
 
 
 def _found(
-    hours: Array, value: Array, variance: Array, noise: GrowthNoise
+    hours: Array, value: Array, variance: Array, service: Array, noise: GrowthNoise
 ) -> tuple[Change | None, int]:
     """Return the change that tests show, and how many tests there are after it."""
     span = hours[-1] - hours[0]
@@ -208,7 +207,7 @@ def _found(
     low, high = sorted((abs(before), abs(after)))
     if growth < _SIGNIFICANT * sigmas[1] or high < _LEAST_RATIO * low:
         return None, 0
-    return Change(float(hours[at]), before, after, float(sigmas[2])), t.size - at
+    return Change(float(service[at]), before, after, float(sigmas[2])), t.size - at
 
 
 def _whitener(hours: Array, value: Array, variance: Array, noise: GrowthNoise) -> Array:
