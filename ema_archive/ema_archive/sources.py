@@ -64,6 +64,12 @@ def list_bags(source: str, without: Path | None = None) -> Iterator[list[Listed]
         When it cannot be read, or there is no such folder.
     """
     files, root = _opened(source)
+    with _clear_errors(source):
+        yield from _listed(files, root, source, without)
+
+
+def _listed(files: Any, root: str, source: str, without: Path | None) -> Iterator[list[Listed]]:
+    """Yield the bags of each folder of a source in a store."""
     if not files.isdir(root):
         raise FileNotFoundError(f"{source}: there is no such folder")
     for folder, folders, entries in files.walk(root, detail=True, on_error="raise"):
@@ -116,7 +122,8 @@ def local_copy(url: str) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix="ema_archive_") as folder:
         copy = Path(folder) / path.rstrip("/").rpartition("/")[2]
-        files.get(path, str(copy), recursive=files.isdir(path))
+        with _clear_errors(url):
+            files.get(path, str(copy), recursive=files.isdir(path))
         yield copy
 
 
@@ -138,7 +145,8 @@ def mark_of(url: str) -> str:
     """Return what changes when a file at an address does; empty when there is none."""
     files, path = _opened(url)
     try:
-        return _mark([files.info(path)])
+        with _clear_errors(url):
+            return _mark([files.info(path)])
     except FileNotFoundError:
         return ""
 
@@ -147,7 +155,8 @@ def time_of(url: str) -> int | None:
     """Return when a file at an address was changed [ns]; None where that is not known."""
     files, path = _opened(url)
     try:
-        changed = files.modified(path)
+        with _clear_errors(url):
+            changed = files.modified(path)
     except (FileNotFoundError, NotImplementedError):
         return None
     if changed.tzinfo is None:
@@ -159,6 +168,17 @@ def full_url(source: str) -> str:
     """Return the address of a source that holds wherever a process works."""
     files, root = _opened(source)
     return _url(files, root)
+
+
+@contextmanager
+def _clear_errors(url: str) -> Iterator[None]:
+    """Raise OSError, with the address, for errors that are of a store's own kinds."""
+    try:
+        yield
+    except (OSError, ValueError, NotImplementedError):
+        raise
+    except Exception as error:
+        raise OSError(f"{url}: the store cannot be read: {error}") from error
 
 
 def _opened(url: str) -> tuple[Any, str]:

@@ -5,7 +5,9 @@ import json
 import os
 from dataclasses import replace
 
+import fsspec
 import pytest
+from fsspec import AbstractFileSystem
 
 from ema_archive import running
 from ema_archive.bag_task import DONE, BagResult
@@ -197,8 +199,6 @@ def test_bag_of_two_actuators_has_rows_of_both(tmp_path):
 
 @pytest.mark.slow
 def test_bags_in_an_object_store_give_the_same_rows(archive, fleet, tmp_path):
-    import fsspec
-
     # Its files are not for several threads at once.
     store = fsspec.filesystem("memory")
     store.put(str(fleet), "/fleet", recursive=True)
@@ -210,6 +210,25 @@ def test_bags_in_an_object_store_give_the_same_rows(archive, fleet, tmp_path):
     assert exactly(tmp_path / "remote", "health") == exactly(archive, "health")
     [first, *_] = table_of(tmp_path / "remote", "estimates")["bag"].to_pylist()
     assert first.startswith("memory://")
+
+
+class _Unreachable(AbstractFileSystem):
+    """A store whose package has errors of its own kind, as those of clouds have."""
+
+    protocol = "unreachable"
+
+    def info(self, path, **kwargs):
+        raise LookupError("no answer from the endpoint")
+
+    ls = info
+
+
+def test_store_that_gives_no_answer_is_named(ema, tmp_path):
+    fsspec.register_implementation("unreachable", _Unreachable, clobber=True)
+    result = ema("archive", "scan", tmp_path / "archive", "unreachable://fleet/bags")
+    assert result.exit_code == 1
+    assert "unreachable://fleet/bags: the store" in result.stderr
+    assert "no answer from the endpoint" in result.stderr
 
 
 @pytest.mark.slow

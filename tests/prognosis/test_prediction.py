@@ -7,7 +7,7 @@ from ema_core.faults import COMPONENTS, FAULT_NAMES, HIGHEST
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.bank import Bank
 from ema_monitor.prognosis.growth.cells import grid
-from ema_monitor.prognosis.growth.forecast import draw, futures, lives
+from ema_monitor.prognosis.growth.forecast import draw_cells, futures, lives
 from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, KnownLaw, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_sim.growth import Growth, grow
@@ -48,7 +48,7 @@ def sharp_bank(law: str, rate: float, shape: float, x: float, name: str = "backl
 def test_first_passage_follows_that_of_simulated_growth(law, rate, shape, x):
     bank = sharp_bank(law, rate, shape, x)
     rng = np.random.default_rng(0)
-    sample = draw(bank, 4000, rng)
+    sample = draw_cells(bank, 4000, rng)
     number = COMPONENTS.index("backlash")
     # The same rates as the cell holds, so that the noise alone is compared.
     predicted = lives(sample, rng)[number]
@@ -74,7 +74,7 @@ def hours_to_half(growth: Growth, x: float, rng: np.random.Generator) -> float:
 def test_futures_pass_the_limit_when_the_lives_end():
     bank = sharp_bank("archard", 3e-4, 3.0, 0.25)
     rng = np.random.default_rng(1)
-    sample = draw(bank, 4000, rng)
+    sample = draw_cells(bank, 4000, rng)
     number = COMPONENTS.index("backlash")
     ends = lives(sample, rng)[number]
     hours = np.array([0.0, 200.0, 300.0, 350.0, 400.0])

@@ -23,7 +23,7 @@ _LEAST_VARIANCE = 1e-14
 
 
 @kernel()
-def _grown(law: int, rate: float, shape: float, x: float, hours: float) -> float:
+def grown(law: int, rate: float, shape: float, x: float, hours: float) -> float:
     """Return the growth of ``ema_core.growth_laws.increment``, at most 1."""
     if law == _EXPONENTIAL:
         step = (x + shape) * math.expm1(min(rate * hours, _LARGEST))
@@ -74,8 +74,8 @@ def grow_cells(
             continue
         x, sd = side[i] * mean[i], math.sqrt(variance[i])
         low, high = max(x - sd, 0.0), max(x + sd, 0.0)
-        least = _grown(law[i], rate[i], shape[i], low, u)
-        most = _grown(law[i], rate[i], shape[i], high, u)
+        least = grown(law[i], rate[i], shape[i], low, u)
+        most = grown(law[i], rate[i], shape[i], high, u)
         spread = 0.5 * (high + most - low - least)
         step = 0.5 * (least + most)
         slope[i] = spread / sd if sd > 0.0 else 1.0

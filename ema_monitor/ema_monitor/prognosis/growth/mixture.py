@@ -1,14 +1,15 @@
-"""All that is thought of how the components of a unit grow: cells and waves, weighed together.
+"""All that is thought of how the components of a unit grow, weighed together: cells and filters.
 
-Probabilities of cells and waves are exact marginal likelihoods, but for what growth was like long
-ago where it does not keep to a law for life: each test draws those of rates that wander, and of
-waves, and whether growth is by a law for life, at a rate that wanders, or under a wave, towards
-their prior by a small power (Raftery, Karny and Ettler 2010, dynamic model averaging). Which of the
-laws for life it is, and whether anything grows, is not forgotten. So a unit whose growth is steady
-comes to count as such, and is told the narrower interval, and one whose growth is not does not.
+Probabilities of cells and filters are exact marginal likelihoods, but for what growth was like long
+ago where it does not keep to a law for life: each test draws those of rates that wander, of waves
+and of drivers, and whether growth is by a law for life, at a rate that wanders, under a wave or
+driven, towards their prior by a small power (Raftery, Karny and Ettler 2010, dynamic model
+averaging). Which of the laws for life it is, and whether anything grows, is not forgotten. So a
+unit whose growth is steady comes to count as such, and is told the narrower interval, and one whose
+growth is not does not.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from typing import Any
 
@@ -20,9 +21,11 @@ from ema_core.growth_laws import increment
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.bank import Bank
 from ema_monitor.prognosis.growth.cells import grid
+from ema_monitor.prognosis.growth.driven import Driven
 from ema_monitor.prognosis.growth.errors import EstimateErrors, LastTest
 from ema_monitor.prognosis.growth.filters import temper
 from ema_monitor.prognosis.growth.fleet import with_fleet
+from ema_monitor.prognosis.growth.linear_filters import LinearFilters
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.waves import Waves
 
@@ -33,7 +36,7 @@ Moments = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class Mixture:
-    """Cells, waves, and the errors of the estimates that both are measured by.
+    """Cells, waves and driven faults, and the errors of the estimates that all are measured by.
 
     Parameters
     ----------
@@ -44,7 +47,7 @@ class Mixture:
 
     Attributes
     ----------
-    bank, waves, errors
+    bank, waves, driven, errors
         The parts.
     """
 
@@ -53,6 +56,7 @@ class Mixture:
         cells = with_fleet(grid(limits, settings), settings.fleet, settings.laws)
         self.bank = Bank(cells, settings)
         self.waves = Waves(limits, settings)
+        self.driven = Driven(limits, settings)
         self.errors = EstimateErrors(self.bank.noise_hours)
         is_known = np.array([name in settings.laws for name in COMPONENTS])
         self._power = np.where(is_known, 1.0, settings.forgetting)
@@ -62,16 +66,32 @@ class Mixture:
         # No growth, a law for life, a rate that wanders: of each component.
         kind = np.where(self._is_constant, 0, np.where(self.bank.cells.wanders, 2, 1))
         self._kind = kind * len(COMPONENTS) + self._component
-        waving = self.waves.prior.sum(axis=1)
-        self._prior = self.bank.cells.prior * (1.0 - waving)[self._component]
+        self._prior = self._prior_beside_filters()
         self.bank.weight = self._prior.copy()
-        self._kinds_prior = self._of_kinds(self._prior, self.waves.prior[:, self.waves.grows])
+        growing = [one.prior[:, one.grows] for one in self.filters]
+        self._kinds_prior = self._of_kinds(self._prior, growing)
         self._last = LastTest.none()
+
+    def _prior_beside_filters(self) -> NDArray[np.float64]:
+        """Return the prior of the cells: with filters, growth is as probable as without."""
+        prior = self.bank.cells.prior.copy()
+        for grows in (False, True):
+            of_it = self._is_constant != grows
+            total = self.bank.sums(prior * of_it)
+            taken = sum(one.prior[:, one.grows == grows].sum(axis=1) for one in self.filters)
+            prior[of_it] *= (1.0 - taken / total)[self._component[of_it]]
+        return prior
+
+    @property
+    def filters(self) -> tuple[LinearFilters, ...]:
+        """Waves and driven faults."""
+        return self.waves, self.driven
 
     def frozen(self) -> "Mixture":
         """Return a copy that does not change with this one."""
         twin = copy(self)
-        twin.bank, twin.waves = self.bank.frozen(), self.waves.frozen()
+        twin.bank = self.bank.frozen()
+        twin.waves, twin.driven = self.waves.frozen(), self.driven.frozen()
         return twin
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -79,9 +99,8 @@ class Mixture:
         bank, last = self.bank, self._last
         return {
             "bank": np.stack([bank.weight, bank.mean, bank.variance]),
-            "wave_weight": self.waves.weight,
-            "wave_mean": self.waves.mean,
-            "wave_covariance": self.waves.covariance,
+            **self.waves.state("wave"),
+            **self.driven.state("driven"),
             "errors": self.errors.log_probability,
             "error_mean": self.errors.mean,
             "error_covariance": self.errors.covariance,
@@ -97,14 +116,12 @@ class Mixture:
         ValueError, KeyError
             When it is none.
         """
-        bank, waves = self.bank, self.waves
+        bank = self.bank
         if state["bank"].shape != (3, bank.weight.size):
             raise ValueError(f"the grid has shape {state['bank'].shape}, not {bank.weight.shape}")
-        if state["wave_covariance"].shape != waves.covariance.shape:
-            raise ValueError(f"waves have shape {state['wave_covariance'].shape}")
         bank.weight, bank.mean, bank.variance = map(np.ascontiguousarray, state["bank"])
-        waves.weight, waves.mean = state["wave_weight"], state["wave_mean"]
-        waves.covariance = state["wave_covariance"]
+        self.waves.restore("wave", state)
+        self.driven.restore("driven", state)
         errors = self.errors
         errors.log_probability, errors.hours = state["errors"], state["error_hours"]
         errors.mean, errors.covariance = state["error_mean"], state["error_covariance"]
@@ -113,18 +130,20 @@ class Mixture:
 
     def moments(self) -> Moments:
         """Return mean and variance of each component's signed distance, ``(7,)`` each."""
-        bank, waves = self.bank, self.waves
-        mean, variance = waves.moments()
-        first = bank.sums(bank.weight * bank.mean) + np.sum(waves.weight * mean, axis=1)
-        away = bank.mean - first[self._component]
-        second = bank.sums(bank.weight * (bank.variance + away**2))
-        return first, second + np.sum(
-            waves.weight * (variance + (mean - first[:, None]) ** 2), axis=1
-        )
+        bank = self.bank
+        first, second = bank.sums(bank.weight * bank.mean), bank.sums(bank.weight * bank.variance)
+        moments = [one.moments() for one in self.filters]
+        for one, (mean, variance) in zip(self.filters, moments, strict=True):
+            first += np.sum(one.weight * mean, axis=1)
+            second += np.sum(one.weight * variance, axis=1)
+        second += bank.sums(bank.weight * (bank.mean - first[self._component]) ** 2)
+        for one, (mean, _) in zip(self.filters, moments, strict=True):
+            second += np.sum(one.weight * (mean - first[:, None]) ** 2, axis=1)
+        return first, second
 
     def constant(self) -> NDArray[np.float64]:
         """Return the probability that each component does not grow, ``(7,)``."""
-        still = np.sum(self.waves.weight[:, ~self.waves.grows], axis=1)
+        still = sum(one.weight[:, ~one.grows].sum(axis=1) for one in self.filters)
         return self.bank.weight[self.bank.cells.slices["constant"]] + still
 
     def rates(self) -> NDArray[np.float64]:
@@ -145,7 +164,7 @@ class Mixture:
         number, rate, sigma
             The component, the rate, and its standard deviation [1/h].
         """
-        bank, waves = self.bank, self.waves
+        bank = self.bank
         at = bank.members[number]
         at = at[~self._is_constant[at]]
         rates = self.rates()[at]
@@ -154,13 +173,17 @@ class Mixture:
         log_p = -0.5 * ((rates - rate) / spread) ** 2 - np.log(spread)
         weight = self._prior[at] * np.exp(log_p - log_p.max())
         bank.weight[at] = np.maximum(weight * (bank.weight[at].sum() / weight.sum()), _LEAST)
-        waves.change_rate(number, rate, sigma)
+        self.waves.change_rate(number, rate, sigma)
+        self.driven.change_rate(number, rate, sigma)
 
     def advance(self, hours: NDArray[np.float64]) -> None:
         """Let each component grow over hours of its own, at least 0, ``(7,)`` [h]."""
         self.errors.advance(hours)
+        before, variance = self.moments()
         self.bank.advance(hours)
         self.waves.advance(hours)
+        # A driver goes on by laws of its own: where both drive each other, that is how they grew.
+        self.driven.advance(hours, before, self.bank.moments()[0], variance)
 
     def _forget(self, used: NDArray[np.bool_]) -> None:
         """Draw the probabilities of growth towards their prior, in each kind of growth by itself.
@@ -170,30 +193,34 @@ class Mixture:
         used
             Components of which the test tells something, ``(7,)``.
         """
-        bank, waves, waving = self.bank, self.waves, self.waves.grows
+        bank, filters = self.bank, self.filters
         power = np.where(used, self._power, 1.0)
-        grown, prior = waves.weight[:, waving], waves.prior[:, waving]
+        grown = [one.weight[:, one.grows] for one in filters]
         before = self._of_kinds(bank.weight, grown)
         # What wanders forgets; a law is one for life, or it is found to be none.
         powers = np.concatenate([np.ones_like(power), np.ones_like(power), power])
         temper(bank.weight, self._prior, self._kind, powers)
-        kept = _tempered(grown, prior, power[:, None])
+        kept = [
+            _tempered(weight, one.prior[:, one.grows], power[:, None])
+            for one, weight in zip(filters, grown, strict=True)
+        ]
         after = self._of_kinds(bank.weight, kept)
         wanted = before.copy()
         wanted[1:] = _tempered(before[1:], self._kinds_prior[1:], power)
         wanted[1:] *= before[1:].sum(axis=0) / np.maximum(wanted[1:].sum(axis=0), _LEAST)
         factor = wanted / np.maximum(after, _LEAST)
-        bank.weight *= factor[:-1].ravel()[self._kind]
-        waves.weight[:, waving] = kept * factor[-1][:, None]
+        bank.weight *= factor[:3].ravel()[self._kind]
+        for one, weight, own in zip(filters, kept, factor[3:], strict=True):
+            one.weight[:, one.grows] = weight * own[:, None]
 
     def _of_kinds(
-        self, of_cells: NDArray[np.float64], of_waves: NDArray[np.float64]
+        self, of_cells: NDArray[np.float64], of_filters: Sequence[NDArray[np.float64]]
     ) -> NDArray[np.float64]:
-        """Return sums by kind of growth and component: none, for life, wandering, wave; (4, 7)."""
+        """Return sums by kind of growth: none, for life, wandering, wave, driven; ``(5, 7)``."""
         found = np.bincount(self._kind, of_cells, 3 * len(COMPONENTS)).astype(
             np.float64, copy=False
         )
-        return np.stack([*found.reshape(3, -1), of_waves.sum(axis=1)])
+        return np.stack([*found.reshape(3, -1), *(one.sum(axis=1) for one in of_filters)])
 
     def measure(
         self,
@@ -219,7 +246,7 @@ class Mixture:
         """
         self._forget(used)
         self.bank.change()
-        bank, waves, errors, last = self.bank, self.waves, self.errors, self._last
+        bank, errors, last = self.bank, self.errors, self._last
         settings, plain = self._settings, used & ~near_healthy
         occasional = (settings.occasional_error, settings.occasional_probability)
         errors.learn(value, noise, plain, last, occasional)
@@ -228,28 +255,37 @@ class Mixture:
         carried = last.carried(noise, correlation)
         fresh = np.where(last.used, 1.0 - correlation**2, 1.0) * variance
         of_cells, below = bank.measure(value, noise, used, near_healthy, carried, fresh, last.value)
-        of_waves = np.zeros_like(waves.weight)
-        waves_below = waves.measure(
-            np.flatnonzero(plain), value, fresh, carried, last.value, of_waves
-        )
-        pit = bank.sums(bank.weight * below) + np.sum(waves.weight * waves_below, axis=1)
-        near = np.flatnonzero(used & near_healthy)
-        waves.measure_near(near, noise, bank.two_sided, of_waves)
-        self._weigh(of_cells, of_waves)
+        pit = bank.sums(bank.weight * below)
+        measured, near = np.flatnonzero(plain), np.flatnonzero(used & near_healthy)
+        of_filters = []
+        for one in self.filters:
+            log_p = np.zeros_like(one.weight)
+            below = one.measure(measured, value, fresh, carried, last.value, log_p)
+            pit += np.sum(one.weight * below, axis=1)
+            one.measure_near(near, noise, bank.two_sided, log_p)
+            of_filters.append(log_p)
+        self._weigh(of_cells, of_filters)
         self._last = LastTest(value, noise, plain)
         return pit
 
-    def _weigh(self, of_cells: NDArray[np.float64], of_waves: NDArray[np.float64]) -> None:
+    def _weigh(
+        self, of_cells: NDArray[np.float64], of_filters: Sequence[NDArray[np.float64]]
+    ) -> None:
         """Multiply all probabilities by likelihoods, given by their logarithms."""
-        bank, waves = self.bank, self.waves
+        bank = self.bank
         highest = np.full(len(COMPONENTS), -np.inf)
         np.maximum.at(highest, self._component, of_cells)
-        highest = np.maximum(highest, of_waves.max(axis=1))
+        for one, log_p in zip(self.filters, of_filters, strict=True):
+            highest = np.maximum(highest, np.where(one.prior > 0.0, log_p, -np.inf).max(axis=1))
         cells = bank.weight * np.exp(of_cells - highest[self._component])
-        waving = waves.weight * np.exp(of_waves - highest[:, None])
-        total = bank.sums(cells) + waving.sum(axis=1)
+        weights = [
+            one.weight * np.exp(np.minimum(log_p - highest[:, None], 0.0))
+            for one, log_p in zip(self.filters, of_filters, strict=True)
+        ]
+        total = bank.sums(cells) + sum(one.sum(axis=1) for one in weights)
         bank.weight = np.maximum(cells / total[self._component], _LEAST)
-        waves.weight = waving / total[:, None]
+        for one, weight in zip(self.filters, weights, strict=True):
+            one.weight = weight / total[:, None]
 
     def skip(self) -> None:
         """Leave a test unused: the errors of the one before no longer last into the next."""
@@ -268,17 +304,23 @@ class Mixture:
             Power to which the probabilities are kept, relative to the prior: 0 reopens the prior,
             1 keeps all that is known of the growth [-].
         """
-        bank, waves, last = self.bank, self.waves, self._last
+        bank, last = self.bank, self._last
         variance = noise + self._settings.occasional_error**2
         self.errors.restart(number)
         bank.restart(number, value, variance)
-        waves.restart(number, value, variance)
+        self.waves.restart(number, value, variance)
+        self.driven.restart(number, value, variance)
         at = bank.members[number]
-        prior, waving = self._prior[at], waves.prior[number]
+        prior = self._prior[at]
         cells = prior * (bank.weight[at] / prior) ** keep
-        own = waving * (waves.weight[number] / np.maximum(waving, _LEAST)) ** keep
-        total = cells.sum() + own.sum()
-        bank.weight[at], waves.weight[number] = cells / total, own / total
+        own = [
+            one.prior[number] * (one.weight[number] / np.maximum(one.prior[number], _LEAST)) ** keep
+            for one in self.filters
+        ]
+        total = cells.sum() + sum(weight.sum() for weight in own)
+        bank.weight[at] = cells / total
+        for one, weight in zip(self.filters, own, strict=True):
+            one.weight[number] = weight / total
         values, noises, used = last.value.copy(), last.noise.copy(), last.used.copy()
         values[number], noises[number], used[number] = value, noise, False
         self._last = LastTest(values, noises, used)

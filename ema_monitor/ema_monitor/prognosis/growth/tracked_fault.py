@@ -29,7 +29,8 @@ class TrackedFault:
     trend_sigma
         Its standard deviation [1/h].
     laws
-        Probability of each law [-]; ``constant`` stands for no growth yet.
+        Probability of each law [-]; ``constant`` stands for no growth yet, ``driven``
+        for growth in proportion to another fault.
     growing_probability
         Probability that it grows [-].
     calibration
@@ -61,14 +62,15 @@ def tracked_faults(
     check
         Predictions held against tests.
     """
-    bank, waves = mixture.bank, mixture.waves
+    bank = mixture.bank
     cells, weight = bank.cells, bank.weight
     mean, variance = mixture.moments()
     rates = mixture.rates()
-    waving = np.where(waves.grows, waves.mean[..., 1], 0.0)
-    trend = bank.sums(weight * rates) + np.sum(waves.weight * waving, axis=1)
+    filters = [(one.weight, one.rates()) for one in mixture.filters]
+    trend = bank.sums(weight * rates)
+    trend += sum(np.sum(share * own, axis=1) for share, own in filters)
     squares = bank.sums(weight * (rates - trend[cells.component]) ** 2)
-    squares += np.sum(waves.weight * (waving - trend[:, None]) ** 2, axis=1)
+    squares += sum(np.sum(share * (own - trend[:, None]) ** 2, axis=1) for share, own in filters)
     trend_sigma = np.sqrt(squares)
     figures = np.array([HEALTHY + mean, np.sqrt(variance), trend, trend_sigma])
     figures[:, tests == 0] = np.nan
@@ -77,9 +79,10 @@ def tracked_faults(
         law: np.bincount(cells.component[part], weight[part], len(COMPONENTS)).tolist()
         for law, part in cells.slices.items()
     }
-    of_waves = np.sum(waves.weight * waves.grows, axis=1)
+    of_waves = np.sum(mixture.waves.weight * mixture.waves.grows, axis=1)
     laws["linear"] = (laws["linear"] + of_waves).tolist()
     laws["constant"] = mixture.constant().tolist()
+    laws["driven"] = mixture.driven.weight.sum(axis=1).tolist()
     return tuple(
         TrackedFault(
             name,

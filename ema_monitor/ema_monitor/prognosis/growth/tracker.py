@@ -1,12 +1,13 @@
 """Bayesian tracker of how an actuator's faults grow.
 
 State and growth are estimated together: each component has a bank of Gaussian filters on a grid
-of laws, shapes and rates (``bank``), and Kalman filters of faults under a wave (``waves``). A grid
-was chosen rather than particles, because given law, shape and rate only one smooth scalar is left,
-which a Gaussian holds; because static parameters make particles degenerate and the usual cure,
-jitter, forgets what long lives taught; because the probabilities of laws are then marginal
-likelihoods; and because nothing is random before a prediction draws from it. A single extended
-Kalman filter would hold neither the early, many-peaked distribution of the rates nor several laws.
+of laws, shapes and rates (``bank``), and Kalman filters of faults under a wave (``waves``) or
+driven by another (``driven``). A grid was chosen rather than particles, because given law, shape
+and rate only one smooth scalar is left, which a Gaussian holds; because static parameters make
+particles degenerate and the usual cure, jitter, forgets what long lives taught; because the
+probabilities of laws are then marginal likelihoods; and because nothing is random before a
+prediction draws from it. A single extended Kalman filter would hold neither the early, many-peaked
+distribution of the rates nor several laws.
 """
 
 import math
@@ -239,7 +240,7 @@ class Tracker:
     def _keep_prediction(self, own_hours: NDArray[np.float64]) -> None:
         """Keep a prediction of what later tests will show, to hold it against them."""
         rng = np.random.default_rng([1, self.updates])
-        sample = draw(self._mixture.bank, SAMPLES, rng, self._mixture.waves)
+        sample = draw(self._mixture, SAMPLES, rng)
         ahead = self._check.hours_ahead(self.hours)
         away = futures(sample, ahead[:, None, None], rng)
         self._check.keep(own_hours, ahead, away, self._tests > 0, self._growing)
@@ -282,7 +283,7 @@ class Tracker:
         """
         duty = FutureDuty.of(duty)
         rng = self._rng()
-        sample = draw(self._mixture.bank, self._settings.samples, rng, self._mixture.waves)
+        sample = draw(self._mixture, self._settings.samples, rng)
         own = widened_lives(lives(sample, rng), self._check.widening())
         hours = duty.hours_of(own)
         mean, variance = self._mixture.moments()
@@ -337,7 +338,7 @@ class Tracker:
         if times.ndim != 1 or not np.all(np.diff(times, prepend=0.0) >= 0.0):
             raise ValueError(f"hours = {hours} h: expected ascending numbers of at least 0")
         rng = self._rng()
-        sample = draw(self._mixture.bank, n, rng, self._mixture.waves)
+        sample = draw(self._mixture, n, rng)
         own = FutureDuty.of(duty).own_hours(times, n)
         away = widened(futures(sample, own, rng), self._check.widening())
         vectors = np.tile(healthy_faults(), (times.size, n, 1))

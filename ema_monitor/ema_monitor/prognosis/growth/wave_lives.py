@@ -52,13 +52,9 @@ def draw_waves(waves: Waves, n: int, rng: np.random.Generator) -> WaveDraw | Non
     if not number.size:
         return None
     places = [rng.permutation(n)[: one.size] for one in numbers]
-    pairs, which = np.unique(number * waves.omega.size + of_it, return_inverse=True)
-    owner, one = np.divmod(pairs, waves.omega.size)
-    values, vectors = np.linalg.eigh(waves.covariance[owner, one])
-    root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    normal = rng.standard_normal((number.size, 4))
-    state = waves.mean[number, of_it] + np.einsum("mij,mj->mi", root[which], normal)
-    state[:, 1] *= np.where(waves.grows[of_it], np.exp(_RATE_SPREAD * normal[:, 0]), 0.0)
+    state = waves.samples(number, of_it, rng)
+    spread = np.exp(_RATE_SPREAD * rng.standard_normal(number.size))
+    state[:, 1] *= np.where(waves.grows[of_it], spread, 0.0)
     return WaveDraw((number, np.concatenate(places)), state, waves.omega[of_it])
 
 

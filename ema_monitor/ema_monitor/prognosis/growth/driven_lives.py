@@ -1,0 +1,227 @@
+"""Samples of driven faults, continued into the future together with what drives them.
+
+A sample of a unit is followed as a whole: the level of the driver in it is that of the same sample,
+so that both faults share their growth, and reach their limits together more often than by chance.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core._jit import kernel
+from ema_monitor.prognosis.growth.driven import Driven
+from ema_monitor.prognosis.growth.filters import grown
+from ema_monitor.prognosis.growth.wander import SIGMA, WANDER_HOURS
+
+_FIRST_HOURS: Final = 2.0
+_STEP: Final = 0.06
+_LONGEST_HOURS: Final = 60_000.0
+"""First step, later steps over the hours so far, and hours after which none is taken [h]."""
+
+_RATE_SPREAD: Final = 0.15
+"""Standard deviation of the logarithm of the mean rate to come, over that of now [-]."""
+
+_NONE: Final = -1
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenDraw:
+    """Samples of faults that are driven.
+
+    Attributes
+    ----------
+    at
+        Which of ``(7, n)`` they are: numbers of component and sample, ``(m,)`` each.
+    driver
+        Number of the component that drives each, ``(m,)``.
+    state
+        Level [-], rate of its own [1/h] and coupling [1/h], ``(m, 3)``.
+    """
+
+    at: tuple[NDArray[np.intp], NDArray[np.intp]]
+    driver: NDArray[np.intp]
+    state: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class OwnGrowth:
+    """Growth of all components in samples that hold a driven one, by laws of their own.
+
+    Attributes
+    ----------
+    law
+        Number of the law in ``ema_core.growth_laws.LAWS``, ``(7, m)``.
+    x, rate, shape
+        Level [-] and figures of the law, ``(7, m)``.
+    pace
+        Logarithm of the pace [-], ``(7, m)``; NaN where the rate does not wander.
+    limit
+        Level at which the life of each component ends [-], ``(7,)``.
+    """
+
+    law: NDArray[np.intp]
+    x: NDArray[np.float64]
+    rate: NDArray[np.float64]
+    shape: NDArray[np.float64]
+    pace: NDArray[np.float64]
+    limit: NDArray[np.float64]
+
+
+def draw_driven(
+    driven: Driven, cells: NDArray[np.float64], free: NDArray[np.bool_], rng: np.random.Generator
+) -> DrivenDraw | None:
+    """Return those of the samples of each component that are driven; None without any.
+
+    Parameters
+    ----------
+    driven
+        The filters.
+    cells
+        Probability of the cells of each component, ``(7,)``.
+    free
+        Samples that are under no wave, ``(7, n)``.
+    rng
+        Random numbers.
+    """
+    numbers, filters, places = [], [], []
+    for number in np.flatnonzero(driven.weight.any(axis=1)):
+        at = np.cumsum(driven.weight[number])
+        open_to = np.flatnonzero(free[number])
+        points = (rng.random() + np.arange(open_to.size)) / max(open_to.size, 1)
+        points = points[points < at[-1] / (at[-1] + cells[number])] * (at[-1] + cells[number])
+        filters.append(np.minimum(np.searchsorted(at, points), at.size - 1))
+        numbers.append(np.full(points.size, number))
+        places.append(rng.permutation(open_to)[: points.size])
+    number, of_it = np.concatenate(numbers or [[]]), np.concatenate(filters or [[]])
+    if not number.size:
+        return None
+    number, of_it = number.astype(np.intp), of_it.astype(np.intp)
+    state = driven.samples(number, of_it, rng)
+    state[:, 1:] *= np.exp(_RATE_SPREAD * rng.standard_normal(number.size))[:, None]
+    place = np.concatenate(places).astype(np.intp)
+    return DrivenDraw((number, place), driven.driver[number, of_it], state)
+
+
+def driven_lives(sample: DrivenDraw, own: OwnGrowth) -> NDArray[np.float64]:
+    """Return hours until each driven fault first reaches its limit, without noise [h], ``(m,)``.
+
+    Parameters
+    ----------
+    sample
+        The driven faults.
+    own
+        Growth of all components of those samples that ``np.unique(sample.at[1])`` names.
+    """
+    columns = np.unique(sample.at[1], return_inverse=True)[1]
+    driver = np.full(own.x.shape, _NONE)
+    state = np.zeros((*own.x.shape, 3))
+    driver[sample.at[0], columns] = sample.driver
+    state[sample.at[0], columns] = sample.state
+    drives = np.zeros(own.x.shape, dtype=bool)
+    drives[sample.driver, columns] = True
+    figures = (own.law, own.x, own.rate, own.shape, own.pace, own.limit)
+    return _first_passages(driver, drives, state, *figures)[sample.at[0], columns]
+
+
+@kernel()
+def _first_passages(
+    driver: NDArray[np.intp],
+    drives: NDArray[np.bool_],
+    state: NDArray[np.float64],
+    law: NDArray[np.intp],
+    level: NDArray[np.float64],
+    rate: NDArray[np.float64],
+    shape: NDArray[np.float64],
+    pace: NDArray[np.float64],
+    limit: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return hours until driven components reach their limits [h], ``(7, m)``; else infinity."""
+    n, m = driver.shape
+    result = np.full((n, m), np.inf)
+    x, own, first = np.empty(n), np.empty(n), np.empty(n)
+    for j in range(m):
+        left = 0
+        for i in range(n):
+            x[i] = state[i, j, 0] if driver[i, j] >= 0 else level[i, j]
+            if driver[i, j] >= 0:
+                if x[i] >= limit[i]:
+                    result[i, j] = 0.0
+                else:
+                    left += 1
+        hours = 0.0
+        while left > 0 and hours < _LONGEST_HOURS:
+            step = max(_FIRST_HOURS, _STEP * hours)
+            # The drivers by laws of their own first, then the driven ones by Heun's method.
+            for i in range(n):
+                own[i] = 0.0
+                if driver[i, j] >= 0:
+                    first[i] = state[i, j, 1] + state[i, j, 2] * x[driver[i, j]]
+                elif drives[i, j]:
+                    kept = math.exp(-(hours + 0.5 * step) / WANDER_HOURS)
+                    factor = 1.0
+                    if not math.isnan(pace[i, j]):
+                        factor = math.exp(kept * pace[i, j] - 0.5 * (SIGMA * kept) ** 2)
+                    own[i] = grown(law[i, j], rate[i, j], shape[i, j], x[i], factor * step)
+            for i in range(n):
+                if driver[i, j] < 0:
+                    x[i] += own[i]
+            for i in range(n):
+                k = driver[i, j]
+                if k < 0:
+                    continue
+                ahead = x[k] + (first[k] * step if driver[k, j] >= 0 else 0.0)
+                own[i] = 0.5 * step * (first[i] + state[i, j, 1] + state[i, j, 2] * ahead)
+            for i in range(n):
+                if driver[i, j] < 0:
+                    continue
+                if math.isinf(result[i, j]) and x[i] + own[i] >= limit[i]:
+                    result[i, j] = hours + step * (limit[i] - x[i]) / own[i]
+                    left -= 1
+                x[i] += own[i]
+            hours += step
+    return result
+
+
+def driven_values(
+    sample: DrivenDraw,
+    values: NDArray[np.float64],
+    start: NDArray[np.float64],
+    steps: NDArray[np.float64],
+    noise: NDArray[np.float64],
+) -> None:
+    """Write the levels of driven faults at hours to come.
+
+    Parameters
+    ----------
+    sample
+        The driven faults.
+    values
+        Signed distances from healthy by laws of their own, ``(k, 7, n)``; those of the driven ones
+        are replaced.
+    start
+        The same now, ``(7, n)``.
+    steps
+        Hours of growth from one to the next [h], ``(k, m)``.
+    noise
+        Random hours of growth beside them, of mean 0 [h], ``(k, m)``.
+    """
+    number, place = sample.at
+    driver, (x, rate, coupling) = sample.driver, sample.state.T
+    is_driven = np.zeros(start.shape, dtype=bool)
+    is_driven[number, place] = True
+    chained = is_driven[driver, place]
+    before = start.copy()
+    before[number, place] = x
+    growing = np.zeros_like(start)
+    for now, step, more in zip(values, steps, noise, strict=True):
+        first = rate + coupling * before[driver, place]
+        growing[number, place] = first
+        ahead = now[driver, place]
+        guess = before[driver, place] + growing[driver, place] * step
+        ahead = np.where(chained, guess, ahead)
+        mean = 0.5 * (first + rate + coupling * ahead)
+        now[number, place] = before[number, place] + mean * (step + more)
+        before = now

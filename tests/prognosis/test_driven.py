@@ -1,0 +1,139 @@
+"""Faults that drive each other: what is learnt of it, and their common future."""
+
+import numpy as np
+import pytest
+
+from ema_core.faults import COMPONENTS, fault_vector
+from ema_core.growth_laws import LAWS
+from ema_monitor.health import HealthLimits
+from ema_monitor.prognosis.growth.driven import DRIVERS, Driven
+from ema_monitor.prognosis.growth.driven_lives import (
+    DrivenDraw,
+    OwnGrowth,
+    driven_lives,
+    driven_values,
+)
+from ema_monitor.prognosis.growth.forecast import draw, lives
+from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, TrackerSettings
+from ema_monitor.prognosis.growth.tracker import Tracker
+
+PLAY, FRICTION = COMPONENTS.index("backlash"), COMPONENTS.index("friction")
+SIGMA = 0.004
+INTERVAL_H = 12.0
+
+
+def test_component_of_a_known_law_is_not_driven():
+    driven = Driven(HealthLimits(), TrackerSettings(laws=NOMINAL_LAWS))
+    assert not driven.prior.any()
+    driven = Driven(HealthLimits(), TrackerSettings())
+    assert {COMPONENTS[at] for at in np.flatnonzero(driven.prior.sum(axis=1))} == set(DRIVERS)
+
+
+def measured(play: float, friction: float, hours: float, rng: np.random.Generator) -> Measurement:
+    faults = fault_vector({"backlash": play, "friction": friction})
+    faults[[0, 1]] += SIGMA * rng.standard_normal(2)
+    hidden = np.array([number == 6 for number in range(faults.size)])
+    covariance = np.where(np.outer(hidden, hidden), np.nan, SIGMA**2 * np.eye(faults.size))
+    return Measurement(hours, np.clip(faults, 0.0, 1.0), covariance, hidden)
+
+
+def tracked(coupling: float, tests: int) -> Tracker:
+    """A tracker of a unit whose play grows in jerks, and whose friction follows the play."""
+    tracker, rng = Tracker(), np.random.default_rng(4)
+    play = friction = 0.05
+    for number in range(tests):
+        tracker.update(measured(play, friction, INTERVAL_H * number, rng))
+        # Play that grows for a while, and then not: no law for life of the friction fits.
+        grown = 0.01 if number % 40 < 20 else 0.0
+        friction += coupling * INTERVAL_H * (play + 0.5 * grown)
+        play += grown
+    return tracker
+
+
+@pytest.mark.slow
+def test_coupling_is_learnt_from_what_play_does_to_friction():
+    coupling = 1.2e-3
+    tracker = tracked(coupling, 60)
+    driven = tracker._mixture.driven
+    share = driven.weight[FRICTION]
+    assert share.sum() > 5.0 * driven.prior[FRICTION].sum()
+    by_play = share * (driven.driver[FRICTION] == PLAY)
+    assert by_play.sum() > 0.9 * share.sum()
+    learnt = by_play @ driven.mean[FRICTION, :, 2] / by_play.sum()
+    assert learnt == pytest.approx(coupling, rel=0.2)
+    rate = by_play @ driven.rates()[FRICTION] / by_play.sum()
+    (friction,) = [one for one in tracker.components() if one.name == "friction"]
+    assert friction.laws["driven"] == pytest.approx(share.sum())
+    assert friction.trend == pytest.approx(rate, rel=0.3)
+
+
+@pytest.mark.slow
+def test_samples_of_a_unit_share_their_growth():
+    tracker = tracked(1.2e-3, 60)
+    rng = np.random.default_rng(0)
+    sample = draw(tracker._mixture, 4000, rng)
+    ends = lives(sample, rng)
+    number, place = sample.driven.at
+    own = place[(number == FRICTION) & (sample.driven.driver == PLAY)]
+    pair = ends[:, own]
+    both = np.isfinite(pair[PLAY]) & np.isfinite(pair[FRICTION])
+    assert both.sum() > 500
+    ranks = [np.argsort(np.argsort(pair[at, both])) for at in (PLAY, FRICTION)]
+    assert np.corrcoef(ranks)[0, 1] > 0.2
+
+
+def growth_of(rates: dict[int, float], limit: float = 0.5) -> OwnGrowth:
+    """One sample whose components grow linearly."""
+    n = len(COMPONENTS)
+    rate = np.zeros((n, 1))
+    for number, one in rates.items():
+        rate[number] = one
+    law = np.where(rate > 0.0, LAWS.index("linear"), LAWS.index("constant"))
+    zero = np.zeros((n, 1))
+    return OwnGrowth(law, zero, rate, zero, np.full((n, 1), np.nan), np.full(n, limit))
+
+
+def driven_by(pairs: list[tuple[int, int]], state: list[list[float]]) -> DrivenDraw:
+    number, driver = (np.array(part) for part in zip(*pairs, strict=True))
+    return DrivenDraw((number, np.zeros_like(number)), driver, np.array(state))
+
+
+def test_life_of_a_driven_fault_is_that_of_the_exact_solution():
+    # y = v u, x = a u + c v u^2 / 2.
+    v, a, c = 2e-4, 1e-4, 1e-3
+    sample = driven_by([(FRICTION, PLAY)], [[0.0, a, c]])
+    (hours,) = driven_lives(sample, growth_of({PLAY: v}))
+    exact = (-a + np.sqrt(a**2 + 2.0 * c * v * 0.5)) / (c * v)
+    assert hours == pytest.approx(exact, rel=2e-3)
+
+
+def test_lives_of_faults_that_drive_each_other_are_those_of_the_exact_solution():
+    # x' = c y, y' = d x: x = x0 cosh(w u) + y0 c / w sinh(w u), w^2 = c d.
+    c, d, x0, y0 = 1e-3, 2e-3, 0.05, 0.02
+    w = np.sqrt(c * d)
+    pairs, state = [(FRICTION, PLAY), (PLAY, FRICTION)], [[x0, 0.0, c], [y0, 0.0, d]]
+    hours = driven_lives(driven_by(pairs, state), growth_of({}))
+    u = np.linspace(0.0, 5000.0, 500_001)
+    x = x0 * np.cosh(w * u) + y0 * c / w * np.sinh(w * u)
+    y = y0 * np.cosh(w * u) + x0 * d / w * np.sinh(w * u)
+    np.testing.assert_allclose(hours, [u[np.argmax(x >= 0.5)], u[np.argmax(y >= 0.5)]], rtol=3e-3)
+
+
+def test_fault_at_its_limit_has_no_life_left_and_one_without_growth_no_end():
+    sample = driven_by([(FRICTION, PLAY), (PLAY, FRICTION)], [[0.6, 0.0, 0.0], [0.1, 0.0, 0.0]])
+    hours = driven_lives(sample, growth_of({}))
+    assert hours.tolist() == [0.0, np.inf]
+
+
+def test_levels_to_come_are_those_of_the_exact_solution():
+    v, a, c, x0 = 2e-4, 1e-4, 1e-3, 0.03
+    sample = driven_by([(FRICTION, PLAY)], [[x0, a, c]])
+    hours = np.linspace(0.0, 900.0, 10)
+    values = np.zeros((hours.size, len(COMPONENTS), 1))
+    values[:, PLAY, 0] = v * hours
+    steps = np.diff(hours, prepend=0.0)[:, None]
+    driven_values(sample, values, np.zeros((len(COMPONENTS), 1)), steps, np.zeros_like(steps))
+    exact = x0 + a * hours + 0.5 * c * v * hours**2
+    np.testing.assert_allclose(values[:, FRICTION, 0], exact, rtol=1e-9)
+    np.testing.assert_allclose(values[:, PLAY, 0], v * hours)
