@@ -127,7 +127,8 @@ def of_workers(place: Path, bags: Path) -> dict[str, Any]:
                 taken.append(time.perf_counter() - began_s)
                 done = tally.bags
     ratios = [one / two for one, two in zip(*seconds.values(), strict=True)]
-    return {"bags": done, "seconds": seconds, "speedups": ratios, "speedup": statistics.median(ratios)}
+    middle = statistics.median(ratios)
+    return {"bags": done, "seconds": seconds, "speedups": ratios, "speedup": middle}
 
 
 def of_queries(place: Path, tests: int, units: int) -> dict[str, Any]:
