@@ -15,10 +15,20 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}" + ("" if number == 1 else "es" if noun.endswith("ch") else "s")
 
 
-def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
-    """Return the message for an unknown name, with the closest and all known names."""
+def unknown_name(kind: str, name: object, known: Iterable[str]) -> str:
+    """Return the message for an unknown name, with the closest and all known names.
+
+    Parameters
+    ----------
+    kind
+        What it should name.
+    name
+        What was given: of a file, it may be no text.
+    known
+        All names there are.
+    """
     by_lower_case = {item.lower(): item for item in known}
-    close = get_close_matches(as_identifier(name), by_lower_case, n=1)
+    close = get_close_matches(as_identifier(str(name)), by_lower_case, n=1)
     hint = f"did you mean {by_lower_case[close[0]]!r}? " if close else ""
     return f"unknown {kind} {name!r}; {hint}known: {', '.join(by_lower_case.values())}"
 

@@ -87,7 +87,7 @@ def mapping_from(content: Any) -> Mapping:
     joint = content.get("joint", "")
     for name, section in content.items():
         if name not in known:
-            raise ValueError(unknown_name("entry", str(name), known))
+            raise ValueError(unknown_name("entry", name, known))
         if name in SECTIONS and section is not None:
             given[name] = _section(name, section)
         elif name not in SECTIONS:
@@ -111,7 +111,7 @@ def _section(name: str, section: Any) -> Any:
     values = {}
     for key, value in section.items():
         if key not in known:
-            raise ValueError(f"{name}: {unknown_name('entry', str(key), known)}")
+            raise ValueError(f"{name}: {unknown_name('entry', key, known)}")
         values[key] = _number(value) if key in ("scale", "offset", "filter_time") else value
     if "phases" in values and not _is_texts(values["phases"]):
         raise ValueError(f"{name}: phases = {values['phases']!r}: expected a list of sources")

@@ -40,7 +40,7 @@ def load_description(path: Path) -> ActuatorDescription:
         raise ValueError(f"{path}: expected a mapping with {', '.join(_NAMES)}")
     for name in content:
         if name not in _NAMES:
-            raise ValueError(f"{path}: {unknown_name('entry', str(name), _NAMES)}")
+            raise ValueError(f"{path}: {unknown_name('entry', name, _NAMES)}")
     parameters, acquisition = (
         _mapping(path, content, name) for name in ("parameters", "acquisition")
     )
@@ -49,7 +49,7 @@ def load_description(path: Path) -> ActuatorDescription:
     known = [item.name for item in fields(Acquisition)]
     for name in acquisition:
         if name not in known:
-            raise ValueError(f"{path}: {unknown_name('entry of acquisition', str(name), known)}")
+            raise ValueError(f"{path}: {unknown_name('entry of acquisition', name, known)}")
     try:
         return ActuatorDescription(
             parameters=ActuatorParameters().replace(parameters),

@@ -197,7 +197,7 @@ def _scenario(number: int, row: Any) -> Scenario:
     try:
         for key in row:
             if key not in known:
-                raise ValueError(unknown_name("key", str(key), known))
+                raise ValueError(unknown_name("key", key, known))
         return Scenario(**row)
     except ValueError as error:
         raise ValueError(f"scenario {number}: {error}") from error
