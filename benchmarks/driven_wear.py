@@ -34,7 +34,7 @@ from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 SEED: Final = 18_044
 STEP_H: Final = 2.5
-LONGEST_H: Final = 8000.0
+LONGEST_H: Final = 20_000.0
 _NOISES: Final = (0.1, 0.4)
 _MISSING: Final = 0.1
 
@@ -153,6 +153,8 @@ def _grown(rates: Rates, rng: np.random.Generator) -> tuple[NDArray[np.float64],
         factor = np.exp(sigma * rng.standard_normal() - 0.5 * sigma**2)
         y = y + factor * scale * STEP_H * np.array(rates(y))
         levels.append(y)
+    if y.max() < 1.0:
+        raise RuntimeError(f"no limit is reached within {LONGEST_H:g} h")
     return STEP_H * np.arange(len(levels)), np.array(levels)
 
 

@@ -1,9 +1,11 @@
 """Faults that drive each other: what is learnt of it, and their common future."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
-from ema_core.faults import COMPONENTS, fault_vector
+from ema_core.faults import COMPONENTS, FAULT_NAMES, fault_vector
 from ema_core.growth_laws import LAWS
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.driven import DRIVERS, Driven
@@ -13,14 +15,18 @@ from ema_monitor.prognosis.growth.driven_lives import (
     driven_lives,
     driven_values,
 )
-from ema_monitor.prognosis.growth.forecast import draw, lives
+from ema_monitor.prognosis.growth.forecast import draw, futures, lives
 from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.settings import NOMINAL_LAWS, TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 
-PLAY, FRICTION = COMPONENTS.index("backlash"), COMPONENTS.index("friction")
+PLAY, FRICTION, ECCENTRICITY = map(COMPONENTS.index, ("backlash", "friction", "eccentricity"))
+SETTING = "driven_probability"
 SIGMA = 0.004
 INTERVAL_H = 12.0
+COUPLING = 1.2e-3
+AS_PAST = np.ones(len(COMPONENTS))
 
 
 def test_component_of_a_known_law_is_not_driven():
@@ -30,10 +36,17 @@ def test_component_of_a_known_law_is_not_driven():
     assert {COMPONENTS[at] for at in np.flatnonzero(driven.prior.sum(axis=1))} == set(DRIVERS)
 
 
-def measured(play: float, friction: float, hours: float, rng: np.random.Generator) -> Measurement:
-    faults = fault_vector({"backlash": play, "friction": friction})
-    faults[[0, 1]] += SIGMA * rng.standard_normal(2)
-    hidden = np.array([number == 6 for number in range(faults.size)])
+def measured(
+    play: float,
+    friction: float,
+    hours: float,
+    rng: np.random.Generator,
+    unobservable: tuple[str, ...] = (),
+) -> Measurement:
+    faults = fault_vector({"backlash": play, "friction": friction, "eccentricity": 0.2})
+    shown = [FAULT_NAMES.index(name) for name in ("backlash", "friction", "eccentricity")]
+    faults[shown] += SIGMA * rng.standard_normal(3)
+    hidden = np.array([name in ("eccentricity_phase", *unobservable) for name in FAULT_NAMES])
     covariance = np.where(np.outer(hidden, hidden), np.nan, SIGMA**2 * np.eye(faults.size))
     return Measurement(hours, np.clip(faults, 0.0, 1.0), covariance, hidden)
 
@@ -51,26 +64,30 @@ def tracked(coupling: float, tests: int) -> Tracker:
     return tracker
 
 
+@pytest.fixture(scope="module")
+def tracker() -> Tracker:
+    return tracked(COUPLING, 60)
+
+
 @pytest.mark.slow
-def test_coupling_is_learnt_from_what_play_does_to_friction():
-    coupling = 1.2e-3
-    tracker = tracked(coupling, 60)
+def test_coupling_is_learnt_from_what_play_does_to_friction(tracker: Tracker):
     driven = tracker._mixture.driven
     share = driven.weight[FRICTION]
     assert share.sum() > 5.0 * driven.prior[FRICTION].sum()
     by_play = share * (driven.driver[FRICTION] == PLAY)
     assert by_play.sum() > 0.9 * share.sum()
     learnt = by_play @ driven.mean[FRICTION, :, 2] / by_play.sum()
-    assert learnt == pytest.approx(coupling, rel=0.2)
+    assert learnt == pytest.approx(COUPLING, rel=0.2)
     rate = by_play @ driven.rates()[FRICTION] / by_play.sum()
     (friction,) = [one for one in tracker.components() if one.name == "friction"]
     assert friction.laws["driven"] == pytest.approx(share.sum())
     assert friction.trend == pytest.approx(rate, rel=0.3)
+    assert friction.driven_by["backlash"] == pytest.approx(by_play.sum())
+    assert set(friction.driven_by) == {"backlash", "eccentricity"}
 
 
 @pytest.mark.slow
-def test_samples_of_a_unit_share_their_growth():
-    tracker = tracked(1.2e-3, 60)
+def test_samples_of_a_unit_share_their_growth(tracker: Tracker):
     rng = np.random.default_rng(0)
     sample = draw(tracker._mixture, 4000, rng)
     ends = lives(sample, rng)
@@ -81,6 +98,80 @@ def test_samples_of_a_unit_share_their_growth():
     assert both.sum() > 500
     ranks = [np.argsort(np.argsort(pair[at, both])) for at in (PLAY, FRICTION)]
     assert np.corrcoef(ranks)[0, 1] > 0.2
+
+
+@pytest.mark.slow
+def test_futures_are_finite_and_do_not_fall_however_fine(tracker: Tracker):
+    rng = np.random.default_rng(1)
+    sample = draw(tracker._mixture, 2000, rng)
+    number, place = sample.driven.at
+    for last in (60.0, 3000.0, 100_000.0):
+        hours = np.linspace(0.0, last, 61)[:, None, None]
+        values = futures(sample, hours, rng)[:, number, place]
+        assert np.isfinite(values).all()
+        grows = sample.driven.state[:, 1] >= 0.0
+        assert np.diff(values[:, grows], axis=0).min() >= 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("faster", [0.25, 1.0, 4.0])
+def test_lives_are_the_first_passages_of_the_futures_whatever_the_duty(
+    tracker: Tracker, faster: float
+):
+    rng, rates = np.random.default_rng(2), np.ones(len(COMPONENTS))
+    rates[PLAY] = faster
+    sample = draw(tracker._mixture, 8000, rng)
+    at = sample.driven.at[1][(sample.driven.at[0] == FRICTION) & (sample.driven.driver == PLAY)]
+    ends = lives(sample, rng, rates)[FRICTION, at]
+    hours = np.linspace(0.0, 3000.0, 601)
+    values = futures(sample, hours[:, None, None] * rates[:, None], rng)[:, FRICTION, at]
+    limit = HealthLimits().of("friction")
+    for share in (0.25, 0.5):
+        over = np.mean(values >= limit, axis=1)
+        passed = hours[np.argmax(over >= share)]
+        assert np.quantile(ends, share) == pytest.approx(passed, rel=0.08, abs=10.0)
+
+
+@pytest.mark.slow
+def test_driver_that_is_repaired_drives_no_more():
+    tracker, rng = tracked(COUPLING, 60), np.random.default_rng(5)
+    before = rate_by_play(tracker)
+    (friction,) = [one.value for one in tracker.components() if one.name == "friction"]
+    for number in (60, 61):
+        events = tracker.update(measured(0.003, friction, INTERVAL_H * number, rng))
+    assert [(event.kind, event.component) for event in events] == [("repair", "backlash")]
+    assert abs(rate_by_play(tracker)) < 0.2 * before
+
+
+def rate_by_play(tracker: Tracker) -> float:
+    """Return the mean growth of friction that play drives [1/h]."""
+    driven = tracker._mixture.driven
+    share = driven.weight[FRICTION] * (driven.driver[FRICTION] == PLAY)
+    return float(share @ driven.rates()[FRICTION] / share.sum())
+
+
+@pytest.mark.slow
+def test_driver_that_no_test_shows_drives_nothing():
+    tracker, rng = Tracker(), np.random.default_rng(6)
+    for number in range(30):
+        tracker.update(measured(0.05, 0.05 + 4e-3 * number, 12.0 * number, rng, ("eccentricity",)))
+    assert not tracker._mixture.driven.shown[ECCENTRICITY]
+    assert np.abs(tracker._mixture.driven._level).max() < 1.0
+    friction = next(one for one in tracker.components() if one.name == "friction")
+    assert friction.trend == pytest.approx(4e-3 / 12.0, rel=0.3)
+    assert np.isfinite(tracker.futures(np.linspace(0.0, 1e4, 50))).all()
+
+
+def test_highest_probability_leaves_room_for_growth_by_laws():
+    (most,) = [
+        item.metadata["range"][1] for item in fields(TrackerSettings) if item.name == SETTING
+    ]
+    mixture = Mixture(HealthLimits(), TrackerSettings(**{SETTING: most}))
+    assert mixture.bank.weight.min() > 0.0
+    shares = mixture.bank.sums(mixture.bank.weight)
+    shares += sum(one.weight.sum(axis=1) for one in mixture.filters)
+    np.testing.assert_allclose(shares, 1.0)
+    np.testing.assert_allclose(mixture.constant(), 0.5)
 
 
 def growth_of(rates: dict[int, float], limit: float = 0.5) -> OwnGrowth:
@@ -96,14 +187,15 @@ def growth_of(rates: dict[int, float], limit: float = 0.5) -> OwnGrowth:
 
 def driven_by(pairs: list[tuple[int, int]], state: list[list[float]]) -> DrivenDraw:
     number, driver = (np.array(part) for part in zip(*pairs, strict=True))
-    return DrivenDraw((number, np.zeros_like(number)), driver, np.array(state))
+    shown = np.ones(len(COMPONENTS), dtype=bool)
+    return DrivenDraw((number, np.zeros_like(number)), driver, np.array(state), shown)
 
 
 def test_life_of_a_driven_fault_is_that_of_the_exact_solution():
     # y = v u, x = a u + c v u^2 / 2.
     v, a, c = 2e-4, 1e-4, 1e-3
     sample = driven_by([(FRICTION, PLAY)], [[0.0, a, c]])
-    (hours,) = driven_lives(sample, growth_of({PLAY: v}))
+    (hours,) = driven_lives(sample, growth_of({PLAY: v}), AS_PAST)
     exact = (-a + np.sqrt(a**2 + 2.0 * c * v * 0.5)) / (c * v)
     assert hours == pytest.approx(exact, rel=2e-3)
 
@@ -113,7 +205,7 @@ def test_lives_of_faults_that_drive_each_other_are_those_of_the_exact_solution()
     c, d, x0, y0 = 1e-3, 2e-3, 0.05, 0.02
     w = np.sqrt(c * d)
     pairs, state = [(FRICTION, PLAY), (PLAY, FRICTION)], [[x0, 0.0, c], [y0, 0.0, d]]
-    hours = driven_lives(driven_by(pairs, state), growth_of({}))
+    hours = driven_lives(driven_by(pairs, state), growth_of({}), AS_PAST)
     u = np.linspace(0.0, 5000.0, 500_001)
     x = x0 * np.cosh(w * u) + y0 * c / w * np.sinh(w * u)
     y = y0 * np.cosh(w * u) + x0 * d / w * np.sinh(w * u)
@@ -122,7 +214,7 @@ def test_lives_of_faults_that_drive_each_other_are_those_of_the_exact_solution()
 
 def test_fault_at_its_limit_has_no_life_left_and_one_without_growth_no_end():
     sample = driven_by([(FRICTION, PLAY), (PLAY, FRICTION)], [[0.6, 0.0, 0.0], [0.1, 0.0, 0.0]])
-    hours = driven_lives(sample, growth_of({}))
+    hours = driven_lives(sample, growth_of({}), AS_PAST)
     assert hours.tolist() == [0.0, np.inf]
 
 
@@ -133,7 +225,7 @@ def test_levels_to_come_are_those_of_the_exact_solution():
     values = np.zeros((hours.size, len(COMPONENTS), 1))
     values[:, PLAY, 0] = v * hours
     steps = np.diff(hours, prepend=0.0)[:, None]
-    driven_values(sample, values, np.zeros((len(COMPONENTS), 1)), steps, np.zeros_like(steps))
+    driven_values(sample, values, np.zeros((len(COMPONENTS), 1)), steps)
     exact = x0 + a * hours + 0.5 * c * v * hours**2
     np.testing.assert_allclose(values[:, FRICTION, 0], exact, rtol=1e-9)
     np.testing.assert_allclose(values[:, PLAY, 0], v * hours)

@@ -55,6 +55,8 @@ class Driven(LinearFilters):
     ----------
     driver
         Number of the component that drives each filter, ``(7, k)``; its own where there is none.
+    shown
+        Components that a test has shown, ``(7,)``: the others are taken for healthy drivers.
     """
 
     def __init__(self, limits: HealthLimits, settings: TrackerSettings) -> None:
@@ -75,9 +77,10 @@ class Driven(LinearFilters):
         self._rate_variance = (limit / _OWN_LIFE) ** 2
         # No more is thought of a driver that no test shows.
         self._most_variance = (0.5 * limit) ** 2
-        self._level = np.zeros(len(COMPONENTS))
+        self._coupling[prior == 0.0] = 0.0
+        self._level, self.shown = np.zeros(len(COMPONENTS)), np.zeros(len(COMPONENTS), dtype=bool)
         for number in range(len(COMPONENTS)):
-            self.restart(number, 0.0, 1.0)
+            self._begin(number, 0.0, 1.0)
 
     def restart(self, number: int, value: float, variance: float) -> None:
         """Start the level of a component anew, its rate and coupling unknown.
@@ -87,6 +90,11 @@ class Driven(LinearFilters):
         number, value, variance
             Of the component, its new signed distance from healthy, and its variance [-].
         """
+        self._level, self.shown = self._level.copy(), self.shown.copy()
+        self._level[number], self.shown[number] = value, True
+        self._begin(number, value, variance)
+
+    def _begin(self, number: int, value: float, variance: float) -> None:
         coupling = self._coupling[number]
         self.mean[number, :, 0], self.mean[number, :, 1] = value, 0.0
         self.mean[number, :, 2] = coupling
@@ -97,12 +105,16 @@ class Driven(LinearFilters):
 
     def state(self, name: str) -> dict[str, NDArray[Any]]:
         """Return all that is known, as ``LinearFilters.state``."""
-        return super().state(name) | {f"{name}_level": self._level}
+        return super().state(name) | {f"{name}_level": self._level, f"{name}_shown": self.shown}
 
     def restore(self, name: str, state: Mapping[str, NDArray[Any]]) -> None:
         """Go on from what ``state`` returned, as ``LinearFilters.restore``."""
         super().restore(name, state)
-        self._level = state[f"{name}_level"]
+        self._level, self.shown = state[f"{name}_level"], state[f"{name}_shown"].astype(np.bool_)
+        if not self._level.shape == self.shown.shape == (len(COMPONENTS),):
+            raise ValueError(
+                f"{name}_level has shape {self._level.shape}, not ({len(COMPONENTS)},)"
+            )
 
     def change_rate(self, number: int, rate: float, sigma: float) -> None:
         """Let a component go on at another rate, of a standard deviation [1/h]: its own changed."""
@@ -111,6 +123,13 @@ class Driven(LinearFilters):
         covariance[number, :, 1, :] = covariance[number, :, :, 1] = 0.0
         covariance[number, :, 1, 1] = sigma**2
         self.mean, self.covariance = mean, covariance
+
+    def by_driver(self) -> NDArray[np.float64]:
+        """Return the probability that a component drives another, by row and column, ``(7, 7)``."""
+        n = len(COMPONENTS)
+        place = np.arange(n)[:, None] + n * self.driver
+        found = np.bincount(place.ravel(), self.weight.ravel(), n * n)
+        return found.reshape(n, n).astype(np.float64, copy=False)
 
     def rates(self) -> NDArray[np.float64]:
         """Return the growth of each filter [1/h], ``(7, k)``."""
@@ -132,8 +151,9 @@ class Driven(LinearFilters):
         before, after, variance
             Levels of all components before and after them, and their variances, ``(7,)`` each.
         """
-        driving = 0.5 * (before + after)[self.driver] * hours[:, None]
-        self._level = after
+        self._level = np.where(self.shown, after, 0.0)
+        level = np.where(self.shown, 0.5 * (before + after), 0.0)
+        driving = level[self.driver] * hours[:, None]
         hours = np.broadcast_to(hours[:, None], driving.shape)
         step = np.zeros_like(self.covariance)
         step[..., 0, 0] = step[..., 1, 1] = step[..., 2, 2] = 1.0
@@ -141,6 +161,7 @@ class Driven(LinearFilters):
         grown = (self.mean[..., 1] * hours + self.mean[..., 2] * driving) ** 2
         rate = np.divide(grown, hours**2, out=np.zeros_like(grown), where=hours > 0.0)
         walk = rate * RATE_WALK**2 * hours
+        # The error of a driver's level lasts; as it is small, it is taken for noise of its own.
         unknown = np.minimum(variance, self._most_variance)[self.driver]
         noise = np.zeros_like(self.covariance)
         noise[..., 0, 0] = rate * self._noise_hours * hours + walk * hours**2 / 3.0

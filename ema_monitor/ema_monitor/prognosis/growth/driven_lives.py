@@ -18,13 +18,16 @@ from ema_monitor.prognosis.growth.wander import SIGMA, WANDER_HOURS
 
 _FIRST_HOURS: Final = 2.0
 _STEP: Final = 0.06
-_LONGEST_HOURS: Final = 60_000.0
+_LONGEST_HOURS: Final = 1e6
 """First step, later steps over the hours so far, and hours after which none is taken [h]."""
 
 _RATE_SPREAD: Final = 0.15
 """Standard deviation of the logarithm of the mean rate to come, over that of now [-]."""
 
 _NONE: Final = -1
+
+_MOST: Final = 1.0
+"""Level beyond which a driver does not go: the end of the range of a fault [-]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +42,14 @@ class DrivenDraw:
         Number of the component that drives each, ``(m,)``.
     state
         Level [-], rate of its own [1/h] and coupling [1/h], ``(m, 3)``.
+    shown
+        Components that a test has shown, ``(7,)``; the others drive nothing.
     """
 
     at: tuple[NDArray[np.intp], NDArray[np.intp]]
     driver: NDArray[np.intp]
     state: NDArray[np.float64]
+    shown: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +107,18 @@ def draw_driven(
     number, of_it = number.astype(np.intp), of_it.astype(np.intp)
     state = driven.samples(number, of_it, rng)
     state[:, 1:] *= np.exp(_RATE_SPREAD * rng.standard_normal(number.size))[:, None]
+    # Nothing heals by what another fault does to it.
+    state[:, 2] = np.maximum(state[:, 2], 0.0)
     place = np.concatenate(places).astype(np.intp)
-    return DrivenDraw((number, place), driven.driver[number, of_it], state)
+    return DrivenDraw((number, place), driven.driver[number, of_it], state, driven.shown)
 
 
-def driven_lives(sample: DrivenDraw, own: OwnGrowth) -> NDArray[np.float64]:
-    """Return hours until each driven fault first reaches its limit, without noise [h], ``(m,)``.
+def driven_lives(
+    sample: DrivenDraw, own: OwnGrowth, rates: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return hours of growth until each driven fault first reaches its limit [h], ``(m,)``.
+
+    They are without noise; infinite where it does not.
 
     Parameters
     ----------
@@ -114,6 +126,8 @@ def driven_lives(sample: DrivenDraw, own: OwnGrowth) -> NDArray[np.float64]:
         The driven faults.
     own
         Growth of all components of those samples that ``np.unique(sample.at[1])`` names.
+    rates
+        Hours of growth of each component in an hour of service to come, ``(7,)`` [-].
     """
     columns = np.unique(sample.at[1], return_inverse=True)[1]
     driver = np.full(own.x.shape, _NONE)
@@ -121,9 +135,12 @@ def driven_lives(sample: DrivenDraw, own: OwnGrowth) -> NDArray[np.float64]:
     driver[sample.at[0], columns] = sample.driver
     state[sample.at[0], columns] = sample.state
     drives = np.zeros(own.x.shape, dtype=bool)
-    drives[sample.driver, columns] = True
-    figures = (own.law, own.x, own.rate, own.shape, own.pace, own.limit)
-    return _first_passages(driver, drives, state, *figures)[sample.at[0], columns]
+    drives[sample.driver, columns] = sample.shown[sample.driver]
+    level = np.where(sample.shown[:, None], own.x, 0.0)
+    figures = (own.law, level, own.rate, own.shape, own.pace, own.limit, rates)
+    # Of one layout: for each one the kernel would be compiled.
+    hours = _first_passages(driver, drives, state, *map(np.ascontiguousarray, figures))
+    return hours[sample.at[0], columns]
 
 
 @kernel()
@@ -137,15 +154,16 @@ def _first_passages(
     shape: NDArray[np.float64],
     pace: NDArray[np.float64],
     limit: NDArray[np.float64],
+    speed: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return hours until driven components reach their limits [h], ``(7, m)``; else infinity."""
+    """Return hours of growth until driven components reach their limits [h], ``(7, m)``."""
     n, m = driver.shape
     result = np.full((n, m), np.inf)
     x, own, first = np.empty(n), np.empty(n), np.empty(n)
     for j in range(m):
         left = 0
         for i in range(n):
-            x[i] = state[i, j, 0] if driver[i, j] >= 0 else level[i, j]
+            x[i] = state[i, j, 0] if driver[i, j] >= 0 else min(level[i, j], _MOST)
             if driver[i, j] >= 0:
                 if x[i] >= limit[i]:
                     result[i, j] = 0.0
@@ -158,27 +176,31 @@ def _first_passages(
             for i in range(n):
                 own[i] = 0.0
                 if driver[i, j] >= 0:
-                    first[i] = state[i, j, 1] + state[i, j, 2] * x[driver[i, j]]
+                    by = min(x[driver[i, j]], _MOST)
+                    first[i] = speed[i] * (state[i, j, 1] + state[i, j, 2] * by)
                 elif drives[i, j]:
                     kept = math.exp(-(hours + 0.5 * step) / WANDER_HOURS)
                     factor = 1.0
                     if not math.isnan(pace[i, j]):
                         factor = math.exp(kept * pace[i, j] - 0.5 * (SIGMA * kept) ** 2)
-                    own[i] = grown(law[i, j], rate[i, j], shape[i, j], x[i], factor * step)
+                    passed = factor * step * speed[i]
+                    own[i] = grown(law[i, j], rate[i, j], shape[i, j], x[i], passed)
             for i in range(n):
                 if driver[i, j] < 0:
-                    x[i] += own[i]
+                    x[i] = min(x[i] + own[i], _MOST)
             for i in range(n):
                 k = driver[i, j]
                 if k < 0:
                     continue
-                ahead = x[k] + (first[k] * step if driver[k, j] >= 0 else 0.0)
-                own[i] = 0.5 * step * (first[i] + state[i, j, 1] + state[i, j, 2] * ahead)
+                ahead = min(x[k] + (first[k] * step if driver[k, j] >= 0 else 0.0), _MOST)
+                last = speed[i] * (state[i, j, 1] + state[i, j, 2] * ahead)
+                own[i] = 0.5 * step * (first[i] + last)
             for i in range(n):
                 if driver[i, j] < 0:
                     continue
                 if math.isinf(result[i, j]) and x[i] + own[i] >= limit[i]:
-                    result[i, j] = hours + step * (limit[i] - x[i]) / own[i]
+                    passed = hours + step * (limit[i] - x[i]) / own[i]
+                    result[i, j] = speed[i] * passed
                     left -= 1
                 x[i] += own[i]
             hours += step
@@ -190,7 +212,6 @@ def driven_values(
     values: NDArray[np.float64],
     start: NDArray[np.float64],
     steps: NDArray[np.float64],
-    noise: NDArray[np.float64],
 ) -> None:
     """Write the levels of driven faults at hours to come.
 
@@ -204,24 +225,22 @@ def driven_values(
     start
         The same now, ``(7, n)``.
     steps
-        Hours of growth from one to the next [h], ``(k, m)``.
-    noise
-        Random hours of growth beside them, of mean 0 [h], ``(k, m)``.
+        Hours of growth from one to the next, at least 0 [h], ``(k, m)``.
     """
     number, place = sample.at
     driver, (x, rate, coupling) = sample.driver, sample.state.T
     is_driven = np.zeros(start.shape, dtype=bool)
     is_driven[number, place] = True
     chained = is_driven[driver, place]
+    coupling = np.where(sample.shown[driver], coupling, 0.0)
     before = start.copy()
     before[number, place] = x
     growing = np.zeros_like(start)
-    for now, step, more in zip(values, steps, noise, strict=True):
-        first = rate + coupling * before[driver, place]
+    for now, step in zip(values, steps, strict=True):
+        behind = np.clip(before[driver, place], 0.0, _MOST)
+        first = rate + coupling * behind
         growing[number, place] = first
-        ahead = now[driver, place]
-        guess = before[driver, place] + growing[driver, place] * step
-        ahead = np.where(chained, guess, ahead)
-        mean = 0.5 * (first + rate + coupling * ahead)
-        now[number, place] = before[number, place] + mean * (step + more)
+        ahead = np.where(chained, behind + growing[driver, place] * step, now[driver, place])
+        mean = 0.5 * (first + rate + coupling * np.clip(ahead, 0.0, _MOST))
+        now[number, place] = before[number, place] + mean * step
         before = now

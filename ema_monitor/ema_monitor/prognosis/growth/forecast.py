@@ -97,8 +97,21 @@ def draw(mixture: Mixture, n: int, rng: np.random.Generator) -> Draw:
     return replace(by_cells, waves=waves, driven=driven)
 
 
-def lives(sample: Draw, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return hours until each sample first reaches its limit [h], ``(7, n)``."""
+def lives(
+    sample: Draw, rng: np.random.Generator, rates: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Return hours of growth until each sample first reaches its limit [h], ``(7, n)``.
+
+    Parameters
+    ----------
+    sample
+        State and growth now.
+    rng
+        Random numbers.
+    rates
+        Hours of growth of each component in an hour of service to come, ``(7,)`` [-]; the same for
+        all when None.
+    """
     cells, cell = sample.cells, sample.cell
     hours = np.empty(cell.shape)
     scale = np.empty(cell.shape)
@@ -122,7 +135,9 @@ def lives(sample: Draw, rng: np.random.Generator) -> NDArray[np.float64]:
     if sample.waves is not None:
         hours[sample.waves.at] = wave_lives(sample.waves, cells, rng)
     if sample.driven is not None:
-        own = driven_lives(sample.driven, _own_growth(sample, np.unique(sample.driven.at[1])))
+        growth = _own_growth(sample, np.unique(sample.driven.at[1]))
+        rates = np.ones(len(growth.limit)) if rates is None else rates
+        own = driven_lives(sample.driven, growth, rates)
         ends = np.isfinite(own) & (own > 0.0)
         own[ends] = rng.wald(own[ends], own[ends] ** 2 / max(sample.noise_hours, 1e-12))
         hours[sample.driven.at] = own
@@ -179,18 +194,25 @@ def futures(
             grown = x + 0.0 * hours[:, at]
         else:
             x = np.maximum(x, 0.0)
-            own_time = time[:, at] + np.sqrt(sample.noise_hours) * wiener[:, at]
-            own_time = np.maximum.accumulate(np.maximum(own_time, 0.0), axis=0)
+            own_time = _own_time(sample, time[:, at], wiener[:, at])
             grown = x + increment(law, x, rate, cells.shape[own], own_time)
         values[:, at] = side[at] * grown
     if sample.waves is not None:
         values[:, *sample.waves.at] = wave_values(sample.waves, hours[:, *sample.waves.at])
     if sample.driven is not None:
         at = sample.driven.at
-        steps = np.broadcast_to(steps, shape)[:, *at]
-        noise = np.sqrt(sample.noise_hours) * np.diff(wiener[:, *at], axis=0, prepend=0.0)
-        driven_values(sample.driven, values, side * sample.x, steps, noise)
+        own_time = _own_time(sample, hours[:, *at], wiener[:, *at])
+        steps = np.diff(own_time, axis=0, prepend=0.0)
+        driven_values(sample.driven, values, side * sample.x, steps)
     return values
+
+
+def _own_time(
+    sample: Draw, time: NDArray[np.float64], wiener: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return times of growth with their noise [h], ``(m, k)``: they do not run backwards."""
+    noisy = time + np.sqrt(sample.noise_hours) * wiener
+    return np.maximum.accumulate(np.maximum(noisy, 0.0), axis=0)
 
 
 def _paced(

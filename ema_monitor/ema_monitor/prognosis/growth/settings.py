@@ -114,7 +114,7 @@ class TrackerSettings:
     onset_probability: float = quantity(5e-3, "-", 0.0, 0.5, "probability of onset, each test")
     change_probability: float = quantity(1e-3, "-", 0.0, 0.5, "probability of change, each test")
     forgetting: float = quantity(0.98, "-", 0.5, 1.0, "power of what was learnt, each test")
-    driven_probability: float = quantity(0.05, "-", 0.0, 0.5, "probability of a driven fault")
+    driven_probability: float = quantity(0.05, "-", 0.0, 0.3, "probability of a driven fault")
     sigma_floor: float = quantity(1e-3, "-", 0.0, 0.1, "sigma added to that of an estimate")
     occasional_error: float = quantity(0.01, "-", 0.0, 1.0, "sigma of an occasional error")
     occasional_probability: float = quantity(0.05, "-", 0.0, 0.5, "its probability")

@@ -284,7 +284,7 @@ class Tracker:
         duty = FutureDuty.of(duty)
         rng = self._rng()
         sample = draw(self._mixture, self._settings.samples, rng)
-        own = widened_lives(lives(sample, rng), self._check.widening())
+        own = widened_lives(lives(sample, rng, duty.rates), self._check.widening())
         hours = duty.hours_of(own)
         mean, variance = self._mixture.moments()
         limits = [self._limits.of(name) for name in COMPONENTS]
