@@ -1,8 +1,10 @@
 """A topic that is recorded: what is requested of its publishers, who they are, what is lost."""
 
+import math
 import threading
+import time
 from collections.abc import Hashable, Sequence
-from typing import Any
+from typing import Any, Final
 
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
@@ -11,14 +13,19 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from ema_recording.message_type import message_class, type_hash
 from ema_recording.qos import RELIABLE_DEPTH, common_offer, joint_offer
 
+_LEAST_SILENCE_S: Final = 10.0
+_UNUSUAL: Final = 5.0
+_REGULAR: Final = 50
+"""Silence that is told: seconds, times the longest so far, and after how many messages."""
+
 
 class SequenceGaps:
     """Counts the gaps in the sequence numbers of a topic that has one publisher.
 
     The numbers of several publishers cannot be distinguished, so that nothing is counted. A gap
-    counts once the publishers are the same after it as before it: a second publisher that has just
-    started is no loss. One that is out of reach for a while, as either side stood still, and comes
-    back goes on with its numbers.
+    counts once the publisher after it was one of those before it: a second publisher that has just
+    started is no loss, and one that has gone leaves the numbers to the other. One that is out of
+    reach for a while, as either side stood still, and comes back goes on with its numbers.
     """
 
     def __init__(self) -> None:
@@ -45,11 +52,36 @@ class SequenceGaps:
         """Set the publishers of the moment; to be called regularly."""
         if not publishers:
             return
-        if publishers != self._publishers:
-            self._publishers, self._last = publishers, None
-        elif len(publishers) == 1:
+        if len(publishers) == 1 and publishers <= self._publishers:
             self.lost += self._unconfirmed
-        self._unconfirmed = 0
+        elif publishers != self._publishers:
+            self._last = None
+        self._publishers, self._unconfirmed = publishers, 0
+
+
+class Silence:
+    """Tells how long a topic has been silent whose messages came one after the other before.
+
+    After a node stood still, or the network was cut, for longer than the lease of DDS, the
+    middleware may show its publishers and yet receive nothing from them any more.
+    """
+
+    def __init__(self) -> None:
+        self._last_s = math.nan
+        self._longest_s = 0.0
+        self._count = 0
+
+    def end(self, now_s: float) -> None:
+        """Note a message, by a clock that is never set [s]."""
+        if self._count:
+            self._longest_s = max(self._longest_s, now_s - self._last_s)
+        self._last_s, self._count = now_s, self._count + 1
+
+    def length(self, now_s: float) -> float:
+        """Return for how long nothing has come, where that is unusual; else 0 [s]."""
+        usual = max(_LEAST_SILENCE_S, _UNUSUAL * self._longest_s)
+        length = now_s - self._last_s if self._count >= _REGULAR else 0.0
+        return length if length > usual else 0.0
 
 
 class RecordedTopic:
@@ -83,13 +115,19 @@ class RecordedTopic:
         self.subscription: Subscription | None = None
         self.request = common_offer(offers, RELIABLE_DEPTH)
         self._lock = threading.Lock()
-        self._gaps = SequenceGaps()
+        self._gaps, self._silence = SequenceGaps(), Silence()
         self.set_publishers(publishers)
 
     @property
     def lost(self) -> int:
         """Number of messages that are known to be lost."""
         return self._gaps.lost
+
+    @property
+    def silent_s(self) -> float:
+        """For how long it has been silent, against its habit and with a publisher; else 0 [s]."""
+        with self._lock:
+            return self._silence.length(time.monotonic()) if self.has_publisher else 0.0
 
     def set_publishers(self, publishers: Sequence[TopicEndpointInfo]) -> None:
         """Set the publishers of the moment; to be called regularly."""
@@ -106,6 +144,7 @@ class RecordedTopic:
         """Count a message; None where the middleware gives no number."""
         with self._lock:
             self._gaps.count(sequence_number)
+            self._silence.end(time.monotonic())
 
 
 def _installed_class(types: Sequence[str], publishers: Sequence[TopicEndpointInfo]) -> Any:

@@ -171,6 +171,12 @@ class RecorderNode(ManagedNode):
             "messages without room": bag.not_recorded,
             "ends of threads": bag.flusher.ends,
             "topics": ", ".join(sorted(topics)),
+            # No warning: tests may be over for today.
+            "silent [s]": ", ".join(
+                f"{name} {silent_s:.0f}"
+                for name, topic in sorted(topics.items())
+                if (silent_s := topic.silent_s)
+            ),
             "publisher gone": ", ".join(gone),
             "not recorded": ", ".join(self._skipped),
         }

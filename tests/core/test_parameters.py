@@ -124,6 +124,12 @@ def test_unknown_name_is_refused():
         ActuatorParameters().replace({"R_s": 2.0, "r_s": 2.0})
 
 
+def test_name_that_is_no_text_is_refused():
+    # As a file in YAML may have it: `parameters: {4}`.
+    with pytest.raises(ValueError, match=r"unknown actuator parameter 4; known: G_prop, "):
+        ActuatorParameters().replace({4: None})
+
+
 @pytest.mark.parametrize(
     "value", [48, np.float32(48.0), np.int64(48), np.array(48.0), Fraction(48)], ids=repr
 )

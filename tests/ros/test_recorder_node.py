@@ -25,7 +25,7 @@ from ema_interfaces.msg import ActuatorDescription, FaultEstimate, Health, Telem
 from ema_recording import recorded_topic
 from ema_recording.qos import offered_qos, offered_qos_profiles, recorded_qos, replay_qos
 from ema_recording.reader import Bag
-from ema_recording.recorded_topic import SequenceGaps
+from ema_recording.recorded_topic import SequenceGaps, Silence
 from ema_recording.recorder_node import RecorderNode
 from ema_ros.status import ERROR, OK, WARN, Task
 
@@ -363,13 +363,42 @@ def test_what_a_publisher_sent_while_it_was_out_of_reach_counts_as_lost():
     assert gaps.lost == 1000
 
 
+def test_publisher_that_has_gone_leaves_its_gaps_to_the_one_that_stays():
+    """As a killed monitor that is started again before the graph has forgotten it."""
+    gaps = SequenceGaps()
+    gaps.set_publishers(frozenset("ab"))
+    gaps.count(1)
+    gaps.count(7)
+    gaps.set_publishers(frozenset("b"))
+    assert gaps.lost == 5
+    gaps.count(9)
+    gaps.set_publishers(frozenset("b"))
+    assert gaps.lost == 6
+
+
+def test_silence_is_told_of_what_came_regularly():
+    silence = Silence()
+    for number in range(60):
+        silence.end(0.1 * number)
+    assert silence.length(15.0) == 0.0
+    assert silence.length(17.0) == pytest.approx(17.0 - 5.9)
+    silence.end(17.0)
+    assert silence.length(18.0) == 0.0
+    # It was silent for 11 s once, so that it takes more to be told.
+    assert silence.length(60.0) == 0.0
+    assert silence.length(73.0) == pytest.approx(56.0)
+    rare = Silence()
+    rare.end(0.0)
+    assert rare.length(1e6) == 0.0
+
+
 def test_gaps_of_several_or_new_publishers_do_not_count():
     gaps = SequenceGaps()
     gaps.set_publishers(frozenset("a"))
     gaps.count(100)
     for number in (1, 101, 2):  # a second publisher that is not seen yet
         gaps.count(number)
-    for publishers in ("ab", "ab", "b"):
+    for publishers in ("ab", "ab"):
         gaps.set_publishers(frozenset(publishers))
         gaps.count(200)
         gaps.count(300)
