@@ -155,7 +155,7 @@ def _grown(rates: Rates, rng: np.random.Generator) -> tuple[NDArray[np.float64],
         levels.append(y)
     if y.max() < 1.0:
         raise RuntimeError(f"no limit is reached within {LONGEST_H:g} h")
-    return STEP_H * np.arange(len(levels)), np.array(levels)
+    return STEP_H * np.arange(len(levels), dtype=np.float64), np.array(levels)
 
 
 def _speed(rates: Rates) -> float:

@@ -6,6 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+import yaml
 
 from ema_core.current_loop import current_loop
 from ema_core.parameters import ActuatorParameters, constants
@@ -125,9 +126,9 @@ def test_unknown_name_is_refused():
 
 
 def test_name_that_is_no_text_is_refused():
-    # As a file in YAML may have it: `parameters: {4}`.
+    values = yaml.safe_load("{4}")
     with pytest.raises(ValueError, match=r"unknown actuator parameter 4; known: G_prop, "):
-        ActuatorParameters().replace({4: None})
+        ActuatorParameters().replace(values)
 
 
 @pytest.mark.parametrize(

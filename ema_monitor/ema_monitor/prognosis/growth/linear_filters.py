@@ -6,6 +6,7 @@ measured as the cells are, with errors that last and occasional ones.
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from copy import copy
 from typing import Any, Final, Self
 
 import numpy as np
@@ -67,8 +68,7 @@ class LinearFilters(ABC):
 
     def frozen(self) -> Self:
         """Return a copy that does not change with this one."""
-        twin = type(self).__new__(type(self))
-        twin.__dict__ = dict(self.__dict__)
+        twin = copy(self)
         twin.weight, twin.mean = self.weight.copy(), self.mean.copy()
         twin.covariance = self.covariance.copy()
         return twin
