@@ -3,7 +3,7 @@
 import hashlib
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC
 from pathlib import Path
@@ -71,6 +71,10 @@ def list_bags(source: str, without: Path | None = None) -> Iterator[list[Listed]
 def _listed(files: Any, root: str, source: str, without: Path | None) -> Iterator[list[Listed]]:
     """Yield the bags of each folder of a source in a store."""
     if not files.isdir(root):
+        with suppress(FileNotFoundError):
+            # Raises what keeps a store from its answer, which looks like no folder until here.
+            files.info(root)
+            raise NotADirectoryError(f"{source}: this is a file, not a folder of bags")
         raise FileNotFoundError(f"{source}: there is no such folder")
     for folder, folders, entries in files.walk(root, detail=True, on_error="raise"):
         if without is not None and isinstance(files, LocalFileSystem) and Path(folder) == without:
@@ -172,18 +176,21 @@ def full_url(source: str) -> str:
 
 @contextmanager
 def _clear_errors(url: str) -> Iterator[None]:
-    """Raise OSError, with the address, for errors that are of a store's own kinds."""
+    """Raise OSError, with the address, for errors of a store that name none or are of its kinds."""
     try:
         yield
-    except (OSError, ValueError, NotImplementedError):
+    except (FileNotFoundError, ImportError, NotImplementedError, ValueError):
         raise
     except Exception as error:
+        if isinstance(error, OSError) and error.filename is not None:
+            raise
         raise OSError(f"{url}: the store cannot be read: {error}") from error
 
 
 def _opened(url: str) -> tuple[Any, str]:
     try:
-        return fsspec.core.url_to_fs(url)
+        with _clear_errors(url):
+            return fsspec.core.url_to_fs(url)
     except ImportError as error:
         raise ValueError(f"{url}: this store needs another package: {error}") from error
 

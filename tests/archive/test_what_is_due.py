@@ -213,23 +213,31 @@ def test_bags_in_an_object_store_give_the_same_rows(archive, fleet, tmp_path):
 
 
 class _Unreachable(AbstractFileSystem):
-    """A store whose package has errors of its own kind, as those of clouds have."""
+    """A store that gives no answer."""
 
     protocol = "unreachable"
+    error: Exception
 
     def info(self, path, **kwargs):
-        raise LookupError("no answer from the endpoint")
+        raise self.error
 
     def ls(self, path, detail=True, **kwargs):
         return self.info(path)
 
 
-def test_store_that_gives_no_answer_is_named(ema, tmp_path):
+@pytest.mark.parametrize(
+    # Packages of clouds have errors of their own kinds.
+    "error",
+    [LookupError("no answer"), ConnectionRefusedError(111, "no answer")],
+    ids=repr,
+)
+def test_store_that_gives_no_answer_is_named(ema, tmp_path, monkeypatch, error):
+    monkeypatch.setattr(_Unreachable, "error", error, raising=False)
     fsspec.register_implementation("unreachable", _Unreachable, clobber=True)
     result = ema("archive", "scan", tmp_path / "archive", "unreachable://fleet/bags")
     assert result.exit_code == 1
     assert "unreachable://fleet/bags: the store" in result.stderr
-    assert "no answer from the endpoint" in result.stderr
+    assert "no answer" in result.stderr
 
 
 @pytest.mark.slow

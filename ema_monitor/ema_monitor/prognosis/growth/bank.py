@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 
 from ema_core.growth_laws import LAWS
 from ema_monitor.prognosis.growth.cells import N_WANDERING_RATES, Cells
-from ema_monitor.prognosis.growth.filters import change_cells, grow_cells, measure_cells
+from ema_monitor.prognosis.growth.filters import (
+    LEAST_PROBABILITY,
+    change_cells,
+    grow_cells,
+    measure_cells,
+)
 from ema_monitor.prognosis.growth.measurement import REACH
 from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.wander import mix_paces, transition
 
-_LEAST = 1e-280
 _STANDSTILL = 1e-3
 
 
@@ -39,7 +43,7 @@ class Bank:
     ----------
     weight
         Probability of each cell; sums to 1 over the cells of a component, or to 1 with those of
-        its waves.
+        its waves and of what drives it.
     mean, variance
         Signed distance from healthy in each cell [-].
     members
@@ -89,14 +93,14 @@ class Bank:
 
     def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return mean and variance of each component's signed distance, ``(7,)`` each."""
-        total = np.maximum(self.sums(self.weight), _LEAST)
+        total = np.maximum(self.sums(self.weight), LEAST_PROBABILITY)
         mean = self.sums(self.weight * self.mean) / total
         away = self.mean - mean[self.cells.component]
         return mean, self.sums(self.weight * (self.variance + away**2)) / total
 
     def diffusion(self) -> NDArray[np.float64]:
         """Return the root mean square diffusion of each component [1/sqrt(h)], ``(7,)``."""
-        total = np.maximum(self.sums(self.weight), _LEAST)
+        total = np.maximum(self.sums(self.weight), LEAST_PROBABILITY)
         return np.sqrt(self.sums(self.weight * self.cells.diffusion**2) / total)
 
     def advance(self, hours: NDArray[np.float64]) -> None:

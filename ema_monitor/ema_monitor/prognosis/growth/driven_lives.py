@@ -14,15 +14,13 @@ from numpy.typing import NDArray
 from ema_core._jit import kernel
 from ema_monitor.prognosis.growth.driven import Driven
 from ema_monitor.prognosis.growth.filters import grown
+from ema_monitor.prognosis.growth.linear_filters import RATE_SPREAD
 from ema_monitor.prognosis.growth.wander import SIGMA, WANDER_HOURS
 
 _FIRST_HOURS: Final = 2.0
 _STEP: Final = 0.06
 _LONGEST_HOURS: Final = 1e6
 """First step, later steps over the hours so far, and hours after which none is taken [h]."""
-
-_RATE_SPREAD: Final = 0.15
-"""Standard deviation of the logarithm of the mean rate to come, over that of now [-]."""
 
 _NONE: Final = -1
 
@@ -106,7 +104,7 @@ def draw_driven(
         return None
     number, of_it = number.astype(np.intp), of_it.astype(np.intp)
     state = driven.samples(number, of_it, rng)
-    state[:, 1:] *= np.exp(_RATE_SPREAD * rng.standard_normal(number.size))[:, None]
+    state[:, 1:] *= np.exp(RATE_SPREAD * rng.standard_normal(number.size))[:, None]
     # Nothing heals by what another fault does to it.
     state[:, 2] = np.maximum(state[:, 2], 0.0)
     place = np.concatenate(places).astype(np.intp)

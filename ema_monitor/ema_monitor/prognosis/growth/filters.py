@@ -7,6 +7,7 @@ ratio of the errors' sizes (Bar-Shalom, Li and Kirubarajan 2001, section 8.2.6).
 """
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,9 @@ _SELF_HEATING = LAWS.index("self_heating")
 _POWER = LAWS.index("power")
 _LARGEST = 50.0
 _LEAST_VARIANCE = 1e-14
+
+LEAST_PROBABILITY: Final = 1e-280
+"""What the probability of a cell or filter never falls below: it may always come back [-]."""
 
 
 @kernel()

@@ -12,7 +12,7 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_monitor.prognosis.growth.filters import probabilities_below
+from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY, probabilities_below
 from ema_monitor.prognosis.growth.measurement import REACH
 from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
 from ema_monitor.prognosis.growth.settings import TrackerSettings
@@ -20,7 +20,8 @@ from ema_monitor.prognosis.growth.settings import TrackerSettings
 RATE_WALK: Final = 0.01
 """Relative random walk of the rate [1/sqrt(h)]."""
 
-HIDDEN: Final = 1e-280
+RATE_SPREAD: Final = 0.15
+"""Standard deviation of the logarithm of the mean rate to come, over that of now [-]."""
 
 
 class LinearFilters(ABC):
@@ -181,7 +182,7 @@ class LinearFilters(ABC):
         wide, rare = usual + settings.occasional_error**2, settings.occasional_probability
         squared = innovation**2
         log_usual = np.log1p(-rare) - 0.5 * (squared / usual + np.log(usual))
-        log_wide = np.log(max(rare, HIDDEN)) - 0.5 * (squared / wide + np.log(wide))
+        log_wide = np.log(max(rare, LEAST_PROBABILITY)) - 0.5 * (squared / wide + np.log(wide))
         log_likelihood[plain] = log_p = np.logaddexp(log_usual, log_wide)
         share = np.exp(log_wide - log_p)
         gain = 1.0 / usual + share * (1.0 / wide - 1.0 / usual)

@@ -23,13 +23,11 @@ from ema_monitor.prognosis.growth.bank import Bank
 from ema_monitor.prognosis.growth.cells import grid
 from ema_monitor.prognosis.growth.driven import Driven
 from ema_monitor.prognosis.growth.errors import EstimateErrors, LastTest
-from ema_monitor.prognosis.growth.filters import temper
+from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY, temper
 from ema_monitor.prognosis.growth.fleet import with_fleet
 from ema_monitor.prognosis.growth.linear_filters import LinearFilters
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.waves import Waves
-
-_LEAST = 1e-280
 
 Moments = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Mean and variance of each component, ``(7,)`` each."""
@@ -172,7 +170,9 @@ class Mixture:
         spread = np.hypot(sigma, 0.3 * bank.cells.spacing[at] * rates)
         log_p = -0.5 * ((rates - rate) / spread) ** 2 - np.log(spread)
         weight = self._prior[at] * np.exp(log_p - log_p.max())
-        bank.weight[at] = np.maximum(weight * (bank.weight[at].sum() / weight.sum()), _LEAST)
+        bank.weight[at] = np.maximum(
+            weight * (bank.weight[at].sum() / weight.sum()), LEAST_PROBABILITY
+        )
         self.waves.change_rate(number, rate, sigma)
         self.driven.change_rate(number, rate, sigma)
 
@@ -207,8 +207,8 @@ class Mixture:
         after = self._of_kinds(bank.weight, kept)
         wanted = before.copy()
         wanted[1:] = _tempered(before[1:], self._kinds_prior[1:], power)
-        wanted[1:] *= before[1:].sum(axis=0) / np.maximum(wanted[1:].sum(axis=0), _LEAST)
-        factor = wanted / np.maximum(after, _LEAST)
+        wanted[1:] *= before[1:].sum(axis=0) / np.maximum(wanted[1:].sum(axis=0), LEAST_PROBABILITY)
+        factor = wanted / np.maximum(after, LEAST_PROBABILITY)
         bank.weight *= factor[:3].ravel()[self._kind]
         for one, weight, own in zip(filters, kept, factor[3:], strict=True):
             one.weight[:, one.grows] = weight * own[:, None]
@@ -283,7 +283,7 @@ class Mixture:
             for one, log_p in zip(self.filters, of_filters, strict=True)
         ]
         total = bank.sums(cells) + sum(one.sum(axis=1) for one in weights)
-        bank.weight = np.maximum(cells / total[self._component], _LEAST)
+        bank.weight = np.maximum(cells / total[self._component], LEAST_PROBABILITY)
         for one, weight in zip(self.filters, weights, strict=True):
             one.weight = weight / total[:, None]
 
@@ -314,7 +314,8 @@ class Mixture:
         prior = self._prior[at]
         cells = prior * (bank.weight[at] / prior) ** keep
         own = [
-            one.prior[number] * (one.weight[number] / np.maximum(one.prior[number], _LEAST)) ** keep
+            one.prior[number]
+            * (one.weight[number] / np.maximum(one.prior[number], LEAST_PROBABILITY)) ** keep
             for one in self.filters
         ]
         total = cells.sum() + sum(weight.sum() for weight in own)
@@ -330,5 +331,5 @@ def _tempered(
     weight: NDArray[np.float64], prior: NDArray[np.float64], power: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return probabilities, drawn by a power towards their prior; they are not normalised."""
-    kept = np.maximum(weight, _LEAST) ** power * prior ** (1.0 - power)
+    kept = np.maximum(weight, LEAST_PROBABILITY) ** power * prior ** (1.0 - power)
     return np.where(prior > 0.0, kept, 0.0)

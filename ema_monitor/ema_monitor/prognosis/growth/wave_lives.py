@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 from ema_core._jit import kernel
 from ema_monitor.prognosis.growth.cells import Cells
+from ema_monitor.prognosis.growth.linear_filters import RATE_SPREAD
 from ema_monitor.prognosis.growth.waves import Waves
-
-_RATE_SPREAD: Final = 0.15
-"""Standard deviation of the logarithm of the mean rate to come, over that of now [-]."""
 
 _LEAST_RATE: Final = 1e-6
 """Rate, in shares of the limit, below which nothing grows [1/h]."""
@@ -53,7 +51,7 @@ def draw_waves(waves: Waves, n: int, rng: np.random.Generator) -> WaveDraw | Non
         return None
     places = [rng.permutation(n)[: one.size] for one in numbers]
     state = waves.samples(number, of_it, rng)
-    spread = np.exp(_RATE_SPREAD * rng.standard_normal(number.size))
+    spread = np.exp(RATE_SPREAD * rng.standard_normal(number.size))
     state[:, 1] *= np.where(waves.grows[of_it], spread, 0.0)
     return WaveDraw((number, np.concatenate(places)), state, waves.omega[of_it])
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.growth.linear_filters import HIDDEN, RATE_WALK, LinearFilters
+from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
+from ema_monitor.prognosis.growth.linear_filters import RATE_WALK, LinearFilters
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 PERIODS: Final = np.asarray(200.0 * 1.15 ** np.arange(13), dtype=np.float64)
@@ -122,7 +123,7 @@ class Waves(LinearFilters):
         groups = _LIVES.size - 1
         for group in range(1, groups + 1):
             at = slice(group * periods, (group + 1) * periods)
-            total = np.maximum(self.weight[:, at] + out / groups, HIDDEN)
+            total = np.maximum(self.weight[:, at] + out / groups, LEAST_PROBABILITY)
             share = out / groups / total
             gap = self.mean[:, :periods] - self.mean[:, at]
             arriving = self.covariance[:, :periods].copy()
