@@ -35,6 +35,7 @@ from ema_archive.partitions import write_whole
 from ema_archive.query import answer
 from ema_archive.running import Tally, run_bags, run_units, scan
 from ema_archive.summaries import UNITS, write_summaries
+from ema_core.linear_algebra import one_thread
 from ema_recording.reader import Bag
 from ema_tasks.local import ProcessPool, ThreadPool
 
@@ -223,7 +224,8 @@ PARTS: Final = {
 def in_a_process(part: str, *given: object) -> Any:
     """Return what a part gives."""
     words = [sys.executable, __file__, "--part", part, *map(str, given)]
-    done = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True)
+    environment = os.environ | one_thread()
+    done = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True, env=environment)
     return json.loads(done.stdout.splitlines()[-1])
 
 

@@ -25,6 +25,7 @@ from rich.progress import (
 
 from ema_core.description import ActuatorDescription
 from ema_core.faults import ECCENTRICITY_PHASE, estimation_error
+from ema_core.linear_algebra import one_thread
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import identify
@@ -126,7 +127,7 @@ class Workers:
 @contextmanager
 def workers(progress: Progress) -> Iterator[Workers]:
     """Start a process a core, each of which keeps to one thread."""
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    os.environ.update(one_thread())
     # A fork would inherit threads of this process as they stand.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(

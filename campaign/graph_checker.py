@@ -5,9 +5,12 @@ cannot show, as what was sent while its recorder was out of touch, is excused by
 recorder and monitor counted, and by nothing else: what is lost without a word is a violation.
 """
 
+import math
+import statistics
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 from graph_record import Answer, Block, FoundWindow, GraphRecord, HealthNote, StatusNote
@@ -108,7 +111,8 @@ def check(record: GraphRecord) -> Findings:
     """
     findings = Findings()
     add, counts = findings.violations.append, findings.counts
-    lost = Lost(lost_messages(record, "telemetry"), lost_messages(record, "fault_estimate"))
+    estimates = max(lost_messages(record, "fault_estimate"), unheard_estimates(record))
+    lost = Lost(lost_messages(record, "telemetry"), estimates)
     for name in record.actuators():
         one = _Actuator(record, name)
         for rule, check_rule in _RULES.items():
@@ -140,10 +144,30 @@ def lost_messages(record: GraphRecord, topic: str = "") -> int:
         Last part of the name of a topic; empty for all of them. A recorder that does not tell of
         topics may have lost all of its messages on this one.
     """
-    latest = {
-        status.name: status for status in record.statuses if status.name.endswith(": recording")
-    }
-    return sum(_lost_on(status, topic) for status in latest.values())
+    return sum(_lost_on(status, topic) for status in _recorders(record))
+
+
+def unheard_estimates(record: GraphRecord) -> int:
+    """Return how many estimates may have come while recorders say that they stood still."""
+    sent: dict[str, list[int]] = {}
+    for item in record.answers:
+        sent.setdefault(item.actuator_id, []).append(item.sent_ns)
+    steps = (later - earlier for one in sent.values() for earlier, later in pairwise(one))
+    apart = [step for step in steps if step > 0]
+    if not apart:
+        return 0
+    period_s = statistics.median(apart) / _NS
+    return sum(
+        math.ceil(float(status.values.get("stood still [s]", "0")) / period_s)
+        + status.count("standstills")
+        for status in _recorders(record)
+    )
+
+
+def _recorders(record: GraphRecord) -> list[StatusNote]:
+    """Return the latest status of each recorder."""
+    told = (status for status in record.statuses if status.name.endswith(": recording"))
+    return list({status.name: status for status in told}.values())
 
 
 def _lost_on(status: StatusNote, topic: str) -> int:

@@ -10,7 +10,7 @@ setup(
     maintainer="EMA health monitor maintainers",
     maintainer_email="maintainers@example.org",
     packages=find_packages(include=[package, f"{package}.*"]),
-    install_requires=[],
+    install_requires=["ema_core"],
     extras_require={"dask": ["distributed>=2026.1"]},
     python_requires=">=3.11",
     data_files=[

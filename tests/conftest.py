@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from ema_cli.processes.domains import Domain
+from ema_core.linear_algebra import one_thread
 
 from .leftovers import nothing_left
 from .orphans import pytest_testnodedown
@@ -32,6 +33,8 @@ os.environ |= {
     "ROS_HOME": _home.name,
     # Whatever the shell has: participants of one process must not deliver to each other directly.
     "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).parents[1] / "tools" / "fastdds.xml"),
+    # Of the workers of pytest and of what they start.
+    **one_thread(),
 }
 
 

@@ -1,5 +1,6 @@
 """The ``ema`` command."""
 
+import os
 from importlib import import_module
 from keyword import iskeyword
 from typing import Final
@@ -7,6 +8,7 @@ from typing import Final
 import click
 
 from ema_core import __version__
+from ema_core.linear_algebra import one_thread
 
 _COMMANDS: Final = {
     "simulate": "Run the high-fidelity actuator through test cycles and record them to a bag.",
@@ -57,6 +59,7 @@ class _CommandsOnDemand(click.Group):
             from ema_core.wording import unknown_name
 
             ctx.fail(unknown_name("command", cmd_name, _COMMANDS))
+        os.environ.update(one_thread())  # before numpy is imported
         name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name
         return getattr(import_module(f"ema_cli.commands.{name}"), name)
 

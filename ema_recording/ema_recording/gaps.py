@@ -1,4 +1,4 @@
-"""What a recording lacks as it could not be written: told in its metadata."""
+"""What a recording lacks, as it could not be written or nobody received it: in its metadata."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -11,14 +11,16 @@ GAP: Final = "ema_recording gap"
 
 @dataclass
 class Gap:
-    """Messages that were received and not recorded.
+    """Messages that were not recorded.
 
     Attributes
     ----------
     reason
         Why, in words.
     start_ns, end_ns
-        Log times of the first and the last of them [ns].
+        Log times of the first and the last of them [ns], or between which they would be.
+    count
+        How many were received; 0 where none was, and nobody knows how many were published.
     """
 
     reason: str
@@ -33,7 +35,7 @@ class Gap:
         self.count += 1
 
     def __str__(self) -> str:
-        return (
-            f"{counted(self.count, 'message')} from {self.start_ns / 1e9:.3f} s to "
-            f"{self.end_ns / 1e9:.3f} s not recorded: {self.reason}"
-        )
+        span = f"from {self.start_ns / 1e9:.3f} s to {self.end_ns / 1e9:.3f} s"
+        if not self.count:
+            return f"messages {span} may be missing: {self.reason}"
+        return f"{counted(self.count, 'message')} {span} not recorded: {self.reason}"

@@ -25,7 +25,8 @@ class SequenceGaps:
     The numbers of several publishers cannot be distinguished, so that nothing is counted. A gap
     counts once the publisher after it was one of those before it: a second publisher that has just
     started is no loss, and one that has gone leaves the numbers to the other. One that is out of
-    reach for a while, as either side stood still, and comes back goes on with its numbers.
+    reach for a while, as either side stood still, and comes back goes on with its numbers; a gap
+    before its last message counts when it has gone.
     """
 
     def __init__(self) -> None:
@@ -50,13 +51,13 @@ class SequenceGaps:
 
     def set_publishers(self, publishers: frozenset[Hashable]) -> None:
         """Set the publishers of the moment; to be called regularly."""
-        if not publishers:
+        if not publishers and len(self._publishers) > 1:
             return
-        if len(publishers) == 1 and publishers <= self._publishers:
+        if len(publishers) <= 1 and publishers <= self._publishers:
             self.lost += self._unconfirmed
         elif publishers != self._publishers:
             self._last = None
-        self._publishers, self._unconfirmed = publishers, 0
+        self._publishers, self._unconfirmed = publishers or self._publishers, 0
 
 
 class Silence:

@@ -1,6 +1,7 @@
 """The recorder: messages of the running system to a bag."""
 
 import threading
+import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -17,6 +18,7 @@ from ema_core.wording import counted
 from ema_recording.recorded_topic import RecordedTopic
 from ema_recording.recorder_settings import RecorderSettings
 from ema_recording.recording import Recording
+from ema_recording.standstills import Standstills
 from ema_recording.topic_names import topic_names
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.managed_node import ManagedNode
@@ -45,7 +47,8 @@ class RecorderNode(ManagedNode):
     is closed when it is cleaned up.
 
     While the bag cannot be written, as the disk is full, the status is ERROR; it goes on when there
-    is room, and status and bag tell what was not recorded.
+    is room, and status and bag tell what was not recorded. They also tell when the recorder itself
+    did not run, as it was stopped or the machine asleep: nobody knows what it missed.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -82,6 +85,7 @@ class RecorderNode(ManagedNode):
         self._topics: dict[str, RecordedTopic] = {}
         self._skipped: dict[str, str] = {}
         self._trouble = ""
+        self._standstills = Standstills()
         output = settings.output or f"ema_{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
         try:
             own = self.get_fully_qualified_name()
@@ -104,6 +108,7 @@ class RecorderNode(ManagedNode):
         self._discovery.cancel()
         with self._discovering:
             self._recording = False
+            self._standstills.pause()
             self._update_publishers()
             for topic in self._topics.values():
                 if topic.subscription is not None:
@@ -167,6 +172,8 @@ class RecorderNode(ManagedNode):
             "lost by topic": ", ".join(
                 f"{name} {topic.lost}" for name, topic in sorted(topics.items()) if topic.lost
             ),
+            "standstills": self._standstills.count,
+            "stood still [s]": self._standstills.total_s,
             "waiting [B]": bag.waiting,
             "messages without room": bag.not_recorded,
             "ends of threads": bag.flusher.ends,
@@ -221,6 +228,7 @@ class RecorderNode(ManagedNode):
             self._report_trouble(recorded)
             if self._uses_sim_time and not self.get_clock().now().nanoseconds:
                 return  # before simulated time begins there are no log times
+            self._note_standstill(recorded)
             for name, types in self.get_topic_names_and_types():
                 if self._is_wanted(name) and name not in self._topics | self._skipped:
                     self._add_topic(recorded, name, types)
@@ -235,6 +243,14 @@ class RecorderNode(ManagedNode):
                         callback_group=self._receiving,
                         raw=True,
                     )
+
+    def _note_standstill(self, recorded: Recording) -> None:
+        now_s = time.clock_gettime(time.CLOCK_BOOTTIME)
+        gap = self._standstills.call(now_s, self.get_clock().now().nanoseconds)
+        if gap is not None:
+            recorded.bag.note_gap(gap)
+            self.get_logger().warning(str(gap))
+            self.report()
 
     def _add_topic(self, recorded: Recording, name: str, types: list[str]) -> None:
         publishers = self.get_publishers_info_by_topic(name)

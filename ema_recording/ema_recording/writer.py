@@ -73,8 +73,8 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     flusher
         The thread that writes by time.
     gaps
-        What was received and could not be recorded, the last one open while ``failure`` is set; the
-        latest 100.
+        What was received and could not be recorded, the last one open while ``failure`` is set, and
+        what :meth:`note_gap` told of; the latest 100.
     not_recorded
         How many messages that are, those of earlier gaps among them.
 
@@ -234,6 +234,19 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         with self._writing() as files:
             files.note_state(topic, data, publish_time_ns)
 
+    def note_gap(self, gap: Gap) -> None:
+        """Tell of messages that did not come here.
+
+        Raises
+        ------
+        ValueError, OSError
+            As of :meth:`write`.
+        """
+        with self._writing() as files:
+            self.gaps.insert(len(self.gaps) - (self._gap is not None), gap)
+            del self.gaps[:-_MOST_GAPS]
+            self._tell(gap, files)
+
     def begin_next_file(self, log_time_ns: int) -> None:
         """Begin the next file, unless nothing has been written to this one.
 
@@ -318,8 +331,11 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     def _end_gap(self, files: BagFiles) -> None:
         """Tell of the gap that has just ended, if there is one."""
         gap, self._gap = self._gap, None
-        if gap is None:
-            return
+        if gap is not None:
+            self._tell(gap, files)
+
+    def _tell(self, gap: Gap, files: BagFiles) -> None:
+        """Write of a gap to the file, and to the metadata of the recording."""
         files.note_gap(gap)
         self._ended_gaps += 1
         self.custom_data[f"gap {self._ended_gaps}"] = str(gap)

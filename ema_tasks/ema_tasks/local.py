@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from queue import SimpleQueue
 from typing import Any
 
+from ema_core.linear_algebra import one_thread
 from ema_tasks.pool import MOST_DEATHS, Outcome, Pool, Task, WorkerLostError
 
 
@@ -95,7 +96,7 @@ class ProcessPool(Pool):
         while self._waiting and self._idle:
             executor, task = self._idle.pop(), self._waiting.popleft()
             try:
-                with _deaf_to_interrupts():
+                with _deaf_to_interrupts(), _one_thread_each():
                     future = executor.submit(_call, self._limit_s, task.function, *task.arguments)
             except BrokenProcessPool:
                 # It was killed while it had nothing to do.
@@ -163,6 +164,18 @@ def _call(limit_s: float, function: Callable[..., Any], *arguments: Any) -> Any:
     finally:
         if limit_s:
             faulthandler.cancel_dump_traceback_later()
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Let a process that is started keep to one thread: the others have the other processors."""
+    added = one_thread()
+    os.environ.update(added)
+    try:
+        yield
+    finally:
+        for name in added:
+            os.environ.pop(name, None)
 
 
 @contextmanager

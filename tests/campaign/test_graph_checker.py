@@ -270,6 +270,18 @@ def test_what_the_recorder_counts_as_lost_is_no_violation(modules: Modules, reco
     assert rules(modules, record) == set()
 
 
+def test_what_came_while_the_recorder_stood_still_is_no_violation(modules: Modules, record: Any):
+    for place in (6, 6):
+        del record.answers[place]
+    assert rules(modules, record) > {"unanswered"}
+    status = record.statuses[-1]
+    for stood_still in ("0.0", "1.9", "2.1"):
+        values = {**status.values, "stood still [s]": stood_still, "standstills": "1"}
+        record.statuses[-1] = replace(status, values=values)
+        # Two windows, one of which may be on its way when it begins.
+        assert ("unanswered" in rules(modules, record)) == (stood_still == "0.0")
+
+
 def tell_lost(record: Any, by_topic: str) -> None:
     status = record.statuses[-1]
     values = {**status.values, "lost messages": "900", "lost by topic": by_topic}

@@ -27,6 +27,7 @@ from ema_recording.qos import offered_qos, offered_qos_profiles, recorded_qos, r
 from ema_recording.reader import Bag
 from ema_recording.recorded_topic import SequenceGaps, Silence
 from ema_recording.recorder_node import RecorderNode
+from ema_recording.standstills import LEAST_S, Standstills
 from ema_ros.status import ERROR, OK, WARN, Task
 
 from ..waiting import DEADLINE_S, wait_for
@@ -376,6 +377,29 @@ def test_publisher_that_has_gone_leaves_its_gaps_to_the_one_that_stays():
     assert gaps.lost == 6
 
 
+def test_gap_before_the_last_message_of_a_publisher_counts_when_it_has_gone():
+    gaps = SequenceGaps()
+    gaps.set_publishers(frozenset("a"))
+    gaps.count(1)
+    gaps.count(7)
+    for _ in range(2):
+        gaps.set_publishers(frozenset())
+        assert gaps.lost == 5
+
+
+def test_standstill_is_told_with_its_times():
+    found = Standstills()
+    assert found.call(100.0, 5_000_000_000) is None
+    assert found.call(101.9, 6_900_000_000) is None
+    gap = found.call(104.0, 9_000_000_000)
+    assert str(gap) == (
+        "messages from 6.900 s to 9.000 s may be missing: the recorder stood still for 2.1 s"
+    )
+    found.pause()
+    assert found.call(200.0, 105_000_000_000) is None
+    assert (found.count, found.total_s) == (1, pytest.approx(2.1))
+
+
 def test_silence_is_told_of_what_came_regularly():
     silence = Silence()
     for number in range(60):
@@ -530,6 +554,7 @@ sys.dont_write_bytecode = True  # Python 3.11 would leave a cut off .pyc
 from ema_ros.run import run
 from ema_recording import writer
 from ema_recording.recorder_node import RecorderNode
+from ema_recording.standstills import LEAST_S, Standstills
 
 writer._MOST_WAITING = 20_000
 
@@ -546,6 +571,43 @@ class Limited(RecorderNode):
 
 raise SystemExit(run(Limited))
 """
+
+
+def test_recorder_that_stood_still_says_so_in_status_and_bag(graph: Graph, tmp_path: Path):
+    publisher = graph.node().create_publisher(String, "text", STREAM)
+    told: dict[str, DiagnosticStatus] = {}
+
+    def note(message: DiagnosticArray) -> None:
+        told.update({item.name: item for item in message.status})
+
+    graph.node().create_subscription(DiagnosticArray, "/diagnostics", note, 100)
+
+    def says_so() -> bool:
+        publisher.publish(String(data="text"))
+        status = told.get("/ema/recorder: recording")
+        return status is not None and "the recorder stood still for " in status.message
+
+    with recorder_process(tmp_path / "flight") as process:
+        try:
+            wait_for(publisher.get_subscription_count, "the recorder")
+            assert not says_so()
+            process.send_signal(signal.SIGSTOP)
+            time.sleep(1.5 * LEAST_S)
+            process.send_signal(signal.SIGCONT)
+            wait_for(says_so, "the recorder to say that it stood still")
+            status = told["/ema/recorder: recording"]
+            assert status.level[0] == WARN
+            values = {item.key: item.value for item in status.values}
+            assert float(values["stood still [s]"]) >= 1.5 * LEAST_S
+            process.send_signal(signal.SIGINT)
+            assert process.wait(timeout=DEADLINE_S) == 0
+        finally:
+            process.kill()
+    [remark] = Bag(tmp_path / "flight").remarks
+    assert remark.startswith("gap: messages from ")
+    assert " may be missing: the recorder stood still for " in remark
+    information = yaml.safe_load((tmp_path / "flight" / "metadata.yaml").read_text())
+    assert remark.endswith(information["rosbag2_bagfile_information"]["custom_data"]["gap 1"])
 
 
 def test_recorder_waits_out_a_full_disk_and_tells_the_gap(graph: Graph, tmp_path: Path):

@@ -27,6 +27,19 @@ def pool():
         yield pool
 
 
+def test_processes_keep_to_one_thread_each_unless_the_user_wants_more(monkeypatch):
+    name = "OPENBLAS_NUM_THREADS"
+    for said, wanted in ((None, "1"), ("3", "3")):
+        if said is None:
+            monkeypatch.delenv(name, raising=False)
+        else:
+            monkeypatch.setenv(name, said)
+        with ProcessPool(1) as pool:
+            [outcome] = pool.run(work.environment_of, [name])
+        assert outcome.result() == wanted
+        assert os.environ.get(name) == said
+
+
 def test_threads_give_one_outcome_a_task_and_take_no_more_than_needed():
     taken = []
 

@@ -10,6 +10,10 @@ def square(number: int) -> int:
     return number * number
 
 
+def environment_of(name: str) -> str | None:
+    return os.environ.get(name)
+
+
 def fail(number: int) -> None:
     raise ValueError(f"{number} is refused")
 

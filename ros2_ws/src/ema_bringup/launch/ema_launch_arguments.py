@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ema_cli.processes.shards import file_for, monitor_names, shard_parameters
+from ema_core.linear_algebra import one_thread
 from launch import LaunchContext
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
@@ -139,6 +140,7 @@ def node(
         ros_arguments=["--log-level", value_of(context, "log_level"), "--enclave", enclave],
         respawn=respawns and not ends_all and flag_of(context, "respawn"),
         respawn_delay=2.0,
+        additional_env=one_thread(),
         output="screen",
         **options,
     )

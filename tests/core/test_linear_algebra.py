@@ -1,0 +1,61 @@
+"""Processes that compute keep to one thread of the libraries below numpy."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from ema_core.linear_algebra import one_thread
+
+# Large enough for several threads, where there are several processors.
+MULTIPLY = """
+import os, sys
+{before}
+import numpy as np
+a = np.ones((400, 400))
+a @ a
+print(len(os.listdir("/proc/self/task")))
+"""
+
+
+def threads(before: str, environment: dict[str, str]) -> int:
+    """Return how many threads a process has that multiplied two matrices."""
+    words = [sys.executable, "-c", MULTIPLY.format(before=before)]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    return int(done.stdout)
+
+
+@pytest.fixture
+def unsaid() -> dict[str, str]:
+    """The environment, without what it may say of threads."""
+    return {name: value for name, value in os.environ.items() if "_NUM_THREADS" not in name}
+
+
+def test_what_the_environment_says_holds():
+    added = one_thread({"OPENBLAS_NUM_THREADS": "4", "HOME": "/root"})
+    assert added == {"MKL_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
+
+def test_process_that_asks_for_one_thread_has_one(unsaid: dict[str, str]):
+    asking = "from ema_core.linear_algebra import one_thread; os.environ.update(one_thread())"
+    assert threads(asking, unsaid) == 1
+    assert threads("", unsaid | one_thread(unsaid)) == 1
+
+
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) == 1, reason="one processor")
+def test_process_that_does_not_ask_has_more(unsaid: dict[str, str]):
+    if threads("", unsaid | {"OPENBLAS_NUM_THREADS": "2"}) == 1:
+        pytest.skip("the numpy of this machine has another library below it")
+    assert threads("", unsaid) > 1
+
+
+def test_commands_ask_for_one_thread(unsaid: dict[str, str]):
+    script = (
+        "import os; from ema_cli.main import main; main(['info', '--help'], standalone_mode=False);"
+        "print(os.environ['OPENBLAS_NUM_THREADS'])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=unsaid, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "1"
