@@ -2,7 +2,8 @@
 
 Nothing here needs ROS: a record of what was published goes in, violations come out. What a record
 cannot show, as what was sent while its recorder was out of touch, is excused by what the status of
-recorder and monitor counted, and by nothing else: what is lost without a word is a violation.
+recorder and monitor counted, and by the times in which the recorder said that it stood still, and
+by nothing else: what is lost without a word is a violation.
 """
 
 import math
@@ -111,8 +112,7 @@ def check(record: GraphRecord) -> Findings:
     """
     findings = Findings()
     add, counts = findings.violations.append, findings.counts
-    estimates = max(lost_messages(record, "fault_estimate"), unheard_estimates(record))
-    lost = Lost(lost_messages(record, "telemetry"), estimates)
+    lost = Lost(lost_messages(record, "telemetry"), lost_messages(record, "fault_estimate"))
     for name in record.actuators():
         one = _Actuator(record, name)
         for rule, check_rule in _RULES.items():
@@ -144,30 +144,10 @@ def lost_messages(record: GraphRecord, topic: str = "") -> int:
         Last part of the name of a topic; empty for all of them. A recorder that does not tell of
         topics may have lost all of its messages on this one.
     """
-    return sum(_lost_on(status, topic) for status in _recorders(record))
-
-
-def unheard_estimates(record: GraphRecord) -> int:
-    """Return how many estimates may have come while recorders say that they stood still."""
-    sent: dict[str, list[int]] = {}
-    for item in record.answers:
-        sent.setdefault(item.actuator_id, []).append(item.sent_ns)
-    steps = (later - earlier for one in sent.values() for earlier, later in pairwise(one))
-    apart = [step for step in steps if step > 0]
-    if not apart:
-        return 0
-    period_s = statistics.median(apart) / _NS
-    return sum(
-        math.ceil(float(status.values.get("stood still [s]", "0")) / period_s)
-        + status.count("standstills")
-        for status in _recorders(record)
-    )
-
-
-def _recorders(record: GraphRecord) -> list[StatusNote]:
-    """Return the latest status of each recorder."""
-    told = (status for status in record.statuses if status.name.endswith(": recording"))
-    return list({status.name: status for status in told}.values())
+    latest = {
+        status.name: status for status in record.statuses if status.name.endswith(": recording")
+    }
+    return sum(_lost_on(status, topic) for status in latest.values())
 
 
 def _lost_on(status: StatusNote, topic: str) -> int:
@@ -186,6 +166,7 @@ class _Actuator:
         self.is_simulated = bool(record.clock_ns)
         self.end_ns = record.end_ns
         self.told_jumps_ns = record.jumps_ns
+        self._standstills = record.standstills
         self.blocks = [item for item in record.blocks if item.actuator_id == name]
         self.answers = [item for item in record.answers if item.actuator_id == name]
         self.healths = [item for item in record.healths if item.actuator_id == name]
@@ -198,6 +179,21 @@ class _Actuator:
             for early, late in zip(self.blocks, self.blocks[1:], strict=False)
             if late.stamp_ns <= early.stamp_ns
         ]
+
+    def is_unheard(self, start_ns: int, end_ns: int) -> bool:
+        """Return whether the recorder stood still, or was found again, between two times."""
+        found_ns = round(DISCOVERY_S * _NS)
+        return any(
+            first <= end_ns and start_ns <= last + found_ns for first, last in self._standstills
+        )
+
+    @property
+    def unheard(self) -> int:
+        """How many answers may have come while the recorder stood still."""
+        steps = [late.sent_ns - early.sent_ns for early, late in pairwise(self.answers)]
+        period_ns = statistics.median(steps or [_NS])
+        spans = (last - first + round(DISCOVERY_S * _NS) for first, last in self._standstills)
+        return sum(math.ceil(span / max(period_ns, _NS / 10)) for span in spans)
 
     def times_sent(self, time_ns: int) -> int:
         """Return how many blocks were sent that hold a time."""
@@ -263,20 +259,26 @@ def _twice(one: _Actuator, _: Lost) -> Iterator[str]:
 
 def _unanswered(one: _Actuator, lost: Lost) -> Iterator[str]:
     for run in one.runs:
-        numbers = {item.window for item in run.answers}
-        if numbers:
-            missing = sorted(set(range(min(numbers), max(numbers))) - numbers)
-            if len(missing) > lost.estimates:
-                yield (
-                    f"windows {_some(missing)} of a run have no answer, and the recorder lost "
-                    f"{lost.estimates} of them"
-                )
+        answers = sorted(run.answers, key=lambda item: item.window)
+        missing = [
+            number
+            for early, late in pairwise(answers)
+            if not one.is_unheard(*sorted((early.sent_ns, late.sent_ns)))
+            for number in range(early.window + 1, late.window)
+        ]
+        if len(missing) > lost.estimates:
+            yield (
+                f"windows {_some(missing)} of a run have no answer, and the recorder lost "
+                f"{lost.estimates} of them"
+            )
         yield from _counted(one, run, lost)
     answered = {(item.start_ns, item.end_ns) for item in one.answers}
     silent = [
         window
         for window in one.found
-        if (window.start_ns, window.end_ns) not in answered and _had_to_answer(one, window)
+        if (window.start_ns, window.end_ns) not in answered
+        and _had_to_answer(one, window)
+        and not one.is_unheard(window.sent_ns, window.sent_ns + round(ANSWER_S * _NS))
     ]
     if len(silent) > lost.estimates:
         ends = _some([window.end_ns for window in silent])
@@ -293,7 +295,7 @@ def _counted(one: _Actuator, run: Run, lost: Lost) -> Iterator[str]:
     answered = sum(
         first.count("windows") <= item.window < last.count("windows") for item in run.answers
     )
-    if counted - answered > lost.estimates:
+    if counted - answered > lost.estimates + one.unheard:
         yield f"{counted} windows were counted, {answered} answered, {lost.estimates} answers lost"
 
 
@@ -332,7 +334,12 @@ def _refused_health(one: _Actuator, lost: Lost) -> Iterator[str]:
         elif health.stamp_ns in sent:
             if sent[health.stamp_ns] > health.sent_ns:
                 yield f"the health of {health.stamp_ns} ns was sent before its estimate"
-        elif health.stamp_ns and health.sent_ns > first_ns and not _is_resumed(one, health):
+        elif (
+            health.stamp_ns
+            and health.sent_ns > first_ns
+            and not _is_resumed(one, health)
+            and not one.is_unheard(health.stamp_ns, health.sent_ns)
+        ):
             unknown.append(health.stamp_ns)
     if len(unknown) > lost.estimates:
         yield f"the healths of {_some(unknown)} ns have no estimate, {lost.estimates} were lost"
@@ -387,6 +394,7 @@ def _found_only(status: StatusNote) -> int:
 
 
 def _counters(one: _Actuator, lost: Lost) -> Iterator[str]:
+    unseen = lost.estimates + one.unheard
     for run in one.runs:
         statuses = run.counted()
         if len(statuses) < 2:
@@ -400,14 +408,14 @@ def _counters(one: _Actuator, lost: Lost) -> Iterator[str]:
                 if item.valid == wanted and first.sent_ns < item.sent_ns <= last.sent_ns
             ]
             # One may be between its answer and its count at either end.
-            if not -1 <= counted - len(within) <= 1 + lost.estimates:
+            if not -1 <= counted - len(within) <= 1 + unseen:
                 yield f"{counted} {key} were counted, {len(within)} published"
         dropped = last.count("windows dropped") - first.count("windows dropped")
         told = sum(
             item.dropped and first.sent_ns < item.sent_ns <= last.sent_ns for item in run.answers
         )
         # A window is counted when it is dropped, and its answer waits behind those before it.
-        if not -1 - _found_only(first) <= dropped - told <= 1 + _found_only(last) + lost.estimates:
+        if not -1 - _found_only(first) <= dropped - told <= 1 + _found_only(last) + unseen:
             yield f"{dropped} windows dropped were counted, {told} published"
         yield from _heard(one, run)
     stretches = _stretches(one.blocks, one.told_jumps_ns)

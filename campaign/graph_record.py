@@ -114,6 +114,8 @@ class GraphRecord:
         When the first and the last message were sent [ns].
     messages
         Number of messages in the bag.
+    standstills
+        Log times between which the recorder says that it stood still [ns].
     """
 
     blocks: list[Block] = field(default_factory=list)
@@ -126,6 +128,7 @@ class GraphRecord:
     start_ns: int = 0
     end_ns: int = 0
     messages: int = 0
+    standstills: list[tuple[int, int]] = field(default_factory=list)
 
     def actuators(self) -> list[str]:
         """Return the names of the actuators."""
@@ -149,6 +152,7 @@ def read_graph(path: Path) -> GraphRecord:
     bag = Bag(path)
     record = GraphRecord()
     record.messages = sum(topic.count for topic in bag.topics.values())
+    record.standstills = [(gap.start_ns, gap.end_ns) for gap in bag.gaps if not gap.count]
     record.start_ns, record.end_ns = bag.start_ns or 0, bag.end_ns or 0
     finders: dict[str, WindowFinder] = {}
     known: set[tuple[str, int, int]] = set()

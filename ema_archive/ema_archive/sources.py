@@ -1,6 +1,7 @@
 """Bags in folders and object stores: what is there, and a copy to read where it is not local."""
 
 import hashlib
+import socket
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -17,6 +18,7 @@ from ema_recording.metadata import METADATA_FILE
 CALIBRATION_FILE: Final = "calibration.yaml"
 """Name of the calibration of the unit whose bags lie in the same folder."""
 
+_UNREACHABLE: Final = (ConnectionError, TimeoutError, socket.gaierror)
 _CHUNK: Final = 1 << 20
 _CHANGE_MARKS: Final = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified")
 
@@ -176,13 +178,14 @@ def full_url(source: str) -> str:
 
 @contextmanager
 def _clear_errors(url: str) -> Iterator[None]:
-    """Raise OSError, with the address, for errors of a store that name none or are of its kinds."""
+    """Raise OSError, with the address, where a store gives no answer or has errors of its own."""
     try:
         yield
-    except (FileNotFoundError, ImportError, NotImplementedError, ValueError):
+    except (ImportError, NotImplementedError, ValueError):
         raise
     except Exception as error:
-        if isinstance(error, OSError) and error.filename is not None:
+        # Those of the local disk say what is wrong.
+        if isinstance(error, OSError) and not isinstance(error, _UNREACHABLE):
             raise
         raise OSError(f"{url}: the store cannot be read: {error}") from error
 

@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 
 from ema_core.wording import counted
 from ema_recording.contents import Contents, Stretch, read_contents, read_messages
+from ema_recording.gaps import Gap
 from ema_recording.message_type import is_installed
 from ema_recording.packed import (
     PackedError,
@@ -150,9 +151,14 @@ class Bag:
         return f"{', '.join(files)}: recorded without checksums, damaged messages go unnoticed"
 
     @property
+    def gaps(self) -> list[Gap]:
+        """What the recorder told that it did not record."""
+        return [gap for contents in self._files.values() for gap in contents.gaps]
+
+    @property
     def remarks(self) -> list[str]:
         """What there is to say of the recording so far: damage, gaps, missing checksums."""
-        gaps = [gap for contents in self._files.values() for gap in contents.gaps]
+        gaps = self.gaps
         told = [f"gap: {gap}" for gap in gaps[:_MOST_GAPS]]
         if more := gaps[_MOST_GAPS:]:
             lacking = counted(sum(gap.count for gap in more), "message")

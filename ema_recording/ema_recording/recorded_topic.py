@@ -23,10 +23,9 @@ class SequenceGaps:
     """Counts the gaps in the sequence numbers of a topic that has one publisher.
 
     The numbers of several publishers cannot be distinguished, so that nothing is counted. A gap
-    counts once the publisher after it was one of those before it: a second publisher that has just
-    started is no loss, and one that has gone leaves the numbers to the other. One that is out of
-    reach for a while, as either side stood still, and comes back goes on with its numbers; a gap
-    before its last message counts when it has gone.
+    counts once the publisher is the same after it as before it, or has gone: a second publisher
+    that has just started is no loss. One that is out of reach for a while, as either side stood
+    still, and comes back goes on with its numbers.
     """
 
     def __init__(self) -> None:
@@ -51,13 +50,15 @@ class SequenceGaps:
 
     def set_publishers(self, publishers: frozenset[Hashable]) -> None:
         """Set the publishers of the moment; to be called regularly."""
-        if not publishers and len(self._publishers) > 1:
-            return
-        if len(publishers) <= 1 and publishers <= self._publishers:
+        if publishers and publishers != self._publishers:
+            self._publishers, self._last = publishers, None
+        elif len(self._publishers) == 1:
             self.lost += self._unconfirmed
-        elif publishers != self._publishers:
-            self._last = None
-        self._publishers, self._unconfirmed = publishers or self._publishers, 0
+        self._unconfirmed = 0
+
+    def pause(self) -> None:
+        """Expect no number to go on from the last one: what comes meanwhile is not wanted."""
+        self._last, self._unconfirmed = None, 0
 
 
 class Silence:
@@ -74,9 +75,13 @@ class Silence:
 
     def end(self, now_s: float) -> None:
         """Note a message, by a clock that is never set [s]."""
-        if self._count:
+        if not math.isnan(self._last_s):
             self._longest_s = max(self._longest_s, now_s - self._last_s)
         self._last_s, self._count = now_s, self._count + 1
+
+    def pause(self) -> None:
+        """Expect no message until the next one: there is no publisher, or nobody receives."""
+        self._last_s = math.nan
 
     def length(self, now_s: float) -> float:
         """Return for how long nothing has come, where that is unusual; else 0 [s]."""
@@ -128,7 +133,7 @@ class RecordedTopic:
     def silent_s(self) -> float:
         """For how long it has been silent, against its habit and with a publisher; else 0 [s]."""
         with self._lock:
-            return self._silence.length(time.monotonic()) if self.has_publisher else 0.0
+            return self._silence.length(time.monotonic())
 
     def set_publishers(self, publishers: Sequence[TopicEndpointInfo]) -> None:
         """Set the publishers of the moment; to be called regularly."""
@@ -140,6 +145,19 @@ class RecordedTopic:
         ]
         with self._lock:
             self._gaps.set_publishers(frozenset(bytes(item.endpoint_gid) for item in publishers))
+            if not publishers:
+                self._silence.pause()
+
+    def excuse_silence(self) -> None:
+        """Note that the time until the next message says nothing of the topic."""
+        with self._lock:
+            self._silence.pause()
+
+    def pause(self) -> None:
+        """Note that nothing is recorded until the next message."""
+        self.excuse_silence()
+        with self._lock:
+            self._gaps.pause()
 
     def count(self, sequence_number: int | None) -> None:
         """Count a message; None where the middleware gives no number."""

@@ -106,11 +106,13 @@ class RecorderNode(ManagedNode):
     def deactivate(self) -> None:
         """Stop recording."""
         self._discovery.cancel()
+        self._note_standstill()
         with self._discovering:
             self._recording = False
             self._standstills.pause()
             self._update_publishers()
             for topic in self._topics.values():
+                topic.pause()
                 if topic.subscription is not None:
                     self.destroy_subscription(topic.subscription)
                     topic.subscription = None
@@ -228,7 +230,7 @@ class RecorderNode(ManagedNode):
             self._report_trouble(recorded)
             if self._uses_sim_time and not self.get_clock().now().nanoseconds:
                 return  # before simulated time begins there are no log times
-            self._note_standstill(recorded)
+            self._note_standstill()
             for name, types in self.get_topic_names_and_types():
                 if self._is_wanted(name) and name not in self._topics | self._skipped:
                     self._add_topic(recorded, name, types)
@@ -244,13 +246,19 @@ class RecorderNode(ManagedNode):
                         raw=True,
                     )
 
-    def _note_standstill(self, recorded: Recording) -> None:
+    def _note_standstill(self) -> None:
+        """Tell of a time before now in which this process did not run."""
         now_s = time.clock_gettime(time.CLOCK_BOOTTIME)
         gap = self._standstills.call(now_s, self.get_clock().now().nanoseconds)
-        if gap is not None:
-            recorded.bag.note_gap(gap)
-            self.get_logger().warning(str(gap))
-            self.report()
+        if gap is None:
+            return
+        with self._writing:
+            if self._recorded is not None:
+                self._recorded.bag.note_gap(gap)
+        self.get_logger().warning(str(gap))
+        for topic in list(self._topics.values()):
+            topic.excuse_silence()
+        self.report()
 
     def _add_topic(self, recorded: Recording, name: str, types: list[str]) -> None:
         publishers = self.get_publishers_info_by_topic(name)

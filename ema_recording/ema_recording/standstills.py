@@ -43,7 +43,9 @@ class Standstills:
         stood_s = now_s - last[0]
         self.count += 1
         self.total_s += stood_s
-        return Gap(f"the recorder stood still for {stood_s:.1f} s", last[1], log_time_ns)
+        # Simulated time may have gone back meanwhile.
+        start_ns, end_ns = sorted((last[1], log_time_ns))
+        return Gap(f"the recorder stood still for {stood_s:.1f} s", start_ns, end_ns)
 
     def pause(self) -> None:
         """Expect no call until the next one."""

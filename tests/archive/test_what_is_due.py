@@ -9,7 +9,7 @@ import fsspec
 import pytest
 from fsspec import AbstractFileSystem
 
-from ema_archive import running
+from ema_archive import running, sources
 from ema_archive.bag_task import DONE, BagResult
 from ema_archive.manifest import Manifest
 from ema_archive.query import answer
@@ -238,6 +238,21 @@ def test_store_that_gives_no_answer_is_named(ema, tmp_path, monkeypatch, error):
     assert result.exit_code == 1
     assert "unreachable://fleet/bags: the store" in result.stderr
     assert "no answer" in result.stderr
+
+
+def test_file_as_a_source_and_a_full_disk_are_not_laid_to_the_store(ema, tmp_path, monkeypatch):
+    bag = tmp_path / "a.mcap"
+    bag.touch()
+    result = ema("archive", "scan", tmp_path / "archive", bag)
+    assert result.exit_code == 1
+    assert f"{bag}: this is a file, not a folder of bags" in result.stderr
+    assert "the store" not in result.stderr
+    full = OSError(28, "No space left on device")
+    monkeypatch.setattr(_Unreachable, "error", full, raising=False)
+    fsspec.register_implementation("unreachable", _Unreachable, clobber=True)
+    with pytest.raises(OSError, match="No space left") as raised:
+        sources.mark_of("unreachable://fleet/bags")
+    assert raised.value is full
 
 
 @pytest.mark.slow

@@ -88,8 +88,6 @@ def test_coupling_is_learnt_from_what_play_does_to_friction(tracker: Tracker):
     (friction,) = [one for one in tracker.components() if one.name == "friction"]
     assert friction.laws["driven"] == pytest.approx(share.sum())
     assert friction.trend == pytest.approx(rate, rel=0.3)
-    assert friction.driven_by["backlash"] == pytest.approx(by_play.sum())
-    assert set(friction.driven_by) == {"backlash", "eccentricity"}
 
 
 @pytest.mark.slow
@@ -162,7 +160,7 @@ def test_driver_that_no_test_shows_drives_nothing():
     for number in range(30):
         tracker.update(measured(0.05, 0.05 + 4e-3 * number, 12.0 * number, rng, ("eccentricity",)))
     assert not tracker._mixture.driven.shown[ECCENTRICITY]
-    assert np.abs(tracker._mixture.driven._level).max() < 1.0
+    assert np.abs(tracker._mixture.driven.level).max() < 1.0
     friction = next(one for one in tracker.components() if one.name == "friction")
     assert friction.trend == pytest.approx(4e-3 / 12.0, rel=0.3)
     assert np.isfinite(tracker.futures(np.linspace(0.0, 1e4, 50))).all()
@@ -193,8 +191,7 @@ def growth_of(rates: dict[int, float], limit: float = 0.5) -> OwnGrowth:
 
 def driven_by(pairs: list[tuple[int, int]], state: list[list[float]]) -> DrivenDraw:
     number, driver = (np.array(part) for part in zip(*pairs, strict=True))
-    shown = np.ones(len(COMPONENTS), dtype=bool)
-    return DrivenDraw((number, np.zeros_like(number)), driver, np.array(state), shown)
+    return DrivenDraw((number, np.zeros_like(number)), driver, np.array(state))
 
 
 def test_life_of_a_driven_fault_is_that_of_the_exact_solution():
@@ -216,6 +213,49 @@ def test_lives_of_faults_that_drive_each_other_are_those_of_the_exact_solution()
     x = x0 * np.cosh(w * u) + y0 * c / w * np.sinh(w * u)
     y = y0 * np.cosh(w * u) + x0 * d / w * np.sinh(w * u)
     np.testing.assert_allclose(hours, [u[np.argmax(x >= 0.5)], u[np.argmax(y >= 0.5)]], rtol=3e-3)
+
+
+@pytest.mark.parametrize("slower", [1.0, 0.1])
+def test_levels_of_faults_that_drive_each_other_are_exact_by_clocks_of_their_own(slower: float):
+    # x' = c y, y' = s d x, s being the hours of the second in an hour of the first.
+    c, d, x0, y0 = 1e-3, 2e-3, 0.05, 0.02
+    w = np.sqrt(c * d * slower)
+    sample = driven_by([(FRICTION, PLAY), (PLAY, FRICTION)], [[x0, 0.0, c], [y0, 0.0, d]])
+    hours = np.linspace(0.0, 1500.0, 31)
+    values = np.zeros((hours.size, len(COMPONENTS), 1))
+    steps = np.diff(hours, prepend=0.0)[:, None] * np.array([1.0, slower])
+    driven_values(sample, values, np.zeros((len(COMPONENTS), 1)), steps)
+    x = x0 * np.cosh(w * hours) + y0 * c / w * np.sinh(w * hours)
+    y = y0 * np.cosh(w * hours) + x0 * w / c * np.sinh(w * hours)
+    np.testing.assert_allclose(values[:, FRICTION, 0], x, rtol=1e-3)
+    np.testing.assert_allclose(values[:, PLAY, 0], y, rtol=1e-3)
+
+
+def test_changed_rate_has_the_standard_deviation_that_was_asked_for(tracker: Tracker):
+    driven = tracker._mixture.driven.frozen()
+    driven.change_rate(FRICTION, 3e-4, 2e-5)
+    for at, driver in enumerate(driven.driver[FRICTION]):
+        of_rate = np.array([0.0, 1.0, driven.level[driver]])
+        mean, covariance = driven.mean[FRICTION, at], driven.covariance[FRICTION, at]
+        assert of_rate @ mean == pytest.approx(3e-4)
+        assert of_rate @ covariance @ of_rate == pytest.approx(4e-10, rel=1e-6)
+        assert np.linalg.eigvalsh(covariance).min() >= -1e-12 * np.abs(covariance).max()
+
+
+def test_what_no_test_has_shown_drives_nothing():
+    rng, tracker = np.random.default_rng(6), Tracker()
+    for number in range(40):
+        level = 0.05 + 0.004 * number
+        tracker.update(
+            measured(level, level, 12.0 * number, rng, unobservable=("eccentricity", "backlash"))
+        )
+    _, driven = drawn(tracker, 4000, rng)
+    of_friction = driven.at[0] == FRICTION
+    assert of_friction.any()
+    assert not driven.state[of_friction, 2].any()
+    filters = tracker._mixture.driven
+    rate = np.average(filters.rates()[FRICTION], weights=filters.weight[FRICTION])
+    assert np.mean(driven.state[of_friction, 1]) == pytest.approx(rate, rel=0.1)
 
 
 def test_fault_at_its_limit_has_no_life_left_and_one_without_growth_no_end():

@@ -1,9 +1,8 @@
 """Health and remaining life of an actuator after a test."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +28,6 @@ from ema_monitor.prognosis.requirements.required_life import RequiredLife, requi
 from ema_monitor.prognosis.requirements.requirements import Requirements
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.prognosis.unit_event import UnitEvent
-
-_TOLD_ABOVE: Final = 0.8
-"""Probability from which a fault is said to drive another [-]."""
 
 
 @dataclass(frozen=True)
@@ -279,7 +275,7 @@ def outlook_of(
         rul=rul,
         dominant=dominant,
         future=future,
-        assumption="; ".join([prognosis.assumption, *_driven(tracked)]),
+        assumption=prognosis.assumption,
         events=(),
         lifetimes=lifetimes,
         levels=levels,
@@ -289,14 +285,6 @@ def outlook_of(
         tests_tell=tests_tell,
         calibrations={item.name: item.calibration for item in tracked},
     )
-
-
-def _driven(tracked: Iterable[TrackedFault]) -> Iterator[str]:
-    """Yield in words what fault drives another, where that is nearly certain."""
-    for item in tracked:
-        for driver, probability in item.driven_by.items():
-            if probability > _TOLD_ABOVE:
-                yield f"{item.name} grows with {driver} (probability {probability:.2f})"
 
 
 def _future(growth: GrowthRecord, settings: PrognosisSettings) -> FutureDuty:

@@ -55,6 +55,8 @@ class Driven(LinearFilters):
     ----------
     driver
         Number of the component that drives each filter, ``(7, k)``; its own where there is none.
+    level
+        Level of each component as its tests have it, 0 until one shows it, ``(7,)`` [-].
     shown
         Components that a test has shown, ``(7,)``: the others are taken for healthy drivers.
     """
@@ -78,7 +80,7 @@ class Driven(LinearFilters):
         # No more is thought of a driver that no test shows.
         self._most_variance = (0.5 * limit) ** 2
         self._coupling[prior == 0.0] = 0.0
-        self._level, self.shown = np.zeros(len(COMPONENTS)), np.zeros(len(COMPONENTS), dtype=bool)
+        self.level, self.shown = np.zeros(len(COMPONENTS)), np.zeros(len(COMPONENTS), dtype=bool)
         for number in range(len(COMPONENTS)):
             self._begin(number, 0.0, 1.0)
 
@@ -90,8 +92,8 @@ class Driven(LinearFilters):
         number, value, variance
             Of the component, its new signed distance from healthy, and its variance [-].
         """
-        self._level, self.shown = self._level.copy(), self.shown.copy()
-        self._level[number], self.shown[number] = value, True
+        self.level, self.shown = self.level.copy(), self.shown.copy()
+        self.level[number], self.shown[number] = value, True
         self._begin(number, value, variance)
 
     def _begin(self, number: int, value: float, variance: float) -> None:
@@ -105,35 +107,29 @@ class Driven(LinearFilters):
 
     def state(self, name: str) -> dict[str, NDArray[Any]]:
         """Return all that is known, as ``LinearFilters.state``."""
-        return super().state(name) | {f"{name}_level": self._level, f"{name}_shown": self.shown}
+        return super().state(name) | {f"{name}_level": self.level, f"{name}_shown": self.shown}
 
     def restore(self, name: str, state: Mapping[str, NDArray[Any]]) -> None:
         """Go on from what ``state`` returned, as ``LinearFilters.restore``."""
         super().restore(name, state)
-        self._level, self.shown = state[f"{name}_level"], state[f"{name}_shown"].astype(np.bool_)
-        if not self._level.shape == self.shown.shape == (len(COMPONENTS),):
-            raise ValueError(
-                f"{name}_level has shape {self._level.shape}, not ({len(COMPONENTS)},)"
-            )
+        self.level, self.shown = state[f"{name}_level"], state[f"{name}_shown"].astype(np.bool_)
+        if not self.level.shape == self.shown.shape == (len(COMPONENTS),):
+            raise ValueError(f"{name}_level has shape {self.level.shape}, not ({len(COMPONENTS)},)")
 
     def change_rate(self, number: int, rate: float, sigma: float) -> None:
         """Let a component go on at another rate, of a standard deviation [1/h]: its own changed."""
         mean, covariance = self.mean.copy(), self.covariance.copy()
-        mean[number, :, 1] = rate - mean[number, :, 2] * self._level[self.driver[number]]
-        covariance[number, :, 1, :] = covariance[number, :, :, 1] = 0.0
-        covariance[number, :, 1, 1] = sigma**2
+        by = self.level[self.driver[number]]
+        mean[number, :, 1] = rate - mean[number, :, 2] * by
+        # a = rate - c y, with a rate that depends on neither level nor coupling.
+        coupling = covariance[number, :, 2, :]
+        covariance[number, :, 1, :] = covariance[number, :, :, 1] = -by[:, None] * coupling
+        covariance[number, :, 1, 1] = sigma**2 + by**2 * coupling[:, 2]
         self.mean, self.covariance = mean, covariance
-
-    def by_driver(self) -> NDArray[np.float64]:
-        """Return the probability that a component drives another, by row and column, ``(7, 7)``."""
-        n = len(COMPONENTS)
-        place = np.arange(n)[:, None] + n * self.driver
-        found = np.bincount(place.ravel(), self.weight.ravel(), n * n)
-        return found.reshape(n, n).astype(np.float64, copy=False)
 
     def rates(self) -> NDArray[np.float64]:
         """Return the growth of each filter [1/h], ``(7, k)``."""
-        return self.mean[..., 1] + self.mean[..., 2] * self._level[self.driver]
+        return self.mean[..., 1] + self.mean[..., 2] * self.level[self.driver]
 
     def advance(
         self,
@@ -151,7 +147,7 @@ class Driven(LinearFilters):
         before, after, variance
             Levels of all components before and after them, and their variances, ``(7,)`` each.
         """
-        self._level = np.where(self.shown, after, 0.0)
+        self.level = np.where(self.shown, after, 0.0)
         level = np.where(self.shown, 0.5 * (before + after), 0.0)
         driving = level[self.driver] * hours[:, None]
         hours = np.broadcast_to(hours[:, None], driving.shape)

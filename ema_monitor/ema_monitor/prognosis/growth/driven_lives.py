@@ -22,6 +22,9 @@ _STEP: Final = 0.06
 _LONGEST_HOURS: Final = 1e6
 """First step, later steps over the hours so far, and hours after which none is taken [h]."""
 
+_PARTS: Final = 4
+"""Steps that are taken from one hour that is asked for to the next."""
+
 _NONE: Final = -1
 
 _MOST: Final = 1.0
@@ -40,14 +43,11 @@ class DrivenDraw:
         Number of the component that drives each, ``(m,)``.
     state
         Level [-], rate of its own [1/h] and coupling [1/h], ``(m, 3)``.
-    shown
-        Components that a test has shown, ``(7,)``; the others drive nothing.
     """
 
     at: tuple[NDArray[np.intp], NDArray[np.intp]]
     driver: NDArray[np.intp]
     state: NDArray[np.float64]
-    shown: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,12 +103,15 @@ def draw_driven(
     if not number.size:
         return None
     number, of_it = number.astype(np.intp), of_it.astype(np.intp)
-    state = driven.samples(number, of_it, rng)
+    driver, state = driven.driver[number, of_it], driven.samples(number, of_it, rng)
     state[:, 1:] *= np.exp(RATE_SPREAD * rng.standard_normal(number.size))[:, None]
-    # Nothing heals by what another fault does to it.
-    state[:, 2] = np.maximum(state[:, 2], 0.0)
+    # Nothing heals by what another fault does to it, and what no test has shown drives nothing:
+    # such a sample goes on as it grows now.
+    alone = (state[:, 2] < 0.0) | ~driven.shown[driver]
+    state[alone, 1] += state[alone, 2] * driven.level[driver[alone]]
+    state[alone, 2] = 0.0
     place = np.concatenate(places).astype(np.intp)
-    return DrivenDraw((number, place), driven.driver[number, of_it], state, driven.shown)
+    return DrivenDraw((number, place), driver, state)
 
 
 def driven_lives(
@@ -133,9 +136,9 @@ def driven_lives(
     driver[sample.at[0], columns] = sample.driver
     state[sample.at[0], columns] = sample.state
     drives = np.zeros(own.x.shape, dtype=bool)
-    drives[sample.driver, columns] = sample.shown[sample.driver]
-    level = np.where(sample.shown[:, None], own.x, 0.0)
-    figures = (own.law, level, own.rate, own.shape, own.pace, own.limit, rates)
+    coupled = sample.state[:, 2] > 0.0
+    drives[sample.driver[coupled], columns[coupled]] = True
+    figures = (own.law, own.x, own.rate, own.shape, own.pace, own.limit, rates)
     # Of one layout: for each one the kernel would be compiled.
     hours = _first_passages(driver, drives, state, *map(np.ascontiguousarray, figures))
     return hours[sample.at[0], columns]
@@ -174,7 +177,7 @@ def _first_passages(
             for i in range(n):
                 own[i] = 0.0
                 if driver[i, j] >= 0:
-                    by = min(x[driver[i, j]], _MOST)
+                    by = min(max(x[driver[i, j]], 0.0), _MOST)
                     first[i] = speed[i] * (state[i, j, 1] + state[i, j, 2] * by)
                 elif drives[i, j]:
                     kept = math.exp(-(hours + 0.5 * step) / WANDER_HOURS)
@@ -190,7 +193,8 @@ def _first_passages(
                 k = driver[i, j]
                 if k < 0:
                     continue
-                ahead = min(x[k] + (first[k] * step if driver[k, j] >= 0 else 0.0), _MOST)
+                ahead = x[k] + (first[k] * step if driver[k, j] >= 0 else 0.0)
+                ahead = min(max(ahead, 0.0), _MOST)
                 last = speed[i] * (state[i, j, 1] + state[i, j, 2] * ahead)
                 own[i] = 0.5 * step * (first[i] + last)
             for i in range(n):
@@ -230,15 +234,18 @@ def driven_values(
     is_driven = np.zeros(start.shape, dtype=bool)
     is_driven[number, place] = True
     chained = is_driven[driver, place]
-    coupling = np.where(sample.shown[driver], coupling, 0.0)
-    before = start.copy()
-    before[number, place] = x
-    growing = np.zeros_like(start)
+    before, level, growth = start, start.copy(), np.zeros_like(start)
+    level[number, place] = x
     for now, step in zip(values, steps, strict=True):
-        behind = np.clip(before[driver, place], 0.0, _MOST)
-        first = rate + coupling * behind
-        growing[number, place] = first
-        ahead = np.where(chained, behind + growing[driver, place] * step, now[driver, place])
-        mean = 0.5 * (first + rate + coupling * np.clip(ahead, 0.0, _MOST))
-        now[number, place] = before[number, place] + mean * step
+        part = step / _PARTS
+        begin, end = (np.clip(one[driver, place], 0.0, _MOST) for one in (before, now))
+        for share in np.arange(_PARTS) / _PARTS:
+            behind = np.where(chained, level[driver, place], begin + share * (end - begin))
+            first = rate + coupling * np.clip(behind, 0.0, _MOST)
+            growth[number, place] = part * first
+            # Each driver by hours of its own.
+            own = np.where(chained, growth[driver, place], (end - begin) / _PARTS)
+            last = rate + coupling * np.clip(behind + own, 0.0, _MOST)
+            level[number, place] += 0.5 * part * (first + last)
+        now[number, place] = level[number, place]
         before = now

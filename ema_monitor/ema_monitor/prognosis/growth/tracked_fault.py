@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS, HIGHEST
 from ema_monitor.prognosis.growth.check import Calibration, PredictionCheck
-from ema_monitor.prognosis.growth.driven import DRIVERS
 from ema_monitor.prognosis.growth.measurement import HEALTHY, INDICES
 from ema_monitor.prognosis.growth.mixture import Mixture
 
@@ -32,9 +31,6 @@ class TrackedFault:
     laws
         Probability of each law [-]; ``constant`` stands for no growth yet, ``driven``
         for growth in proportion to another fault.
-    driven_by
-        Probability that it grows in proportion to another fault, by the name of that one; none
-        where that is impossible [-].
     growing_probability
         Probability that it grows [-].
     calibration
@@ -48,7 +44,6 @@ class TrackedFault:
     trend: float
     trend_sigma: float
     laws: Mapping[str, float]
-    driven_by: Mapping[str, float]
     growing_probability: float
     calibration: Calibration
 
@@ -88,7 +83,6 @@ def tracked_faults(
     laws["linear"] = (laws["linear"] + of_waves).tolist()
     laws["constant"] = mixture.constant().tolist()
     laws["driven"] = mixture.driven.weight.sum(axis=1).tolist()
-    by_driver = mixture.driven.by_driver()
     return tuple(
         TrackedFault(
             name,
@@ -98,7 +92,6 @@ def tracked_faults(
             trend,
             trend_sigma,
             {law: share[i] for law, share in laws.items()},
-            {one: float(by_driver[COMPONENTS.index(one), i]) for one in DRIVERS.get(name, ())},
             1.0 - laws["constant"][i],
             check.of(i),
         )
