@@ -19,6 +19,7 @@ from rclpy.node import Node
 
 from ema_cli.processes.bringup import assignments_of, program
 from ema_cli.processes.domains import Domain
+from ema_core.linear_algebra import one_thread
 from ema_interfaces.msg import FaultEstimate, TelemetryBlock
 from ema_ros.stamps import stamp_from_message
 from ema_ros.topics import FAULT_ESTIMATE, NAMESPACE, STREAM, TELEMETRY
@@ -157,7 +158,8 @@ class Graph:
                     "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
                     "ROS_HOME": str(self.folder / "ros_home"),
                     "FASTRTPS_DEFAULT_PROFILES_FILE": str(_PROFILE),
-                },
+                }
+                | one_thread(),
                 pass_fds=[self._domain.descriptor],
             )
 
