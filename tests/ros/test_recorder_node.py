@@ -2,6 +2,7 @@
 
 import itertools
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -609,11 +610,16 @@ def test_recorder_that_stood_still_says_so_in_status_and_bag(graph: Graph, tmp_p
             assert process.wait(timeout=DEADLINE_S) == 0
         finally:
             process.kill()
-    [remark] = Bag(tmp_path / "flight").remarks
-    assert remark.startswith("gap: messages from ")
-    assert " may be missing: the recorder stood still for " in remark
+    # A busy machine may have starved it before and after as well.
+    remarks = Bag(tmp_path / "flight").remarks
+    pattern = (
+        r"gap: (messages from [\d.]+ s to [\d.]+ s may be missing: the recorder stood still .*)"
+    )
+    told_there = [match[1] for text in remarks if (match := re.fullmatch(pattern, text))]
+    assert len(told_there) == len(remarks) >= int(values["standstills"]) >= 1
     information = yaml.safe_load((tmp_path / "flight" / "metadata.yaml").read_text())
-    assert remark.endswith(information["rosbag2_bagfile_information"]["custom_data"]["gap 1"])
+    noted = information["rosbag2_bagfile_information"]["custom_data"]
+    assert set(told_there) <= set(noted.values())
 
 
 def test_recorder_waits_out_a_full_disk_and_tells_the_gap(graph: Graph, tmp_path: Path):
@@ -658,11 +664,10 @@ def test_recorder_waits_out_a_full_disk_and_tells_the_gap(graph: Graph, tmp_path
     bag = Bag(tmp_path / "flight")
     read = [int(item.message.data.partition(" ")[0]) for item in bag.messages()]
     assert bag.damage == ""
-    [gap] = next(contents.gaps for contents in bag._files.values())
+    [gap] = [gap for gap in bag.gaps if gap.count]
     # What was lost is one stretch, and just as much as the bag says.
     steps = [after - before for before, after in itertools.pairwise(read)]
     assert sorted(steps)[-2:] == [1, gap.count + 1]
     assert any("File too large" in remark for remark in bag.remarks)
     metadata = yaml.safe_load((tmp_path / "flight" / "metadata.yaml").read_text())
-    told_there = metadata["rosbag2_bagfile_information"]["custom_data"]["gap 1"]
-    assert told_there.startswith(f"{gap.count} messages from ")
+    assert str(gap) in metadata["rosbag2_bagfile_information"]["custom_data"].values()
