@@ -23,6 +23,7 @@ VIEWS: Final = (
     "false_alarms",
     "refused",
     "refused_why",
+    "copies",
     "runs_to_failure",
 )
 """Ready views, beside the tables."""

@@ -101,7 +101,8 @@ def follow_unit(task: UnitTask) -> UnitResult:
     parameters = None if isinstance(calibration, str) else calibration.unit_parameters
     settings = task.settings.prognosis
     maker = made_by(task.settings, identity_of(calibration))
-    estimates, usage = task.estimates.to_pylist(), task.usage.to_pylist()
+    estimates = _each_once(task.estimates, "end_ns")
+    usage = _each_once(task.usage, "stamp_ns", "hours", "cycles")
     prognostics, known, rows = _begun(task, maker, estimates, usage)
     shared = {
         "actuator_id": task.actuator_id,
@@ -138,6 +139,14 @@ def follow_unit(task: UnitTask) -> UnitResult:
         state,
         len(estimates) - known,
     )
+
+
+def _each_once(table: pa.Table, *names: str) -> list[dict[str, Any]]:
+    """Return rows that differ in some columns: of what is in several bags that of the first."""
+    found: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for row in table.to_pylist():
+        found.setdefault(tuple(row[name] for name in names), row)
+    return list(found.values())
 
 
 def _begun(

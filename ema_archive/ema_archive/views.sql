@@ -28,6 +28,11 @@ FROM ends WHERE is_alarm GROUP BY model, unit, quiet_before;
 CREATE VIEW false_alarms AS
 SELECT * FROM alarms WHERE is_over AND NOT was_repaired ORDER BY began, model, unit;
 
+-- Windows that are in several bags, as of copies: health and life follow from the first address.
+CREATE VIEW copies AS
+SELECT model, unit, end_ns, any_value(tested) AS tested, list(bag ORDER BY bag) AS bags
+FROM estimates GROUP BY model, unit, end_ns HAVING count(*) > 1 ORDER BY model, unit, end_ns;
+
 -- What gave no estimate: bags that cannot be read or have no window, and refused windows.
 CREATE VIEW refused AS
 SELECT bag, NULL::INTEGER AS number, NULL::TIMESTAMP AS tested, state AS what, reason
@@ -68,4 +73,5 @@ FROM lives
 JOIN ends USING (model, unit, life)
 JOIN estimates USING (model, unit)
 WHERE estimates.valid AND estimates.end_ns = lives.stamp_ns
+QUALIFY row_number() OVER (PARTITION BY model, unit, estimates.end_ns ORDER BY estimates.bag) = 1
 ORDER BY model, unit, lives.stamp_ns;

@@ -3,7 +3,9 @@
 import contextlib
 import json
 import os
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import fsspec
 import pytest
@@ -272,6 +274,25 @@ def test_bag_that_moved_counts_once(archive, fleet):
     assert (status.bags, status.gone, status.due, status.units_due) == (10, 0, 0, 0)
     _, bags = answer(archive, "select bag from bags")
     assert (len(bags), sum(bag.endswith("moved.mcap") for (bag,) in bags)) == (10, 1)
+
+
+@pytest.mark.slow
+def test_test_of_which_there_is_a_copy_counts_once(archive, fleet, tmp_path):
+    health = exactly(archive, "health")
+    question = "select * exclude (end_hours, hours_left) from runs_to_failure"
+    _, runs = answer(archive, question)
+    names = ("0 before it.mcap", "copy.mcap")
+    for name in names:
+        shutil.copy(fleet / "unit_0" / "5.mcap", fleet / "unit_0" / name)
+    tally, _ = bring_up_to_date(archive)
+    assert (tally.bags, tally.followed) == (2, 0)
+    assert exactly(archive, "health") == health
+    assert sorted(map(str, answer(archive, question)[1])) == sorted(map(str, runs))
+    _, [(bags,)] = answer(archive, "select bags from copies")
+    assert [Path(bag).name for bag in bags] == [names[0], "5.mcap", names[1]]
+    # The same from the beginning.
+    bring_up_to_date(tmp_path / "anew", fleet)
+    assert exactly(tmp_path / "anew", "health") == health
 
 
 @pytest.mark.slow
