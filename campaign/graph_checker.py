@@ -6,7 +6,6 @@ recorder and monitor counted, and by the times in which the recorder said that i
 by nothing else: what is lost without a word is a violation.
 """
 
-import math
 import statistics
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -18,6 +17,9 @@ from graph_record import Answer, Block, FoundWindow, GraphRecord, HealthNote, St
 
 ANSWER_S: Final = 15.0
 """Time after a window's last sample within which it is answered [s], under load as well."""
+
+LEASE_S: Final = 5.0
+"""Time after which a node that says nothing is taken for gone, by ``tools/fastdds.xml`` [s]."""
 
 DISCOVERY_S: Final = 10.0
 """Time after which a recorder has found all topics [s]."""
@@ -180,20 +182,23 @@ class _Actuator:
             if late.stamp_ns <= early.stamp_ns
         ]
 
-    def is_unheard(self, start_ns: int, end_ns: int) -> bool:
-        """Return whether the recorder stood still, or was found again, between two times."""
-        found_ns = round(DISCOVERY_S * _NS)
-        return any(
-            first <= end_ns and start_ns <= last + found_ns for first, last in self._standstills
-        )
+    def unheard_ns(self, start_ns: int, end_ns: int) -> list[int]:
+        """Return how long the recorder heard nothing between two times, each time it stood still.
 
-    @property
-    def unheard(self) -> int:
-        """How many answers may have come while the recorder stood still."""
+        After a longer standstill than the lease of DDS it has to be found again.
+        """
+        spans = []
+        for first, last in self._standstills:
+            found = last + (round(DISCOVERY_S * _NS) if last - first > LEASE_S * _NS else 0)
+            if (span := min(end_ns, found) - max(start_ns, first)) >= 0:
+                spans.append(span)
+        return spans
+
+    def unheard(self, start_ns: int, end_ns: int) -> int:
+        """Return how many answers may have come while the recorder heard nothing."""
         steps = [late.sent_ns - early.sent_ns for early, late in pairwise(self.answers)]
-        period_ns = statistics.median(steps or [_NS])
-        spans = (last - first + round(DISCOVERY_S * _NS) for first, last in self._standstills)
-        return sum(math.ceil(span / max(period_ns, _NS / 10)) for span in spans)
+        period_ns = max(statistics.median(steps or [_NS]), _NS / 10)
+        return sum(1 + int(span / period_ns) for span in self.unheard_ns(start_ns, end_ns))
 
     def times_sent(self, time_ns: int) -> int:
         """Return how many blocks were sent that hold a time."""
@@ -263,7 +268,7 @@ def _unanswered(one: _Actuator, lost: Lost) -> Iterator[str]:
         missing = [
             number
             for early, late in pairwise(answers)
-            if not one.is_unheard(*sorted((early.sent_ns, late.sent_ns)))
+            if not one.unheard_ns(*sorted((early.sent_ns, late.sent_ns)))
             for number in range(early.window + 1, late.window)
         ]
         if len(missing) > lost.estimates:
@@ -278,7 +283,7 @@ def _unanswered(one: _Actuator, lost: Lost) -> Iterator[str]:
         for window in one.found
         if (window.start_ns, window.end_ns) not in answered
         and _had_to_answer(one, window)
-        and not one.is_unheard(window.sent_ns, window.sent_ns + round(ANSWER_S * _NS))
+        and not one.unheard_ns(window.sent_ns, window.sent_ns + round(ANSWER_S * _NS))
     ]
     if len(silent) > lost.estimates:
         ends = _some([window.end_ns for window in silent])
@@ -295,7 +300,8 @@ def _counted(one: _Actuator, run: Run, lost: Lost) -> Iterator[str]:
     answered = sum(
         first.count("windows") <= item.window < last.count("windows") for item in run.answers
     )
-    if counted - answered > lost.estimates + one.unheard:
+    unseen = lost.estimates + one.unheard(first.sent_ns, run.last_ns)
+    if counted - answered > unseen:
         yield f"{counted} windows were counted, {answered} answered, {lost.estimates} answers lost"
 
 
@@ -338,7 +344,7 @@ def _refused_health(one: _Actuator, lost: Lost) -> Iterator[str]:
             health.stamp_ns
             and health.sent_ns > first_ns
             and not _is_resumed(one, health)
-            and not one.is_unheard(health.stamp_ns, health.sent_ns)
+            and not one.unheard_ns(health.stamp_ns, health.sent_ns)
         ):
             unknown.append(health.stamp_ns)
     if len(unknown) > lost.estimates:
@@ -394,12 +400,12 @@ def _found_only(status: StatusNote) -> int:
 
 
 def _counters(one: _Actuator, lost: Lost) -> Iterator[str]:
-    unseen = lost.estimates + one.unheard
     for run in one.runs:
         statuses = run.counted()
         if len(statuses) < 2:
             continue
         first, last = statuses[0], statuses[-1]
+        unseen = lost.estimates + one.unheard(first.sent_ns, last.sent_ns)
         for key, wanted in (("estimates valid", True), ("estimates invalid", False)):
             counted = last.count(key) - first.count(key)
             within = [

@@ -1,7 +1,7 @@
 """Bags in folders and object stores: what is there, and a copy to read where it is not local."""
 
+import errno
 import hashlib
-import socket
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -18,7 +18,7 @@ from ema_recording.metadata import METADATA_FILE
 CALIBRATION_FILE: Final = "calibration.yaml"
 """Name of the calibration of the unit whose bags lie in the same folder."""
 
-_UNREACHABLE: Final = (ConnectionError, TimeoutError, socket.gaierror)
+_OF_THE_LOCAL_DISK: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE)
 _CHUNK: Final = 1 << 20
 _CHANGE_MARKS: Final = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified")
 
@@ -178,14 +178,14 @@ def full_url(source: str) -> str:
 
 @contextmanager
 def _clear_errors(url: str) -> Iterator[None]:
-    """Raise OSError, with the address, where a store gives no answer or has errors of its own."""
+    """Raise OSError, with the address, for errors of a store that is not the local disk."""
     try:
         yield
-    except (ImportError, NotImplementedError, ValueError):
+    except (FileNotFoundError, NotADirectoryError, ImportError, NotImplementedError, ValueError):
         raise
     except Exception as error:
-        # Those of the local disk say what is wrong.
-        if isinstance(error, OSError) and not isinstance(error, _UNREACHABLE):
+        is_local = "://" not in url or url.startswith(("file://", "local://"))
+        if is_local or (isinstance(error, OSError) and error.errno in _OF_THE_LOCAL_DISK):
             raise
         raise OSError(f"{url}: the store cannot be read: {error}") from error
 

@@ -101,8 +101,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
     parameters = None if isinstance(calibration, str) else calibration.unit_parameters
     settings = task.settings.prognosis
     maker = made_by(task.settings, identity_of(calibration))
-    estimates = _each_once(task.estimates, "end_ns")
-    usage = _each_once(task.usage, "stamp_ns", "hours", "cycles")
+    estimates, usage = _windows(task.estimates), _counts(task.usage)
     prognostics, known, rows = _begun(task, maker, estimates, usage)
     shared = {
         "actuator_id": task.actuator_id,
@@ -141,12 +140,20 @@ def follow_unit(task: UnitTask) -> UnitResult:
     )
 
 
-def _each_once(table: pa.Table, *names: str) -> list[dict[str, Any]]:
-    """Return rows that differ in some columns: of what is in several bags that of the first."""
-    found: dict[tuple[Any, ...], dict[str, Any]] = {}
+def _windows(table: pa.Table) -> list[dict[str, Any]]:
+    """Return rows of estimates, of a window that is in several bags the first that is valid."""
+    found: dict[int, dict[str, Any]] = {}
     for row in table.to_pylist():
-        found.setdefault(tuple(row[name] for name in names), row)
+        other = found.setdefault(row["end_ns"], row)
+        if row["valid"] and not other["valid"]:
+            found[row["end_ns"]] = row
     return list(found.values())
+
+
+def _counts(table: pa.Table) -> list[dict[str, Any]]:
+    """Return rows of counts, the same count in several bags once."""
+    rows = table.to_pylist()
+    return list({(row["stamp_ns"], row["hours"], row["cycles"]): row for row in rows}.values())
 
 
 def _begun(

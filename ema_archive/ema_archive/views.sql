@@ -28,7 +28,7 @@ FROM ends WHERE is_alarm GROUP BY model, unit, quiet_before;
 CREATE VIEW false_alarms AS
 SELECT * FROM alarms WHERE is_over AND NOT was_repaired ORDER BY began, model, unit;
 
--- Windows that are in several bags, as of copies: health and life follow from the first address.
+-- Windows that are in several bags, as of copies: health and life follow from the first that is valid.
 CREATE VIEW copies AS
 SELECT model, unit, end_ns, any_value(tested) AS tested, list(bag ORDER BY bag) AS bags
 FROM estimates GROUP BY model, unit, end_ns HAVING count(*) > 1 ORDER BY model, unit, end_ns;

@@ -9,7 +9,8 @@ import os
 from collections.abc import Mapping
 from typing import Final
 
-_VARIABLES: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+_VARIABLES: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_OF_ALL: Final = "OMP_NUM_THREADS"
 
 
 def one_thread(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
@@ -18,4 +19,6 @@ def one_thread(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
     The libraries read it when they are loaded: it has an effect before numpy is imported, and in
     processes that are started later.
     """
+    if _OF_ALL in environment:
+        return {}
     return {name: "1" for name in _VARIABLES if name not in environment}

@@ -71,7 +71,7 @@ class Contents:
     library
         What its header says of the program that wrote it.
     gaps
-        Messages that its recorder received and could not write.
+        What its recorder could not write, and times in which it received nothing.
     has_checksums
         Whether the writer of the file gave every chunk a checksum.
     """

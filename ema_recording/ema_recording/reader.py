@@ -162,7 +162,8 @@ class Bag:
         told = [f"gap: {gap}" for gap in gaps[:_MOST_GAPS]]
         if more := gaps[_MOST_GAPS:]:
             lacking = counted(sum(gap.count for gap in more), "message")
-            told.append(f"{counted(len(more), 'more gap')}: {lacking} not recorded")
+            unknown = "" if all(gap.count for gap in more) else ", and others may be missing"
+            told.append(f"{counted(len(more), 'more gap')}: {lacking} not recorded{unknown}")
         return list(filter(None, (self.damage, *told, self.unchecked)))
 
     def readable_counts(self) -> dict[str, int]:

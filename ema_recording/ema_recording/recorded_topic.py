@@ -65,29 +65,46 @@ class Silence:
     """Tells how long a topic has been silent whose messages came one after the other before.
 
     After a node stood still, or the network was cut, for longer than the lease of DDS, the
-    middleware may show its publishers and yet receive nothing from them any more.
+    middleware may show its publishers and yet receive nothing from them any more. Times are those
+    of a clock that is never set [s].
     """
 
     def __init__(self) -> None:
         self._last_s = math.nan
-        self._longest_s = 0.0
+        self._is_excused = True
         self._count = 0
+        self._longest_s = self._longest_before_s = 0.0
+        self._grown_s = -math.inf
 
     def end(self, now_s: float) -> None:
-        """Note a message, by a clock that is never set [s]."""
-        if not math.isnan(self._last_s):
-            self._longest_s = max(self._longest_s, now_s - self._last_s)
-        self._last_s, self._count = now_s, self._count + 1
+        """Note a message."""
+        length = now_s - self._last_s
+        if not self._is_excused and length > self._longest_s:
+            self._longest_before_s, self._longest_s = self._longest_s, length
+            self._grown_s = now_s
+        self._last_s, self._is_excused = now_s, False
+        self._count += 1
+
+    def begin(self, now_s: float) -> None:
+        """Let silence begin now: that until now, or which has just ended, had a reason."""
+        if now_s - self._grown_s < _LEAST_SILENCE_S:
+            self._longest_s = self._longest_before_s
+        self._last_s, self._is_excused = now_s, True
 
     def pause(self) -> None:
-        """Expect no message until the next one: there is no publisher, or nobody receives."""
-        self._last_s = math.nan
+        """Tell of no silence until it begins again."""
+        self._last_s, self._is_excused = math.nan, True
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether silence has not begun."""
+        return math.isnan(self._last_s)
 
     def length(self, now_s: float) -> float:
         """Return for how long nothing has come, where that is unusual; else 0 [s]."""
         usual = max(_LEAST_SILENCE_S, _UNUSUAL * self._longest_s)
-        length = now_s - self._last_s if self._count >= _REGULAR else 0.0
-        return length if length > usual else 0.0
+        length = now_s - self._last_s
+        return length if self._count >= _REGULAR and length > usual else 0.0
 
 
 class RecordedTopic:
@@ -147,17 +164,19 @@ class RecordedTopic:
             self._gaps.set_publishers(frozenset(bytes(item.endpoint_gid) for item in publishers))
             if not publishers:
                 self._silence.pause()
+            elif self._silence.is_paused:
+                self._silence.begin(time.monotonic())
 
-    def excuse_silence(self) -> None:
-        """Note that the time until the next message says nothing of the topic."""
+    def begin_silence(self) -> None:
+        """Note that it could not be heard until now."""
         with self._lock:
-            self._silence.pause()
+            self._silence.begin(time.monotonic())
 
     def pause(self) -> None:
-        """Note that nothing is recorded until the next message."""
-        self.excuse_silence()
+        """Note that nothing is recorded until publishers are set again."""
         with self._lock:
             self._gaps.pause()
+            self._silence.pause()
 
     def count(self, sequence_number: int | None) -> None:
         """Count a message; None where the middleware gives no number."""

@@ -48,7 +48,7 @@ class RecorderNode(ManagedNode):
 
     While the bag cannot be written, as the disk is full, the status is ERROR; it goes on when there
     is room, and status and bag tell what was not recorded. They also tell when the recorder itself
-    did not run, as it was stopped or the machine asleep: nobody knows what it missed.
+    did not get on, as it was stopped, the machine asleep or a disk slow: what it missed is unknown.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -257,7 +257,7 @@ class RecorderNode(ManagedNode):
                 self._recorded.bag.note_gap(gap)
         self.get_logger().warning(str(gap))
         for topic in list(self._topics.values()):
-            topic.excuse_silence()
+            topic.begin_silence()
         self.report()
 
     def _add_topic(self, recorded: Recording, name: str, types: list[str]) -> None:
@@ -329,8 +329,8 @@ class RecorderNode(ManagedNode):
         if self._trouble and not before:
             self.get_logger().error(_in_words(recorded))
         elif before and not self._trouble:
-            gap = f"; {bag.gaps[-1]}" if bag.gaps else ""
-            self.get_logger().warning(f"{bag.path} can be written again{gap}")
+            lost = [f"; {gap}" for gap in bag.gaps if gap.count]
+            self.get_logger().warning(f"{bag.path} can be written again{''.join(lost[-1:])}")
         if bool(before) != bool(self._trouble):
             self.report()
 

@@ -1,4 +1,7 @@
-"""Times in which the process did not run: it was stopped, starved, or the machine was asleep."""
+"""Times in which a recorder did not get on.
+
+It was stopped or starved, the machine was asleep, or a call that writes took long.
+"""
 
 from typing import Final
 

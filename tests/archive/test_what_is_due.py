@@ -12,7 +12,7 @@ import pytest
 from fsspec import AbstractFileSystem
 
 from ema_archive import running, sources
-from ema_archive.bag_task import DONE, BagResult
+from ema_archive.bag_task import DONE, BagResult, diagnose_bag
 from ema_archive.manifest import Manifest
 from ema_archive.query import answer
 from ema_archive.running import run, scan
@@ -230,7 +230,12 @@ class _Unreachable(AbstractFileSystem):
 @pytest.mark.parametrize(
     # Packages of clouds have errors of their own kinds.
     "error",
-    [LookupError("no answer"), ConnectionRefusedError(111, "no answer")],
+    [
+        LookupError("no answer"),
+        ConnectionRefusedError(111, "no answer"),
+        OSError(113, "no answer"),
+        OSError("no answer"),
+    ],
     ids=repr,
 )
 def test_store_that_gives_no_answer_is_named(ema, tmp_path, monkeypatch, error):
@@ -293,6 +298,26 @@ def test_test_of_which_there_is_a_copy_counts_once(archive, fleet, tmp_path):
     # The same from the beginning.
     bring_up_to_date(tmp_path / "anew", fleet)
     assert exactly(tmp_path / "anew", "health") == health
+
+
+@pytest.mark.slow
+def test_refused_copy_does_not_hide_a_valid_test(archive, fleet):
+    health = exactly(archive, "health")
+    first = fleet / "unit_0" / "0 before it.mcap"
+    shutil.copy(fleet / "unit_0" / "5.mcap", first)
+
+    def refused(task):
+        result = diagnose_bag(task)
+        for part in result.units:
+            part.estimates[:] = [row | {"valid": False} for row in part.estimates]
+        return result
+
+    with Manifest(archive) as manifest, ThreadPool(1) as pool:
+        scan(manifest, [])
+        running.run_bags(manifest, pool, running.Tally(), diagnose=refused)
+        running.run_units(manifest, pool, running.Tally())
+    assert len(answer(archive, "select bags from copies")[1]) == 1
+    assert exactly(archive, "health") == health
 
 
 @pytest.mark.slow

@@ -282,6 +282,13 @@ def test_what_came_while_the_recorder_stood_still_is_no_violation(modules: Modul
     assert rules(modules, record) == set()
 
 
+def test_standstill_excuses_no_count_at_another_time(modules: Modules, record: Any):
+    counted_only(record)
+    assert "unanswered" in rules(modules, record)
+    record.standstills = [(record.start_ns - 9 * S, record.start_ns - 6 * S)]
+    assert "unanswered" in rules(modules, record)
+
+
 def tell_lost(record: Any, by_topic: str) -> None:
     status = record.statuses[-1]
     values = {**status.values, "lost messages": "900", "lost by topic": by_topic}

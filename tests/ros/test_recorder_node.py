@@ -413,11 +413,17 @@ def test_silence_is_told_of_what_came_regularly():
     # It was silent for 11 s once, so that it takes more to be told.
     assert silence.length(60.0) == 0.0
     assert silence.length(73.0) == pytest.approx(56.0)
-    # There was no publisher for a while: that is no habit.
+    # There was no publisher for a while: that is no habit, and told of the one that is back.
     silence.pause()
+    assert silence.is_paused
     assert silence.length(1e6) == 0.0
-    silence.end(1e6)
+    silence.begin(1e6)
     assert silence.length(1e6 + 60.0) == pytest.approx(60.0)
+    # The recorder stood still: one message of before it was heard before that was known.
+    silence.end(1e6 + 600.0)
+    silence.end(1e6 + 1200.0)
+    silence.begin(1e6 + 1200.1)
+    assert silence.length(1e6 + 1260.1) == pytest.approx(60.0)
     rare = Silence()
     rare.end(0.0)
     assert rare.length(1e6) == 0.0
@@ -589,21 +595,23 @@ def test_recorder_that_stood_still_says_so_in_status_and_bag(graph: Graph, tmp_p
 
     graph.node().create_subscription(DiagnosticArray, "/diagnostics", note, 100)
 
-    def says_so() -> bool:
+    def standstills() -> int:
         publisher.publish(String(data="text"))
         status = told.get("/ema/recorder: recording")
-        return status is not None and "the recorder stood still for " in status.message
+        values = {item.key: item.value for item in status.values} if status else {}
+        return int(values.get("standstills", "0"))
 
     with recorder_process(tmp_path / "flight") as process:
         try:
             wait_for(publisher.get_subscription_count, "the recorder")
-            assert not says_so()
+            before = standstills()
             process.send_signal(signal.SIGSTOP)
             time.sleep(1.5 * LEAST_S)
             process.send_signal(signal.SIGCONT)
-            wait_for(says_so, "the recorder to say that it stood still")
+            wait_for(lambda: standstills() > before, "the recorder to say that it stood still")
             status = told["/ema/recorder: recording"]
             assert status.level[0] == WARN
+            assert "may be missing: the recorder stood still for " in status.message
             values = {item.key: item.value for item in status.values}
             assert float(values["stood still [s]"]) >= 1.5 * LEAST_S
             process.send_signal(signal.SIGINT)

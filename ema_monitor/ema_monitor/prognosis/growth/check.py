@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS
+from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
@@ -197,7 +198,7 @@ class PredictionCheck:
             for part, size in errors
         )
         # Predictions overlap: of each hour of growth there are four.
-        gain = np.log(np.maximum(likelihood, 1e-280)) / _PENDING
+        gain = np.log(np.maximum(likelihood, LEAST_PROBABILITY)) / _PENDING
         known = self._log_widths[number] - LOG_PRIOR
         known = LOG_PRIOR + _KEPT * known + gain
         self._log_widths[number] = known - known.max()

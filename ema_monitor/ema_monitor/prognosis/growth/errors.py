@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS
+from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
 
 CORRELATIONS: Final = np.array([0.0, 0.25, 0.5, 0.75])
 """Correlations of the errors of successive tests on the grid [-]."""
@@ -175,7 +176,7 @@ class EstimateErrors:
         usual = np.maximum(usual, 0.0) + fresh * noise[at, None, None]
         wide = usual + occasional[0] ** 2
         log_usual = np.log1p(-occasional[1]) + _log_normal(innovation, usual)
-        log_wide = np.log(max(occasional[1], 1e-280)) + _log_normal(innovation, wide)
+        log_wide = np.log(max(occasional[1], LEAST_PROBABILITY)) + _log_normal(innovation, wide)
         log_p = np.logaddexp(log_usual, log_wide)
         share = np.exp(log_wide - log_p)
         shared = np.stack([variance - c * moved, shared_rate - c * p[..., 0, 1]], axis=-1)

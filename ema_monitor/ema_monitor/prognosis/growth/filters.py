@@ -23,7 +23,7 @@ _LARGEST = 50.0
 _LEAST_VARIANCE = 1e-14
 
 LEAST_PROBABILITY: Final = 1e-280
-"""What the probability of a cell or filter never falls below: it may always come back [-]."""
+"""What stands for a probability below it, so that its logarithm is finite [-]."""
 
 
 @kernel()
@@ -118,13 +118,13 @@ def change_cells(
         second[k] += out * (variance[i] + mean[i] * mean[i])
         weight[i] -= out
     for k in range(n):
-        mass[k] = max(mass[k], 1e-280)
+        mass[k] = max(mass[k], LEAST_PROBABILITY)
         first[k] /= mass[k]
         second[k] = max(second[k] / mass[k] - first[k] * first[k], 0.0)
     for i in range(weight.size):
         k = component[i]
         new = arriving[i] * mass[k]
-        total = max(weight[i] + new, 1e-280)
+        total = max(weight[i] + new, LEAST_PROBABILITY)
         share, gap = new / total, first[k] - mean[i]
         mean[i] += share * gap
         variance[i] += share * (second[k] - variance[i]) + share * (1.0 - share) * gap * gap
@@ -142,7 +142,9 @@ def temper(
     for i in range(weight.size):
         kept = power[component[i]]
         if kept < 1.0 and prior[i] > 0.0:
-            weight[i] = prior[i] * math.exp(kept * math.log(max(weight[i], 1e-280) / prior[i]))
+            weight[i] = prior[i] * math.exp(
+                kept * math.log(max(weight[i], LEAST_PROBABILITY) / prior[i])
+            )
 
 
 @kernel()
@@ -199,7 +201,7 @@ def measure_cells(
         wide = usual + large * large
         squared = innovation * innovation
         log_usual = math.log1p(-rare) - 0.5 * (squared / usual + math.log(usual))
-        log_wide = math.log(max(rare, 1e-280)) - 0.5 * (squared / wide + math.log(wide))
+        log_wide = math.log(max(rare, LEAST_PROBABILITY)) - 0.5 * (squared / wide + math.log(wide))
         high = max(log_usual, log_wide)
         log_p = high + math.log(math.exp(log_usual - high) + math.exp(log_wide - high))
         share = math.exp(log_wide - log_p)

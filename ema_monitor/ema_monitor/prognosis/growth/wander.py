@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_core._jit import kernel
+from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
 
 SIGMA: Final = 0.5
 """Standard deviation of the logarithm of the pace [-]."""
@@ -91,7 +92,7 @@ def mix_paces(
                     s[to] += part * (variance[cell] + mean[cell] ** 2)
             for to in range(n):
                 cell = start + to * rates + rate
-                weight[cell] = max(w[to], 1e-280)
+                weight[cell] = max(w[to], LEAST_PROBABILITY)
                 if w[to] > 1e-270:
                     mean[cell] = m[to] / w[to]
                     variance[cell] = max(s[to] / w[to] - mean[cell] ** 2, 1e-14)
