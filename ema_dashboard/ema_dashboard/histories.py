@@ -33,8 +33,10 @@ class _Shown:
     is_wanted: bool = True
     answered: set[str] = field(default_factory=set)  # services that have, since it is wanted
     asked_s: dict[str, float] = field(default_factory=dict)  # by service
+    wants: int = 0  # how often it was wanted again
 
     def want(self) -> None:
+        self.wants += 1
         self.is_wanted = True
         self.answered.clear()
 
@@ -185,19 +187,24 @@ class Histories:
             request = GetHistory.Request(actuator_id=actuator_id, most=MOST_TESTS)
             future = self._monitors[name].call_async(request)
             self._open[name] = future, now_s
-        future.add_done_callback(lambda done: self._take(name, actuator_id, shown, done))
+            wants = shown.wants
+        future.add_done_callback(lambda done: self._take(name, actuator_id, shown, wants, done))
 
-    def _take(self, name: str, actuator_id: str, shown: _Shown, future: Any) -> None:
-        """Take the answer of a monitor; one that does not know the unit has none."""
+    def _take(self, name: str, actuator_id: str, shown: _Shown, wants: int, future: Any) -> None:
+        """Take the answer of a monitor; one that does not know the unit has none.
+
+        One to a question from before the history was wanted again says how it was then.
+        """
         with self._lock:
             if self._open.get(name, (None,))[0] is future:
                 del self._open[name]
         response: Any = future.result()
-        shown.answered.add(name)
         history: UnitHistory | None = response.history if response and response.success else None
         is_meant = history is not None and history.serial_number == shown.history.serial_number
-        if is_meant or shown.answered >= self._ready:
-            shown.is_wanted = False
+        if wants == shown.wants:
+            shown.answered.add(name)
+            if is_meant or shown.answered >= self._ready:
+                shown.is_wanted = False
         if history is not None and is_meant and self._shown.get(actuator_id) is shown:
             shown.history.set_base(history)
             self._offer(actuator_id, shown.history, True)

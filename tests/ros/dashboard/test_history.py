@@ -3,6 +3,7 @@
 import array
 import math
 import tracemalloc
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -33,6 +34,7 @@ class Monitor:
     def __init__(self, session: DashboardSession, tests: int = 3, name: str = "monitor") -> None:
         self.node = session.node(name)
         self.tests, self.serial, self.asked = tests, "1", 0
+        self.while_asked: Callable[[], None] = lambda: None
         self._estimates = self.node.create_publisher(FaultEstimate, "fault_estimate", topics.STATE)
         self._healths = self.node.create_publisher(Health, "health", topics.LATCHED)
         self.node.create_service(GetHistory, "~/get_history", self._answer)
@@ -46,6 +48,7 @@ class Monitor:
         response.success = request.actuator_id == "flap"
         response.history = UnitHistory(actuator_id="flap", serial_number=self.serial, omitted=7)
         response.history.tests = [unit_test(sec) for sec in range(self.tests)]
+        self.while_asked()
         return response
 
 
@@ -144,6 +147,21 @@ def test_a_monitor_that_begins_anew_is_asked_again(session):
     monitor.tests = 6
     monitor.publish(5, 0)
     wait_for(lambda: stamps(latest(viewer)) == list(range(6)), "the new base")
+
+
+def test_a_monitor_that_begins_anew_while_it_is_asked_is_asked_again(session):
+    monitor, dashboard = Monitor(session), session.dashboard()
+    viewer = session.view(dashboard, HISTORY)
+
+    def begin_anew() -> None:
+        # The answer to this question is on its way.
+        if monitor.asked == 1:
+            monitor.tests = 6
+            dashboard._histories["/ema"].note_estimate(estimate(5, 0))
+
+    monitor.while_asked = begin_anew
+    monitor.publish(2, 5)
+    wait_for(lambda: latest(viewer) and stamps(latest(viewer)) == list(range(6)), "the new base")
 
 
 def test_a_replaced_unit_has_a_history_of_its_own(session):
