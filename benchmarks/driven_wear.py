@@ -112,8 +112,8 @@ class PairCase:
         rng = np.random.default_rng([SEED, *self.kind.encode(), self.number])
         pair = {**DEVELOPMENT, **HELD_OUT}[self.kind]
         hours, shares = _grown(pair.draw(rng), rng)
-        over = int(np.argmax(shares.max(axis=1) >= 1.0))
         most = shares.max(axis=1)
+        over = int(np.argmax(most >= 1.0))
         part = (1.0 - most[over - 1]) / (most[over] - most[over - 1])
         end = float(hours[over - 1] + part * (hours[over] - hours[over - 1]))
         tests = np.cumsum(rng.uniform(5.0, 20.0, int(end / 5.0) + 1))
@@ -132,11 +132,6 @@ class PairCase:
                 (WITHOUT, replace(TrackerSettings(), driven_probability=0.0)),
             )
         }
-
-
-def scores_of(case: PairCase) -> dict[str, LifeScore]:
-    """Return the scores of a life."""
-    return case.scores()
 
 
 def _grown(rates: Rates, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[Any]]:
@@ -180,7 +175,7 @@ def main(lives: int, held_out: bool, output: Path | None) -> None:
         Progress(*columns, console=Console(stderr=True)) as progress,
         workers(progress) as pool,
     ):
-        found = pool.map("lives", scores_of, cases)
+        found = pool.map("lives", PairCase.scores, cases)
     rows = []
     for kind in kinds:
         mine = [one for case, one in zip(cases, found, strict=True) if case.kind == kind]

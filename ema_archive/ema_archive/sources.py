@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
+from fsspec.utils import get_protocol
 
 from ema_recording.metadata import METADATA_FILE
 
@@ -184,7 +185,7 @@ def _clear_errors(url: str) -> Iterator[None]:
     except (FileNotFoundError, NotADirectoryError, ImportError, NotImplementedError, ValueError):
         raise
     except Exception as error:
-        is_local = "://" not in url or url.startswith(("file://", "local://"))
+        is_local = get_protocol(url) in LocalFileSystem.protocol
         if is_local or (isinstance(error, OSError) and error.errno in _OF_THE_LOCAL_DISK):
             raise
         raise OSError(f"{url}: the store cannot be read: {error}") from error

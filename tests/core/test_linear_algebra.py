@@ -10,7 +10,7 @@ from ema_core.linear_algebra import one_thread
 
 # Large enough for several threads, where there are several processors.
 MULTIPLY = """
-import os, sys
+import os
 {before}
 import numpy as np
 a = np.ones((400, 400))

@@ -63,7 +63,7 @@ class Bank:
         # Cells of a component lie side by side in each law.
         self._runs = np.flatnonzero(np.diff(cells.component, prepend=-1))
         self._constant = cells.slices["constant"]
-        self.noise_hours = float(np.expm1(settings.process_noise**2) * settings.process_noise_hours)
+        self.noise_hours = settings.noise_hours
         # A change leads to growth of any kind, and seldom to none: a component seen to grow that
         # never did must find back, but not by the few tests that its growth does not show in.
         arriving = cells.prior.copy()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ema_core.faults import COMPONENTS
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis.growth.linear_filters import RATE_WALK, LinearFilters
+from ema_monitor.prognosis.growth.linear_filters import LinearFilters
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 DRIVERS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
@@ -156,12 +156,8 @@ class Driven(LinearFilters):
         step[..., 0, 1], step[..., 0, 2] = hours, driving
         grown = (self.mean[..., 1] * hours + self.mean[..., 2] * driving) ** 2
         rate = np.divide(grown, hours**2, out=np.zeros_like(grown), where=hours > 0.0)
-        walk = rate * RATE_WALK**2 * hours
         # The error of a driver's level lasts; as it is small, it is taken for noise of its own.
         unknown = np.minimum(variance, self._most_variance)[self.driver]
-        noise = np.zeros_like(self.covariance)
-        noise[..., 0, 0] = rate * self._noise_hours * hours + walk * hours**2 / 3.0
+        noise = self._growth_noise(rate, hours)
         noise[..., 0, 0] += (self.mean[..., 2] * hours) ** 2 * unknown
-        noise[..., 0, 1] = noise[..., 1, 0] = walk * hours / 2.0
-        noise[..., 1, 1] = walk
         self._go_on(step, noise)

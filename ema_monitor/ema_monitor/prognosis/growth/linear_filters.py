@@ -17,7 +17,7 @@ from ema_monitor.prognosis.growth.measurement import REACH
 from ema_monitor.prognosis.growth.near_healthy import near_healthy_update
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
-RATE_WALK: Final = 0.01
+_RATE_WALK: Final = 0.01
 """Relative random walk of the rate [1/sqrt(h)]."""
 
 RATE_SPREAD: Final = 0.15
@@ -64,8 +64,6 @@ class LinearFilters(ABC):
         self.covariance = np.zeros((*prior.shape, seen.size, seen.size))
         self._before = self.mean, self.covariance
         self._step = np.zeros_like(self.covariance), np.zeros_like(self.covariance)
-        self._noise_hours = float(np.expm1(settings.process_noise**2))
-        self._noise_hours *= settings.process_noise_hours
 
     def frozen(self) -> Self:
         """Return a copy that does not change with this one."""
@@ -136,6 +134,26 @@ class LinearFilters(ABC):
         root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
         normal = rng.standard_normal((number.size, self._seen.size))
         return self.mean[number, of_it] + np.einsum("mij,mj->mi", root[which], normal)
+
+    def _growth_noise(
+        self, squared_rate: NDArray[np.float64], hours: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the covariance of the noise of level and rate, ``(7, k, d, d)``; 0 of the others.
+
+        Parameters
+        ----------
+        squared_rate
+            Square of the rate that each filter has over the hours [1/h^2], ``(7, k)``.
+        hours
+            Hours of growth [h], in a form that broadcasts to ``(7, k)``.
+        """
+        walk = squared_rate * _RATE_WALK**2 * hours
+        noise = np.zeros_like(self.covariance)
+        noise[..., 0, 0] = squared_rate * self._settings.noise_hours * hours
+        noise[..., 0, 0] += walk * hours**2 / 3.0
+        noise[..., 0, 1] = noise[..., 1, 0] = walk * hours / 2.0
+        noise[..., 1, 1] = walk
+        return noise
 
     def _go_on(self, step: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
         """Multiply the states by a matrix, ``(7, k, d, d)``, and add noise of a covariance."""

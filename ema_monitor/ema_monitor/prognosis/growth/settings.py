@@ -1,5 +1,6 @@
 """What a tracker assumes of growth."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -128,3 +129,8 @@ class TrackerSettings:
         for name in self.laws:
             if name not in COMPONENTS:
                 raise ValueError(f"law of unknown fault {name!r}; known: {', '.join(COMPONENTS)}")
+
+    @property
+    def noise_hours(self) -> float:
+        """Variance of the effective time of growth per hour in service [h]."""
+        return math.expm1(self.process_noise**2) * self.process_noise_hours

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ema_core.faults import COMPONENTS
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY
-from ema_monitor.prognosis.growth.linear_filters import RATE_WALK, LinearFilters
+from ema_monitor.prognosis.growth.linear_filters import LinearFilters
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 
 PERIODS: Final = np.asarray(200.0 * 1.15 ** np.arange(13), dtype=np.float64)
@@ -104,12 +104,7 @@ class Waves(LinearFilters):
         step[..., 2, 2] = step[..., 3, 3] = kept * np.cos(turn)
         step[..., 2, 3] = kept * np.sin(turn)
         step[..., 3, 2] = -step[..., 2, 3]
-        noise = np.zeros_like(self.covariance)
-        rate = np.where(self.grows, self.mean[..., 1] ** 2, 0.0)
-        walk = rate * RATE_WALK**2 * hours
-        noise[..., 0, 0] = rate * self._noise_hours * hours + walk * hours**2 / 3.0
-        noise[..., 0, 1] = noise[..., 1, 0] = walk * hours / 2.0
-        noise[..., 1, 1] = walk
+        noise = self._growth_noise(np.where(self.grows, self.mean[..., 1] ** 2, 0.0), hours)
         noise[..., 2, 2] = noise[..., 3, 3] = self._wave_variance[:, None] * (1.0 - kept**2)
         self._go_on(step, noise)
 
