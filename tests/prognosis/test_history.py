@@ -166,7 +166,7 @@ def test_history_of_another_process_is_left_alone_until_that_process_is_killed(p
     assert second.problem == (
         f"the history {path} is in use by another monitor; this one's is in memory only"
     )
-    assert (second.entries, second.path) == ([], None)
+    assert (len(second.entries), second.path) == (0, None)
     third = History(*UNIT, path)
     assert (third.problem, len(third.entries) > 0) == ("", True)
     third.close()

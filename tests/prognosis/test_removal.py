@@ -1,31 +1,28 @@
 """By when to remove a unit, at the risk that is accepted."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ema_monitor.prognosis.growth.prediction import RemainingLife
-from ema_monitor.prognosis.history_entry import Entry
+from ema_monitor.prognosis.packed_rows import PackedRows
 from ema_monitor.prognosis.removal import removal_of, usage_of
-from ema_monitor.prognosis.service import TimedTest
+from ema_monitor.prognosis.service import TimedTest, timed_tests
 
-from .made_tests import FIRST_NS, made_test
+from .made_tests import FIRST_NS
 
 LIVES = np.random.default_rng(0).permutation(np.arange(1.0, 1001.0))
 LIFE = RemainingLife(True, 50.0, 500.0, 950.0, "friction exceeds 0.5")
 DAY_NS = 86_400_000_000_000
 
 
-def used_at(*days_and_hours: tuple[float, float]) -> list[TimedTest]:
+def used_at(*days_and_hours: tuple[float, float]) -> PackedRows[TimedTest]:
     """Tests at days of the calendar and service hours."""
-    return [
-        TimedTest(
-            Entry(replace(made_test(0), end_ns=FIRST_NS + int(day * DAY_NS)), hours, number), hours
-        )
+    return timed_tests(
+        TimedTest(FIRST_NS + int(day * DAY_NS), hours, number, True)
         for number, (day, hours) in enumerate(days_and_hours)
-    ]
+    )
 
 
 @pytest.mark.parametrize(("risk", "hours"), [(0.01, 10.0), (0.05, 50.0), (0.2, 200.0)])
@@ -55,9 +52,9 @@ def test_what_is_unknown_stays_unknown():
 
 def test_usage_is_that_of_the_last_ninety_days():
     # 10 h a day at first, 4 h a day since.
-    used = used_at((0, 0), (100, 1000), (150, 1200), (200, 1400))
-    assert usage_of(used) == pytest.approx(4.0)
-    assert usage_of(used[:2]) == pytest.approx(math.nan, nan_ok=True)
+    days = ((0, 0), (100, 1000), (150, 1200), (200, 1400))
+    assert usage_of(used_at(*days)) == pytest.approx(4.0)
+    assert usage_of(used_at(*days[:2])) == pytest.approx(math.nan, nan_ok=True)
 
 
 @pytest.mark.parametrize(

@@ -119,7 +119,7 @@ def test_long_history_of_one_unit_does_not_hold_up_another(monkeypatch: pytest.M
     first.start()
     try:
         assert begun.wait(DEADLINE_S)
-        assert histories.of(("flap", "2"), PrognosisSettings()).history.entries == []
+        assert len(histories.of(("flap", "2"), PrognosisSettings()).history.entries) == 0
         assert [unit for unit, _ in histories.items()] == [("flap", "2")]
     finally:
         go_on.set()

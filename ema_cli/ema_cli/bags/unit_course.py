@@ -70,7 +70,7 @@ class Course:
     @property
     def hours(self) -> NDArray[np.float64]:
         """Service hours of each valid test [h], ``(n,)``; NaN where unknown or refused."""
-        known = {test.entry.stamp_ns: test.hours for test in self.growth.service.used}
+        known = self.growth.service.by_stamp()
         return np.array([known.get(outlook.stamp_ns, np.nan) for outlook in self.outlooks])
 
 

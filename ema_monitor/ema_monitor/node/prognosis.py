@@ -26,6 +26,7 @@ from ema_monitor.node.scenario_messages import scenario_to_message, scenarios_fr
 from ema_monitor.node.settings import folder_of
 from ema_monitor.node.summary import unknown_health
 from ema_monitor.node.units import Units
+from ema_monitor.prognosis.count_log import CountLog
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.fleet import Fleet
 from ema_monitor.prognosis.forecaster import Forecaster
@@ -41,7 +42,7 @@ from ema_monitor.prognosis.requirements.requirements import (
     RequirementLimits,
     Requirements,
 )
-from ema_monitor.prognosis.service import CountLog, Service
+from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings, duty_of
 from ema_monitor.windows.finder import Segment
 from ema_ros.executor import WaitingCallbackGroup

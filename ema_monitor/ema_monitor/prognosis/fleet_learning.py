@@ -9,6 +9,7 @@ from ema_monitor.prognosis.growth.outliers import REPAIR
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
+from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.prognosis.unit_event import kind_and_text
 
 
@@ -30,11 +31,13 @@ def fleet_of(histories: Iterable[History], limits: HealthLimits, name: str = "")
 
 
 def _unit_of(history: History, limits: HealthLimits) -> FleetUnit:
-    record = GrowthRecord(limits, TrackerSettings())
+    entries: list[Entry] = []
+    record = GrowthRecord(limits, TrackerSettings(), entries)
     repaired: list[GrownFault] = []
     growing: dict[str, GrownFault] = {}
     for entry in history.entries:
         before, events = growing, record.add(entry)
+        entries.append(entry)
         growing = record.tracker.grown_faults()
         if any(kind_and_text(words)[0] == REPAIR for words in events):
             repaired += [fault for name, fault in before.items() if name not in growing]

@@ -7,10 +7,10 @@ from ema_core.description import UnitKey
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.duty.flown import FlownDuty, together
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.count_log import CountLog
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import Prognostics
-from ema_monitor.prognosis.service import CountLog
 from ema_monitor.prognosis.settings import PrognosisSettings
 
 

@@ -2,10 +2,10 @@
 
 import hashlib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from io import BytesIO
-from itertools import compress
+from itertools import chain, compress
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from ema_monitor.prognosis.growth.outliers import OUTLIER
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history_entry import Entry
-from ema_monitor.prognosis.service import ServiceHours, TimedTest
+from ema_monitor.prognosis.service import ServiceHours
 
 
 class GrowthRecord:
@@ -36,7 +36,7 @@ class GrowthRecord:
     limits, settings
         Those of the tracker.
     entries
-        Tests so far.
+        Tests so far; each further one is in it by the time at which the next is added.
     damage
         How duty does damage.
     kept
@@ -63,11 +63,11 @@ class GrowthRecord:
         self,
         limits: HealthLimits,
         settings: TrackerSettings,
-        entries: Iterable[Entry] = (),
+        entries: Sequence[Entry] = (),
         kept: bytes = b"",
         damage: DamageSettings | None = None,
     ) -> None:
-        self._limits, self._settings = limits, settings
+        self._limits, self._settings, self._entries = limits, settings, entries
         self.service = ServiceHours()
         self._damage = DutyRecord(damage or DamageSettings())
         for entry in entries:
@@ -83,19 +83,20 @@ class GrowthRecord:
     @property
     def latest_is_used(self) -> bool:
         """Whether the tracker was updated by the latest test."""
-        return bool(self._fed) and self._fed[-1].entry is self.service.latest
+        latest = self.service.latest
+        return latest is not None and latest.stamp_ns in self._fed_ns[-1:]
 
     def add(self, entry: Entry) -> list[str]:
         """Add the next test; return its events, in words."""
         self._damage.add(entry)
         events = self.service.add(entry)
         self.duty = self._damage.course(self.service.used)
-        return [*events, *self._update()]
+        return [*events, *self._update([entry])]
 
     @property
     def tests(self) -> int:
         """Number of tests that the tracker was updated by."""
-        return len(self._fed)
+        return self._fed_ns.size
 
     def state(self) -> bytes:
         """Return what is known, for a later record of the same and later tests."""
@@ -104,7 +105,7 @@ class GrowthRecord:
             "phase": np.array(self.phase),
             "doubtful": np.array([name in self.doubtful for name in COMPONENTS]),
             "made_by": self._made_by(),
-            **_identity(self._fed, self._fed_hours),
+            **self._identity(self.tests, self._own_hours()),
         }
         stream = BytesIO()
         np.savez(stream, **arrays)
@@ -115,16 +116,16 @@ class GrowthRecord:
         try:
             with np.load(BytesIO(kept), allow_pickle=False) as file:
                 state = dict(file)
-            used = self.service.used[: len(state["used_hours"])]
-            own = self._own_hours()[: len(used)]
-            expected = {"made_by": self._made_by(), **_identity(used, own)}
+            tests, own = len(state["used_hours"]), self._own_hours()
+            expected = {"made_by": self._made_by(), **self._identity(tests, own)}
             if not all(np.array_equal(state[name], value) for name, value in expected.items()):
                 return
             self.tracker.restore(state)
             phase, variance = state["phase"]
             self.phase = float(phase), float(variance)
             self.doubtful = frozenset(compress(COMPONENTS, state["doubtful"]))
-            self._fed, self._fed_hours, self.kept_tests = used, own, len(used)
+            self._note_fed(tests, own)
+            self.kept_tests = tests
         except Exception:  # of archives, numpy and zipfile raise whatever they come across
             self._restart()
 
@@ -137,56 +138,84 @@ class GrowthRecord:
         self.tracker = Tracker(self._limits, self._settings)
         self.phase = (math.nan, math.nan)
         self.doubtful = frozenset[str]()
-        self._fed: list[TimedTest] = []
-        self._fed_hours = self._own_hours()[:0]
+        # Stamps of the tests that the tracker was updated by, and a digest of all of them.
+        self._note_fed(0, self._own_hours())
 
     def _own_hours(self) -> NDArray[np.float64]:
         """Return the hours of growth of each component at the tests [h], ``(n, 7)``."""
         if self.duty is not None:
             return self.duty.own_hours
-        hours = np.array([test.hours for test in self.service.used])
-        return np.tile(hours[:, None], len(COMPONENTS))
+        hours = self.service.used.column("hours")
+        return np.broadcast_to(hours[:, None], (hours.size, len(COMPONENTS)))
 
-    def _update(self) -> list[str]:
+    def _identity(
+        self, tests: int, own_hours: NDArray[np.float64]
+    ) -> dict[str, NDArray[np.generic]]:
+        """Return what identifies the first of the tests that are used."""
+        return {
+            "used_ns": self.service.used.column("stamp_ns")[:tests],
+            "used_hours": self.service.used.column("hours")[:tests],
+            "used_own_hours": own_hours[:tests],
+        }
+
+    def _digest(self, tests: int, own_hours: NDArray[np.float64]) -> bytes:
+        digest = hashlib.sha256()
+        for array in self._identity(tests, own_hours).values():
+            digest.update(np.ascontiguousarray(array))
+        return digest.digest()
+
+    def _note_fed(self, tests: int, own_hours: NDArray[np.float64]) -> None:
+        self._fed_ns = self.service.used.column("stamp_ns")[:tests]
+        self._fed_digest = self._digest(tests, own_hours)
+
+    def _update(self, latest: Sequence[Entry] = ()) -> list[str]:
         """Feed the tracker with what is new; return the events of tests that are new to it."""
-        used, own = self.service.used, self._own_hours()
-        known = {test.entry.stamp_ns for test in self._fed}
-        fed = len(self._fed)
+        known, own = set[int](), self._own_hours()
         # Once the reference duty is known, the growth before counts by damage, too.
-        if used[:fed] != self._fed or not np.array_equal(own[:fed], self._fed_hours):
+        if self._digest(self.tests, own) != self._fed_digest:
+            known.update(self._fed_ns.tolist())
             self._restart()
-        fed = len(self._fed)
+        new = [self.service.used[place] for place in range(self.tests, len(self.service.used))]
+        entries = self._entries_at({test.stamp_ns for test in new}, latest)
         events = [
             event
-            for test, hours in zip(used[fed:], own[fed:], strict=True)
-            for event in self._feed(test, hours)
-            if test.entry.stamp_ns not in known
+            for test, hours in zip(new, own[self.tests :], strict=True)
+            for event in self._feed(entries[test.stamp_ns], test.hours, hours.copy())
+            if test.stamp_ns not in known
         ]
-        self._fed, self._fed_hours = list(used), own
+        self._note_fed(len(self.service.used), own)
         if not self.latest_is_used:
             self.doubtful = frozenset()
         return events
 
-    def _feed(self, test: TimedTest, own_hours: NDArray[np.float64]) -> list[str]:
-        estimate = test.entry.estimate
+    def _entries_at(self, stamps_ns: set[int], latest: Sequence[Entry]) -> dict[int, Entry]:
+        """Return the tests of some stamps [ns], which are nearly always the latest.
+
+        Raises
+        ------
+        ValueError
+            When one is not there.
+        """
+        found: dict[int, Entry] = {}
+        for entry in chain(latest, reversed(self._entries)):
+            if len(found) == len(stamps_ns):
+                break
+            if entry.stamp_ns in stamps_ns:
+                found.setdefault(entry.stamp_ns, entry)
+        if missing := stamps_ns - found.keys():
+            raise ValueError(f"the test that ends at {min(missing)} ns is not in the history")
+        return found
+
+    def _feed(self, entry: Entry, hours: float, own_hours: NDArray[np.float64]) -> list[str]:
+        estimate = entry.estimate
         if not estimate.unobservable[ECCENTRICITY_PHASE]:
             self.phase = (
                 float(estimate.faults[ECCENTRICITY_PHASE]),
                 float(estimate.covariance[ECCENTRICITY_PHASE, ECCENTRICITY_PHASE]),
             )
-        events = self.tracker.update(Measurement.of(estimate, test.hours, own_hours))
+        events = self.tracker.update(Measurement.of(estimate, hours, own_hours))
         self.doubtful = frozenset(item.component for item in events if item.kind == OUTLIER)
         return [f"{item.kind}: {item.text}" for item in events]
-
-
-def _identity(
-    tests: Sequence[TimedTest], own_hours: NDArray[np.float64]
-) -> dict[str, NDArray[np.generic]]:
-    return {
-        "used_ns": np.array([test.entry.stamp_ns for test in tests], dtype=np.int64),
-        "used_hours": np.array([test.hours for test in tests], dtype=np.float64),
-        "used_own_hours": own_hours,
-    }
 
 
 @cache

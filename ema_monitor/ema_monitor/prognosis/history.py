@@ -2,16 +2,19 @@
 
 import sqlite3
 import threading
+from array import array
+from bisect import bisect_left, insort
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final
+from typing import Final, TypeVar
 from urllib.parse import quote, unquote
 
 from ema_monitor.duty.flown import FlownDuty, together
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment
-from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, import_lines
+from ema_monitor.prognosis.history_entry import Entry
 from ema_monitor.prognosis.history_files import (
     code_of,
     copy_database,
@@ -20,21 +23,26 @@ from ema_monitor.prognosis.history_files import (
     reason_of,
     with_suffix,
 )
+from ema_monitor.prognosis.history_import import import_lines
 from ema_monitor.prognosis.history_tables import (
+    Test,
     check_kind,
     empty,
     insert_assessments,
     insert_tests,
     prepare,
     read_assessments,
-    read_estimates,
+    read_duty,
     read_growth,
+    read_test,
     read_tests,
     write_growth,
 )
 from ema_monitor.prognosis.kept_assessments import KeptAssessments
+from ema_monitor.prognosis.kept_entries import LATEST, KeptEntries
 
-_UNPACKED: Final = 20
+_Found = TypeVar("_Found")
+
 _CACHE_KIB: Final = 128
 # The third: tables or columns are missing.
 _DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
@@ -58,17 +66,16 @@ class History:
     path
         The file; None for memory alone. It and its folder are made with the first entry.
     spares_memory
-        Whether estimates and assessments of all but the latest 20 tests are kept in the file alone,
-        once it has them, and read from there when they are asked for; after ``close`` they are not
-        to be had any more.
+        Whether estimates, duty and assessments of all but the latest 20 tests are kept in the file
+        alone, once it has them, and read from there when they are asked for; after ``close`` they
+        are not to be had any more.
 
     Attributes
     ----------
     unit
         Actuator and serial number.
     entries
-        The valid tests in the order in which they came; of all but the latest 20 the estimates are
-        packed.
+        The valid tests in the order in which they came.
     unused_cycles
         How many test cycles since the latest of them had no valid estimate.
     unused_duty
@@ -92,23 +99,17 @@ class History:
         *,
         spares_memory: bool = False,
     ) -> None:
-        self.entries: list[Entry] = []
-        self.unused_cycles = 0
-        self.unused_duty: FlownDuty | None = None
+        self._forget_tests()
         self.assessments = KeptAssessments()
         self.growth = b""
         self.imported = ""
         self.unit = (actuator_id, serial_number)
-        self._tests: list[Entry | UnusedCycle] = []
-        self._stamps_ns: set[int] = set()
         self.path = path
         self._spares_memory = spares_memory
-        # How many of the entries are left to the file.
-        self._left = 0
         self._lock = threading.RLock()
         self._db: sqlite3.Connection | None = None
         self._file_id = (0, 0)
-        # End of the chain in the file; the tests after it are to be written.
+        # End of the chain in the file.
         self._head = empty(self.unit)
         # Stamps of assessments that are not in the file as they are here.
         self._changed: dict[int, None] = {}
@@ -127,38 +128,52 @@ class History:
 
     def holds(self, stamp_ns: int) -> bool:
         """Return whether the window that ends at a stamp [ns] is in the history, valid or not."""
-        return stamp_ns in self._stamps_ns
+        place = bisect_left(self._stamps_ns, stamp_ns)
+        return place < len(self._stamps_ns) and self._stamps_ns[place] == stamp_ns
 
     def holds_valid(self, stamp_ns: int) -> bool:
         """Return whether a valid test of the window that ends at a stamp [ns] is."""
         return any(entry.stamp_ns == stamp_ns for entry in reversed(self.entries))
 
-    def append(self, test: Entry | UnusedCycle) -> None:
+    def append(self, test: Test) -> None:
         """Add a test, and wait until the disk has it."""
         with self._lock:
             self._add(test)
             self._write()
             self._leave_entries()
 
-    def estimate_of(self, entry: Entry) -> Estimate:
-        """Return the estimate of a test that is left to the file.
+    def estimate_of(self, number: int) -> Estimate:
+        """Return the estimate of a valid test that is left to the file.
 
         Raises
         ------
         ValueError
             When it cannot be read.
         """
+        test = self._in_file(read_test, number)
+        if not isinstance(test, Entry):
+            raise ValueError(f"test {number} of {self.unit} has no valid estimate in the file")
+        return test.estimate
+
+    def duty_of(self, number: int) -> FlownDuty | None:
+        """Return the duty before a test that is left to the file; None where it is not known.
+
+        Raises
+        ------
+        ValueError
+            When it cannot be read.
+        """
+        return self._in_file(read_duty, number)
+
+    def _in_file(self, read: Callable[[sqlite3.Connection, int], _Found], number: int) -> _Found:
         with self._lock:
-            if (kept := entry.in_memory) is not None:
-                return kept
             reason = "it is closed"
             try:
                 if self._db is not None:
-                    found = dict(read_estimates(self._db, entry.number, entry.number))
-                    return found[entry.number]
+                    return read(self._db, number)
             except (sqlite3.Error, ValueError, KeyError, TypeError) as error:
                 reason = reason_of(error)
-            raise ValueError(f"test {entry.number} of {self.unit} cannot be read: {reason}")
+            raise ValueError(f"test {number} of {self.unit} cannot be read: {reason}")
 
     def assess(self, assessment: Assessment) -> None:
         """Add what was found after a test, or replace it; ``write_assessments`` writes it."""
@@ -179,7 +194,7 @@ class History:
         alone.
         """
         with self._lock:
-            if self._db is None or self._head.tests != len(self._tests) or self._trouble:
+            if self._db is None or self._head.tests != self._tests or self._trouble:
                 return
             try:
                 write_growth(self._db, self._head, state)
@@ -215,34 +230,37 @@ class History:
         self.path = None
         self._release(for_good=for_good)
 
-    def _add(self, test: Entry | UnusedCycle) -> None:
-        self._tests.append(test)
-        self._stamps_ns.add(test.stamp_ns)
+    def _forget_tests(self) -> None:
+        self.entries = KeptEntries(self)
+        self.unused_cycles = 0
+        self.unused_duty: FlownDuty | None = None
+        # How many tests there are, their stamps in ascending order, and those not in the file.
+        self._tests = 0
+        self._stamps_ns = array("q")
+        self._unwritten: list[Test] = []
+
+    def _add(self, test: Test) -> None:
+        self._tests += 1
+        insort(self._stamps_ns, test.stamp_ns)
+        if self.path is not None:
+            self._unwritten.append(test)
         if isinstance(test, Entry):
-            test.number = len(self._tests)
+            test.number = self._tests
             self.entries.append(test)
-            if len(self.entries) > _UNPACKED:
-                self.entries[-_UNPACKED - 1].pack()
             self.unused_cycles, self.unused_duty = 0, None
         else:
             self.unused_cycles += 1
             self.unused_duty = together(self.unused_duty, test.flown)
 
     def _leave_entries(self) -> None:
-        """Leave estimates of earlier tests to the file, if it has them."""
-        if not self._spares_memory or self._db is None:
-            return
-        while len(self.entries) - self._left > _UNPACKED:
-            entry = self.entries[self._left]
-            if entry.number > self._head.tests:
-                return
-            entry.leave_to(self)
-            self._left += 1
+        """Leave earlier tests to the file, as far as it has them."""
+        if self._spares_memory and self._db is not None:
+            self.entries.leave(self._head.tests)
 
     def _leave_assessments(self) -> None:
         """Leave earlier assessments to the file, which has all."""
         if self._spares_memory and self._db is not None:
-            self.assessments.leave(_UNPACKED, self._assessment_of)
+            self.assessments.leave(LATEST, self._assessment_of)
 
     def _assessment_of(self, stamp_ns: int) -> Assessment | None:
         """Return an assessment in the file; None when there is none that can be read."""
@@ -255,24 +273,23 @@ class History:
             return None
 
     def _take_back(self) -> None:
-        """Keep in memory again what was left to the file; leave out what cannot be read."""
+        """Keep in memory again what is in the file alone; leave out what cannot be read."""
         self.assessments.take_back()
-        lost: dict[int, str] = {}
-        for entry in self.entries[: self._left]:
+        tests: list[Test] = []
+        lost: list[str] = []
+        kept = self.entries.in_memory()
+        for number in range(1, self._head.tests + 1):
             try:
-                entry.take_back(self.estimate_of(entry))
+                tests.append(kept.get(number) or self._in_file(read_test, number))
             except ValueError as error:
-                lost[entry.number] = str(error)
-        self._left = 0
+                lost.append(str(error))
         if lost:
             more = f", and {len(lost) - 1} more" if len(lost) > 1 else ""
-            reason = f"{next(iter(lost.values()))}{more}"
-            self._mended = "; ".join(filter(None, [self._mended, reason]))
-            tests = [test for number, test in enumerate(self._tests, 1) if number not in lost]
-            self._tests, self._stamps_ns, self.entries, self.unused_cycles = [], set(), [], 0
-            self.unused_duty = None
-            for test in tests:
-                self._add(test)
+            self._mended = "; ".join(filter(None, [self._mended, f"{lost[0]}{more}"]))
+        tests += self._unwritten
+        self._forget_tests()
+        for test in tests:
+            self._add(test)
 
     def _release(self, *, for_good: bool = False) -> None:
         """Close the file; what was left to it is read before, unless nobody will ask."""
@@ -298,8 +315,8 @@ class History:
             tests, self.imported = import_lines(earlier, *self.unit)
             for test in tests:
                 self._add(test)
-        if self._head.tests < len(self._tests):
-            self._insert(self._db or self._connect(path), self._tests)
+        if self._unwritten:
+            self._insert(self._db or self._connect(path), self._unwritten)
             self._write_changed(path)
         self._leave_entries()
 
@@ -344,6 +361,7 @@ class History:
         if (result := db.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
             raise ValueError(f"it is damaged: {result}")
         self._head = head
+        self._unwritten.clear()
         self.growth = read_growth(db)
 
     def _read_copy(self, path: Path, error: Exception) -> None:
@@ -380,7 +398,7 @@ class History:
         for suffix in ("-wal", ""):
             if (source := with_suffix(path, suffix)).exists():
                 source.rename(with_suffix(aside, suffix))
-        kept = f" with the {len(self._tests)} test cycles that are intact" if self._tests else ""
+        kept = f" with the {self._tests} test cycles that are intact" if self._tests else ""
         self._mended = (
             f"the history {path} is set aside as {aside.name} and a new one is begun{kept}: "
             f"{reason_of(error)}"
@@ -398,8 +416,8 @@ class History:
             path.parent.mkdir(parents=True, exist_ok=True)
             if self._connect(path).execute("SELECT count(*) FROM test").fetchone()[0]:
                 raise ValueError("it holds tests that were not read")
-        for test in self._tests[self._head.tests :]:
-            self._insert(self._db or self._connect(path), [test])
+        while self._unwritten:
+            self._insert(self._db or self._connect(path), self._unwritten[:1])
         self._trouble = ""
 
     def _write_changed(self, path: Path) -> None:
@@ -415,9 +433,10 @@ class History:
         self._head = empty(self.unit)
         self._changed = dict.fromkeys(self.assessments)
 
-    def _insert(self, db: sqlite3.Connection, tests: list[Entry | UnusedCycle]) -> None:
-        """Add tests to the file in one transaction."""
+    def _insert(self, db: sqlite3.Connection, tests: list[Test]) -> None:
+        """Add the first of the tests that are not in the file to it, in one transaction."""
         self._head = insert_tests(db, self._head, tests)
+        del self._unwritten[: len(tests)]
 
 
 def read_history(path: Path) -> History:

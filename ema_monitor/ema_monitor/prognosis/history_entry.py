@@ -1,17 +1,12 @@
-"""A test in the history of a unit, and its record in files of this and of earlier versions."""
+"""A test in the history of a unit, and its record in a file."""
 
 import json
 import math
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final, NamedTuple, Protocol, Self
 
-import numpy as np
-
-from ema_core.faults import FAULT_NAMES
 from ema_core.quantity import is_finite_number
 from ema_monitor.duty.flown import FlownDuty
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain_number
@@ -21,8 +16,6 @@ from ema_monitor.prognosis.packed_estimate import pack, unpack
 _MOST_HOURS: Final = 1e7
 _MOST_CYCLES: Final = 10**12
 _MOST: Final = 2**63
-_FORMATS: Final = ("ema_history 1", "ema_history 2")
-_CHECKSUM: Final = b', "crc32": "'
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +50,26 @@ class Count:
             raise ValueError(
                 f"cycles = {self.cycles}: expected a whole number in [0, {_MOST_CYCLES:g}]"
             )
+
+
+class EntryRow(NamedTuple):
+    """What remains in memory of a test that is left to a file.
+
+    Attributes
+    ----------
+    number, stamp_ns, hours, cycles
+        As of ``Entry``.
+    count_ns, count_hours, count_cycles
+        Stamp [ns], hours [h] and cycles of its count; -1 cycles where there is none.
+    """
+
+    number: int
+    stamp_ns: int
+    hours: float
+    cycles: int
+    count_ns: int
+    count_hours: float
+    count_cycles: int
 
 
 class Entry:
@@ -111,12 +124,37 @@ class Entry:
         self._flown = flown.as_array() if flown else None
         self._estimate: Estimate | None = estimate
         self._packed = b""
-        self._file: EstimateFile | None = None
+        self._file: EntryFile | None = None
+
+    @classmethod
+    def of_row(cls, row: EntryRow, file: "EntryFile") -> Self:
+        """Return a test that is left to a file."""
+        entry = cls.__new__(cls)
+        entry.number, entry.stamp_ns, entry.hours, entry.cycles = row[:4]
+        entry.count = None if row.count_cycles < 0 else Count(*row[4:])
+        entry.leave_to(file)
+        return entry
+
+    def as_row(self) -> EntryRow:
+        """Return what remains in memory once it is left to a file."""
+        count = self.count
+        counted = (count.stamp_ns, count.hours, count.cycles) if count else (0, 0.0, -1)
+        return EntryRow(self.number, self.stamp_ns, self.hours, self.cycles, *counted)
 
     @property
     def flown(self) -> FlownDuty | None:
-        """Duty since the valid test before; made anew at each call."""
-        return FlownDuty.of_array(self._flown) if self._flown else None
+        """Duty since the valid test before; made anew at each call.
+
+        Raises
+        ------
+        ValueError
+            When it is in a file and cannot be read.
+        """
+        # In this order: another thread may be leaving it.
+        figures = self._flown
+        if (file := self._file) is not None:
+            return file.duty_of(self.number)
+        return FlownDuty.of_array(figures) if figures else None
 
     @property
     def estimate(self) -> Estimate:
@@ -128,14 +166,15 @@ class Entry:
             When it is in a file and cannot be read.
         """
         if (kept := self.in_memory) is None and self._file is not None:
-            return self._file.estimate_of(self)
-        # It may just have been taken back from the file.
+            return self._file.estimate_of(self.number)
+        # It may just have been packed.
         return kept or unpack(self._packed)
 
     @property
     def in_memory(self) -> Estimate | None:
         """The estimate, as ``estimate`` gives it; None when it is in a file alone."""
-        return self._estimate or (unpack(self._packed) if self._packed else None)
+        estimate, packed = self._estimate, self._packed
+        return estimate or (unpack(packed) if packed else None)
 
     def pack(self) -> None:
         """Keep the estimate in a quarter of the memory, as one that is seldom read."""
@@ -144,22 +183,25 @@ class Entry:
             self._packed = pack(self._estimate)
             self._estimate = None
 
-    def leave_to(self, file: "EstimateFile") -> None:
-        """Keep the estimate no longer: a file gives it from now on."""
+    def leave_to(self, file: "EntryFile") -> None:
+        """Keep estimate and duty no longer: a file gives them from now on."""
+        # In this order: another thread may be reading.
         self._file = file
-        self._estimate, self._packed = None, b""
-
-    def take_back(self, estimate: Estimate) -> None:
-        """Keep the estimate that was left to a file."""
-        self._packed = pack(estimate)
-        self._file = None
+        self._estimate, self._packed, self._flown = None, b"", None
 
 
-class EstimateFile(Protocol):
-    """Where estimates are that are not in memory; any thread may read."""
+class EntryFile(Protocol):
+    """Where estimates and duty are that are not in memory; any thread may read.
 
-    def estimate_of(self, entry: Entry) -> Estimate:
-        """Return the estimate of a test; ValueError when it cannot be read."""
+    Both methods raise ``ValueError`` when they cannot be read.
+    """
+
+    def estimate_of(self, number: int) -> Estimate:
+        """Return the estimate of the test of a number."""
+        ...
+
+    def duty_of(self, number: int) -> FlownDuty | None:
+        """Return the duty before the test of a number; None where it is not known."""
         ...
 
 
@@ -211,6 +253,11 @@ def as_text(test: Entry | UnusedCycle) -> str:
     return json.dumps(record, ensure_ascii=False, allow_nan=False)
 
 
+def count_of(record: Mapping[str, Any]) -> Count:
+    """Return the count that its values are a record of; raise ``ValueError`` where one is not."""
+    return Count(whole(record, "stamp_ns"), record["hours"], whole(record, "cycles"))
+
+
 @as_value_error()
 def entry_of(text: str) -> Entry | UnusedCycle:
     """Return the test that a text of ``as_text`` describes.
@@ -221,7 +268,7 @@ def entry_of(text: str) -> Entry | UnusedCycle:
         When it describes none.
     """
     record: dict[str, Any] = json.loads(text)
-    flown = FlownDuty.of_record(record["duty"]) if "duty" in record else None
+    flown = _duty_in(record)
     if "estimate" not in record:
         return UnusedCycle(whole(record, "end_ns"), flown)
     hours, count = record["hours"], record["count"]
@@ -229,64 +276,22 @@ def entry_of(text: str) -> Entry | UnusedCycle:
         estimate_of(record["estimate"]),
         math.nan if hours is None else hours,
         whole(record, "cycles"),
-        Count(**count) if count else None,
+        count_of(count) if count else None,
         flown,
     )
 
 
-def import_lines(
-    path: Path, actuator_id: str, serial_number: str
-) -> tuple[list[Entry | UnusedCycle], str]:
-    """Return the tests in a file of an earlier version, and the result of the import in words.
-
-    The file is left as it is. Of a damaged one, or one of another unit, the tests before the damage
-    are returned.
+@as_value_error()
+def duty_of(text: str) -> FlownDuty | None:
+    """Return the duty in a text of ``as_text``; None where it is not known.
 
     Raises
     ------
-    OSError
-        When it cannot be read.
+    ValueError, KeyError, TypeError
+        When it describes no test.
     """
-    # What follows the last line break is a line that a kill cut off.
-    *whole, rest = path.read_bytes().split(b"\n")
-    header, *lines = whole or [b""]
-    tests: list[Entry | UnusedCycle] = []
-    number = 1
-    result = f"without line {len(whole) + 1}, which is cut off" if rest else "which stays as it is"
-    try:
-        values = _values(header)
-        if values.get("format") not in _FORMATS:
-            raise ValueError(f"format {values.get('format')!r} is none of {', '.join(_FORMATS)}")
-        unit = (values.get("actuator_id"), values.get("serial_number"))
-        if unit != (actuator_id, serial_number):
-            raise ValueError(f"it is of unit {unit}, not {(actuator_id, serial_number)}")
-        for line in lines:
-            number += 1
-            with as_value_error():
-                tests.append(_test(_values(line)))
-    except (ValueError, KeyError, TypeError) as error:
-        result = f"not all: line {number} is damaged or of another kind: {error}"
-    return tests, f"{len(tests)} test cycles are imported from {path.name}, {result}"
+    return _duty_in(json.loads(text))
 
 
-def _values(line: bytes) -> dict[str, Any]:
-    body, mark, checksum = line.rpartition(_CHECKSUM)
-    if not mark or checksum != f'{zlib.crc32(body):08x}"}}'.encode():
-        raise ValueError("its checksum is wrong")
-    return json.loads(body + b"}")
-
-
-def _test(values: dict[str, Any]) -> Entry | UnusedCycle:
-    if "without_estimate_ns" in values:
-        return UnusedCycle(whole(values, "without_estimate_ns"))
-    estimate = values["estimate"]
-    estimate["faults"] = dict(zip(FAULT_NAMES, estimate["faults"], strict=True))
-    for name in ("unobservable", "insignificant"):
-        estimate[name] = [FAULT_NAMES[number] for number in np.flatnonzero(estimate[name])]
-    count, hours = values.get("count"), values["hours"]
-    return Entry(
-        estimate_of(estimate),
-        math.nan if count or hours is None else hours,
-        whole(values, "cycles"),
-        Count(**count) if count else None,
-    )
+def _duty_in(record: Mapping[str, Any]) -> FlownDuty | None:
+    return FlownDuty.of_record(record["duty"]) if "duty" in record else None

@@ -368,8 +368,7 @@ def _latest_faults(
 def _hours_per_cycle(growth: GrowthRecord, settings: PrognosisSettings) -> float:
     """Return the flight hours from a test cycle to the next [h]; NaN when not known."""
     used = growth.service.used
-    if used and used[-1].entry.cycles > used[0].entry.cycles:
-        cycles = used[-1].entry.cycles - used[0].entry.cycles
-        if (mean := (used[-1].hours - used[0].hours) / cycles) > 0.0:
-            return mean
+    cycles = used[-1].cycles - used[0].cycles if used else 0
+    if cycles > 0 and (mean := (used[-1].hours - used[0].hours) / cycles) > 0.0:
+        return mean
     return settings.service.hours_per_cycle or math.nan

@@ -203,7 +203,7 @@ class Prognostics:
         """
         with self._lock:
             entries = self.history.entries
-            hours = {test.entry.stamp_ns: test.hours for test in self.growth.service.used}
+            hours = self.growth.service.by_stamp()
             chosen = entries[max(0, len(entries) - most) :]
             tests = [
                 KnownTest(

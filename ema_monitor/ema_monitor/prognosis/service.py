@@ -1,15 +1,17 @@
-"""Service life of a unit: the counts received, and the service hours at its tests."""
+"""Service life of a unit: the service hours at its tests."""
 
 import math
-import threading
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import takewhile
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
-from ema_core.description import UnitKey
+import numpy as np
+
 from ema_core.quantity import check_quantities, quantity
 from ema_core.wording import counted
-from ema_monitor.prognosis.history_entry import Count, Entry
+from ema_monitor.prognosis.history_entry import Entry
+from ema_monitor.prognosis.packed_rows import PackedRows
 
 UNKNOWN_HOURS: Final = (
     "service hours are unknown: no count on topic usage was read before the test, and the "
@@ -23,11 +25,6 @@ MOST_TESTS: Final = 10
 _STOPPED: Final = "service hours are unknown: the latest count of service hours"
 _LEAST_TESTS: Final = 3
 _IMPLAUSIBLE: Final = 10.0
-_MOST_COUNTS: Final = 1000
-_MOST_UNITS: Final = 1000
-_NS_PER_S: Final = 1_000_000_000
-# No unit is without a serial number.
-_UNNAMED: Final = ""
 
 
 @dataclass(frozen=True)
@@ -55,10 +52,36 @@ class Service:
 
 
 class TimedTest(NamedTuple):
-    """A test and its service hour [h]."""
+    """A test at its service hour.
 
-    entry: Entry
+    Attributes
+    ----------
+    stamp_ns, cycles
+        As of ``Entry``.
+    hours
+        Service hour [h].
+    is_counted
+        Whether the hours rest on a count.
+    """
+
+    stamp_ns: int
     hours: float
+    cycles: int
+    is_counted: bool
+
+    @classmethod
+    def of(cls, entry: Entry, hours: float) -> Self:
+        """Return a test of a history at a service hour [h]."""
+        return cls(entry.stamp_ns, hours, entry.cycles, entry.count is not None)
+
+
+def timed_tests(tests: Iterable[TimedTest] = ()) -> PackedRows[TimedTest]:
+    """Return tests in little memory, to which more can be added."""
+    types = {"stamp_ns": "i8", "hours": "f8", "cycles": "i8", "is_counted": "?"}
+    packed: PackedRows[TimedTest] = PackedRows(TimedTest, types)
+    for test in tests:
+        packed.append(test)
+    return packed
 
 
 class ServiceHours:
@@ -84,7 +107,7 @@ class ServiceHours:
     """
 
     def __init__(self) -> None:
-        self.used: list[TimedTest] = []
+        self.used = timed_tests()
         self.latest: Entry | None = None
         self.unknown = ""
         # Tests since the latest used one, that of the held count among them.
@@ -101,6 +124,11 @@ class ServiceHours:
         """Service hours at the latest test [h], or the latest known before it; else NaN."""
         return math.nan if self.unknown or not self.used else self.used[-1].hours
 
+    def by_stamp(self) -> dict[int, float]:
+        """Return the service hours of those used [h] by their stamps [ns]."""
+        stamps_ns, hours = self.used.column("stamp_ns"), self.used.column("hours")
+        return dict(zip(stamps_ns.tolist(), hours.tolist(), strict=True))
+
     def after(self, cycles: int, hours_per_cycle: float) -> float:
         """Return the service hours at a further test by the cycles since the latest known [h].
 
@@ -113,7 +141,7 @@ class ServiceHours:
             # A unit whose service hours were never known counts as new.
             return hours_per_cycle * cycles
         known = self.used[-1]
-        return known.hours + hours_per_cycle * max(cycles - known.entry.cycles, 0)
+        return known.hours + hours_per_cycle * max(cycles - known.cycles, 0)
 
     def add(self, entry: Entry) -> list[str]:
         """Add the next test; return the events about its hours, in words."""
@@ -123,7 +151,7 @@ class ServiceHours:
                 self.unknown = UNKNOWN_HOURS
             else:
                 least = self.used[-1].hours if self.used else 0.0
-                self._accept(TimedTest(entry, max(entry.hours, least)))
+                self._accept(TimedTest.of(entry, max(entry.hours, least)))
             return []
         if self._counted is not None and entry.count == self._counted.count:
             self._waiting.append(entry)
@@ -133,46 +161,47 @@ class ServiceHours:
                 self.unknown = f"{_STOPPED} is {counted(tests, 'test')} old" if is_old else ""
             return []
         self._counted = entry
-        return self._drop_uncounted() + self._check(TimedTest(entry, entry.count.hours))
+        return self._drop_uncounted() + self._check(entry, entry.count.hours)
 
     def _drop_uncounted(self) -> list[str]:
         """Leave out tests at hours by test cycles: they do not mix with counted ones."""
-        counted = [test for test in self.used if test.entry.count is not None]
-        dropped = len(self.used) - len(counted)
+        is_counted = self.used.column("is_counted")
+        dropped = int(np.sum(~is_counted))
         if not dropped:
             return []
-        self.used, self._rates, self._most_rate = counted, 0, 0.0
+        self.used, self._rates, self._most_rate = self.used.only(is_counted), 0, 0.0
         return [
             f"service hours are counted from now on: {_tests(dropped)} before, at hours by "
             "hours_per_cycle, left out"
         ]
 
-    def _check(self, test: TimedTest) -> list[str]:
+    def _check(self, entry: Entry, hours: float) -> list[str]:
         """Use a test with a new count, or hold it until the next count."""
-        held = self._held
+        test, held = TimedTest.of(entry, hours), self._held
         if not self.used or self._is_plausible(self.used[-1], test):
             self._accept(test)
             if held is None:
                 return []
             return [
-                f"service hours {held.hours:g} h at test {held.entry.cycles} not confirmed by the "
+                f"service hours {held.hours:g} h at test {held.cycles} not confirmed by the "
                 f"next count, {test.hours:g} h: interpolated instead"
             ]
         change = f"from {self.used[-1].hours:g} h to {test.hours:g} h"
         if held is None or not self._is_plausible(held, test):
             self._held = test
-            self._waiting.append(test.entry)
+            self._waiting.append(entry)
             self.unknown = (
                 f"service hours went {change}: the test waits for the next count to confirm it"
             )
             return []
         event = f"service hours set {change}"
-        kept = [item for item in self.used if item.hours <= held.hours]
-        if dropped := len(self.used) - len(kept):
+        are_kept = self.used.column("hours") <= held.hours
+        if dropped := int(np.sum(~are_kept)):
             event += f": {_tests(dropped)} at more than {held.hours:g} h left out"
-            self.used = kept
+            self.used = self.used.only(are_kept)
             # There are no hours between those before the held test and its own.
-            del self._waiting[: self._waiting.index(held.entry)]
+            before = takewhile(lambda one: one.stamp_ns != held.stamp_ns, self._waiting)
+            del self._waiting[: len(list(before))]
         self._use(held)
         self._accept(test)
         return [event]
@@ -194,65 +223,21 @@ class ServiceHours:
 
     def _use(self, test: TimedTest) -> None:
         """Use a test, and before it those that waited, at interpolated hours."""
-        earlier = list(takewhile(lambda entry: entry is not test.entry, self._waiting))
+        earlier = list(takewhile(lambda one: one.stamp_ns != test.stamp_ns, self._waiting))
         self._waiting = self._waiting[len(earlier) + 1 :]
         if self.used:
             last = self.used[-1]
-            span = max(test.entry.stamp_ns - last.entry.stamp_ns, 1)
+            span = max(test.stamp_ns - last.stamp_ns, 1)
             for entry in earlier:
-                share = min(max((entry.stamp_ns - last.entry.stamp_ns) / span, 0.0), 1.0)
+                share = min(max((entry.stamp_ns - last.stamp_ns) / span, 0.0), 1.0)
                 hours = last.hours + share * (test.hours - last.hours)
-                self.used.append(TimedTest(entry, max(hours, self.used[-1].hours)))
+                self.used.append(TimedTest.of(entry, max(hours, self.used[-1].hours)))
         self.used.append(test)
         self._held, self.unknown = None, ""
 
 
-class CountLog:
-    """Counts by unit, the first of each second; any thread may call.
-
-    A count without serial number that comes before the actuator is described belongs to the unit
-    that is described first. Of more than a thousand units, those without a count for longest are
-    dropped; of more than a thousand counts of a unit, those that came first.
-    """
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        # The units, that of the latest count last.
-        self._counts: dict[UnitKey, dict[int, Count]] = {}
-
-    def add(self, unit: UnitKey, count: Count) -> None:
-        """Keep a count of a unit, whose serial number is empty as long as that is not known.
-
-        One of the very same stamp as an earlier one replaces it.
-        """
-        with self._lock:
-            by_second = self._counts[unit] = self._counts.pop(unit, {})
-            second = count.stamp_ns // _NS_PER_S
-            if count.stamp_ns <= by_second.get(second, count).stamp_ns:
-                by_second[second] = count
-            if len(by_second) > _MOST_COUNTS:
-                del by_second[next(iter(by_second))]
-            if len(self._counts) > _MOST_UNITS:
-                del self._counts[next(iter(self._counts))]
-
-    def assign(self, unit: UnitKey) -> None:
-        """Move counts of an actuator that was not described yet to the unit that it is."""
-        with self._lock:
-            early = self._counts.pop((unit[0], _UNNAMED), {})
-            named = self._counts.pop(unit, {})
-        # Of counts of the same stamp, one that names the unit holds.
-        for count in (*early.values(), *named.values()):
-            self.add(unit, count)
-
-    def latest(self, unit: UnitKey, stamp_ns: int) -> Count | None:
-        """Return the latest count of a unit by a stamp [ns]; None when there is none."""
-        with self._lock:
-            read = [c for c in self._counts.get(unit, {}).values() if c.stamp_ns <= stamp_ns]
-        return max(read, key=lambda count: count.stamp_ns, default=None)
-
-
 def _cycles(before: TimedTest, after: TimedTest) -> int:
-    return max(after.entry.cycles - before.entry.cycles, 1)
+    return max(after.cycles - before.cycles, 1)
 
 
 def _tests(number: int) -> str:

@@ -1,9 +1,8 @@
 """Duty of a unit from test to test: hours of growth at its tests, and duty to come by the past."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from ema_monitor.prognosis.duty.damage import MEASURE, DamageSettings, damage_row
 from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.history_entry import Entry
+from ema_monitor.prognosis.packed_rows import PackedRows
 from ema_monitor.prognosis.service import TimedTest
 
 REFERENCE_TESTS: Final = 10
@@ -25,7 +25,6 @@ _SIGMA_OF_MEDIAN: Final = 1.4826 / np.sqrt(2.0)
 
 _PATHS: Final = 100
 _STEPS: Final = 30
-_FIGURES: Final = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,27 +184,41 @@ def duty_changes(relative: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.array(found[::-1], np.intp)
 
 
+class _Passed(NamedTuple):
+    """Damage up to a test, the columns of ``damage_row`` summed up."""
+
+    stamp_ns: int
+    telemetry: float
+    travel: float
+    wear: float
+    warm: float
+    ageing: float
+
+
 class DutyRecord:
     """Damage in the tests of a unit, from which its course follows for those that are used."""
 
     def __init__(self, settings: DamageSettings) -> None:
         self._settings = settings
-        self._place: dict[int, int] = {}
-        self._passed = np.zeros((1, _FIGURES))
+        types = dict.fromkeys(_Passed._fields, "f8") | {"stamp_ns": "i8"}
+        self._passed: PackedRows[_Passed] = PackedRows(_Passed, types)
+        self._latest = np.zeros(len(types) - 1)
 
     def add(self, entry: Entry) -> None:
         """Add the next test."""
-        row = self._passed[-1] + damage_row(entry.flown, self._settings)
-        self._passed = np.vstack([self._passed, row])
-        self._place[entry.stamp_ns] = len(self._passed) - 1
+        self._latest = self._latest + damage_row(entry.flown, self._settings)
+        self._passed.append(_Passed(entry.stamp_ns, *self._latest.tolist()))
 
-    def course(self, used: Sequence[TimedTest]) -> DutyCourse | None:
+    def course(self, used: PackedRows[TimedTest]) -> DutyCourse | None:
         """Return the duty between tests in the order of their hours; None without any known."""
-        if len(used) <= REFERENCE_TESTS or not self._passed[-1, 0]:
+        if len(used) <= REFERENCE_TESTS or not self._latest[0]:
             return None
-        hours = np.array([test.hours for test in used])
-        passed = self._passed[[self._place[test.entry.stamp_ns] for test in used]]
-        (telemetry, travel, wear, warm, ageing), elapsed = np.diff(passed, axis=0).T, np.diff(hours)
+        hours = used.column("hours")
+        places = _places(self._passed.column("stamp_ns"), used.column("stamp_ns"))
+        telemetry, travel, wear, warm, ageing = (
+            np.diff(self._passed.column(name)[places]) for name in _Passed._fields[1:]
+        )
+        elapsed = np.diff(hours)
         least = np.maximum(self._settings.least_coverage * elapsed, 1e-12)
         # Beyond the hours in service the unit moved on the ground; what is not covered was alike.
         within = np.where((telemetry >= least) & (elapsed > 0.0), telemetry, np.nan)
@@ -214,3 +227,9 @@ class DutyRecord:
         rate = np.stack([wear / within, ageing / known])
         course = DutyCourse(self._settings, hours, rate, travel / within)
         return course if course.is_known else None
+
+
+def _places(stamps_ns: NDArray[np.int64], wanted_ns: NDArray[np.int64]) -> NDArray[np.intp]:
+    """Return where each wanted stamp is, the last place of one that is there twice."""
+    order = np.argsort(stamps_ns, kind="stable")
+    return order[np.searchsorted(stamps_ns, wanted_ns, side="right", sorter=order) - 1]
