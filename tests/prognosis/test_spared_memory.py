@@ -1,6 +1,7 @@
 """A monitor leaves earlier tests of a unit to the file of its history, and knows the same."""
 
 import gc
+import threading
 import tracemalloc
 from dataclasses import fields, replace
 from pathlib import Path
@@ -9,10 +10,14 @@ import numpy as np
 import pytest
 
 from ema_core.levels import ERROR
+from ema_monitor.duty.flown import FlownDuty, Share
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment
+from ema_monitor.prognosis.count_log import CountLog
+from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_entry import Entry, UnusedCycle
+from ema_monitor.prognosis.history_entry import Count, Entry, UnusedCycle
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.service import Service
@@ -21,6 +26,7 @@ from ema_monitor.prognosis.settings import PrognosisSettings
 from .kept_histories import UNIT
 from .made_tests import made_test
 
+SPARING = replace(PrognosisSettings(), damage=DamageSettings(least_coverage=1e-6))
 SETTINGS = replace(PrognosisSettings(), service=Service(hours_per_cycle=10.0))
 IN_MEMORY = 20
 
@@ -51,6 +57,11 @@ def check(history: History, numbers: range) -> None:
         assert history.assessments[entry.stamp_ns].hours == 10.0 * number
 
 
+def duty(number: int) -> FlownDuty:
+    travel = (Share(0, 0.05 + 1e-3 * number, 0.05), Share(2, 5e-3, 0.23))
+    return FlownDuty(0.5 + 1e-3 * number, travel, (Share(12, 0.5, 20.0),))
+
+
 def left(history: History) -> int:
     return sum(entry.in_memory is None for entry in history.entries)
 
@@ -70,18 +81,90 @@ def test_earlier_tests_are_read_from_the_file_to_the_last_bit(path: Path):
     again.close()
 
 
-def test_memory_of_a_test_in_a_file_is_below_650_bytes(path: Path):
+def test_memory_of_a_test_in_a_file_is_below_200_bytes(path: Path):
     history = History(*UNIT, path, spares_memory=True)
     add(history, range(100))
     gc.collect()
     tracemalloc.start()
-    add(history, range(100, 900))
+    add(history, range(100, 500))
     gc.collect()
     grown = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
     history.close()
     # Each is a test cycle with an estimate and one without; the latest 20 are as they were found.
-    assert grown < 800 * 650 + IN_MEMORY * 3000
+    assert grown < 400 * 200 + IN_MEMORY * 4000
+
+
+def test_memory_of_a_test_that_growth_follows_is_below_400_bytes(path: Path):
+    """Each has a count of service hours and duty of its own, by which its growth counts."""
+    history = History(*UNIT, path, spares_memory=True)
+    log = CountLog()
+    record = GrowthRecord(SPARING.limits, SPARING.tracker, history.entries, damage=SPARING.damage)
+
+    def test(numbers: range) -> int:
+        for number in numbers:
+            estimate = made_test(number, seed=1, friction=0.1)
+            log.add(UNIT, Count(estimate.start_ns, 10.0 * number, number + 1))
+            count = log.latest(UNIT, estimate.end_ns)
+            entry = Entry(estimate, np.nan, number + 1, count, duty(number))
+            record.add(entry)
+            history.append(entry)
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    before = test(range(50))
+    grown = test(range(50, 200)) - before
+    tracemalloc.stop()
+    assert record.duty is not None
+    assert record.tests == 200
+    history.close()
+    assert grown < 150 * 400
+
+
+def test_unused_cycles_and_duty_are_written_anew_where_the_file_is_gone(path: Path):
+    """They are in the file alone once it has them."""
+    history = History(*UNIT, path, spares_memory=True)
+    for number in range(0, 60, 2):
+        history.append(UnusedCycle(made_test(number).end_ns, duty(number)))
+        history.append(Entry(made_test(number + 1), 10.0 * number, number + 2, None, duty(number)))
+    history.append(UnusedCycle(made_test(60).end_ns, duty(60)))
+    path.unlink()
+    history.append(UnusedCycle(made_test(61).end_ns, duty(61)))
+    assert (history.unused_cycles, history.unused_duty) == (2, duty(60) + duty(61))
+    history.close()
+    again = History(*UNIT, path)
+    assert again.problem == ""
+    assert (again.unused_cycles, again.unused_duty) == (2, duty(60) + duty(61))
+    assert [entry.flown for entry in again.entries] == [duty(n) for n in range(0, 60, 2)]
+    assert all(again.holds(made_test(number).end_ns) for number in range(62))
+    assert not again.holds(made_test(62).end_ns)
+    again.close()
+
+
+def test_earlier_tests_are_read_while_others_are_added(path: Path):
+    history = History(*UNIT, path, spares_memory=True)
+    add(history, range(30))
+    stamps_ns = [made_test(number).end_ns for number in range(150)]
+    wrong: list[str] = []
+    is_done = threading.Event()
+
+    def read() -> None:
+        while not is_done.is_set():
+            known = len(history.entries)
+            found = [history.entries[place].stamp_ns for place in range(known)]
+            if found != stamps_ns[:known]:
+                wrong.append(f"{found} of {known}")
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    add(history, range(30, 100))
+    path.unlink()
+    add(history, range(100, 150))
+    is_done.set()
+    reader.join()
+    history.close()
+    assert wrong == []
 
 
 @pytest.mark.parametrize("is_moved", [True, False])
@@ -181,4 +264,25 @@ def test_prognosis_is_the_same_to_the_last_digit(path: Path):
     assert repr(figures(in_file.outlook(None, other))) == repr(
         figures(in_memory.outlook(None, other))
     )
+    in_file.history.close()
+
+
+def test_prognosis_goes_on_the_same_where_the_file_is_gone(path: Path):
+    """Tests on one count wait for the next; meanwhile the file that has earlier ones is deleted."""
+    in_memory = Prognostics(History(*UNIT), SPARING)
+    in_file = Prognostics(History(*UNIT, path, spares_memory=True), SPARING)
+    for number in range(60):
+        test = made_test(number, seed=1, friction=0.01 * number)
+        counted = number - number % 25
+        count = Count(made_test(counted).start_ns, 10.0 * counted, 0)
+        expected = in_memory.update(test, None, SPARING, count, duty(number))
+        if number == 45:
+            path.unlink()
+        found = in_file.update(test, None, SPARING, count, duty(number))
+        assert repr(figures(found)) == repr(figures(expected))
+        in_file.write()
+        in_memory.write()
+    assert len(in_file.growth.service.used) == 51
+    assert left(in_file.history) == 40
+    assert in_file.growth.state() == in_memory.growth.state()
     in_file.history.close()

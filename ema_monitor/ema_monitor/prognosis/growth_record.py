@@ -161,7 +161,7 @@ class GrowthRecord:
     def _digest(self, tests: int, own_hours: NDArray[np.float64]) -> bytes:
         digest = hashlib.sha256()
         for array in self._identity(tests, own_hours).values():
-            digest.update(np.ascontiguousarray(array))
+            digest.update(array.tobytes())
         return digest.digest()
 
     def _note_fed(self, tests: int, own_hours: NDArray[np.float64]) -> None:

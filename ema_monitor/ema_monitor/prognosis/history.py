@@ -99,7 +99,9 @@ class History:
         *,
         spares_memory: bool = False,
     ) -> None:
-        self._forget_tests()
+        self.entries = KeptEntries(self)
+        self.unused_cycles = 0
+        self.unused_duty: FlownDuty | None = None
         self.assessments = KeptAssessments()
         self.growth = b""
         self.imported = ""
@@ -111,6 +113,10 @@ class History:
         self._file_id = (0, 0)
         # End of the chain in the file.
         self._head = empty(self.unit)
+        # How many tests there are, their stamps in ascending order, and those not in the file.
+        self._tests = 0
+        self._stamps_ns = array("q")
+        self._unwritten: list[Test] = []
         # Stamps of assessments that are not in the file as they are here.
         self._changed: dict[int, None] = {}
         self._mended = ""
@@ -133,7 +139,9 @@ class History:
 
     def holds_valid(self, stamp_ns: int) -> bool:
         """Return whether a valid test of the window that ends at a stamp [ns] is."""
-        return any(entry.stamp_ns == stamp_ns for entry in reversed(self.entries))
+        return self.holds(stamp_ns) and any(
+            entry.stamp_ns == stamp_ns for entry in reversed(self.entries)
+        )
 
     def append(self, test: Test) -> None:
         """Add a test, and wait until the disk has it."""
@@ -229,15 +237,7 @@ class History:
     def _keep_to_memory(self, *, for_good: bool = False) -> None:
         self.path = None
         self._release(for_good=for_good)
-
-    def _forget_tests(self) -> None:
-        self.entries = KeptEntries(self)
-        self.unused_cycles = 0
-        self.unused_duty: FlownDuty | None = None
-        # How many tests there are, their stamps in ascending order, and those not in the file.
-        self._tests = 0
-        self._stamps_ns = array("q")
-        self._unwritten: list[Test] = []
+        self._unwritten = []
 
     def _add(self, test: Test) -> None:
         self._tests += 1
@@ -287,9 +287,14 @@ class History:
             more = f", and {len(lost) - 1} more" if len(lost) > 1 else ""
             self._mended = "; ".join(filter(None, [self._mended, f"{lost[0]}{more}"]))
         tests += self._unwritten
-        self._forget_tests()
-        for test in tests:
-            self._add(test)
+        self._tests, self._unwritten = len(tests), tests
+        self._stamps_ns = array("q", sorted(test.stamp_ns for test in tests))
+        entries: list[Entry] = []
+        for number, test in enumerate(tests, 1):
+            if isinstance(test, Entry):
+                test.number = number
+                entries.append(test)
+        self.entries.take_back(entries)
 
     def _release(self, *, for_good: bool = False) -> None:
         """Close the file; what was left to it is read before, unless nobody will ask."""

@@ -47,10 +47,11 @@ class KeptEntries(Sequence[Entry]):
         return self._at(place % len(self))
 
     def _at(self, place: int) -> Entry:
-        # In this order: another thread may be leaving it.
+        # In this order: another thread may be leaving it, or taking it back.
+        left = self._left
         if (kept := self._kept.get(place)) is not None:
             return kept
-        return Entry.of_row(self._left[place], self._file)
+        return Entry.of_row(left[place], self._file)
 
     def append(self, entry: Entry) -> None:
         """Add a test."""
@@ -75,6 +76,15 @@ class KeptEntries(Sequence[Entry]):
             self._left.append(entry.as_row())
             entry.leave_to(self._file)
             del self._kept[place]
+
+    def take_back(self, entries: Sequence[Entry]) -> None:
+        """Keep these tests alone from now on, none of which is left to the file."""
+        for entry in entries[:-LATEST]:
+            entry.pack()
+        # In this order: another thread may be reading.
+        self._kept = dict(enumerate(entries))
+        self._number = len(entries)
+        self._left = PackedRows(EntryRow, _TYPES)
 
     def in_memory(self) -> dict[int, Entry]:
         """Return those that are not left to a file, by their numbers."""
