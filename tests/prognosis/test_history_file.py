@@ -265,7 +265,18 @@ def test_hash_that_is_none_is_a_broken_chain(path: Path, chain: object):
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("end_ns", "5"), ("cycles", 2**70), ("cycles", None), ("hours", 10**400), ("count", [1])],
+    [
+        ("end_ns", "5"),
+        ("end_ns", 2**63),
+        ("end_ns", 1.7e18),
+        ("cycles", 2**70),
+        ("cycles", 2**63 - 1),
+        ("cycles", -1),
+        ("cycles", None),
+        ("hours", 10**400),
+        ("count", [1]),
+        ("count", {"stamp_ns": 2**63, "hours": 1.0, "cycles": 1}),
+    ],
 )
 def test_record_with_an_impossible_value_is_damaged(path: Path, name: str, value: object):
     kept(path)

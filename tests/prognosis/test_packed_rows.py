@@ -38,14 +38,21 @@ def test_rows_come_back_as_plain_values():
 
 @pytest.mark.parametrize("place", [3, -4])
 def test_place_without_a_row_is_named(place: int):
+    rows = packed(ROWS)
     with pytest.raises(IndexError, match=f"place {place} of 3 rows"):
-        _ = packed(ROWS)[place]
+        _ = rows[place]
+    with pytest.raises(IndexError, match=f"place {place} of 3 rows"):
+        rows[place] = ROWS[0]
+    assert list(rows) == ROWS
 
 
 def test_row_is_replaced_and_rows_are_chosen():
     rows = packed(ROWS)
     rows[1] = Row(5, 2.5, True)
     assert list(rows) == [ROWS[0], Row(5, 2.5, True), ROWS[2]]
+    rows[-1] = Row(6, 3.5, False)
+    assert list(rows) == [ROWS[0], Row(5, 2.5, True), Row(6, 3.5, False)]
+    rows[2] = ROWS[2]
     chosen = rows.only(np.array([True, False, True]))
     chosen.append(ROWS[1])
     assert list(chosen) == [ROWS[0], ROWS[2], ROWS[1]]

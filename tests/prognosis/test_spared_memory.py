@@ -15,6 +15,8 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment
 from ema_monitor.prognosis.count_log import CountLog
 from ema_monitor.prognosis.duty.damage import DamageSettings
+from ema_monitor.prognosis.growth.measurement import Measurement
+from ema_monitor.prognosis.growth.tracker import Event, Tracker
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, Entry, UnusedCycle
@@ -73,7 +75,8 @@ def test_earlier_tests_are_read_from_the_file_to_the_last_bit(path: Path):
     check(history, range(60))
     history.close()
     again = History(*UNIT, path, spares_memory=True)
-    assert (left(again), again.problem) == (60 - IN_MEMORY, "")
+    # All can be read at once, as what follows from them is found anew.
+    assert (left(again), again.problem) == (0, "")
     add(again, range(60, 70))
     assert left(again) == 70 - IN_MEMORY
     check(again, range(70))
@@ -145,7 +148,7 @@ def test_unused_cycles_and_duty_are_written_anew_where_the_file_is_gone(path: Pa
 def test_earlier_tests_are_read_while_others_are_added(path: Path):
     history = History(*UNIT, path, spares_memory=True)
     add(history, range(30))
-    stamps_ns = [made_test(number).end_ns for number in range(150)]
+    stamps_ns = [made_test(number).end_ns for number in range(80)]
     wrong: list[str] = []
     is_done = threading.Event()
 
@@ -158,9 +161,9 @@ def test_earlier_tests_are_read_while_others_are_added(path: Path):
 
     reader = threading.Thread(target=read)
     reader.start()
-    add(history, range(30, 100))
+    add(history, range(30, 60))
     path.unlink()
-    add(history, range(100, 150))
+    add(history, range(60, 80))
     is_done.set()
     reader.join()
     history.close()
@@ -286,3 +289,52 @@ def test_prognosis_goes_on_the_same_where_the_file_is_gone(path: Path):
     assert left(in_file.history) == 40
     assert in_file.growth.state() == in_memory.growth.state()
     in_file.history.close()
+
+
+def test_growth_is_found_anew_without_a_test_that_was_lost_with_the_file(path: Path):
+    """Its row is damaged, the file deleted, and then other hours have all tests fed again."""
+    monitor = Prognostics(History(*UNIT, path, spares_memory=True), PrognosisSettings())
+
+    def update(number: int, hours: float) -> Outlook | None:
+        test = made_test(number, seed=1, friction=0.1)
+        return monitor.update(test, None, PrognosisSettings(), Count(test.start_ns, hours, 0))
+
+    for number in range(40):
+        update(number, 10.0 * number)
+    db = monitor.history._db
+    assert db is not None
+    db.execute("UPDATE test SET crc32 = crc32 + 1 WHERE number = 4")
+    path.unlink()
+    update(40, 400.0)
+    assert "test 4 of ('flap', 'SIM-0001') cannot be read" in monitor.history.problem
+    # A counter that was replaced: the hours at all tests after 200 h are others.
+    update(41, 200.0)
+    outlook = update(42, 210.0)
+    assert outlook is not None
+    assert any("growth is found anew from all tests" in event for event in outlook.events)
+    assert len(monitor.history.entries) == 42
+    assert monitor.growth.tests == 22
+    monitor.history.close()
+
+
+def test_test_that_growth_cannot_take_leaves_what_follows_as_it_would_be(monkeypatch):
+    """What is known of growth has no part of it, and neither has the history."""
+    monitor, other = (Prognostics(History(*UNIT), SETTINGS) for _ in range(2))
+    tests = [made_test(number, seed=1, friction=0.01 * number) for number in range(30)]
+    known = Tracker.update
+
+    def fail(tracker: Tracker, measurement: Measurement) -> list[Event]:
+        if measurement.faults[0] == tests[25].faults[0]:
+            raise FloatingPointError("overflow")
+        return known(tracker, measurement)
+
+    for test in tests[:25]:
+        monitor.update(test, None, SETTINGS)
+        other.update(test, None, SETTINGS)
+    monkeypatch.setattr(Tracker, "update", fail)
+    with pytest.raises(FloatingPointError):
+        monitor.update(tests[25], None, SETTINGS)
+    monkeypatch.undo()
+    found = monitor.update(tests[26], None, SETTINGS)
+    assert repr(figures(found)) == repr(figures(other.update(tests[26], None, SETTINGS)))
+    assert len(monitor.history.entries) == 26

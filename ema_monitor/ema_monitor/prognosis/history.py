@@ -4,11 +4,10 @@ import sqlite3
 import threading
 from array import array
 from bisect import bisect_left, insort
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final, TypeVar
+from typing import Final
 from urllib.parse import quote, unquote
 
 from ema_monitor.duty.flown import FlownDuty, together
@@ -32,7 +31,6 @@ from ema_monitor.prognosis.history_tables import (
     insert_tests,
     prepare,
     read_assessments,
-    read_duty,
     read_growth,
     read_test,
     read_tests,
@@ -40,8 +38,6 @@ from ema_monitor.prognosis.history_tables import (
 )
 from ema_monitor.prognosis.kept_assessments import KeptAssessments
 from ema_monitor.prognosis.kept_entries import LATEST, KeptEntries
-
-_Found = TypeVar("_Found")
 
 _CACHE_KIB: Final = 128
 # The third: tables or columns are missing.
@@ -67,8 +63,9 @@ class History:
         The file; None for memory alone. It and its folder are made with the first entry.
     spares_memory
         Whether estimates, duty and assessments of all but the latest 20 tests are kept in the file
-        alone, once it has them, and read from there when they are asked for; after ``close`` they
-        are not to be had any more.
+        alone, from the next test on, and read from there when they are asked for; after ``close``
+        they are not to be had any more. Test cycles without an estimate are in the file alone in
+        any case.
 
     Attributes
     ----------
@@ -134,8 +131,10 @@ class History:
 
     def holds(self, stamp_ns: int) -> bool:
         """Return whether the window that ends at a stamp [ns] is in the history, valid or not."""
-        place = bisect_left(self._stamps_ns, stamp_ns)
-        return place < len(self._stamps_ns) and self._stamps_ns[place] == stamp_ns
+        # Another thread may be putting another one in its place.
+        stamps_ns = self._stamps_ns
+        place = bisect_left(stamps_ns, stamp_ns)
+        return place < len(stamps_ns) and stamps_ns[place] == stamp_ns
 
     def holds_valid(self, stamp_ns: int) -> bool:
         """Return whether a valid test of the window that ends at a stamp [ns] is."""
@@ -150,7 +149,7 @@ class History:
             self._write()
             self._leave_entries()
 
-    def estimate_of(self, number: int) -> Estimate:
+    def read_estimate(self, entry: Entry) -> Estimate:
         """Return the estimate of a valid test that is left to the file.
 
         Raises
@@ -158,12 +157,12 @@ class History:
         ValueError
             When it cannot be read.
         """
-        test = self._in_file(read_test, number)
-        if not isinstance(test, Entry):
-            raise ValueError(f"test {number} of {self.unit} has no valid estimate in the file")
+        test = self._in_file(entry.number)
+        if not isinstance(test, Entry) or test.stamp_ns != entry.stamp_ns:
+            raise ValueError(f"test {entry.number} of {self.unit} is another one in the file")
         return test.estimate
 
-    def duty_of(self, number: int) -> FlownDuty | None:
+    def read_duty(self, entry: Entry) -> FlownDuty | None:
         """Return the duty before a test that is left to the file; None where it is not known.
 
         Raises
@@ -171,14 +170,14 @@ class History:
         ValueError
             When it cannot be read.
         """
-        return self._in_file(read_duty, number)
+        return self._in_file(entry.number).flown
 
-    def _in_file(self, read: Callable[[sqlite3.Connection, int], _Found], number: int) -> _Found:
+    def _in_file(self, number: int) -> Test:
         with self._lock:
             reason = "it is closed"
             try:
                 if self._db is not None:
-                    return read(self._db, number)
+                    return read_test(self._db, number)
             except (sqlite3.Error, ValueError, KeyError, TypeError) as error:
                 reason = reason_of(error)
             raise ValueError(f"test {number} of {self.unit} cannot be read: {reason}")
@@ -240,8 +239,8 @@ class History:
         self._unwritten = []
 
     def _add(self, test: Test) -> None:
-        self._tests += 1
         insort(self._stamps_ns, test.stamp_ns)
+        self._tests += 1
         if self.path is not None:
             self._unwritten.append(test)
         if isinstance(test, Entry):
@@ -280,9 +279,13 @@ class History:
         kept = self.entries.in_memory()
         for number in range(1, self._head.tests + 1):
             try:
-                tests.append(kept.get(number) or self._in_file(read_test, number))
+                test = kept.get(number) or self._in_file(number)
             except ValueError as error:
                 lost.append(str(error))
+                continue
+            if isinstance(test, Entry) and number not in kept:
+                test.pack()
+            tests.append(test)
         if lost:
             more = f", and {len(lost) - 1} more" if len(lost) > 1 else ""
             self._mended = "; ".join(filter(None, [self._mended, f"{lost[0]}{more}"]))
@@ -323,7 +326,6 @@ class History:
         if self._unwritten:
             self._insert(self._db or self._connect(path), self._unwritten)
             self._write_changed(path)
-        self._leave_entries()
 
     def _connect(self, path: Path) -> sqlite3.Connection:
         """Open the database for this process alone, and make its tables if it has none.

@@ -15,6 +15,8 @@ from ema_monitor.prognosis.packed_estimate import pack, unpack
 
 _MOST_HOURS: Final = 1e7
 _MOST_CYCLES: Final = 10**12
+# Tests without a new count go on from the latest.
+_MOST_KEPT_CYCLES: Final = 10 * _MOST_CYCLES
 _MOST: Final = 2**63
 
 
@@ -124,7 +126,6 @@ class Entry:
         self._flown = flown.as_array() if flown else None
         self._estimate: Estimate | None = estimate
         self._packed = b""
-        self._file: EntryFile | None = None
 
     @classmethod
     def of_row(cls, row: EntryRow, file: "EntryFile") -> Self:
@@ -152,8 +153,8 @@ class Entry:
         """
         # In this order: another thread may be leaving it.
         figures = self._flown
-        if (file := self._file) is not None:
-            return file.duty_of(self.number)
+        if not (self._estimate or self._packed):
+            return self._file.read_duty(self)
         return FlownDuty.of_array(figures) if figures else None
 
     @property
@@ -165,10 +166,8 @@ class Entry:
         ValueError
             When it is in a file and cannot be read.
         """
-        if (kept := self.in_memory) is None and self._file is not None:
-            return self._file.estimate_of(self.number)
-        # It may just have been packed.
-        return kept or unpack(self._packed)
+        kept = self.in_memory
+        return self._file.read_estimate(self) if kept is None else kept
 
     @property
     def in_memory(self) -> Estimate | None:
@@ -186,7 +185,7 @@ class Entry:
     def leave_to(self, file: "EntryFile") -> None:
         """Keep estimate and duty no longer: a file gives them from now on."""
         # In this order: another thread may be reading.
-        self._file = file
+        self._file: EntryFile = file
         self._estimate, self._packed, self._flown = None, b"", None
 
 
@@ -196,12 +195,12 @@ class EntryFile(Protocol):
     Both methods raise ``ValueError`` when they cannot be read.
     """
 
-    def estimate_of(self, number: int) -> Estimate:
-        """Return the estimate of the test of a number."""
+    def read_estimate(self, entry: Entry) -> Estimate:
+        """Return the estimate of a test."""
         ...
 
-    def duty_of(self, number: int) -> FlownDuty | None:
-        """Return the duty before the test of a number; None where it is not known."""
+    def read_duty(self, entry: Entry) -> FlownDuty | None:
+        """Return the duty before a test; None where it is not known."""
         ...
 
 
@@ -258,6 +257,14 @@ def count_of(record: Mapping[str, Any]) -> Count:
     return Count(whole(record, "stamp_ns"), record["hours"], whole(record, "cycles"))
 
 
+def cycles_of(record: Mapping[str, Any]) -> int:
+    """Return the cycles of a record; raise ``ValueError`` where they are impossible."""
+    cycles = whole(record, "cycles")
+    if not 0 <= cycles <= _MOST_KEPT_CYCLES:
+        raise ValueError(f"cycles = {cycles}: expected one in [0, {_MOST_KEPT_CYCLES:g}]")
+    return cycles
+
+
 @as_value_error()
 def entry_of(text: str) -> Entry | UnusedCycle:
     """Return the test that a text of ``as_text`` describes.
@@ -268,30 +275,15 @@ def entry_of(text: str) -> Entry | UnusedCycle:
         When it describes none.
     """
     record: dict[str, Any] = json.loads(text)
-    flown = _duty_in(record)
+    flown = FlownDuty.of_record(record["duty"]) if "duty" in record else None
     if "estimate" not in record:
         return UnusedCycle(whole(record, "end_ns"), flown)
     hours, count = record["hours"], record["count"]
+    whole(record["estimate"], "end_ns")
     return Entry(
         estimate_of(record["estimate"]),
         math.nan if hours is None else hours,
-        whole(record, "cycles"),
+        cycles_of(record),
         count_of(count) if count else None,
         flown,
     )
-
-
-@as_value_error()
-def duty_of(text: str) -> FlownDuty | None:
-    """Return the duty in a text of ``as_text``; None where it is not known.
-
-    Raises
-    ------
-    ValueError, KeyError, TypeError
-        When it describes no test.
-    """
-    return _duty_in(json.loads(text))
-
-
-def _duty_in(record: Mapping[str, Any]) -> FlownDuty | None:
-    return FlownDuty.of_record(record["duty"]) if "duty" in record else None

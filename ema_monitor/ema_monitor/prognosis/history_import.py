@@ -15,6 +15,7 @@ from ema_monitor.prognosis.history_entry import (
     UnusedCycle,
     as_value_error,
     count_of,
+    cycles_of,
     whole,
 )
 
@@ -36,11 +37,13 @@ def import_lines(
         When it cannot be read.
     """
     # What follows the last line break is a line that a kill cut off.
-    *whole, rest = path.read_bytes().split(b"\n")
-    header, *lines = whole or [b""]
+    *complete, rest = path.read_bytes().split(b"\n")
+    header, *lines = complete or [b""]
     tests: list[Entry | UnusedCycle] = []
     number = 1
-    result = f"without line {len(whole) + 1}, which is cut off" if rest else "which stays as it is"
+    result = (
+        f"without line {len(complete) + 1}, which is cut off" if rest else "which stays as it is"
+    )
     try:
         values = _values(header)
         if values.get("format") not in _FORMATS:
@@ -72,9 +75,10 @@ def _test(values: dict[str, Any]) -> Entry | UnusedCycle:
     for name in ("unobservable", "insignificant"):
         estimate[name] = [FAULT_NAMES[number] for number in np.flatnonzero(estimate[name])]
     count, hours = values.get("count"), values["hours"]
+    whole(estimate, "end_ns")
     return Entry(
         estimate_of(estimate),
         math.nan if count or hours is None else hours,
-        whole(values, "cycles"),
+        cycles_of(values),
         count_of(count) if count else None,
     )

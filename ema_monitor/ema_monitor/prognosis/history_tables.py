@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from ema_core.description import UnitKey
-from ema_monitor.duty.flown import FlownDuty
 from ema_monitor.prognosis.assessment import Assessment, assessment_from, assessment_text
-from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_text, duty_of, entry_of
+from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_text, entry_of
 
 SCHEMA_VERSION: Final = 6
 """``user_version`` of the database.
@@ -154,28 +153,13 @@ def read_test(db: sqlite3.Connection, number: int) -> Test:
     ValueError, KeyError, TypeError
         When it is not there, or damaged.
     """
-    return entry_of(_record(db, number))
-
-
-def read_duty(db: sqlite3.Connection, number: int) -> FlownDuty | None:
-    """Return the duty before the test of a number; None where it is not known.
-
-    Raises
-    ------
-    ValueError, KeyError, TypeError
-        When it is not there, or damaged.
-    """
-    return duty_of(_record(db, number))
-
-
-def _record(db: sqlite3.Connection, number: int) -> str:
     row = db.execute("SELECT record, crc32 FROM test WHERE number = ?", (number,)).fetchone()
     if row is None:
         raise ValueError("it is missing")
     record, checksum = row
     if zlib.crc32(str(record).encode()) != checksum:
         raise ValueError("its checksum is wrong")
-    return record
+    return entry_of(record)
 
 
 def read_tests(db: sqlite3.Connection, unit: UnitKey, add: Callable[[Test], None]) -> Head:

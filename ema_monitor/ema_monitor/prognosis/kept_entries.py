@@ -28,10 +28,10 @@ class KeptEntries(Sequence[Entry]):
         self._file = file
         self._left: PackedRows[EntryRow] = PackedRows(EntryRow, _TYPES)
         self._kept: dict[int, Entry] = {}
-        self._number = 0
+        self._size = 0
 
     def __len__(self) -> int:
-        return self._number
+        return self._size
 
     @overload
     def __getitem__(self, place: int) -> Entry: ...
@@ -55,9 +55,9 @@ class KeptEntries(Sequence[Entry]):
 
     def append(self, entry: Entry) -> None:
         """Add a test."""
-        self._kept[self._number] = entry
-        self._number += 1
-        if (earlier := self._kept.get(self._number - LATEST - 1)) is not None:
+        self._kept[self._size] = entry
+        self._size += 1
+        if (earlier := self._kept.get(self._size - LATEST - 1)) is not None:
             earlier.pack()
 
     def leave(self, tests: int) -> None:
@@ -68,7 +68,7 @@ class KeptEntries(Sequence[Entry]):
         tests
             How many test cycles it has.
         """
-        while (place := len(self._left)) < self._number - LATEST:
+        while (place := len(self._left)) < self._size - LATEST:
             entry = self._kept[place]
             if entry.number > tests:
                 return
@@ -78,12 +78,10 @@ class KeptEntries(Sequence[Entry]):
             del self._kept[place]
 
     def take_back(self, entries: Sequence[Entry]) -> None:
-        """Keep these tests alone from now on, none of which is left to the file."""
-        for entry in entries[:-LATEST]:
-            entry.pack()
+        """Keep these tests alone from now on, which are no more than before; none is left."""
         # In this order: another thread may be reading.
+        self._size = len(entries)
         self._kept = dict(enumerate(entries))
-        self._number = len(entries)
         self._left = PackedRows(EntryRow, _TYPES)
 
     def in_memory(self) -> dict[int, Entry]:

@@ -72,13 +72,7 @@ class Prognostics:
         self._requirements_of = requirements_of
         self._lock = threading.RLock()
         self._settings = settings = settings or PrognosisSettings()
-        self.growth = GrowthRecord(
-            settings.limits,
-            self._tracker_settings(settings),
-            history.entries,
-            history.growth,
-            settings.damage,
-        )
+        self.growth = self._growth_of_all(history.growth)
         history.growth = b""
         # Tests of the state of the tracker that was kept last.
         self._kept_tests = self.growth.kept_tests
@@ -134,7 +128,7 @@ class Prognostics:
                 cycles = self.history.unused_cycles + is_new
                 flown = together(self.history.unused_duty, flown)
                 entry, ignored = self._entry(estimate, cycles, count, flown)
-                events = [*ignored, *self._oddities(entry), *self.growth.add(entry)]
+                events = [*ignored, *self._oddities(entry), *self._grow(entry)]
                 self.history.append(entry)
                 self._events = (*self._events, *events)
             return self._outlook_with_events(parameters)
@@ -251,10 +245,37 @@ class Prognostics:
         is_other_fleet = old.fleet is not settings.fleet
         assumed = (settings.limits, settings.tracker, settings.damage)
         if is_other_fleet or (old.limits, old.tracker, old.damage) != assumed:
-            tracker = self._tracker_settings(settings)
-            entries = self.history.entries
-            self.growth = GrowthRecord(settings.limits, tracker, entries, damage=settings.damage)
-            self._kept_tests = 0
+            self._find_growth_anew()
+
+    def _growth_of_all(self, kept: bytes = b"") -> GrowthRecord:
+        """Return what all tests so far say, those that are known in what was kept included."""
+        settings = self._settings
+        return GrowthRecord(
+            settings.limits,
+            self._tracker_settings(settings),
+            self.history.entries,
+            kept,
+            settings.damage,
+        )
+
+    def _grow(self, entry: Entry) -> list[str]:
+        """Add a test to what is known of growth; return its events, in words."""
+        try:
+            return self.growth.add(entry)
+        except Exception as error:
+            # It has the test in part, or rests on one that its history has lost.
+            event = f"growth is found anew from all tests, as the next could not be added: {error}"
+            self._find_growth_anew()
+        try:
+            return [event, *self.growth.add(entry)]
+        except Exception:
+            # The test enters neither growth nor history.
+            self._find_growth_anew()
+            raise
+
+    def _find_growth_anew(self) -> None:
+        self.growth = self._growth_of_all()
+        self._kept_tests = 0
 
     def _tracker_settings(self, settings: PrognosisSettings) -> TrackerSettings:
         """Return what the tracker assumes, with what the other units of the fleet say."""

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import takewhile
+from itertools import dropwhile, takewhile
 from typing import Final, NamedTuple, Self
 
 import numpy as np
@@ -111,11 +111,13 @@ class ServiceHours:
         self.latest: Entry | None = None
         self.unknown = ""
         # Tests since the latest used one, that of the held count among them.
-        self._waiting: list[Entry] = []
+        self._waiting = timed_tests()
         self._held: TimedTest | None = None
         # The first test with the latest count.
         self._counted: Entry | None = None
-        # Of those used: how many hours a test cycle there are, and the most.
+        # Of those used: how many are not counted, how many hours a test cycle there are, and the
+        # most.
+        self._uncounted = 0
         self._rates = 0
         self._most_rate = 0.0
 
@@ -154,7 +156,7 @@ class ServiceHours:
                 self._accept(TimedTest.of(entry, max(entry.hours, least)))
             return []
         if self._counted is not None and entry.count == self._counted.count:
-            self._waiting.append(entry)
+            self._waiting.append(TimedTest.of(entry, math.nan))
             tests = entry.cycles - self._counted.cycles + 1
             if self._held is None:
                 is_old = tests > MOST_TESTS
@@ -165,11 +167,10 @@ class ServiceHours:
 
     def _drop_uncounted(self) -> list[str]:
         """Leave out tests at hours by test cycles: they do not mix with counted ones."""
-        is_counted = self.used.column("is_counted")
-        dropped = int(np.sum(~is_counted))
-        if not dropped:
+        if not (dropped := self._uncounted):
             return []
-        self.used, self._rates, self._most_rate = self.used.only(is_counted), 0, 0.0
+        self.used = self.used.only(self.used.column("is_counted"))
+        self._uncounted, self._rates, self._most_rate = 0, 0, 0.0
         return [
             f"service hours are counted from now on: {_tests(dropped)} before, at hours by "
             "hours_per_cycle, left out"
@@ -189,7 +190,7 @@ class ServiceHours:
         change = f"from {self.used[-1].hours:g} h to {test.hours:g} h"
         if held is None or not self._is_plausible(held, test):
             self._held = test
-            self._waiting.append(entry)
+            self._waiting.append(test)
             self.unknown = (
                 f"service hours went {change}: the test waits for the next count to confirm it"
             )
@@ -200,8 +201,8 @@ class ServiceHours:
             event += f": {_tests(dropped)} at more than {held.hours:g} h left out"
             self.used = self.used.only(are_kept)
             # There are no hours between those before the held test and its own.
-            before = takewhile(lambda one: one.stamp_ns != held.stamp_ns, self._waiting)
-            del self._waiting[: len(list(before))]
+            since = dropwhile(lambda one: one.stamp_ns != held.stamp_ns, self._waiting)
+            self._waiting = timed_tests(since)
         self._use(held)
         self._accept(test)
         return [event]
@@ -223,16 +224,18 @@ class ServiceHours:
 
     def _use(self, test: TimedTest) -> None:
         """Use a test, and before it those that waited, at interpolated hours."""
-        earlier = list(takewhile(lambda one: one.stamp_ns != test.stamp_ns, self._waiting))
-        self._waiting = self._waiting[len(earlier) + 1 :]
+        waiting = list(self._waiting)
+        earlier = list(takewhile(lambda one: one.stamp_ns != test.stamp_ns, waiting))
+        self._waiting = timed_tests(waiting[len(earlier) + 1 :])
         if self.used:
             last = self.used[-1]
             span = max(test.stamp_ns - last.stamp_ns, 1)
-            for entry in earlier:
-                share = min(max((entry.stamp_ns - last.stamp_ns) / span, 0.0), 1.0)
+            for one in earlier:
+                share = min(max((one.stamp_ns - last.stamp_ns) / span, 0.0), 1.0)
                 hours = last.hours + share * (test.hours - last.hours)
-                self.used.append(TimedTest.of(entry, max(hours, self.used[-1].hours)))
+                self.used.append(one._replace(hours=max(hours, self.used[-1].hours)))
         self.used.append(test)
+        self._uncounted += not test.is_counted
         self._held, self.unknown = None, ""
 
 
