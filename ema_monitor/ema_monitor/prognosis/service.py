@@ -163,7 +163,7 @@ class ServiceHours:
                 self.unknown = f"{_STOPPED} is {counted(tests, 'test')} old" if is_old else ""
             return []
         self._counted = entry
-        return self._drop_uncounted() + self._check(entry, entry.count.hours)
+        return self._drop_uncounted() + self._check(TimedTest.of(entry, entry.count.hours))
 
     def _drop_uncounted(self) -> list[str]:
         """Leave out tests at hours by test cycles: they do not mix with counted ones."""
@@ -176,9 +176,9 @@ class ServiceHours:
             "hours_per_cycle, left out"
         ]
 
-    def _check(self, entry: Entry, hours: float) -> list[str]:
+    def _check(self, test: TimedTest) -> list[str]:
         """Use a test with a new count, or hold it until the next count."""
-        test, held = TimedTest.of(entry, hours), self._held
+        held = self._held
         if not self.used or self._is_plausible(self.used[-1], test):
             self._accept(test)
             if held is None:
