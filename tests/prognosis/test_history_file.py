@@ -278,8 +278,10 @@ def test_hash_that_is_none_is_a_broken_chain(path: Path, chain: object):
         ("count", {"stamp_ns": 2**63, "hours": 1.0, "cycles": 1}),
     ],
 )
-def test_record_with_an_impossible_value_is_damaged(path: Path, name: str, value: object):
-    kept(path)
+def test_record_with_an_impossible_value_is_damaged_and_the_other_tests_are_kept(
+    path: Path, name: str, value: object
+):
+    kept(path, 4)
     with closing(sqlite3.connect(path)) as db, db:
         (text,) = db.execute("SELECT record FROM test WHERE number = 3").fetchone()
         record = json.loads(text)
@@ -288,8 +290,10 @@ def test_record_with_an_impossible_value_is_damaged(path: Path, name: str, value
         row = (text, zlib.crc32(text.encode()))
         db.execute("UPDATE test SET record = ?, crc32 = ? WHERE number = 3", row)
     found, problem = hours(path)
-    assert found == [0.0, 10.0]
+    assert found == [0.0, 10.0, 30.0]
     assert "set aside" in problem
+    assert "test 3 does not follow from the one before it" in problem
+    assert hours(path) == (found, "")
 
 
 def test_record_that_is_no_text_is_damaged_and_the_other_tests_are_kept(path: Path):

@@ -185,7 +185,7 @@ def read_tests(db: sqlite3.Connection, unit: UnitKey, add: Callable[[Test], None
 
     Raises
     ------
-    ValueError, KeyError, TypeError
+    ValueError
         After the last test, when not all are there as they were written; the message names the
         places.
     """
@@ -205,7 +205,11 @@ def read_tests(db: sqlite3.Connection, unit: UnitKey, add: Callable[[Test], None
                 "one was deleted, doubled, swapped or changed there"
             )
         head = Head(number, chain if isinstance(chain, bytes) else b"")
-        test = entry_of(record) if is_whole else None
+        try:
+            test = entry_of(record) if is_whole else None
+        except (ValueError, KeyError, TypeError) as error:
+            damage.append(f"test {number} is damaged: {error}")
+            test = None
         is_joined = test is not None and ((is_linked and is_joined) or test.stamp_ns > latest_ns)
         if test is not None and is_joined:
             latest_ns = max(latest_ns, test.stamp_ns)
