@@ -88,7 +88,8 @@ def usage_of(used: PackedRows[TimedTest]) -> float:
     if not used:
         return math.nan
     last = used[-1]
-    first = used[int(np.argmax(used.column("stamp_ns") >= last.stamp_ns - _RECENT_NS))]
+    latest_ns = np.maximum.accumulate(used.column("stamp_ns"))
+    first = used[int(np.searchsorted(latest_ns, last.stamp_ns - _RECENT_NS))]
     span_ns = last.stamp_ns - first.stamp_ns
     if span_ns < _LEAST_NS:
         return math.nan

@@ -220,10 +220,10 @@ class DutyRecord:
         )
         elapsed = np.diff(hours)
         least = np.maximum(self._settings.least_coverage * elapsed, 1e-12)
+        least = np.where(elapsed > 0.0, least, np.inf)
         # Beyond the hours in service the unit moved on the ground; what is not covered was alike.
-        within = np.where((telemetry >= least) & (elapsed > 0.0), telemetry, np.nan)
-        within = np.minimum(within, elapsed)
-        known = np.where((warm >= least) & (elapsed > 0.0), warm, np.nan)
+        within = np.minimum(np.where(telemetry >= least, telemetry, np.nan), elapsed)
+        known = np.where(warm >= least, warm, np.nan)
         rate = np.stack([wear / within, ageing / known])
         course = DutyCourse(self._settings, hours, rate, travel / within)
         return course if course.is_known else None
