@@ -20,7 +20,7 @@ ROWS = [Row(2**63 - 1, 0.1, True), Row(-(2**63), -0.0, False), Row(7, math.inf, 
 
 
 def packed(rows: list[Row]) -> PackedRows[Row]:
-    made: PackedRows[Row] = PackedRows(Row, {"stamp_ns": "i8", "hours": "f8", "is_counted": "?"})
+    made = PackedRows(Row)
     for row in rows:
         made.append(row)
     return made

@@ -26,8 +26,7 @@ class _UnitCounts:
     """Counts of one unit, the first of each second, in little memory."""
 
     def __init__(self) -> None:
-        types = {"stamp_ns": "i8", "hours": "f8", "cycles": "i8"}
-        self._rows: PackedRows[_Row] = PackedRows(_Row, types)
+        self._rows = PackedRows(_Row)
 
     def add(self, count: Count) -> None:
         row = _Row(count.stamp_ns, count.hours, count.cycles)

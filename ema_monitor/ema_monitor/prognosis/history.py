@@ -157,10 +157,7 @@ class History:
         ValueError
             When it cannot be read.
         """
-        test = self._in_file(entry.number)
-        if not isinstance(test, Entry) or test.stamp_ns != entry.stamp_ns:
-            raise ValueError(f"test {entry.number} of {self.unit} is another one in the file")
-        return test.estimate
+        return self._left(entry).estimate
 
     def read_duty(self, entry: Entry) -> FlownDuty | None:
         """Return the duty before a test that is left to the file; None where it is not known.
@@ -170,7 +167,14 @@ class History:
         ValueError
             When it cannot be read.
         """
-        return self._in_file(entry.number).flown
+        return self._left(entry).flown
+
+    def _left(self, entry: Entry) -> Entry:
+        """Return a test as it is in the file; ``ValueError`` when it cannot be read."""
+        test = self._in_file(entry.number)
+        if not isinstance(test, Entry) or test.stamp_ns != entry.stamp_ns:
+            raise ValueError(f"test {entry.number} of {self.unit} is another one in the file")
+        return test
 
     def _in_file(self, number: int) -> Test:
         with self._lock:

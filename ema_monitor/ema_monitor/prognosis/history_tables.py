@@ -140,7 +140,7 @@ def read_assessments(
         (first_ns, last_ns),
     )
     for record, checksum in rows:
-        if zlib.crc32(str(record).encode()) != checksum:
+        if not _is_whole(record, checksum):
             raise ValueError("an assessment is damaged: its checksum is wrong")
         yield assessment_from(record)
 
@@ -157,7 +157,7 @@ def read_test(db: sqlite3.Connection, number: int) -> Test:
     if row is None:
         raise ValueError("it is missing")
     record, checksum = row
-    if zlib.crc32(str(record).encode()) != checksum:
+    if not _is_whole(record, checksum):
         raise ValueError("its checksum is wrong")
     return entry_of(record)
 
@@ -193,7 +193,7 @@ def read_tests(db: sqlite3.Connection, unit: UnitKey, add: Callable[[Test], None
     head, latest_ns, is_joined = empty(unit), -1, True
     rows = db.execute("SELECT number, record, crc32, chain FROM test ORDER BY number")
     for number, record, checksum, chain in rows:
-        is_whole = zlib.crc32(str(record).encode()) == checksum
+        is_whole = _is_whole(record, checksum)
         is_linked = _after(head, record).chain == chain
         if number > head.tests + 1:
             damage.append(_missing(head.tests + 1, number - 1))
@@ -223,6 +223,10 @@ def read_tests(db: sqlite3.Connection, unit: UnitKey, add: Callable[[Test], None
         more = f", and {len(damage) - 1} more of the kind" if len(damage) > 1 else ""
         raise ValueError(f"{damage[0]}{more}")
     return head
+
+
+def _is_whole(record: object, checksum: object) -> bool:
+    return zlib.crc32(str(record).encode()) == checksum
 
 
 def _missing(first: int, last: int) -> str:

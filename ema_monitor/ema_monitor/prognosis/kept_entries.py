@@ -9,8 +9,6 @@ from ema_monitor.prognosis.packed_rows import PackedRows
 LATEST: Final = 20
 """How many are kept as they are."""
 
-_TYPES: Final = dict(zip(EntryRow._fields, ("i8", "i8", "f8", "i8", "i8", "f8", "i8"), strict=True))
-
 
 class KeptEntries(Sequence[Entry]):
     """Valid tests in the order in which they came; any thread may read.
@@ -26,7 +24,7 @@ class KeptEntries(Sequence[Entry]):
 
     def __init__(self, file: EntryFile) -> None:
         self._file = file
-        self._left: PackedRows[EntryRow] = PackedRows(EntryRow, _TYPES)
+        self._left = PackedRows(EntryRow)
         self._kept: dict[int, Entry] = {}
         self._size = 0
 
@@ -82,7 +80,7 @@ class KeptEntries(Sequence[Entry]):
         # In this order: another thread may be reading.
         self._size = len(entries)
         self._kept = dict(enumerate(entries))
-        self._left = PackedRows(EntryRow, _TYPES)
+        self._left = PackedRows(EntryRow)
 
     def in_memory(self) -> dict[int, Entry]:
         """Return those that are not left to a file, by their numbers."""

@@ -1,13 +1,15 @@
 """Rows of numbers in little memory: a history has some for each of thousands of tests."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from functools import cache
 from struct import Struct
-from typing import Any, Final, Generic, Self, TypeVar
+from typing import Any, Final, Generic, Self, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-_CODES: Final = {"i8": "q", "f8": "d", "?": "?"}
+# The same in the formats of struct and numpy.
+_CODES: Final = {int: "q", float: "d", bool: "?"}
 
 Row = TypeVar("Row", bound=tuple[Any, ...])
 
@@ -18,15 +20,12 @@ class PackedRows(Generic[Row]):
     Parameters
     ----------
     kind
-        The named tuple.
-    types
-        The type of each field, in their order: ``i8``, ``f8`` or ``?``.
+        The named tuple; each field is an ``int`` of 64 bits, a ``float`` or a ``bool``.
     """
 
-    def __init__(self, kind: type[Row], types: Mapping[str, str]) -> None:
-        self._kind, self._types = kind, types
-        self._dtype = np.dtype(list(types.items()))
-        self._struct = Struct("=" + "".join(_CODES[one] for one in types.values()))
+    def __init__(self, kind: type[Row]) -> None:
+        self._kind = kind
+        self._struct, self._dtype = _layout(kind)
         self._bits = bytearray()
 
     def append(self, row: Row) -> None:
@@ -62,6 +61,13 @@ class PackedRows(Generic[Row]):
 
     def only(self, which: NDArray[np.bool_]) -> Self:
         """Return the rows that are chosen, ``(n,)``."""
-        chosen = type(self)(self._kind, self._types)
+        chosen = type(self)(self._kind)
         chosen._bits += np.frombuffer(bytes(self._bits), self._dtype)[which].tobytes()
         return chosen
+
+
+@cache
+def _layout(kind: type[tuple[Any, ...]]) -> tuple[Struct, np.dtype[Any]]:
+    """Return how a row of a named tuple lies in memory, for one row and for columns."""
+    codes = {name: _CODES[one] for name, one in get_type_hints(kind).items()}
+    return Struct("=" + "".join(codes.values())), np.dtype(list(codes.items()))

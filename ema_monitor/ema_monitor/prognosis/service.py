@@ -77,8 +77,7 @@ class TimedTest(NamedTuple):
 
 def timed_tests(tests: Iterable[TimedTest] = ()) -> PackedRows[TimedTest]:
     """Return tests in little memory, to which more can be added."""
-    types = {"stamp_ns": "i8", "hours": "f8", "cycles": "i8", "is_counted": "?"}
-    packed: PackedRows[TimedTest] = PackedRows(TimedTest, types)
+    packed = PackedRows(TimedTest)
     for test in tests:
         packed.append(test)
     return packed

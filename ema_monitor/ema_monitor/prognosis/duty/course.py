@@ -200,9 +200,8 @@ class DutyRecord:
 
     def __init__(self, settings: DamageSettings) -> None:
         self._settings = settings
-        types = dict.fromkeys(_Passed._fields, "f8") | {"stamp_ns": "i8"}
-        self._passed: PackedRows[_Passed] = PackedRows(_Passed, types)
-        self._latest = np.zeros(len(types) - 1)
+        self._passed = PackedRows(_Passed)
+        self._latest = np.zeros(len(_Passed._fields) - 1)
 
     def add(self, entry: Entry) -> None:
         """Add the next test."""
