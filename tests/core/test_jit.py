@@ -19,11 +19,13 @@ PROBE = "ema_probe_kernels"
 
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A package that counts as one with kernels."""
+    """A package that counts as one with kernels, in its module `outer`."""
     folder = tmp_path / PROBE
     folder.mkdir()
     (folder / "__init__.py").write_text("")
+    (folder / "outer.py").write_text(f"from {PROBE} import (\n    inner,\n)\nimport math\n")
     (folder / "inner.py").write_text("FACTOR = 1\n")
+    (folder / "other.py").write_text("FACTOR = 1\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(_jit, "_KERNEL_PACKAGES", (PROBE, "ema_package_that_is_not_installed"))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
@@ -31,26 +33,27 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def cache_folder() -> Path:
-    """Where kernels would go if the process started now."""
-    return Path(_jit._cache_folder.__wrapped__())
+    """Where kernels of the module would go if the process started now."""
+    _jit._source.cache_clear()
+    return Path(_jit._cache_folder.__wrapped__(f"{PROBE}.outer"))
 
 
-def test_cache_folder_follows_the_sources(package):
+def test_cache_folder_follows_the_sources_that_a_module_imports(package):
     before = cache_folder()
     assert cache_folder() == before
-    (package / "inner.py").write_text("FACTOR = 2\n")
+    (package / "inner.py").write_text(f"from {PROBE}.deep.kernels import FACTOR\n")
     changed = cache_folder()
     assert changed != before
     (package / "deep").mkdir()
     (package / "deep" / "kernels.py").write_text("FACTOR = 3\n")
     assert cache_folder() not in (before, changed)
-    (package / "deep" / "kernels.py").unlink()
     (package / "inner.py").write_text("FACTOR = 1\n")
     assert cache_folder() == before
 
 
-def test_cache_folder_ignores_what_is_no_source(package):
+def test_cache_folder_ignores_what_its_module_does_not_import(package):
     before = cache_folder()
+    (package / "other.py").write_text("FACTOR = 2\n")
     (package / "notes.txt").write_text("nothing\n")
     assert cache_folder() == before
 
