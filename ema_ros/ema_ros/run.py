@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -38,91 +38,49 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     Returns
     -------
     int
-        Exit code of the process: 0, or 1 when the node did not come up.
-    """
-    return run_together([make_node], args)
-
-
-def run_together(
-    make_nodes: Sequence[Callable[[], ManagedNode]], args: list[str] | None = None
-) -> int:
-    """Run nodes in one process until it is asked to stop, or all have done their work.
-
-    Each is served by a thread of its own. They end in the order in which they are given.
-
-    Parameters
-    ----------
-    make_nodes, args
-        As of ``run``.
-
-    Returns
-    -------
-    int
-        Exit code of the process: 0, or 1 when a node did not come up or failed.
+        Exit code of the process: 0, or 1 when the node did not come up or failed.
     """
     allocate_compactly()
     stop_signals: list[int] = []
     for number in _SIGNALS:
         # An event could be in the middle of a wait here, and its lock taken.
         signal.signal(number, lambda number, _: stop_signals.append(number))
-    nodes: list[ManagedNode] = []
     # rclpy's own handlers would close the context at once: nothing could be published at the end.
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        nodes.extend(make_node() for make_node in make_nodes)
-        for node in nodes:
-            node.is_interrupted = lambda: bool(stop_signals)
+        node = make_node()
     except (ValueError, RuntimeError) as error:
         get_logger(Path(sys.argv[0]).stem).fatal(str(error))
-        for node in nodes:
-            node.destroy_node()
         try_shutdown()
         return 1
-    served = [_Served(node) for node in nodes if node.bring_up() or _has_not_come_up(node)]
-    while served and not stop_signals:
-        for one in [one for one in served if one.node.finished.is_set()]:
-            one.end()
-            served.remove(one)
-        time.sleep(_POLL_S)
-    for one in served:
-        one.end()
+    node.is_interrupted = lambda: bool(stop_signals)
+    if node.bring_up():
+        _serve(node, stop_signals)
+    else:
+        node.exit_code = int(not stop_signals)
     for number in _SIGNALS:
         # A launcher may send them twice, and the interpreter gives up its handlers as it ends.
         signal.signal(number, signal.SIG_IGN)
-    exit_code = max(node.exit_code for node in nodes)
-    for node in nodes:
-        node.destroy_node()
+    node.destroy_node()
     rclpy.shutdown()
-    _end_if_stuck(exit_code)
-    return exit_code
+    _end_if_stuck(node.exit_code)
+    return node.exit_code
 
 
-def _has_not_come_up(node: ManagedNode) -> bool:
-    """Record that a node has failed, unless it was asked to end; it is not served."""
-    node.exit_code = 0 if node.is_interrupted() else 1
-    return False
-
-
-class _Served:
-    """A node that is up, and the thread that serves it."""
-
-    def __init__(self, node: ManagedNode) -> None:
-        self.node = node
-        self._executor = NodeExecutor(partial(_log_failure, node))
-        self._executor.add_node(node)
-        name = f"executor of {node.get_name()}"
-        self._thread = threading.Thread(
-            target=_spin, args=(self._executor, node), name=name, daemon=True
-        )
-        self._thread.start()
-
-    def end(self) -> None:
-        """Stop serving the node, and shut it down."""
-        self.node.stopping.set()
-        self._thread.join(_PATIENCE_S)
-        self._executor.shutdown(_PATIENCE_S)
-        if self.node.state != "finalized":
-            self.node.trigger_shutdown()
+def _serve(node: ManagedNode, stop_signals: list[int]) -> None:
+    """Serve a node in a thread until it has finished or a signal came, and shut it down."""
+    executor = NodeExecutor(partial(_log_failure, node))
+    executor.add_node(node)
+    name = f"executor of {node.get_name()}"
+    thread = threading.Thread(target=_spin, args=(executor, node), name=name, daemon=True)
+    thread.start()
+    while not stop_signals and not node.finished.is_set():
+        time.sleep(_POLL_S)
+    node.stopping.set()
+    thread.join(_PATIENCE_S)
+    executor.shutdown(_PATIENCE_S)
+    if node.state != "finalized":
+        node.trigger_shutdown()
 
 
 def _spin(executor: NodeExecutor, node: ManagedNode) -> None:

@@ -217,7 +217,7 @@ def health_in(bag: Path) -> list[Any]:
 
 @pytest.mark.parametrize(
     "options",
-    [(), ("--one-process",), ("--actuators", "left,right", "--monitors", "2")],
+    [(), ("--actuators", "left,right", "--monitors", "2")],
 )
 def test_nodes_run_under_one_command_until_ctrl_c(tmp_path, options):
     bag = tmp_path / "bag"
@@ -262,7 +262,6 @@ def test_wrong_usage_is_refused_before_anything_starts(ema):
     assert result.exit_code == 1
     assert "-p 'rate=2': expected name:=value" in result.stderr
     for options, reason in (
-        (("--one-process", "--monitors", "2"), "--one-process: has one of each node"),
         (("--actuators", "left", "monitor"), "--actuators left: expected the node actuator"),
         (("--actuators", "left,left"), "--actuators left,left: expected names that differ"),
         (("--actuators", "left wing"), "--actuators 'left wing': expected letters"),

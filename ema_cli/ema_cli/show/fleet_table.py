@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from typing import Final, NamedTuple
+from typing import Final
 
 import click
 from rich.box import SIMPLE_HEAD
@@ -17,27 +17,8 @@ from ema_cli.show.terminal_display import TerminalDisplay
 from ema_core.wording import counted
 
 _LINES_BESIDE: Final = 6
-_LEAST_WHY: Final = 24
-"""Columns that the reasons need beside the others; in fewer they stand below."""
-
-
-class _Form(NamedTuple):
-    """How much a table shows."""
-
-    has_index: bool
-    has_age: bool
-    has_interval: bool
-    has_why: bool
-
-
-# From the fullest to the leanest.
-_FORMS: Final = (
-    _Form(True, True, True, True),
-    _Form(True, True, True, False),
-    _Form(False, True, True, False),
-    _Form(False, False, True, False),
-    _Form(False, False, False, False),
-)
+_REASONS: Final = 3
+"""Number of actuators, the worst first, whose reasons are shown."""
 
 
 class FleetTable(TerminalDisplay):
@@ -70,53 +51,34 @@ class FleetTable(TerminalDisplay):
         self._said = state
 
     def _table(self, rows: Sequence[Row], state: str) -> Table:
-        """Return the fullest table that the terminal is wide enough for."""
-        *fuller, leanest = _FORMS
-        for form in fuller:
-            others = self._table_in(form._replace(has_why=False), rows, state)
-            # What is too wide is measured as just as wide as the terminal.
-            room = self._console.width - self._console.measure(others).maximum
-            if room > _LEAST_WHY * form.has_why:
-                return self._table_in(form, rows, state)
-        return self._table_in(leanest, rows, state)
-
-    def _table_in(self, form: _Form, rows: Sequence[Row], state: str) -> Table:
+        shown = rows[: max(3, self._console.height - _LINES_BESIDE)]
+        reasons = [f"{row.actuator_id}: {row.why}" for row in shown[:_REASONS] if row.why]
         table = Table(
             title=f"{counted(len(rows), 'actuator')} {self._title}",
             title_justify="left",
-            caption="\n".join(filter(None, (*_reasons(rows, form), state))),
+            caption="\n".join(filter(None, (*reasons, state))),
             caption_justify="left",
             box=SIMPLE_HEAD,
             show_edge=False,
             padding=(0, 1, 0, 0),
         )
-        table.add_column("actuator", no_wrap=True)
+        table.add_column("actuator")
         table.add_column("level", no_wrap=True)
-        if form.has_index:
-            table.add_column("index", justify="right", no_wrap=True)
-        table.add_column("dominant (limit)", no_wrap=True)
-        table.add_column(
-            "RUL [h]\n50 % (5 to 95)" if form.has_interval else "RUL [h]",
-            justify="right",
-            no_wrap=True,
-        )
-        table.add_column("remove\nbefore", justify="right", no_wrap=True)
-        if form.has_age:
-            table.add_column("last\ntest", justify="right", no_wrap=True)
-        if form.has_why:
-            table.add_column("why")
-        for row in rows[: max(3, self._console.height - _LINES_BESIDE)]:
-            cells = [
+        table.add_column("index", justify="right", no_wrap=True)
+        table.add_column("dominant (limit)")
+        table.add_column("RUL [h]\n50 % (5 to 95)", justify="right")
+        table.add_column("remove\nbefore", justify="right")
+        table.add_column("last\ntest", justify="right")
+        for row in shown:
+            table.add_row(
                 Text(_name(row, rows)),
                 Text(level_in_words(row.level), COLOURS[row.level]),
-                *([_index(row)] * form.has_index),
+                _index(row),
                 Text(row.dominant or "-"),
-                _life(row, form),
+                _life(row),
                 row.remove_before or "-",
-                *([age_in_words(row.test_age_s)] * form.has_age),
-                *([Text(row.why)] * form.has_why),
-            ]
-            table.add_row(*cells)
+                age_in_words(row.test_age_s),
+            )
         return table
 
 
@@ -130,13 +92,6 @@ def age_in_words(seconds: float) -> str:
     return f"{seconds:.0f} s"
 
 
-def _reasons(rows: Sequence[Row], form: _Form) -> list[str]:
-    """Return why the worst actuators are what they are, where the table has no place for it."""
-    if form.has_why:
-        return []
-    return [f"{row.actuator_id}: {row.why}" for row in rows[:3] if row.why]
-
-
 def _name(row: Row, rows: Sequence[Row]) -> str:
     several = len({other.place for other in rows}) > 1
     return f"{row.place}/{row.actuator_id}" if several else row.actuator_id
@@ -146,16 +101,16 @@ def _index(row: Row) -> str:
     return f"{row.health_index:.2f}" if math.isfinite(row.health_index) else "-"
 
 
-def _life(row: Row, form: _Form) -> str:
+def _life(row: Row) -> str:
     if row.life is None:
         return "unknown"
     low, median, high = (f"{hours:,.0f}" if math.isfinite(hours) else "more" for hours in row.life)
-    return f"{median} ({low} to {high})" if form.has_interval else median
+    return f"{median} ({low} to {high})"
 
 
 def _line(row: Row) -> str:
     """Return an actuator as one plain line."""
-    life = _life(row, _FORMS[0])
+    life = _life(row)
     parts = (
         level_in_words(row.level),
         f"{row.place}/{row.actuator_id} ({row.serial_number})",

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import takewhile
-from typing import Final, NamedTuple
+from typing import Final
 
 import click
 import numpy as np
@@ -18,27 +18,6 @@ from ema_core.faults import FAULT_NAMES, FAULTS
 from ema_core.levels import LEVEL_NAMES
 
 _LINES_BESIDE: Final = 8
-
-
-class _Form(NamedTuple):
-    """How much a table shows."""
-
-    arrow: str
-    plus_minus: str
-    has_latency: bool
-
-    @property
-    def heading(self) -> str:
-        return f"true{self.arrow}estimated" + (f"{self.plus_minus}sigma" * bool(self.plus_minus))
-
-
-# From the fullest to the leanest.
-_FORMS: Final = (
-    _Form(" → ", " ± ", True),
-    _Form("→", "±", True),
-    _Form("→", "", True),
-    _Form("→", "", False),
-)
 
 
 class LiveTable(TerminalDisplay):
@@ -71,16 +50,9 @@ class LiveTable(TerminalDisplay):
             self._written += 1
 
     def _table(self, diagnoses: Sequence[Diagnosis], state: str) -> Table:
-        """Return the fullest table that the terminal is wide enough for."""
-        *fuller, leanest = (self._table_in(form, diagnoses, state) for form in _FORMS)
-        width = self._console.width
-        # What is too wide is measured as just as wide as the terminal.
-        return next((one for one in fuller if self._console.measure(one).maximum < width), leanest)
-
-    def _table_in(self, form: _Form, diagnoses: Sequence[Diagnosis], state: str) -> Table:
         cause = _since(diagnoses) if diagnoses and diagnoses[-1].cause else ""
         table = Table(
-            title=f"normalised faults: {form.heading}",
+            title="normalised faults: true→estimated±sigma",
             title_justify="left",
             caption="\n".join(filter(None, (cause, state))),
             caption_justify="left",
@@ -90,19 +62,17 @@ class LiveTable(TerminalDisplay):
         )
         table.add_column("cycle", justify="right")
         for i in self._faults:
-            table.add_column(FAULTS[i].label, justify="center")
+            table.add_column(FAULTS[i].label, justify="center", overflow="fold")
         table.add_column("level")
-        if form.has_latency:
-            table.add_column("latency", justify="right")
+        table.add_column("latency", justify="right")
         for one in diagnoses[-max(3, self._console.height - _LINES_BESIDE) :]:
             level = Text(_level(one), COLOURS.get(-1 if one.level is None else one.level, ""))
-            faults = [Text(_figures(one, i, form), no_wrap=True) for i in self._faults]
-            latency = [f"{one.latency_s:.2f} s"] if form.has_latency else []
-            table.add_row(_cycle(one), *faults, level, *latency)
+            faults = [_figures(one, i).replace(" ", "") for i in self._faults]
+            table.add_row(_cycle(one), *faults, level, f"{one.latency_s:.2f} s")
         return table
 
     def _line(self, one: Diagnosis) -> str:
-        faults = [f"{FAULTS[i].label} {_figures(one, i, _FORMS[0])}" for i in self._faults]
+        faults = [f"{FAULTS[i].label} {_figures(one, i)}" for i in self._faults]
         parts = [f"cycle {_cycle(one):>3}", *faults, f"{_level(one):5}", f"{one.latency_s:.2f} s"]
         return "   ".join(filter(None, (*parts, one.cause if one.valid else one.reason)))
 
@@ -123,10 +93,9 @@ def _level(one: Diagnosis) -> str:
     return "-" if one.level is None else LEVEL_NAMES[one.level]
 
 
-def _figures(one: Diagnosis, i: int, form: _Form) -> str:
+def _figures(one: Diagnosis, i: int) -> str:
     true = "?" if one.truth is None else f"{one.truth[i]:.3f}"
     if not one.valid:
-        return f"{true}{form.arrow}{'no estimate' if form.plus_minus else 'none'}"
+        return f"{true} → none"
     sigma = "?" if np.isnan(one.sigma[i]) else f"{one.sigma[i]:.3f}"
-    uncertainty = f"{form.plus_minus}{sigma}" if form.plus_minus else ""
-    return f"{true}{form.arrow}{one.faults[i]:.3f}{uncertainty}"
+    return f"{true} → {one.faults[i]:.3f} ± {sigma}"
