@@ -186,7 +186,13 @@ build() {
     colcon=$(command -v colcon)
     if [[ -z $native ]]; then
         cmake_args+=(-GNinja "-DCMAKE_PROJECT_INCLUDE=$root/tools/wheel_includes.cmake")
+        cmake_args+=(-DEMA_FOR_RCLPY_ALONE=ON)
     fi
+    # Else colcon stops starting compilers at a load of the number of cores, which is the load of
+    # its own two: one at a time.
+    local MAKEFLAGS
+    MAKEFLAGS=-j$(nproc)
+    export MAKEFLAGS
     cd "$ws"
     "$venv/bin/python" "$colcon" --log-base log build --symlink-install \
         --event-handlers console_direct+ --cmake-args "${cmake_args[@]}"
@@ -304,7 +310,7 @@ if [[ -z $have_packages ]]; then
     echo "$packages" >"$venv/.packages"
 fi
 rm -f "$ws/install/.sources"
-step 'building the messages and packages of ros2_ws' '60 to 180' build
+step 'building the messages and packages of ros2_ws' '40 to 60' build
 step 'compiling the modules' 1 compile_bytecode
 step 'writing activate.sh' 1 write_activate
 step 'compiling the kernels' '10 to 40' compile_kernels
