@@ -36,8 +36,8 @@ from ema_archive.query import answer
 from ema_archive.running import Tally, run_bags, run_units, scan
 from ema_archive.summaries import UNITS, write_summaries
 from ema_core.linear_algebra import one_thread
+from ema_core.tasks import Workers
 from ema_recording.reader import Bag
-from ema_tasks.local import ProcessPool, ThreadPool
 
 FLEET_BAGS: Final = 6_000_000
 """Of 200 aircraft with 8 actuators each, tested daily for ten years."""
@@ -51,7 +51,7 @@ def of_size(place: Path, tests: int, units: int) -> dict[str, Any]:
     """Return time and memory of an archive of drawn tests, estimates alone."""
     make_stubs(place / "bags", units, tests)
     began_s, used_s = time.perf_counter(), time.process_time()
-    with Manifest(place / "archive", is_new=True) as manifest, ProcessPool(2) as pool:
+    with Manifest(place / "archive", is_new=True) as manifest, Workers("processes", 2) as pool:
         scan(manifest, [str(place / "bags")])
         run_bags(manifest, pool, Tally(), diagnose=draw)
         taken_s, used_s = time.perf_counter() - began_s, time.process_time() - used_s
@@ -78,7 +78,7 @@ def of_unit(place: Path, tests: int) -> dict[str, Any]:
     last = max((place / "bags").rglob("*.mcap"))
     last.rename(place / last.name)
     figures: dict[str, Any] = {"tests": tests}
-    with Manifest(place / "archive", is_new=True) as manifest, ThreadPool(1) as pool:
+    with Manifest(place / "archive", is_new=True) as manifest, Workers("threads", 1) as pool:
         for name in ("whole", "one_more"):
             if name == "one_more":
                 (place / last.name).rename(last)
@@ -116,7 +116,7 @@ def of_workers(place: Path, bags: Path) -> dict[str, Any]:
     for number in range(_ROUNDS):
         for workers, taken in seconds.items():
             archive, tally = place / f"archive_{number}_{workers}", Tally()
-            with Manifest(archive, is_new=True) as manifest, ProcessPool(workers) as pool:
+            with Manifest(archive, is_new=True) as manifest, Workers("processes", workers) as pool:
                 scan(manifest, [str(bags)])
                 settings = manifest.settings
                 manifest.find_due(settings)
@@ -176,7 +176,7 @@ def of_kills(place: Path, bags: Path, kills: int) -> dict[str, Any]:
         rounds = 0
         # A bag that met three kills is a row with that reason; a bag that is touched is due again.
         while manifest.find_due(manifest.settings) and rounds < 2 * kills:
-            with ProcessPool(2) as pool:
+            with Workers("processes", 2) as pool:
                 run_bags(manifest, pool, tally)
             for url, *_ in _lost(archive, manifest):
                 os.utime(url)

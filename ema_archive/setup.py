@@ -15,7 +15,6 @@ setup(
         "ema_core",
         "ema_monitor",
         "ema_recording",
-        "ema_tasks",
         "duckdb>=1.4,<2",
         "fsspec>=2025.9",
         "numpy>=1.26,<3",

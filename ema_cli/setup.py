@@ -21,7 +21,6 @@ setup(
         "ema_ros",
         "ema_sim",
         "ema_study",
-        "ema_tasks",
         "click>=8.1,<9",
         "jinja2>=3.1,<4",
         "markupsafe>=2.1,<4",

@@ -16,6 +16,7 @@ setup(
         "numba>=0.61,<1",
         "pyyaml>=6,<7",
     ],
+    extras_require={"dask": ["distributed>=2026.1"]},
     python_requires=">=3.11",
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),

@@ -15,7 +15,6 @@ setup(
         "ema_core",
         "ema_monitor",
         "ema_sim",
-        "ema_tasks",
         "jinja2>=3.1,<4",
         "matplotlib>=3.8,<4",
         "numpy>=1.26,<3",

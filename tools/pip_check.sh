@@ -14,12 +14,12 @@ trap 'rm -rf "$place"' EXIT
 # Without hashes: with them pip would want hashes of our own folders, too.
 grep -oE '^[^ #]+==[^ ]+' "$root/requirements/lock.txt" | grep -v '^ros-' >"$place/constraints.txt"
 # Copies: pip would build within the sources.
-for package in ema_core ema_ros ema_sim ema_monitor ema_recording ema_tasks ema_archive; do
+for package in ema_core ema_ros ema_sim ema_monitor ema_recording ema_archive; do
     cp -r "$root/$package" "$place/$package"
 done
 cd "$place"
 venv/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
-    ./ema_core ./ema_ros ./ema_sim ./ema_monitor ./ema_recording ./ema_tasks ./ema_archive
+    ./ema_core ./ema_ros ./ema_sim ./ema_monitor ./ema_recording ./ema_archive
 rm -rf ema_*
 XDG_CACHE_HOME=$place venv/bin/python - "$root/bags/faulty_flap.mcap" <<'EOF'
 import sys
@@ -28,16 +28,16 @@ from pathlib import Path
 from ema_archive.manifest import Manifest
 from ema_archive.query import answer
 from ema_archive.running import run, scan
+from ema_core.tasks import Workers
 from ema_monitor import identify
 from ema_recording import read_windows
-from ema_tasks.local import ThreadPool
 
 found = read_windows(sys.argv[1])
 estimate = identify(found.usable[0], found.description)
 print(estimate)
-with Manifest(Path("archive"), is_new=True) as manifest, ThreadPool(1) as pool:
+with Manifest(Path("archive"), is_new=True) as manifest, Workers("threads", 1) as workers:
     scan(manifest, [str(Path(sys.argv[1]).parent)])
-    run(manifest, pool)
+    run(manifest, workers)
 _, kept = answer(Path("archive"), "select friction from estimates where valid")
 assert kept == [(estimate.faults.friction,)], kept
 assert "rclpy" not in sys.modules

@@ -1,7 +1,7 @@
 """Bring an archive up to date: bags to estimates, then units to health and life."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +17,7 @@ from ema_archive.sources import full_url, list_bags
 from ema_archive.summaries import write_summaries
 from ema_archive.unit_records import UnitEntry
 from ema_archive.unit_task import UnitResult, UnitTask, follow_unit
-from ema_tasks.pool import ClusterLostError, Outcome, Pool, WorkerLostError
+from ema_core.tasks import Outcome, WorkerLostError, Workers
 
 _MOST_GATHERED: Final = 2000
 _LONGEST_GATHERED_S: Final = 30.0
@@ -103,7 +103,7 @@ def scan(
 
 def run(
     manifest: Manifest,
-    pool: Pool,
+    workers: Workers,
     follow: Follow = lambda _: None,
     diagnose: Callable[[BagTask], BagResult] = diagnose_bag,
 ) -> Tally:
@@ -127,8 +127,8 @@ def run(
     """
     tally = Tally()
     try:
-        run_bags(manifest, pool, tally, follow, diagnose)
-        run_units(manifest, pool, tally, follow)
+        run_bags(manifest, workers, tally, follow, diagnose)
+        run_units(manifest, workers, tally, follow)
     finally:
         write_summaries(manifest)
     return tally
@@ -136,7 +136,7 @@ def run(
 
 def run_bags(
     manifest: Manifest,
-    pool: Pool,
+    workers: Workers,
     tally: Tally,
     follow: Follow = lambda _: None,
     diagnose: Callable[[BagTask], BagResult] = diagnose_bag,
@@ -152,8 +152,8 @@ def run_bags(
         for url, mark, beside in manifest.due(settings)
     )
     try:
-        # Closed, so that another run may use the pool.
-        with closing(pool.run(diagnose, tasks)) as outcomes:
+        # Closed, so that another run may use the workers.
+        with closing(workers.run(diagnose, tasks)) as outcomes:
             for outcome in outcomes:
                 result = _bag_result(outcome)
                 tally.bags += 1
@@ -173,14 +173,12 @@ def run_bags(
 
 
 def _bag_result(outcome: Outcome) -> BagResult:
-    task, error = outcome.name, outcome.error
+    task, error = outcome.item, outcome.error
     if error is None:
         result: BagResult = outcome.value
         if result.software != estimation_software():
             return BagResult(task, FAILED, _OTHER_SOFTWARE)
         return result
-    if isinstance(error, ClusterLostError):
-        raise error
     if isinstance(error, WorkerLostError):
         # Of the bag nothing is known: the machine may have run out of memory.
         return BagResult(task, FAILED, str(error))
@@ -232,26 +230,26 @@ def write_results(
 
 
 def run_units(
-    manifest: Manifest, pool: Pool, tally: Tally, follow: Follow = lambda _: None
+    manifest: Manifest, workers: Workers, tally: Tally, follow: Follow = lambda _: None
 ) -> None:
     """Follow the units that are to be followed; arguments as of `run`, and what to count in."""
     settings = manifest.settings
     due = manifest.units_due(settings)
     follow(Progress("units", 0, len(due)))
     entries = {entry.unit: entry for entry in due}
-    for outcome in _followed(manifest, pool, due, settings):
+    tasks = (_unit_task(manifest.archive, entry, settings) for entry in due)
+    for outcome in workers.run(follow_unit, tasks):
+        unit = outcome.item.unit
         if outcome.error is not None:
-            if isinstance(outcome.error, ClusterLostError):
-                raise outcome.error
             # The others are followed all the same; this one stays due.
             words = f"{type(outcome.error).__name__}: {outcome.error}"
-            tally.not_followed[outcome.name] = words
+            tally.not_followed[unit] = words
             continue
         result: UnitResult = outcome.value
         if result.software != prognosis_software():
-            tally.not_followed[outcome.name] = _OTHER_SOFTWARE
+            tally.not_followed[unit] = _OTHER_SOFTWARE
             continue
-        entry = entries[outcome.name]
+        entry = entries[unit]
         manifest.begin_unit(entry)
         write_health(manifest.archive, entry.model, entry.unit, result.health)
         write_state(manifest.archive, entry.unit, result.kept)
@@ -259,22 +257,6 @@ def run_units(
         tally.units += 1
         tally.followed += result.repeated
         follow(Progress("units", tally.units, len(due)))
-
-
-def _followed(
-    manifest: Manifest, pool: Pool, due: Sequence[UnitEntry], settings: ArchiveSettings
-) -> Iterator[Outcome]:
-    try:
-        for entry in due:
-            # The rows of a unit are megabytes: no more of them wait than are needed next.
-            while pool.pending > pool.workers:
-                yield pool.next()
-            task = _unit_task(manifest.archive, entry, settings)
-            pool.submit(entry.unit, follow_unit, task)
-        while pool.pending:
-            yield pool.next()
-    finally:
-        pool.forget()
 
 
 def _unit_task(archive: Path, entry: UnitEntry, settings: ArchiveSettings) -> UnitTask:

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import click
 
 from ema_cli.gathered_options import gathered
+from ema_core.tasks import EXECUTORS, Workers
 from ema_monitor.model.threads import available_cpus
-from ema_tasks.choice import EXECUTORS, open_pool
-from ema_tasks.pool import Pool
 
 _OPTIONS = (
     click.option(
@@ -29,14 +28,6 @@ _OPTIONS = (
         help="With --executor dask: the cluster's scheduler, such as tcp://10.0.0.1:8786; without "
         "it a cluster of local processes is started.",
     ),
-    click.option(
-        "--task-limit",
-        "limit_s",
-        default=600.0,
-        type=click.FloatRange(min=0.0),
-        help="With --executor processes: a task that takes longer ends its process, at most three "
-        "times [s]; 0: none does.",
-    ),
 )
 
 
@@ -47,23 +38,21 @@ class ExecutorOptions:
     kind: str
     workers: int | None
     scheduler: str
-    limit_s: float
 
-    def open(self) -> Pool:
-        """Return the pool.
+    @property
+    def number(self) -> int:
+        """How many tasks run at once on this machine."""
+        return self.workers or available_cpus()
+
+    def open(self) -> Workers:
+        """Return the workers.
 
         Raises
         ------
         ValueError, ClusterLostError
-            As of `open_pool`.
+            As of `Workers`.
         """
-        workers = workers_or_all(self.workers)
-        return open_pool(self.kind, workers, self.scheduler, limit_s=self.limit_s)
-
-
-def workers_or_all(workers: int | None) -> int:
-    """Return a number of workers; where none is given, that of the cores."""
-    return workers or available_cpus()
+        return Workers(self.kind, self.number, self.scheduler)
 
 
 executor_options = gathered("executor", ExecutorOptions, ExecutorOptions.__annotations__, _OPTIONS)

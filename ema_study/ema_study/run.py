@@ -1,7 +1,6 @@
 """A single run of the study."""
 
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,20 +15,8 @@ from ema_study.result import RunResult
 from ema_study.stop_rules import stop_rule, uncounted_populations
 
 
-class CancelledError(Exception):
-    """A run was cancelled before its end."""
-
-
-def run_job(job: Job, cancelled: Callable[[], bool] = lambda: False) -> RunResult:
-    """Make a run; as in the thesis, the whole starting population is random.
-
-    ``cancelled`` is called after every generation; where it returns True, the run is ended.
-
-    Raises
-    ------
-    CancelledError
-        When it was cancelled.
-    """
+def run_job(job: Job) -> RunResult:
+    """Make a run; as in the thesis, the whole starting population is random."""
     objective, truth, floor = problem(job.model, job.case)
     rng = np.random.default_rng(job.seed)
     settings: dict[str, Any] = {"population": job.population, **job.settings}
@@ -41,8 +28,6 @@ def run_job(job: Job, cancelled: Callable[[], bool] = lambda: False) -> RunResul
     faults, evaluations = truth, 0
     started = time.perf_counter()
     for progress in minimise(objective.residuals, optimizer, stop):
-        if cancelled():
-            raise CancelledError
         [faults], _ = objective.decode(progress.point[None])
         evaluations = progress.evaluations
         costs.append(float(f"{progress.cost:.6g}"))

@@ -15,7 +15,6 @@ from ema_archive.partitions import TABLES
 from ema_cli.lives.files import write_test
 from ema_cli.lives.tests_of_life import calibration_of_life, simulated_tests, unit_of_life
 from ema_cli.main import main
-from ema_cli.processes.stop_request import StopRequest
 from ema_core.faults import fault_vector
 from ema_monitor.model.threads import limit_threads
 from ema_sim.lives import SimulatedLife, WindowKind
@@ -50,7 +49,7 @@ def made_fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
         calibration = replace(calibration_of_life(description), actuator_id=description.actuator_id)
         calibration.save(folder / "calibration.yaml")
         rng = np.random.default_rng(number)
-        for test in simulated_tests(life, description, rng, StopRequest()):
+        for test in simulated_tests(life, description, rng):
             # Names whose order is not that of the tests.
             write_test(folder / f"{9 - test.number}.mcap", test, description)
     return root

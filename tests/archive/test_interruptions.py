@@ -18,7 +18,7 @@ import pytest
 from ema_archive import partitions
 from ema_archive.manifest import Manifest
 from ema_archive.running import Tally, run, run_bags, scan
-from ema_tasks.local import ProcessPool, ThreadPool
+from ema_core.tasks import Workers
 
 from ..waiting import wait_for
 from .conftest import exactly, table_of
@@ -39,7 +39,7 @@ def scanned(made_fleet, tmp_path):
 @pytest.fixture(scope="module")
 def undisturbed(made_fleet, tmp_path_factory):
     folder = tmp_path_factory.mktemp("undisturbed") / "archive"
-    with Manifest(folder, is_new=True) as manifest, ThreadPool(2) as pool:
+    with Manifest(folder, is_new=True) as manifest, Workers("threads", 2) as pool:
         scan(manifest, [str(made_fleet)])
         run(manifest, pool)
     return folder
@@ -68,7 +68,7 @@ def test_killed_workers_lose_nothing(scanned, undisturbed):
                 kills += 1
     assert kills == 4
     # A bag that lost three workers is done again.
-    with Manifest(scanned) as manifest, ThreadPool(2) as pool:
+    with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
         run(manifest, pool)
     assert_whole(scanned, undisturbed)
 
@@ -76,12 +76,12 @@ def test_killed_workers_lose_nothing(scanned, undisturbed):
 @pytest.mark.slow
 def test_bag_that_lost_three_workers_keeps_its_rows_and_is_done_again(ema, fleet, tmp_path):
     folder, bag = tmp_path / "archive", fleet / "unit_0" / "5.mcap"
-    with Manifest(folder, is_new=True) as manifest, ThreadPool(2) as pool:
+    with Manifest(folder, is_new=True) as manifest, Workers("threads", 2) as pool:
         scan(manifest, [str(bag.parent)])
         run(manifest, pool)
     whole = exactly(folder, "estimates")
     os.utime(bag, ns=(1, 1))
-    with Manifest(folder) as manifest, ProcessPool(1) as pool:
+    with Manifest(folder) as manifest, Workers("processes", 1) as pool:
         scan(manifest, [])
         tally = run(manifest, pool, diagnose=archive_work.end_the_worker)
     assert (tally.bags, tally.damaged, tally.failed) == (1, 0, 1)
@@ -93,7 +93,7 @@ def test_bag_that_lost_three_workers_keeps_its_rows_and_is_done_again(ema, fleet
     [row] = json.loads(ema("archive", "query", folder, question, "--json").stdout)
     assert row["bag"] == str(bag)
     assert "3 worker processes ended while they worked on it" in row["reason"]
-    with Manifest(folder) as manifest, ThreadPool(1) as pool:
+    with Manifest(folder) as manifest, Workers("threads", 1) as pool:
         tally = run(manifest, pool)
         assert manifest.find_due(manifest.settings) == 0
     assert (tally.bags, tally.failed) == (1, 0)
@@ -128,7 +128,7 @@ import os, signal, sys
 from pathlib import Path
 from ema_archive import running
 from ema_archive.manifest import Manifest
-from ema_tasks.local import ProcessPool, ThreadPool
+from ema_core.tasks import Workers
 running._MOST_GATHERED = 3
 commits = []
 def commit(self, *given):
@@ -137,13 +137,13 @@ def commit(self, *given):
         os.kill(os.getpid(), signal.SIGKILL)
     as_before(self, *given)
 as_before, Manifest.commit = Manifest.commit, commit
-with Manifest(Path(sys.argv[1])) as manifest, ThreadPool(2) as pool:
+with Manifest(Path(sys.argv[1])) as manifest, Workers("threads", 2) as pool:
     running.run(manifest, pool)
 """
     done = subprocess.run([sys.executable, "-c", script, scanned], check=False)
     assert done.returncode == -signal.SIGKILL
     assert table_of(scanned, "estimates").num_rows >= 6
-    with Manifest(scanned) as manifest, ThreadPool(2) as pool:
+    with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
         # What was written and not noted is done again, in the place of what is there.
         assert manifest.find_due(manifest.settings) == 7
         run(manifest, pool)
@@ -164,7 +164,7 @@ def test_full_disk_leaves_what_was_written(scanned, undisturbed, monkeypatch):
 
     as_before = partitions.pq.write_table
     monkeypatch.setattr(partitions.pq, "write_table", write)
-    with Manifest(scanned) as manifest, ThreadPool(2) as pool:
+    with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
         with pytest.raises(OSError, match="No space left on device"):
             run(manifest, pool)
         assert not list(scanned.rglob("*.partial"))
@@ -195,12 +195,12 @@ def test_interrupt_keeps_what_was_done(scanned, undisturbed):
         with (
             pytest.raises(KeyboardInterrupt),
             Manifest(scanned) as manifest,
-            ThreadPool(2) as pool,
+            Workers("threads", 2) as pool,
         ):
             run(manifest, pool, follow)
     finally:
         signal.signal(signal.SIGINT, before)
-    with Manifest(scanned) as manifest, ThreadPool(2) as pool:
+    with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
         assert manifest.find_due(manifest.settings) == 10 - max(seen)
         run(manifest, pool)
     assert_whole(scanned, undisturbed)
@@ -208,7 +208,7 @@ def test_interrupt_keeps_what_was_done(scanned, undisturbed):
 
 @pytest.mark.long
 def test_database_that_cannot_be_written_leaves_nothing_half_done(scanned, undisturbed, ema):
-    with Manifest(scanned) as manifest, ThreadPool(2) as pool:
+    with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
         # As many pages as it has: the next one finds the disk full.
         pages = manifest._db.execute("PRAGMA page_count").fetchone()[0]
         manifest._db.execute(f"PRAGMA max_page_count = {pages}")
@@ -221,7 +221,7 @@ def test_database_that_cannot_be_written_leaves_nothing_half_done(scanned, undis
 
 @pytest.mark.long
 def test_unit_that_cannot_be_followed_does_not_keep_the_others(ema, scanned):
-    with Manifest(scanned) as manifest, ThreadPool(2) as pool:
+    with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
         run_bags(manifest, pool, Tally())
     [first, *_] = sorted((scanned / "tables" / "usage").rglob("*.parquet"))
     rows = pq.ParquetFile(first).read()

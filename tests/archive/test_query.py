@@ -18,13 +18,13 @@ from ema_archive.settings import ArchiveSettings
 from ema_archive.tables import HEALTH
 from ema_cli.main import main
 from ema_core.faults import FAULT_NAMES
-from ema_tasks.local import ThreadPool
+from ema_core.tasks import Workers
 
 
 @pytest.fixture(scope="module")
 def archive(made_fleet, tmp_path_factory):
     folder = tmp_path_factory.mktemp("asked") / "archive"
-    with Manifest(folder, is_new=True) as manifest, ThreadPool(2) as pool:
+    with Manifest(folder, is_new=True) as manifest, Workers("threads", 2) as pool:
         scan(manifest, [str(made_fleet)])
         run(manifest, pool)
     return folder

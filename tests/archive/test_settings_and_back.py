@@ -12,7 +12,7 @@ from ema_archive.partitions import read_unit
 from ema_archive.running import Tally, run, run_units, scan, write_results
 from ema_archive.settings import ArchiveSettings
 from ema_archive.sources import Listed
-from ema_tasks.local import ThreadPool
+from ema_core.tasks import Workers
 
 from .conftest import exactly
 
@@ -60,7 +60,7 @@ def test_unit_whose_health_is_that_of_other_settings_is_followed_again(
     made_fleet, tmp_path, monkeypatch
 ):
     archive = tmp_path / "archive"
-    with Manifest(archive, is_new=True) as manifest, ThreadPool(2) as pool:
+    with Manifest(archive, is_new=True) as manifest, Workers("threads", 2) as pool:
         scan(manifest, [str(made_fleet / "unit_0")])
         run(manifest, pool)
         before = manifest.settings

@@ -17,20 +17,20 @@ from ema_archive.manifest import Manifest
 from ema_archive.query import answer
 from ema_archive.running import run, scan
 from ema_core.description import ActuatorDescription
+from ema_core.tasks import Workers
 from ema_monitor.calibration.calibration import Calibration
 from ema_recording.writer import BagWriter
 from ema_ros import topics
 from ema_ros.actuator_messages import messages_of_block
 from ema_ros.description import description_to_message
 from ema_sim import simulate
-from ema_tasks.local import ThreadPool
 
 from .conftest import exactly, table_of
 
 
 def bring_up_to_date(archive, *sources, workers=2):
     """Scan and run in this process; return what was done and what was due before."""
-    with Manifest(archive, is_new=True) as manifest, ThreadPool(workers) as pool:
+    with Manifest(archive, is_new=True) as manifest, Workers("threads", workers) as pool:
         scan(manifest, [str(source) for source in sources])
         due = manifest.status(manifest.settings)
         return run(manifest, pool), due
@@ -312,7 +312,7 @@ def test_refused_copy_does_not_hide_a_valid_test(archive, fleet):
             part.estimates[:] = [row | {"valid": False} for row in part.estimates]
         return result
 
-    with Manifest(archive) as manifest, ThreadPool(1) as pool:
+    with Manifest(archive) as manifest, Workers("threads", 1) as pool:
         scan(manifest, [])
         running.run_bags(manifest, pool, running.Tally(), diagnose=refused)
         running.run_units(manifest, pool, running.Tally())
@@ -339,7 +339,7 @@ def _die(*_):
 
 
 def test_worker_of_other_software_is_refused(fleet, tmp_path):
-    with Manifest(tmp_path / "archive", is_new=True) as manifest, ThreadPool(1) as pool:
+    with Manifest(tmp_path / "archive", is_new=True) as manifest, Workers("threads", 1) as pool:
         scan(manifest, [str(fleet)])
         tally = run(manifest, pool, diagnose=diagnosed_elsewhere)
         status = manifest.status(manifest.settings)

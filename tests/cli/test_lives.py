@@ -18,6 +18,9 @@ from ema_sim.lives import LifeSettings, constant_life, run_to_failure
 
 from ..waiting import DEADLINE_S, started, wait_for
 
+HERE = ("--executor", "threads", "--workers", "1")
+"""Lives of this process, whose figures are patched."""
+
 FEW = LifeSettings(interval_hours=150.0, least_tests=4, most_tests=14, disturbed_share=0.5)
 
 
@@ -38,7 +41,7 @@ def short():
 def two_lives(ema, tmp_path_factory, short):
     """Two lives as folders of bags."""
     folder = tmp_path_factory.mktemp("two") / "lives"
-    result = ema("lives", "-o", folder, "--count", "2", "--seed", "5", "--fault", "backlash")
+    result = ema("lives", *HERE, "-o", folder, "--count", "2", "--seed", "5", "--fault", "backlash")
     assert result.exit_code == 0, result.output
     return folder
 
@@ -47,7 +50,9 @@ def two_lives(ema, tmp_path_factory, short):
 def estimates(ema, tmp_path_factory, short):
     """The estimates of a life."""
     folder = tmp_path_factory.mktemp("one") / "lives"
-    result = ema("lives", "-o", folder, "--fault", "friction", "--as", "estimates", "--seed", "2")
+    result = ema(
+        "lives", *HERE, "-o", folder, "--fault", "friction", "--as", "estimates", "--seed", "2"
+    )
     assert result.exit_code == 0, result.output
     return (folder / "life_0000.jsonl").read_text()
 
@@ -133,7 +138,7 @@ def test_estimates_hold_truth_and_covariance(estimates):
 
 def test_constant_lives_have_no_end(ema, tmp_path, short):
     folder = tmp_path / "lives"
-    assert ema("lives", "-o", folder, "--constant", "--as", "estimates").exit_code == 0
+    assert ema("lives", *HERE, "-o", folder, "--constant", "--as", "estimates").exit_code == 0
     index = pd.read_csv(folder / "lives.csv")
     assert index["end_hours"].isna().all()
     assert index["dominant_fault"].isna().all()
@@ -142,7 +147,7 @@ def test_constant_lives_have_no_end(ema, tmp_path, short):
 def test_same_seed_same_lives_however_many(ema, tmp_path, estimates):
     arguments = ("--fault", "friction", "--as", "estimates")
     for name, count, seed in (("same", 2, 2), ("other", 1, 8)):
-        ema("lives", "-o", tmp_path / name, "--count", count, "--seed", seed, *arguments)
+        ema("lives", *HERE, "-o", tmp_path / name, "--count", count, "--seed", seed, *arguments)
     same, other = ((tmp_path / name / "life_0000.jsonl").read_text() for name in ("same", "other"))
     assert estimates == same
     assert estimates != other
@@ -164,7 +169,7 @@ def test_lives_side_by_side_are_those_one_by_one(ema, tmp_path, short, two_lives
 
 def test_repair_is_told(ema, tmp_path, short):
     folder = tmp_path / "lives"
-    ema("lives", "-o", folder, "--repair", "--fault", "gain", "--as", "estimates")
+    ema("lives", *HERE, "-o", folder, "--repair", "--fault", "gain", "--as", "estimates")
     [life] = pd.read_csv(folder / "lives.csv").to_dict("records")
     assert 0.0 < life["repair_hours"] < life["end_hours"]
 

@@ -15,7 +15,6 @@ from ema_cli.commands import prognose as command
 from ema_cli.figures.prognosis import draw_course
 from ema_cli.lives.files import write_test
 from ema_cli.lives.tests_of_life import simulated_tests
-from ema_cli.processes.stop_request import StopRequest
 from ema_cli.prognosis_options import KnownLawType
 from ema_cli.show.prognosis_table import as_values, summary
 from ema_core.description import ActuatorDescription
@@ -53,7 +52,7 @@ def life_folder(tmp_path_factory) -> Path:
     faults = np.array([fault_vector({"friction": 0.1 + RATE * i}) for i in range(TESTS)])
     life = SimulatedLife("friction", {}, hours, faults, ("good",) * TESTS, math.inf)
     description = ActuatorDescription()
-    tests = simulated_tests(life, description, np.random.default_rng(0), StopRequest())
+    tests = simulated_tests(life, description, np.random.default_rng(0))
     for test in tests:
         # Names whose order is not that of the tests.
         write_test(folder / f"{TESTS - test.number:02d}.mcap", test, description)
@@ -392,7 +391,7 @@ def written(life_folder, tmp_path) -> Callable[..., Path]:
     ) -> Path:
         life = SimulatedLife("", {}, np.array([hours]), fault_vector({})[None], (window,), math.inf)
         description = replace(ActuatorDescription(), **changes)
-        [test] = simulated_tests(life, description, np.random.default_rng(0), StopRequest())
+        [test] = simulated_tests(life, description, np.random.default_rng(0))
         if counted:
             write_test(tmp_path / name, test, description)
         else:
@@ -446,7 +445,7 @@ def test_two_bags_of_the_same_stamp_are_refused(written):
 def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
     life = SimulatedLife("", {}, np.array([1.0]), fault_vector({})[None], ("good",), math.inf)
     description = ActuatorDescription()
-    [test] = simulated_tests(life, description, np.random.default_rng(0), StopRequest())
+    [test] = simulated_tests(life, description, np.random.default_rng(0))
     count = usage_at_cycle(replace(description, serial_number="0002"), test.start_ns, 500.0, 6)
     nameless = usage_at_cycle(description, test.start_ns + 1, 40.0, 7)
     nameless.serial_number = ""
@@ -464,7 +463,7 @@ def test_usage_of_another_unit_is_passed_over_with_a_remark(tmp_path):
 def test_usage_that_was_read_after_the_test_is_not_said_to_be_missing(ema, tmp_path):
     life = SimulatedLife("", {}, np.array([1.0]), fault_vector({})[None], ("good",), math.inf)
     description = ActuatorDescription()
-    [test] = simulated_tests(life, description, np.random.default_rng(0), StopRequest())
+    [test] = simulated_tests(life, description, np.random.default_rng(0))
     path = tmp_path / "one.mcap"
     with BagWriter(path) as writer, SimulatedActuatorBag(writer, description) as bag:
         for block in test.blocks:
@@ -488,7 +487,7 @@ def test_simulated_bag_tells_its_service_hours(ema, tmp_path):
 def test_impossible_usage_is_told_and_not_used(tmp_path):
     life = SimulatedLife("", {}, np.array([1.0]), fault_vector({})[None], ("good",), math.inf)
     description = ActuatorDescription()
-    [test] = simulated_tests(life, description, np.random.default_rng(0), StopRequest())
+    [test] = simulated_tests(life, description, np.random.default_rng(0))
     write_test(tmp_path / "one.mcap", replace(test, hours=-1.0), description)
     record = read_unit([tmp_path], source())
     assert record.counts == []

@@ -13,7 +13,6 @@ import pytest
 
 from ema_cli.lives.files import write_test
 from ema_cli.lives.tests_of_life import simulated_tests
-from ema_cli.processes.stop_request import StopRequest
 from ema_core import __version__
 from ema_core.description import ActuatorDescription
 from ema_core.faults import FAULT_NAMES, fault_vector
@@ -101,7 +100,7 @@ def life(tmp_path_factory) -> Path:
     faults = np.array([fault_vector({"friction": 0.1 + 0.03 * i}) for i in range(TESTS)])
     course = SimulatedLife("friction", {}, hours, faults, ("good",) * TESTS, math.inf)
     unit = ActuatorDescription()
-    for test in simulated_tests(course, unit, np.random.default_rng(0), StopRequest()):
+    for test in simulated_tests(course, unit, np.random.default_rng(0)):
         write_test(folder / f"{test.number:02d}.mcap", test, unit)
     return folder
 

@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 
 from ema_cli.commands import thesis as command
+from ema_core.tasks import WorkerLostError
 from ema_study.plan import Job
 from ema_study.store import RunStore
-from ema_tasks.pool import WorkerLostError
 
 from ..waiting import DEADLINE_S, wait_for
 
@@ -52,7 +52,7 @@ def without_report(monkeypatch):
 @pytest.mark.long
 def test_study_leaves_runs_tables_and_report(ema, tmp_path, small):
     folder = tmp_path / "study"
-    result = ema("thesis", "-o", folder, "--runs", "2", "--executor", "serial")
+    result = ema("thesis", "-o", folder, "--runs", "2", "--executor", "threads")
     assert result.exit_code == 0, result.output
     runs = pd.read_csv(folder / "runs.csv")
     assert sorted(zip(runs["table"], runs["algorithm"], runs["run"], strict=True)) == sorted(
@@ -68,9 +68,9 @@ def test_study_leaves_runs_tables_and_report(ema, tmp_path, small):
 
 def test_what_is_there_is_not_run_again(ema, tmp_path, small, without_report):
     folder = tmp_path / "study"
-    assert ema("thesis", "-o", folder, "--runs", "1", "--executor", "serial").exit_code == 0
+    assert ema("thesis", "-o", folder, "--runs", "1", "--executor", "threads").exit_code == 0
     before = (folder / "runs.jsonl").read_text()
-    result = ema("thesis", "-o", folder, "--runs", "2", "--executor", "serial")
+    result = ema("thesis", "-o", folder, "--runs", "2", "--executor", "threads")
     assert result.exit_code == 0, result.output
     assert f"3 of {len(JOBS)} runs are already done" in result.output
     after = (folder / "runs.jsonl").read_text()
@@ -79,23 +79,23 @@ def test_what_is_there_is_not_run_again(ema, tmp_path, small, without_report):
 
 
 def test_quick_is_two_runs_without_table_8(ema, tmp_path, small, without_report):
-    result = ema("thesis", "-o", tmp_path / "study", "--quick", "--executor", "serial")
+    result = ema("thesis", "-o", tmp_path / "study", "--quick", "--executor", "threads")
     assert result.exit_code == 0, result.output
     assert small == [("fast", command.QUICK_RUNS, False)]
 
 
 def test_models_add_up(ema, tmp_path, small, without_report):
     arguments = ("--model", "thesis", "--model", "fast", "--model", "thesis", "--runs", "1")
-    ema("thesis", "-o", tmp_path / "study", *arguments, "--executor", "serial")
+    ema("thesis", "-o", tmp_path / "study", *arguments, "--executor", "threads")
     assert [model for model, _, _ in small] == ["thesis", "fast"]
 
 
 def test_folder_of_other_numerics_is_refused(ema, tmp_path, small, without_report):
     folder = tmp_path / "study"
-    ema("thesis", "-o", folder, "--runs", "1", "--executor", "serial")
+    ema("thesis", "-o", folder, "--runs", "1", "--executor", "threads")
     path = folder / "runs.jsonl"
     path.write_text(path.read_text().replace('{"version": "', '{"version": "x'))
-    result = ema("thesis", "-o", folder, "--runs", "1", "--executor", "serial")
+    result = ema("thesis", "-o", folder, "--runs", "1", "--executor", "threads")
     assert result.exit_code == 1
     assert "other models or algorithms" in result.stderr
     assert "use another folder" in result.stderr
@@ -105,7 +105,6 @@ def test_folder_of_other_numerics_is_refused(ema, tmp_path, small, without_repor
     ("arguments", "message"),
     [
         (("--quick", "--runs", "5"), "--quick and --runs exclude each other"),
-        (("--executor", "serial", "--workers", "4"), "--workers exclude each other"),
         (("--runs", "0"), "--runs"),
         (("--model", "slow"), "'slow'"),
         (("--executor", "cluster"), "'cluster'"),
@@ -120,28 +119,27 @@ def test_wrong_usage_is_refused(ema, tmp_path, small, arguments, message):
 
 def test_folder_in_use_is_refused(ema, tmp_path, small):
     with RunStore(tmp_path):
-        result = ema("thesis", "-o", tmp_path, "--executor", "serial")
+        result = ema("thesis", "-o", tmp_path, "--executor", "threads")
     assert result.exit_code == 1
     assert "is in use by another study" in result.stderr
 
 
 def test_worker_that_was_killed_is_reported_in_a_line(ema, tmp_path, small, monkeypatch):
-    def execute(jobs, pool):
+    def execute(jobs, workers):
         raise WorkerLostError("3 worker processes ended while they worked on it")
 
     monkeypatch.setattr(command, "execute", execute)
-    result = ema("thesis", "-o", tmp_path, "--executor", "serial")
+    result = ema("thesis", "-o", tmp_path, "--executor", "threads")
     assert result.exit_code == 1
     assert "3 worker processes ended while they worked on it; the runs so far" in result.stderr
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("executor", ["processes", "threads"])
-def test_interrupted_study_keeps_its_runs_and_resumes(tmp_path, executor):
+def test_interrupted_study_keeps_its_runs_and_resumes(tmp_path):
     """As Ctrl-C does: the signal goes to the whole process group."""
     folder = tmp_path / "study"
     study = subprocess.Popen(
-        ["ema", "thesis", "-o", folder, "--quick", "--executor", executor],
+        ["ema", "thesis", "-o", folder, "--quick"],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

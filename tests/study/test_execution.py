@@ -1,16 +1,14 @@
 """Runs on executors."""
 
 import json
-import os
-import signal
 import subprocess
 import sys
-import threading
 from dataclasses import asdict
 
 import pytest
 
-from ema_study.execution import execute, study_pool, time_executors
+from ema_core.tasks import Workers
+from ema_study.execution import execute, time_executors
 from ema_study.plan import Job
 
 JOBS = [
@@ -24,19 +22,14 @@ def results(done):
 
 @pytest.fixture(scope="module")
 def serial():
-    with study_pool("serial", 1) as executor:
-        return results(execute(JOBS, executor))
-
-
-def test_threads_find_what_a_single_one_does(serial):
-    with study_pool("threads", 2) as executor:
-        assert results(execute(JOBS, executor)) == serial
+    with Workers("threads", 1) as workers:
+        return results(execute(JOBS, workers))
 
 
 @pytest.mark.long
 def test_processes_find_what_a_single_one_does(serial):
-    with study_pool("processes", 2) as executor:
-        assert results(execute(JOBS, executor)) == serial
+    with Workers("processes", 2) as workers:
+        assert results(execute(JOBS, workers)) == serial
 
 
 @pytest.mark.long
@@ -45,12 +38,13 @@ def test_dask_cluster_of_local_workers_finds_what_a_single_one_does(serial, tmp_
     script = f"""
 import json
 from pathlib import Path
-from ema_study.execution import execute, study_pool
+from ema_core.tasks import Workers
+from ema_study.execution import execute
 from ema_study.plan import Job
 jobs = [Job(**job) for job in {[asdict(job) for job in JOBS]!r}]
 if __name__ == "__main__":
-    with study_pool("dask", 2) as pool:
-        done = list(execute(jobs, pool))
+    with Workers("dask", 2) as workers:
+        done = list(execute(jobs, workers))
     print(json.dumps([[one.job.run, one.estimate] for one in done]))
 """
     (tmp_path / "study.py").write_text(script)
@@ -59,45 +53,6 @@ if __name__ == "__main__":
     )
     assert done.returncode == 0, done.stderr
     assert dict(json.loads(done.stdout.splitlines()[-1])) == serial
-
-
-@pytest.fixture
-def interruptible():
-    """Where the tests run in the background, interrupts are ignored."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.usefixtures("interruptible")
-def test_interrupt_cancels_runs_that_have_begun():
-    """Without it, each of these would take minutes."""
-    long = [
-        Job("fast", 10, "de", "friction low", "low", run, "all_generations", 50, 100_000)
-        for run in range(4)
-    ]
-
-    def study():
-        with study_pool("threads", 2) as executor:
-            list(execute(long, executor))
-
-    interrupt = threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT))
-    interrupt.start()
-    with pytest.raises(KeyboardInterrupt):
-        study()
-    interrupt.join()
-
-
-@pytest.mark.parametrize(
-    ("kind", "workers", "message"),
-    [
-        ("cluster", 2, "executor 'cluster' is unknown; known: processes, threads, serial, dask"),
-        ("threads", 0, "workers = 0: expected at least 1"),
-    ],
-)
-def test_impossible_executor_is_refused(kind, workers, message):
-    with pytest.raises(ValueError, match=message), study_pool(kind, workers):
-        pass
 
 
 @pytest.mark.long

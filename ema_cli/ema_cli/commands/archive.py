@@ -23,9 +23,9 @@ from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.executor_options import ExecutorOptions, executor_options
 from ema_cli.show.prognosis_table import as_values
 from ema_cli.show.progress import progress_bar
+from ema_core.tasks import ClusterLostError
 from ema_core.wording import counted
 from ema_monitor.model.threads import limit_threads
-from ema_tasks.pool import ClusterLostError
 
 _ARCHIVE = click.argument("folder", metavar="ARCHIVE", type=click.Path(path_type=Path))
 _LONGEST_REASON: Final = 200
@@ -97,12 +97,8 @@ def run_(folder: Path, executor: ExecutorOptions) -> None:
                 progress.update(task, completed=now.done, state=state)
 
             try:
-                with executor.open() as pool:
-                    where = f"on {pool.description}"
-                    if pool.dashboard:
-                        where += f", dashboard {pool.dashboard}"
-                    click.echo(where, err=True)
-                    tally = run(manifest, pool, follow)
+                with executor.open() as workers:
+                    tally = run(manifest, workers, follow)
             except KeyboardInterrupt:
                 left = manifest.find_due(manifest.settings)
                 raise click.ClickException(

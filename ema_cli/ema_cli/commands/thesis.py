@@ -11,11 +11,13 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from ema_cli.errors import one_clear_line
+from ema_cli.executor_options import ExecutorOptions, executor_options
 from ema_cli.show.progress import progress_bar
 from ema_core import __version__
+from ema_core.tasks import ClusterLostError, WorkerLostError
 from ema_core.wording import counted
 from ema_monitor.model.threads import available_cpus
-from ema_study.execution import EXECUTORS, execute, study_pool, time_executors
+from ema_study.execution import execute, time_executors
 from ema_study.models import MODELS
 from ema_study.plan import RUNS, Job, plan
 from ema_study.report import write_report
@@ -23,7 +25,6 @@ from ema_study.result import as_frame
 from ema_study.sources import single_fault_runs
 from ema_study.store import RunStore, numerics_version
 from ema_study.tables import study_tables, write_tables
-from ema_tasks.pool import ClusterLostError, WorkerLostError
 
 QUICK_RUNS: Final = 2
 
@@ -53,34 +54,13 @@ _TIMING = "timing.csv"
     help=f"Runs of each algorithm and fault; {RUNS} by default.",
 )
 @click.option("--quick", is_flag=True, help=f"{QUICK_RUNS} runs each, without table 8.")
-@click.option(
-    "--executor",
-    "kind",
-    default="processes",
-    type=click.Choice(EXECUTORS),
-    help="Runs side by side in processes or threads, one by one, or on a Dask cluster; each on one "
-    "core.",
-)
-@click.option(
-    "--workers",
-    type=click.IntRange(1),
-    help="Processes or threads; by default as many as there are cores.",
-)
-@click.option(
-    "--scheduler",
-    default="",
-    metavar="ADDRESS",
-    help="With --executor dask: the cluster's scheduler; without it a cluster of local processes "
-    "is started.",
-)
+@executor_options
 def thesis(
     folder: Path,
     models: tuple[str, ...],
     runs: int | None,
     quick: bool,
-    kind: str,
-    workers: int | None,
-    scheduler: str,
+    executor: ExecutorOptions,
 ) -> None:
     """Repeat the thesis's study: ten single faults and a multiple one by GA, PSO, DE and GWO.
 
@@ -89,11 +69,6 @@ def thesis(
     """
     if quick and runs is not None:
         raise click.UsageError("--quick and --runs exclude each other")
-    if kind == "serial" and workers is not None:
-        raise click.UsageError("--executor serial and --workers exclude each other")
-    if scheduler and kind != "dask":
-        raise click.UsageError("--scheduler is for --executor dask")
-    workers = 1 if kind == "serial" else workers or available_cpus()
     runs = runs or (QUICK_RUNS if quick else RUNS)
     models = tuple(dict.fromkeys(models))
     jobs = [job for model in models for job in plan(model, runs, with_trials=not quick)]
@@ -103,7 +78,7 @@ def thesis(
             click.echo(f"{folder}: {done} of {len(jobs)} runs are already done")
         started = time.perf_counter()
         try:
-            _run(missing, store, kind, workers, scheduler)
+            _run(missing, store, executor)
             timing = _timing(folder, models)
         except KeyboardInterrupt:
             done = len(jobs) - len(store.missing(jobs))
@@ -126,7 +101,8 @@ def thesis(
             {
                 "version": __version__,
                 "models": ", ".join(sorted(set(frame["model"]))),
-                "executor": f"{kind}, {counted(workers, 'run')} at once, each on one core",
+                "executor": f"{executor.kind}, {counted(executor.number, 'run')} at once, each on "
+                "one core",
                 "cores": str(available_cpus()),
                 "last run": f"{counted(len(missing), 'run')} and the timing in {minutes:.1f} min",
             },
@@ -135,12 +111,12 @@ def thesis(
     click.echo(f"{counted(len(missing), 'run')} in {minutes:.1f} min; report: {report}")
 
 
-def _run(jobs: Sequence[Job], store: RunStore, kind: str, workers: int, scheduler: str) -> None:
+def _run(jobs: Sequence[Job], store: RunStore, executor: ExecutorOptions) -> None:
     if not jobs:
         return
-    with progress_bar() as progress, study_pool(kind, workers, scheduler) as pool:
+    with progress_bar() as progress, executor.open() as workers:
         task = progress.add_task("study", total=len(jobs), state="starting")
-        for result in execute(jobs, pool):
+        for result in execute(jobs, workers):
             store.add(result)
             job, error = result.job, result.error_percent
             state = f"{job.model}: {job.algorithm}, {job.case}, run {job.run}: {error:.2f} %"

@@ -2,7 +2,7 @@
 
 import math
 import shutil
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,7 +12,6 @@ import numpy as np
 from ema_cli.bags.unit_record import CALIBRATION_FILE
 from ema_cli.lives.files import as_line, with_estimates, write_test
 from ema_cli.lives.tests_of_life import LifeTest, calibration_of_life, simulated_tests, unit_of_life
-from ema_cli.processes.stop_request import StopRequest
 from ema_core.description import ActuatorDescription
 from ema_core.faults import COMPONENTS
 from ema_monitor.health import HealthLimits
@@ -52,50 +51,29 @@ class LifeJob:
         return f"life_{self.number:04d}"
 
 
-def make_life_by_itself(job: LifeJob) -> dict[str, object]:
-    """Make a life beside others, on one core; return the line about it."""
-    limit_threads(1)
-    line = make_life(job, StopRequest())
-    if line is None:
-        raise RuntimeError(f"{job.name} was stopped though nobody asked for it")
-    return line
-
-
-def make_life(
-    job: LifeJob, stop: StopRequest, follow: Callable[[int, int], None] = lambda *_: None
-) -> dict[str, object] | None:
-    """Make a life; return the line about it, with no end and no repair as empty cells.
-
-    Parameters
-    ----------
-    stop
-        Once it is set, what was made of the life is removed, and None is returned.
-    follow
-        Called with the number of each test, and the number of all.
+def make_life(job: LifeJob) -> dict[str, object]:
+    """Make a life on one core; return the line about it, with no end and no repair as empty cells.
 
     Raises
     ------
     OSError
         When it cannot be written; nothing is left of it.
     """
+    limit_threads(1)
     of_life, of_sensors = np.random.default_rng([job.seed, job.number]).spawn(2)
     life = _drawn(job, of_life)
     description = unit_of_life(job.seed, job.number)
-    tests = simulated_tests(life, description, of_sensors, stop)
+    tests = simulated_tests(life, description, of_sensors)
     # Under another name until it is complete; a worker that was killed may have left one.
     part = job.folder / f"{job.name}{_PART}"
     _remove(part)
     write = _write_bags if job.form == "bags" else _write_estimates
     try:
-        for test in write(part, tests, description):
-            follow(test.number, len(life.hours))
+        write(part, tests, description)
     except OSError as error:
         _remove(part)
         words = error.strerror or str(error)
         raise OSError(error.errno, words, error.filename or str(part)) from error
-    if stop:
-        _remove(part)
-        return None
     part.rename(job.folder / (job.name if job.form == "bags" else f"{job.name}.jsonl"))
     return {
         "life": job.name,
@@ -117,25 +95,25 @@ def _drawn(job: LifeJob, rng: np.random.Generator) -> SimulatedLife:
     return run_to_failure(by_fault, rng, job.kind, with_repair=job.with_repair)
 
 
-def _write_bags(
-    folder: Path, tests: Iterable[LifeTest], description: ActuatorDescription
-) -> Iterator[LifeTest]:
-    """Write the tests of a life and yield each as it is written."""
+def _write_bags(folder: Path, tests: Iterable[LifeTest], description: ActuatorDescription) -> None:
     folder.mkdir()
     calibration_of_life(description).save(folder / CALIBRATION_FILE)
     for test in tests:
         write_test(folder / f"test_{test.number:04d}.mcap", test, description)
-        yield test
 
 
 def _write_estimates(
     path: Path, tests: Iterable[LifeTest], description: ActuatorDescription
-) -> Iterator[LifeTest]:
-    """Write the tests of a life and yield each as it is written."""
+) -> None:
     with path.open("w", encoding="utf-8") as file:
         for test, estimate in with_estimates(tests, description):
             file.write(as_line(test, estimate))
-            yield test
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove what is left of lives that are not complete."""
+    for part in folder.glob(f"*{_PART}"):
+        _remove(part)
 
 
 def _remove(part: Path) -> None:

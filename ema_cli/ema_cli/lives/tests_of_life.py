@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_cli.processes.stop_request import StopRequest
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
@@ -62,18 +61,9 @@ class LifeTest:
 
 
 def simulated_tests(
-    life: SimulatedLife,
-    description: ActuatorDescription,
-    rng: np.random.Generator,
-    stop: StopRequest,
+    life: SimulatedLife, description: ActuatorDescription, rng: np.random.Generator
 ) -> Iterator[LifeTest]:
-    """Simulate the tests of a life that are not missing, one by one.
-
-    Parameters
-    ----------
-    stop
-        Read after each block; once it is set, the test is left out and the life ends.
-    """
+    """Simulate the tests of a life that are not missing, one by one."""
     bench = ActuatorBench(description, BenchSettings(hours_per_cycle=0.0))
     noise = Sensors(NOISE_OF_DISTURBED, {}, rng)
     for number, (hours, faults, window) in enumerate(
@@ -83,11 +73,9 @@ def simulated_tests(
             continue
         bench.set_faults(faults)
         start_ns = round(float(hours) * _NS_PER_HOUR)
-        blocks = []
-        for block, _ in bench.begin_cycle(start_ns).blocks:
-            if stop:
-                return
-            blocks.append(noise.measure(block) if window == "noisy" else block)
+        blocks = [block for block, _ in bench.begin_cycle(start_ns).blocks]
+        if window == "noisy":
+            blocks = [noise.measure(block) for block in blocks]
         if window == "gap":
             # Inside the window, which begins at 0.8 s of the 1.7 s and is half a second long.
             at = 3 * len(blocks) // 5

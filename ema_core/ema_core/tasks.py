@@ -1,0 +1,244 @@
+"""Tasks on processes or threads of this machine, or on a Dask cluster, by one interface."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, suppress
+from dataclasses import dataclass
+from typing import Any, Final
+
+EXECUTORS: Final = ("processes", "threads", "dask")
+"""Where tasks can run."""
+
+_MOST_DEATHS: Final = 3
+_CONNECT_S: Final = 10.0
+_LOOK_S: Final = 1.0
+_MOST_SILENCES: Final = 30
+
+
+class WorkerLostError(RuntimeError):
+    """A task ended each of the workers that it was given to."""
+
+
+class ClusterLostError(RuntimeError):
+    """The scheduler of a cluster is out of reach."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Result of a task.
+
+    Attributes
+    ----------
+    item
+        Argument of the task.
+    value
+        What the function returned; None when it did not.
+    error
+        What it raised, or ``WorkerLostError``; None when it returned.
+    """
+
+    item: Any
+    value: Any = None
+    error: BaseException | None = None
+
+    def result(self) -> Any:
+        """Return the value, or raise the error."""
+        if self.error is not None:
+            raise self.error
+        return self.value
+
+
+class Workers(AbstractContextManager["Workers", None]):
+    """Workers that call a function with many items; to be used under ``with``.
+
+    Where the block ends by an exception, tasks that have not begun are dropped, and processes end
+    at once. A task whose worker process ends is repeated by itself, three times at most.
+
+    Parameters
+    ----------
+    kind
+        One of ``EXECUTORS``.
+    number
+        How many tasks run at once on this machine; the scheduler knows its own workers.
+    scheduler
+        Address of a Dask scheduler; empty for a cluster of local processes.
+
+    Raises
+    ------
+    ValueError
+        When the kind is unknown, there are no workers, a scheduler is given to another kind, or
+        ``distributed`` is not installed.
+    ClusterLostError
+        When the scheduler does not answer.
+    """
+
+    def __init__(self, kind: str, number: int, scheduler: str = "") -> None:
+        if kind not in EXECUTORS:
+            raise ValueError(f"executor {kind!r} is unknown; known: {', '.join(EXECUTORS)}")
+        if number < 1:
+            raise ValueError(f"workers = {number}: expected at least 1")
+        if scheduler and kind != "dask":
+            raise ValueError(f"--scheduler {scheduler} is for the executor dask, not {kind}")
+        self._kind, self._number = kind, number
+        self._client: Any = None
+        self._alive: Any = None
+        if kind == "dask":
+            self._client = _dask_client(number, scheduler)
+        self._executor = self._open()
+
+    def run(
+        self, function: Callable[[Any], Any], items: Iterable[Any]
+    ) -> Generator[Outcome, None, None]:
+        """Call a function with each item and yield the outcomes as they come.
+
+        Items are taken as workers become free. Where the iterator is closed before its end, tasks
+        that have not begun are dropped.
+
+        Raises
+        ------
+        ClusterLostError
+            When the scheduler is out of reach.
+        """
+        waiting, suspects = iter(items), deque[tuple[Any, int]]()
+        pending: dict[Future[Any], tuple[Any, int]] = {}
+        most = 2 * self._workers() + 2
+        silences, is_exhausted = 0, False
+        try:
+            while True:
+                while not (is_exhausted or suspects or len(pending) >= most):
+                    try:
+                        item = next(waiting)
+                    except StopIteration:
+                        is_exhausted = True
+                    else:
+                        pending[self._submit(function, item)] = item, 0
+                if suspects and not pending:
+                    item, deaths = suspects.popleft()
+                    pending[self._submit(function, item)] = item, deaths
+                if not pending:
+                    return
+                done = wait(pending, _LOOK_S, FIRST_COMPLETED).done
+                silences = 0 if done or self._is_there() else silences + 1
+                if silences >= _MOST_SILENCES:
+                    raise self._lost()
+                for future in done:
+                    item, deaths = pending.pop(future)
+                    error = self._error(future)
+                    if not _is_death(error):
+                        yield Outcome(item, None if error else future.result(), error)
+                    elif deaths + 1 < _MOST_DEATHS:
+                        # All tasks of the pool end with one worker: each shows by itself.
+                        suspects.append((item, deaths + 1))
+                    else:
+                        words = f"{deaths + 1} worker processes ended while they worked on it"
+                        yield Outcome(item, error=WorkerLostError(words))
+        finally:
+            for future in pending:
+                future.cancel()
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        is_failed = kind is not None
+        if is_failed and self._alive is not None:
+            self._alive.close()
+        with suppress(OSError, RuntimeError, TimeoutError):
+            self._executor.shutdown(wait=not is_failed or self._client is None)
+        if self._alive is not None:
+            self._alive.close()
+        if self._client is not None:
+            with suppress(CancelledError, OSError, RuntimeError, TimeoutError):
+                self._client.close(timeout=_CONNECT_S)
+            if self._client.cluster is not None:
+                self._client.cluster.close(timeout=_CONNECT_S)
+
+    def _open(self) -> Executor:
+        if self._client is not None:
+            return self._client.get_executor(pure=False)
+        if self._kind == "threads":
+            return ThreadPoolExecutor(self._number, thread_name_prefix="task")
+        # Forked children would inherit locks of threads that they do not have.
+        context = multiprocessing.get_context("spawn")
+        reader, self._alive = context.Pipe(duplex=False)
+        return ProcessPoolExecutor(self._number, context, _begin_worker, (reader,))
+
+    def _submit(self, function: Callable[[Any], Any], item: Any) -> Future[Any]:
+        try:
+            return self._executor.submit(function, item)
+        except BrokenProcessPool:
+            self._executor.shutdown(wait=False)
+            self._executor = self._open()
+            return self._executor.submit(function, item)
+        except (OSError, RuntimeError) as error:
+            raise (self._lost() if self._client is not None else error) from error
+
+    def _workers(self) -> int:
+        if self._client is None:
+            return self._number
+        return max(1, sum(self._client.nthreads().values())) if self._is_there() else 1
+
+    def _is_there(self) -> bool:
+        return self._client is None or self._client.status == "running"
+
+    def _error(self, future: Future[Any]) -> BaseException | None:
+        try:
+            return future.exception()
+        except CancelledError as error:
+            # Its scheduler has ended: another one at the same address knows nothing of it.
+            raise self._lost() from error
+
+    def _lost(self) -> ClusterLostError:
+        address = self._client.scheduler.address
+        return ClusterLostError(
+            f"the Dask scheduler {address} is out of reach; what is done is kept"
+        )
+
+
+def _is_death(error: BaseException | None) -> bool:
+    # Dask's own error is known by its name: `distributed` is an extra.
+    return isinstance(error, BrokenProcessPool) or type(error).__name__ == "KilledWorker"
+
+
+def _dask_client(number: int, scheduler: str) -> Any:
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise ValueError(
+            "the executor dask needs the package distributed: pip install 'ema_core[dask]'"
+        ) from error
+    place: Any = scheduler or LocalCluster(
+        n_workers=number, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
+    )
+    try:
+        return Client(place, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ClusterLostError(
+            f"the Dask scheduler {scheduler} does not answer within {_CONNECT_S:g} s: {error}"
+        ) from error
+
+
+def _begin_worker(parent: Any) -> None:
+    """Leave interrupts of the terminal to the parent, and end when its end of the pipe is closed.
+
+    Nothing else tells a process that its parent was killed.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def end_with_parent() -> None:
+        with suppress(EOFError, OSError):
+            parent.recv()
+        os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()

@@ -1,1 +1,0 @@
-"""Tasks on threads, processes or a Dask cluster."""
