@@ -19,7 +19,6 @@ setup(
         "ema_recording",
         "ema_ros",
         "aiohttp>=3.13,<4",
-        "foxglove-sdk>=0.30,<0.31",
         "prometheus-client>=0.22,<1",
     ],
     python_requires=">=3.11",

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -10,34 +9,32 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as RosClock
 from rclpy.clock_type import ClockType
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from ema_core.wording import counted
 from ema_dashboard.access import Access
-from ema_dashboard.channels import Channels
-from ema_dashboard.fleet_document import FleetDocument
-from ema_dashboard.histories import Histories
+from ema_dashboard.contents import FleetDocument
+from ema_dashboard.hub import Hub
 from ema_dashboard.known_topics import CLOCK, DIAGNOSTICS, UNIT_HISTORY, KnownTopic, known_topics
-from ema_dashboard.listening import bound_socket, tls_context
 from ema_dashboard.metrics import Metrics, OwnFigures
 from ema_dashboard.playback_control import PlaybackControl
-from ema_dashboard.settings import DEFAULT_ORIGINS, DashboardSettings, read_token
-from ema_dashboard.unit_history import ActuatorHistory
+from ema_dashboard.settings import (
+    DEFAULT_ORIGINS,
+    DashboardSettings,
+    bound_socket,
+    read_token,
+    tls_context,
+)
+from ema_dashboard.unit_history import Histories
 from ema_dashboard.web_server import WebServer
-from ema_interfaces.msg import UnitHistory
 from ema_ros.managed_node import ManagedNode
 from ema_ros.peers import UNKNOWN_NODE
 from ema_ros.run import run
 from ema_ros.settings import declare, read
 from ema_ros.stamps import stamp_from_message
 from ema_ros.status import ERROR, OK, Task
-from ema_ros.topics import (
-    DESCRIPTION,
-    FAULT_ESTIMATE,
-    HEALTH,
-    PLAYBACK_STATE,
-)
+from ema_ros.topics import DESCRIPTION, FAULT_ESTIMATE, HEALTH, PLAYBACK_STATE
 
 _DISCOVERY_S: Final = 0.2
 _JUMP_NS: Final = 1_000_000_000
@@ -94,24 +91,18 @@ class DashboardNode(ManagedNode):
         self._topics = {topic.name: topic for topic in known_topics(namespaces)}
         self._inputs: dict[str, Subscription] = {}
         self._clock_ns: int | None = None
-        self._playback = PlaybackControl(
-            self, lambda state: self._channels.broadcast_playback(state), self._report_end
-        )
-        self._channels = Channels("EMA health monitor", self._playback)
+        self._hub = Hub()
+        self._playback = PlaybackControl(self, self._hub)
         self._histories = {
-            name: Histories(
-                self, name, partial(self._offer_history, name), partial(self._add_history, name)
-            )
-            for name in namespaces
+            name: Histories(self, name, self._hub, self._time_ns) for name in namespaces
         }
         self._metrics = Metrics(namespaces, self._own_figures)
-        self._channels.start()
         self._web = WebServer(
             listener,
             tls,
             access,
-            lambda: self._channels.address,
-            self._channels.kept,
+            self._hub,
+            self._playback.ask,
             settings.most_clients,
             round(settings.buffer_mb * 1e6),
             {
@@ -137,8 +128,7 @@ class DashboardNode(ManagedNode):
     def clean_up(self) -> None:
         """Disconnect the clients and free the port."""
         self._web.stop()
-        self._playback.stop()
-        self._channels.close()
+        self._playback.set_player("")
         for histories in self._histories.values():
             histories.close()
 
@@ -148,24 +138,24 @@ class DashboardNode(ManagedNode):
         values = {
             "address": self.address,
             "clients": own.clients,
-            "topics": len(self._channels),
+            "topics": len(self._hub),
             "sent messages": own.messages,
             "sent [B]": own.sent_bytes,
             "waiting [B]": own.waiting_bytes,
             "dropped messages": own.dropped,
             "refused requests": own.refused,
-            "ends of threads": self._web.thread.ends + self._playback.thread.ends,
+            "ends of threads": self._web.thread.ends,
         }
         message = f"{counted(own.clients, 'client')} at {self.address}"
         if own.dropped:
             message += f", {counted(own.dropped, 'message')} dropped for slow clients"
-        failures = list(filter(None, (self._web.thread.failure, self._playback.thread.failure)))
-        level, message = (ERROR, "; ".join(failures)) if failures else (OK, message)
+        failure = self._web.thread.failure
+        level, message = (ERROR, failure) if failure else (OK, message)
         return [Task("dashboard", level, message, self.hardware_id, values)]
 
     def _own_figures(self) -> OwnFigures:
-        clients, dropped, waiting = self._web.statistics()
-        totals = self._web.totals
+        dropped, waiting = self._hub.statistics()
+        clients, totals = self._web.admitted, self._hub.totals
         return OwnFigures(
             clients, totals.messages, totals.sent_bytes, waiting, dropped, totals.refused
         )
@@ -187,13 +177,13 @@ class DashboardNode(ManagedNode):
     def _discover(self) -> None:
         """Offer topics that have a publisher, and receive those that are looked at."""
         for name, topic in self._topics.items():
-            if name not in self._channels:
+            if name not in self._hub:
                 if topic.request is not None and not self.count_publishers(name):
                     continue
-                self._channels.add(topic)
+                self._hub.add(topic)
             if topic.request is None:
                 continue
-            wanted = topic.followed or self._channels.has_clients(name)
+            wanted = topic.followed or self._hub.has_clients(name)
             if wanted and name not in self._inputs:
                 self._inputs[name] = self.create_subscription(
                     topic.message_class, name, self._receiver(topic), topic.request, raw=True
@@ -208,20 +198,19 @@ class DashboardNode(ManagedNode):
 
     def _find_player(self) -> None:
         """Let clients control a player that has come; there is one at a time."""
-        for topic in self._topics.values():
-            if topic.relative == PLAYBACK_STATE:
-                for item in self.get_publishers_info_by_topic(topic.name):
-                    if item.node_name == UNKNOWN_NODE:
-                        return  # it is known soon
+        states = [one.name for one in self._topics.values() if one.relative == PLAYBACK_STATE]
+        for name in states:
+            for item in self.get_publishers_info_by_topic(name):
+                if item.node_name != UNKNOWN_NODE:  # else it is known soon
                     namespace = item.node_namespace.rstrip("/")
                     self._playback.set_player(f"{namespace}/{item.node_name}")
-                    return
+                return
         self._playback.set_player("")
-        if self._channels.playback_range is not None:
-            for topic in self._topics.values():
-                if topic.relative == PLAYBACK_STATE and topic.name in self._channels:
-                    self._channels.forget(topic.name, -1)
-            self._channels.start()
+        if self._hub.playback_range is not None:
+            for name in states:
+                if name in self._hub:
+                    self._hub.forget(name, -1)
+            self._hub.offer_playback(None)
 
     def _receiver(self, topic: KnownTopic) -> Callable[..., None]:
         def receive(data: bytes, information: Mapping[str, Any]) -> None:
@@ -236,9 +225,9 @@ class DashboardNode(ManagedNode):
                 message = deserialize_message(data, topic.message_class)
                 key = getattr(message, "actuator_id", "")
                 stamp_ns = stamp_from_message(message.header.stamp)
-                self._channels.keep(topic.name, key, data, log_time_ns, stamp_ns)
+                self._hub.keep(topic.name, key, data, log_time_ns, stamp_ns)
                 self._follow(topic, message)
-            self._channels.send(topic.name, data, log_time_ns)
+            self._hub.publish(topic.name, data, log_time_ns)
 
         return receive
 
@@ -255,20 +244,13 @@ class DashboardNode(ManagedNode):
 
     def _follow(self, topic: KnownTopic, message: Any) -> None:
         """Take what the history, the metrics and the control of a playback rest on."""
-        histories, metrics = self._histories[topic.namespace], self._metrics
-        if topic.relative == DESCRIPTION:
-            histories.note_description(message)
-            metrics.note_description(topic.namespace, message)
-        elif topic.relative == FAULT_ESTIMATE:
-            histories.note_estimate(message)
-            metrics.note_estimate(topic.namespace, message)
-        elif topic.relative == HEALTH:
-            histories.note_health(message)
-            metrics.note_health(topic.namespace, message)
+        if topic.relative in (DESCRIPTION, FAULT_ESTIMATE, HEALTH):
+            self._histories[topic.namespace].note(message)
+            self._metrics.note(topic.namespace, message)
         elif topic.relative == PLAYBACK_STATE:
             bounds = stamp_from_message(message.start), stamp_from_message(message.end)
-            if bounds != self._channels.playback_range:
-                self._channels.start(bounds)
+            if bounds != self._hub.playback_range:
+                self._hub.offer_playback(bounds)
             if message.jumped:
                 self._note_time(stamp_from_message(message.position))
             self._playback.note_state(message)
@@ -279,28 +261,14 @@ class DashboardNode(ManagedNode):
         if before_ns is None or time_ns >= before_ns - _JUMP_NS:
             return
         for name, topic in self._topics.items():
-            if topic.kept and topic.relative != UNIT_HISTORY and name in self._channels:
-                self._channels.forget(name, time_ns)
+            if topic.kept and topic.relative != UNIT_HISTORY and name in self._hub:
+                self._hub.forget(name, time_ns)
         for histories in self._histories.values():
             histories.rewind(time_ns)
         self._metrics.rewind(time_ns)
 
-    def _offer_history(
-        self, namespace: str, actuator_id: str, history: ActuatorHistory, to_all: bool
-    ) -> None:
-        """Keep a history for clients that come, and send it to those present if it is another."""
-        name = f"{namespace.rstrip('/')}/{UNIT_HISTORY}"
-        log_time_ns = self._clock_ns or RosClock().now().nanoseconds
-        self._channels.keep(name, actuator_id, history.serialised, log_time_ns)
-        if to_all and self._channels.has_clients(name):
-            self._channels.send(name, history.serialised(), log_time_ns)
-
-    def _add_history(self, namespace: str, addition: UnitHistory) -> None:
-        """Send what is new of a history to clients that have it."""
-        name = f"{namespace.rstrip('/')}/{UNIT_HISTORY}"
-        if self._channels.has_clients(name):
-            log_time_ns = self._clock_ns or RosClock().now().nanoseconds
-            self._channels.send(name, serialize_message(addition), log_time_ns)
+    def _time_ns(self) -> int:
+        return self._clock_ns or RosClock().now().nanoseconds
 
 
 def main(args: list[str] | None = None) -> int:

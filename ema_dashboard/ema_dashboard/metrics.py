@@ -1,10 +1,16 @@
 """What is known of actuators and nodes as metrics, for Prometheus and others."""
 
 import math
+import threading
+import time
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
 from itertools import accumulate
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from prometheus_client import CollectorRegistry, ProcessCollector
 from prometheus_client.core import (
     CounterMetricFamily,
@@ -16,14 +22,24 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
-from ema_dashboard.documents import Made
-from ema_dashboard.known_figures import COMPUTING_BOUNDS_S, ActuatorFigures, KnownFigures
-from ema_interfaces.msg import Health
+from ema_dashboard.contents import Made
+from ema_interfaces.msg import ActuatorDescription, FaultEstimate, Health
 from ema_ros.stamps import stamp_from_message
 
+COMPUTING_BOUNDS_S: Final = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+"""Upper bounds of the classes in which computing times are counted [s]; there is one beyond."""
+
+MOST_KEPT: Final = 1000
+"""Actuators, and nodes, of which figures are kept; those heard of longest ago make room."""
+
+_NODE_TASKS: Final = ("identification", "input", "recording")
+_TELEMETRY: Final = " telemetry"  # ends the name of the status of an actuator's telemetry
 _HOUR_S: Final = 3600.0
 _ACTUATOR: Final = ("namespace", "actuator_id")
 _BOUNDS: Final = (*map(str, COMPUTING_BOUNDS_S), "+Inf")
+
+_Key = TypeVar("_Key")
+_Value = TypeVar("_Value")
 
 
 class _Counted(NamedTuple):
@@ -69,6 +85,28 @@ _OF_NODES: Final = (
     ),
     _Counted("ema_bridge_samples_lost", "Samples missing at a bridge's input.", "lost", "input"),
 )
+_OF_HEALTH: Final[tuple[tuple[str, str, str, Callable[[Health], float]], ...]] = (
+    (
+        *("ema_health_index", "Health: 1 is as new, 0 at a limit.", "ratio"),
+        lambda health: health.health_index,
+    ),
+    (
+        *("ema_health_level", "Level: 0 OK, 1 WARN, 2 ERROR, 3 STALE.", ""),
+        lambda health: health.level,
+    ),
+    (
+        *("ema_health_confidence", "Confidence in the health.", "ratio"),
+        lambda health: health.confidence,
+    ),
+    (
+        *("ema_service_time", "Time of service so far.", "seconds"),
+        lambda health: _HOUR_S * health.flight_hours,
+    ),
+    (
+        *("ema_health_timestamp", "End of the latest test.", "seconds"),
+        lambda health: stamp_from_message(health.header.stamp) * 1e-9,
+    ),
+)
 
 
 class OwnFigures(NamedTuple):
@@ -82,24 +120,87 @@ class OwnFigures(NamedTuple):
     refused: int
 
 
-class Metrics(KnownFigures, Collector):
+@dataclass
+class _Actuator:
+    """What is known of an actuator."""
+
+    serial_number: str = ""
+    model: str = ""
+    health: Health | None = None
+    status: dict[str, float] = field(default_factory=dict)  # of its telemetry
+    computing: list[int] = field(default_factory=lambda: [0] * (len(COMPUTING_BOUNDS_S) + 1))
+    computing_s: float = 0.0
+
+
+@dataclass
+class _Node:
+    """What a node has told of itself: when last [s], and figures by the names of its tasks."""
+
+    heard_s: float = 0.0
+    tasks: dict[str, dict[str, float]] = field(default_factory=dict)
+
+
+class Metrics(Collector):
     """Figures of actuators, nodes and this process, as metrics when they are asked for.
+
+    Any thread may call it.
 
     Parameters
     ----------
     namespaces
-        As of ``KnownFigures``.
+        Those whose nodes are of interest.
     own
         Returns the figures of the dashboard.
     """
 
     def __init__(self, namespaces: Iterable[str], own: Callable[[], OwnFigures]) -> None:
-        super().__init__(namespaces)
+        self._prefixes = tuple(f"{name.rstrip('/')}/" for name in namespaces)
         self._own = own
+        self._lock = threading.Lock()
+        self._actuators: dict[tuple[str, str], _Actuator] = {}
+        self._nodes: dict[str, _Node] = {}
         # One of its own: a process may have several dashboards.
         self._registry = CollectorRegistry(auto_describe=False)
         self._registry.register(self)
         ProcessCollector(registry=self._registry)
+
+    def note(self, namespace: str, message: Any) -> None:
+        """Take a description, an estimate or a health."""
+        key = namespace.rstrip("/") or "/", message.actuator_id
+        with self._lock:
+            known = _latest(self._actuators, key, _Actuator)
+            if known.serial_number != message.serial_number:
+                known.serial_number, known.health = message.serial_number, None
+            if isinstance(message, ActuatorDescription):
+                known.model = message.model
+            elif isinstance(message, Health):
+                known.health = message
+            elif isinstance(message, FaultEstimate):
+                taken_s = message.computing_time
+                if math.isfinite(taken_s) and taken_s >= 0.0:
+                    known.computing[bisect_left(COMPUTING_BOUNDS_S, taken_s)] += 1
+                    known.computing_s += taken_s
+
+    def note_status(self, status: DiagnosticStatus) -> None:
+        """Take the status of a task of a node."""
+        node, _, task = status.name.partition(": ")
+        if not node.startswith(self._prefixes):
+            return
+        with self._lock:
+            known = _latest(self._nodes, node, _Node)
+            known.heard_s = time.time()
+            if task in _NODE_TASKS:
+                known.tasks[task] = _numbers(status)
+            elif task.endswith(_TELEMETRY):
+                key = node.rpartition("/")[0] or "/", task.removesuffix(_TELEMETRY)
+                _latest(self._actuators, key, _Actuator).status = _numbers(status)
+
+    def rewind(self, time_ns: int) -> None:
+        """Forget health that is later than a time to which the graph has jumped back [ns]."""
+        with self._lock:
+            for known in self._actuators.values():
+                if known.health and stamp_from_message(known.health.header.stamp) > time_ns:
+                    known.health = None
 
     def exposition(self, _: Mapping[str, str], accept: str) -> Made:
         """Return all metrics, in the format that a client accepts: OpenMetrics or Prometheus's."""
@@ -112,22 +213,25 @@ class Metrics(KnownFigures, Collector):
 
     def collect(self) -> Iterator[Metric]:
         """Yield all metrics, those of the process apart."""
-        with self.read() as (actuators, nodes):
-            found = [*_of_actuators(actuators)]
-            for counted in _OF_NODES:
-                family = CounterMetricFamily(counted.name, counted.documentation, labels=["node"])
-                for node, known in nodes.items():
-                    _add(family, (node,), known.tasks.get(counted.task, {}).get(counted.key))
-                found.append(family)
-            heard = _gauge("ema_node_heard_timestamp", "When a node told.", "seconds", "node")
-            for node, known in nodes.items():
-                _add(heard, (node,), known.heard_s)
-            found.append(heard)
+        with self._lock:
+            found = [*_of_actuators(self._actuators), *_of_nodes(self._nodes)]
         yield from found
         yield from _of_dashboard(self._own())
 
 
-def _of_actuators(actuators: Mapping[tuple[str, str], ActuatorFigures]) -> Iterator[Metric]:
+def _of_nodes(nodes: Mapping[str, _Node]) -> Iterator[Metric]:
+    for counted in _OF_NODES:
+        family = CounterMetricFamily(counted.name, counted.documentation, labels=["node"])
+        for node, known in nodes.items():
+            _add(family, (node,), known.tasks.get(counted.task, {}).get(counted.key))
+        yield family
+    heard = _gauge("ema_node_heard_timestamp", "When a node told.", "seconds", "node")
+    for node, known in nodes.items():
+        heard.add_metric((node,), known.heard_s)
+    yield heard
+
+
+def _of_actuators(actuators: Mapping[tuple[str, str], _Actuator]) -> Iterator[Metric]:
     about = InfoMetricFamily("ema_actuator", "The unit that is installed.", labels=_ACTUATOR)
     computing = HistogramMetricFamily(
         "ema_estimate_computing",
@@ -139,7 +243,6 @@ def _of_actuators(actuators: Mapping[tuple[str, str], ActuatorFigures]) -> Itera
         "ema_estimate_latency",
         "Time from the end of the latest window to its estimate.",
         "seconds",
-        *_ACTUATOR,
     )
     estimates = CounterMetricFamily(
         "ema_estimates", "Estimates by their verdict.", labels=[*_ACTUATOR, "verdict"]
@@ -147,9 +250,15 @@ def _of_actuators(actuators: Mapping[tuple[str, str], ActuatorFigures]) -> Itera
     counters = [
         CounterMetricFamily(one.name, one.documentation, labels=_ACTUATOR) for one in _OF_ACTUATORS
     ]
-    health = _HealthMetrics()
+    of_health = [_gauge(name, documentation, unit) for name, documentation, unit, _ in _OF_HEALTH]
+    life = _gauge(
+        "ema_remaining_useful_life",
+        "Time of service that is left, by quantile; NaN when it is unknown.",
+        "seconds",
+        *(*_ACTUATOR, "quantile"),
+    )
     for names, known in actuators.items():
-        labels = tuple(map(_text, names))
+        labels, health = tuple(map(_text, names)), known.health
         unit = {"serial_number": _text(known.serial_number), "model": _text(known.model)}
         about.add_metric(labels, unit)
         if any(known.computing):
@@ -160,45 +269,14 @@ def _of_actuators(actuators: Mapping[tuple[str, str], ActuatorFigures]) -> Itera
             _add(estimates, (*labels, verdict), known.status.get(key))
         for family, counted in zip(counters, _OF_ACTUATORS, strict=True):
             _add(family, labels, known.status.get(counted.key))
-        if known.health is not None:
-            health.add(labels, known.health)
-    yield from (about, *health.families, latency, computing, estimates, *counters)
-
-
-class _HealthMetrics:
-    """The metrics of health and life."""
-
-    def __init__(self) -> None:
-        self._index = _gauge("ema_health_index", "Health: 1 is as new, 0 at a limit.", "ratio")
-        self._level = _gauge("ema_health_level", "Level: 0 OK, 1 WARN, 2 ERROR, 3 STALE.", "")
-        self._confidence = _gauge("ema_health_confidence", "Confidence in the health.", "ratio")
-        self._life = _gauge(
-            "ema_remaining_useful_life",
-            "Time of service that is left, by quantile; NaN when it is unknown.",
-            "seconds",
-            *(*_ACTUATOR, "quantile"),
-        )
-        self._service = _gauge("ema_service_time", "Time of service so far.", "seconds")
-        self._tested = _gauge("ema_health_timestamp", "End of the latest test.", "seconds")
-        self.families = (
-            *(self._index, self._level, self._confidence),
-            *(self._life, self._service, self._tested),
-        )
-
-    def add(self, labels: tuple[str, ...], health: Health) -> None:
-        """Add those of an actuator."""
-        self._index.add_metric(labels, health.health_index)
-        self._level.add_metric(labels, health.level)
-        self._confidence.add_metric(labels, health.confidence)
-        life = health.rul
-        for quantile, hours in (
-            ("0.05", life.hours_05),
-            ("0.5", life.hours_50),
-            ("0.95", life.hours_95),
-        ):
-            self._life.add_metric((*labels, quantile), _HOUR_S * hours if life.known else math.nan)
-        self._service.add_metric(labels, _HOUR_S * health.flight_hours)
-        self._tested.add_metric(labels, stamp_from_message(health.header.stamp) * 1e-9)
+        if health is not None:
+            for family, (*_, value_of) in zip(of_health, _OF_HEALTH, strict=True):
+                family.add_metric(labels, value_of(health))
+            rul = health.rul
+            quantiles = {"0.05": rul.hours_05, "0.5": rul.hours_50, "0.95": rul.hours_95}
+            for name, hours in quantiles.items():
+                life.add_metric((*labels, name), _HOUR_S * hours if rul.known else math.nan)
+    yield from (about, *of_health, life, latency, computing, estimates, *counters)
 
 
 def _of_dashboard(own: OwnFigures) -> Iterator[Metric]:
@@ -206,18 +284,13 @@ def _of_dashboard(own: OwnFigures) -> Iterator[Metric]:
         ("messages_sent", "Messages sent to clients.", own.messages),
         ("messages_dropped", "Messages dropped for slow clients.", own.dropped),
         ("requests_refused", "Requests refused.", own.refused),
+        ("sent_bytes", "Content of the messages sent.", own.sent_bytes),
     ):
-        yield CounterMetricFamily(f"ema_dashboard_{name}", documentation, value)
-    sent = CounterMetricFamily(
-        "ema_dashboard_sent_bytes", "Content of the messages sent.", own.sent_bytes, unit="bytes"
-    )
-    yield sent
+        unit = "bytes" if name == "sent_bytes" else ""
+        yield CounterMetricFamily(f"ema_dashboard_{name}", documentation, value, unit=unit)
     yield GaugeMetricFamily("ema_dashboard_clients", "Clients that are connected.", own.clients)
     yield GaugeMetricFamily(
-        "ema_dashboard_waiting_bytes",
-        "What waits for clients.",
-        own.waiting_bytes,
-        unit="bytes",
+        "ema_dashboard_waiting_bytes", "What waits for clients.", own.waiting_bytes, unit="bytes"
     )
 
 
@@ -235,3 +308,19 @@ def _add(
 def _text(words: str) -> str:
     """Return words of the graph as UTF-8 can write them."""
     return words.encode(errors="replace").decode()
+
+
+def _latest(items: dict[_Key, _Value], key: _Key, new: Callable[[], _Value]) -> _Value:
+    """Return an item, a new one if there is none, as the one heard of last."""
+    items[key] = item = items.pop(key) if key in items else new()
+    if len(items) > MOST_KEPT:
+        del items[next(iter(items))]
+    return item
+
+
+def _numbers(status: DiagnosticStatus) -> dict[str, float]:
+    found = {}
+    for item in status.values:
+        with suppress(ValueError):
+            found[item.key] = float(item.value)
+    return found

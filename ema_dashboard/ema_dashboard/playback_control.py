@@ -1,80 +1,60 @@
 """Requests of clients to a player: to pause, to seek, to play faster."""
 
-import queue
-import threading
-from collections.abc import Callable
-from typing import Any, Final
+import asyncio
+import struct
+from collections import deque
+from typing import Any, Final, NamedTuple
 
-from foxglove.websocket import (
-    PlaybackCommand,
-    PlaybackControlRequest,
-    PlaybackState,
-    PlaybackStatus,
-    ServerListener,
-)
 from rclpy.client import Client
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from ema_core.steady_thread import SteadyThread
-from ema_interfaces.msg import PlaybackState as PlayerState
+from ema_dashboard.hub import Hub
+from ema_interfaces.msg import PlaybackState
 from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 
 _ANSWER_S: Final = 10.0  # a seek reads the bag for what is latched
 _TOLD_S: Final = 2.0
 _MOST_WAITING: Final = 8
+_REQUEST: Final = struct.Struct("<BBfBQI")
+_MOST_BYTES: Final = 512
+_PAUSE: Final = 1
+# Of the protocol, which has 2 for a player that waits for data.
+_STATUS: Final = {PlaybackState.PLAYING: 0, PlaybackState.PAUSED: 1, PlaybackState.ENDED: 3}
 
-_STATUS: Final = {
-    PlayerState.PLAYING: PlaybackStatus.Playing,
-    PlayerState.PAUSED: PlaybackStatus.Paused,
-    PlayerState.ENDED: PlaybackStatus.Ended,
-}
+
+class Request(NamedTuple):
+    """What a client asks of a playback; it is told that it was done by its name."""
+
+    plays: bool
+    rate: float
+    seek_ns: int | None
+    name: bytes
 
 
-class PlaybackControl(ServerListener):
-    """Does with a player what clients ask for, one request after the other, in a thread of its own.
-
-    It is the listener of the server of foxglove-sdk, whose threads must not wait for a player.
+class PlaybackControl:
+    """Does with a player what clients ask for, one request after the other, in the hub's loop.
 
     Parameters
     ----------
     node
         Whose clients call the services of the player.
-    broadcast
-        Called with how the playback stands.
-    on_failure
-        Called as by ``SteadyThread`` when the thread has ended by itself.
-
-    Attributes
-    ----------
-    thread
-        The thread.
+    hub
+        Its clients are told how the playback stands.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        broadcast: Callable[[PlaybackState], None],
-        on_failure: Callable[[str, str], object],
-    ) -> None:
+    def __init__(self, node: Node, hub: Hub) -> None:
         self._node = node
-        self._broadcast = broadcast
+        self._hub = hub
         self._player = ""
         self._clients: dict[str, Client] = {}
-        self._state: PlayerState | None = None
+        self._state: PlaybackState | None = None
         self._jumps = 0
-        self._told = threading.Condition()
-        self._requests: queue.Queue[PlaybackControlRequest | None] = queue.Queue(_MOST_WAITING)
-        self.thread = SteadyThread("playback", self._work, on_failure)
-        self.thread.start()
-
-    def stop(self) -> None:
-        """Ask no more of the player."""
-        self.thread.ending.set()
-        self._ask(None)
-        self.thread.end(_ANSWER_S)
-        self.set_player("")
+        self._told = asyncio.Event()
+        # Of a slider that is drawn, where it was does not matter.
+        self._requests: deque[Request] = deque(maxlen=_MOST_WAITING)
+        self._work: asyncio.Task[None] | None = None
 
     def set_player(self, player: str) -> None:
         """Set the full name of the node that plays; empty when there is none."""
@@ -94,110 +74,98 @@ class PlaybackControl(ServerListener):
         else:
             self._state = None
 
-    def note_state(self, state: PlayerState) -> None:
+    def note_state(self, state: PlaybackState) -> None:
         """Take how the player stands, and tell the clients."""
-        with self._told:
-            self._state = state
-            self._jumps += state.jumped
-            self._told.notify_all()
-        self._broadcast(_playback_state(state, did_seek=state.jumped))
+        self._state = state
+        self._jumps += state.jumped
+        self._hub.in_loop(self._told.set)
+        self._hub.tell_playback(_frame(state, did_seek=state.jumped))
 
-    def on_playback_control_request(self, playback_control_request: PlaybackControlRequest) -> None:
-        """Take a request of a client; called by foxglove-sdk in threads of its own."""
-        self._ask(playback_control_request)
-
-    def _ask(self, request: PlaybackControlRequest | None) -> None:
-        while True:
-            try:
-                self._requests.put_nowait(request)
-                return
-            except queue.Full:  # a slider that is drawn: where it was does not matter
-                try:
-                    self._requests.get_nowait()
-                except queue.Empty:
-                    continue
-
-    def _work(self) -> None:
-        while (request := self._requests.get()) is not None:
-            with self._told:
-                before, jumps = self._state, self._jumps
-            if before is None:
-                continue
-            try:
-                did_seek = self._obey(request, before)
-                # The player answers and tells how it stands in two ways: the one may be quicker.
-                with self._told:
-                    self._told.wait_for(
-                        lambda request=request, jumps=jumps + did_seek: self._is_done(
-                            request, jumps
-                        ),
-                        _TOLD_S,
-                    )
-            except Exception as error:  # the player may go in the midst of a call
-                self._node.get_logger().warning(f"the player does not do as asked: {error}")
-                did_seek = False
-            state = self._state or before
-            self._broadcast(_playback_state(state, did_seek=did_seek, request=request.request_id))
-
-    def _is_done(self, request: PlaybackControlRequest, jumps: int) -> bool:
-        """Return whether the player stands as it was asked to, after so many jumps."""
-        state = self._state
-        if state is None:  # it has gone
-            return True
-        refused = PlayerState.PAUSED if _wants_to_play(request) else PlayerState.PLAYING
-        return state.status != refused and _has_rate(request, state) and self._jumps >= jumps
-
-    def _obey(self, request: PlaybackControlRequest, state: PlayerState) -> bool:
-        """Do what is asked and not so already; return whether there was a seek."""
-        # What is known of the state may be old: pausing twice does no harm, nor does going on.
-        if not _wants_to_play(request):
-            self._call("pause", Trigger.Request())
-        if not _has_rate(request, state):
-            self._call("set_rate", SetPlaybackRate.Request(rate=float(request.playback_speed)))
-        if request.seek_time is not None:
-            self._call("seek", SeekPlayback.Request(time=stamp_to_message(request.seek_time)))
-        if _wants_to_play(request):
-            self._call("resume", Trigger.Request())
-        return request.seek_time is not None
-
-    def _call(self, name: str, request: Any) -> None:
-        """Call a service of the player.
+    def ask(self, data: bytes) -> None:
+        """Take a request of a client, as the protocol has it; in the loop.
 
         Raises
         ------
         ValueError
-            When the player refuses; the message is its reason.
-        TimeoutError
-            When it does not answer.
+            When it is none.
         """
+        if data[:1] != b"\3" or not _REQUEST.size <= len(data) <= _MOST_BYTES:
+            raise ValueError("of binary messages only the control of a playback is served")
+        if self._state is None:
+            raise ValueError("there is no playback")
+        _, command, rate, seeks, seek_ns, _ = _REQUEST.unpack_from(data)
+        name = data[_REQUEST.size :]
+        self._requests.append(Request(command != _PAUSE, rate, seek_ns if seeks else None, name))
+        if self._work is None or self._work.done():
+            self._work = self._hub.loop.create_task(self._obey_all())
+
+    async def _obey_all(self) -> None:
+        while self._requests:
+            request, before, jumps = self._requests.popleft(), self._state, self._jumps
+            if before is None:
+                continue
+            did_seek = False
+            try:
+                await self._obey(request, before)
+                did_seek = request.seek_ns is not None
+                # The player answers and tells how it stands in two ways: the one may be quicker.
+                async with asyncio.timeout(_TOLD_S):
+                    while not self._is_done(request, jumps + did_seek):
+                        self._told.clear()
+                        await self._told.wait()
+            except TimeoutError:
+                pass
+            except Exception as error:  # the player may go in the midst of a call
+                self._node.get_logger().warning(f"the player does not do as asked: {error}")
+            state = self._state or before
+            self._hub.tell_playback(_frame(state, did_seek=did_seek, request=request.name))
+
+    def _is_done(self, request: Request, jumps: int) -> bool:
+        """Return whether the player stands as it was asked to, after so many jumps."""
+        state = self._state
+        if state is None:  # it has gone
+            return True
+        refused = PlaybackState.PAUSED if request.plays else PlaybackState.PLAYING
+        return state.status != refused and _has_rate(request, state) and self._jumps >= jumps
+
+    async def _obey(self, request: Request, state: PlaybackState) -> None:
+        """Do what is asked and not so already."""
+        # What is known of the state may be old: pausing twice does no harm, nor does going on.
+        if not request.plays:
+            await self._call("pause", Trigger.Request())
+        if not _has_rate(request, state):
+            await self._call("set_rate", SetPlaybackRate.Request(rate=request.rate))
+        if request.seek_ns is not None:
+            await self._call("seek", SeekPlayback.Request(time=stamp_to_message(request.seek_ns)))
+        if request.plays:
+            await self._call("resume", Trigger.Request())
+
+    async def _call(self, name: str, request: Any) -> None:
+        """Call a service of the player; ValueError when it refuses or does not answer."""
         client = self._clients.get(name)
         if client is None or not client.service_is_ready():
             raise ValueError(f"there is no service {self._player}/{name}")
-        answered = threading.Event()
+        answered = asyncio.Event()
         future = client.call_async(request)
-        future.add_done_callback(lambda _: answered.set())
-        if not answered.wait(_ANSWER_S):
+        future.add_done_callback(lambda _: self._hub.in_loop(answered.set))
+        try:
+            await asyncio.wait_for(answered.wait(), _ANSWER_S)
+        except TimeoutError:
             client.remove_pending_request(future)
-            raise TimeoutError(f"{self._player}/{name} has not answered for {_ANSWER_S:g} s")
+            raise ValueError(
+                f"{self._player}/{name} has not answered for {_ANSWER_S:g} s"
+            ) from None
         response: Any = future.result()
         if not response.success:
             raise ValueError(f"{name}: {response.message}")
 
 
-def _wants_to_play(request: PlaybackControlRequest) -> bool:
-    return request.playback_command == PlaybackCommand.Play
-
-
-def _has_rate(request: PlaybackControlRequest, state: PlayerState) -> bool:
+def _has_rate(request: Request, state: PlaybackState) -> bool:
     # The protocol has single precision.
-    return abs(request.playback_speed - state.rate) <= 1e-6 * state.rate
+    return abs(request.rate - state.rate) <= 1e-6 * state.rate
 
 
-def _playback_state(state: PlayerState, *, did_seek: bool, request: str = "") -> PlaybackState:
-    return PlaybackState(
-        _STATUS[state.status],
-        stamp_from_message(state.position),
-        state.rate,
-        did_seek,
-        request or None,
-    )
+def _frame(state: PlaybackState, *, did_seek: bool, request: bytes = b"") -> bytes:
+    """Return how a playback stands as the protocol has it."""
+    fields = (_STATUS[state.status], stamp_from_message(state.position), state.rate, did_seek)
+    return struct.pack("<BBQfBI", 5, *fields, len(request)) + request

@@ -1,17 +1,25 @@
-"""Histories of units for the page: from the monitor, then carried on with what is published."""
+"""Histories of units: those that monitors have kept, carried on with what is published."""
 
 import math
 import threading
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final
 
 from builtin_interfaces.msg import Time
+from rclpy.client import Client
+from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 
 from ema_core.faults import FAULT_NAMES
 from ema_core.levels import STALE
 from ema_core.wording import counted
+from ema_dashboard.hub import Hub
+from ema_dashboard.known_topics import UNIT_HISTORY
 from ema_interfaces.msg import FaultEstimate, Health, UnitEvent, UnitHistory, UnitTest
+from ema_interfaces.srv import GetHistory
 from ema_ros.stamps import stamp_from_message
 
 MOST_TESTS: Final = 2000
@@ -20,10 +28,12 @@ MOST_TESTS: Final = 2000
 MOST_EVENTS: Final = 500
 
 _MOST_TEXT: Final = 1000
+_PATIENCE_S: Final = 5.0
+_SERVICE_TYPE: Final = "ema_interfaces/srv/GetHistory"
 
 
 class ActuatorHistory:
-    """What is known of the tests of one actuator's unit.
+    """What is known of the tests of one actuator's unit; any thread may ask for ``serialised``.
 
     Attributes
     ----------
@@ -40,141 +50,285 @@ class ActuatorHistory:
         self._events: dict[tuple[int, str, str], UnitEvent] = {}
         self._omitted = 0
         self._latest: FaultEstimate | None = None  # whatever its verdict
-        self._estimate: FaultEstimate | None = None
+        self._estimate: FaultEstimate | None = None  # whose health has not come yet
         self._health: Health | None = None
-        self._serialised: bytes | None = None
+        self._news = self._empty(is_addition=True)
 
     def set_base(self, history: UnitHistory) -> None:
         """Take the history of the monitor; tests that came after it was asked stay."""
+        base = {stamp_from_message(test.stamp): serialize_message(test) for test in history.tests}
+        latest = max(base, default=-1)
+        events = {_identity(event): event for event in history.events}
         with self._lock:
-            base = {
-                stamp_from_message(test.stamp): serialize_message(test) for test in history.tests
-            }
-            latest = max(base, default=-1)
             later = {stamp: test for stamp, test in self._tests.items() if stamp > latest}
-            self._tests = {**base, **later}
-            known = {_identity(item): item for item in history.events}
-            every = {**self._events, **known}
+            self._tests = base | later
+            every = self._events | events
             self._events = dict(sorted(every.items(), key=lambda item: item[0][0]))
             self._omitted = history.omitted
             self._trim()
 
-    def note_estimate(self, estimate: FaultEstimate) -> tuple[bool, list[UnitEvent]]:
-        """Take an estimate.
+    def note_estimate(self, estimate: FaultEstimate) -> bool:
+        """Take an estimate; return whether the monitor has begun anew since the one before.
 
-        Returns
-        -------
-        bool
-            Whether the monitor has begun anew since the one before.
-        list of UnitEvent
-            What it shows beside a test: such a restart, and a calibration that cannot be used.
+        Such a restart is an event, and so is a calibration that cannot be used.
         """
         before, self._latest = self._latest, estimate
-        began_anew = False
-        found = []
-        with self._lock:
-            if before is not None and estimate.window < before.window:
-                began_anew = True
-                if not self._tells_of_restart(stamp_from_message(before.header.stamp)):
-                    found.append(("restart", "the monitor was started again"))
-            is_told = before is not None and before.reason == estimate.reason
-            is_refused = estimate.verdict == FaultEstimate.REFUSED
-            if is_refused and "calibration" in estimate.reason and not is_told:
-                found.append(("calibration", estimate.reason))
-            if estimate.valid:
-                self._estimate = estimate
-                self._join()
-        return began_anew, self._add(estimate.header.stamp, found)
-
-    def note_gap(self, stamp: Time, samples: int) -> list[UnitEvent]:
-        """Take that so many samples of telemetry are missing; return the event."""
-        return self._add(stamp, [("gap", f"{counted(samples, 'sample')} of telemetry missing")])
-
-    def addition(self, events: list[UnitEvent]) -> UnitHistory:
-        """Return new events as a message, for who has the history before them."""
-        return UnitHistory(
-            actuator_id=self._actuator_id,
-            serial_number=self.serial_number,
-            is_addition=True,
-            events=events,
-        )
+        began_anew = before is not None and estimate.window < before.window
+        if before is not None and began_anew:
+            since_ns = stamp_from_message(before.header.stamp)
+            if not any(at >= since_ns and kind == "restart" for at, kind, _ in self._events):
+                self._happened(estimate.header.stamp, "restart", "the monitor was started again")
+        is_told = before is not None and before.reason == estimate.reason
+        is_refused = estimate.verdict == FaultEstimate.REFUSED
+        if is_refused and "calibration" in estimate.reason and not is_told:
+            self._happened(estimate.header.stamp, "calibration", estimate.reason)
+        if estimate.valid:
+            self._estimate = estimate
+            self._join()
+        return began_anew
 
     def note_health(self, health: Health) -> None:
         """Take the health after an estimate: both together are a test."""
-        with self._lock:
-            self._health = health
-            self._join()
-            stamp = stamp_from_message(health.header.stamp)
-            known = self._tests.get(stamp)
-            # Overdue or computed anew: the health after the test is the one that says more.
-            if known is not None and health.level != STALE:
-                self._tests[stamp] = _with_health(deserialize_message(known, UnitTest), health)
-            for event in health.events:
-                self._events[_identity(event)] = event
-            self._trim()
+        self._health = health
+        self._join()
+        known = self._tests.get(stamp_from_message(health.header.stamp))
+        # Overdue or computed anew: the health after the test is the one that says more.
+        if known is not None and health.level != STALE:
+            self._add_test(deserialize_message(known, UnitTest), health)
+        self._add_events(health.events)
+
+    def note_gap(self, stamp: Time, samples: int) -> None:
+        """Take that so many samples of telemetry are missing."""
+        self._happened(stamp, "gap", f"{counted(samples, 'sample')} of telemetry missing")
 
     def rewind(self, time_ns: int) -> None:
         """Forget what is later than a time [ns]."""
         with self._lock:
             self._tests = {key: test for key, test in self._tests.items() if key <= time_ns}
             self._events = {key: item for key, item in self._events.items() if key[0] <= time_ns}
-            self._estimate = self._health = self._latest = None
-            self._serialised = None
+        self._estimate = self._health = self._latest = None
 
-    def serialised(self) -> bytes:
-        """Return the history as a message, serialised; any thread may ask."""
-        with self._lock:
-            if self._serialised is None:
-                self._serialised = serialize_message(self._message())
-            return self._serialised
+    def news(self) -> UnitHistory | None:
+        """Return what came since this was called last, for who has the history before it."""
+        found, self._news = self._news, self._empty(is_addition=True)
+        return found if found.tests or found.events else None
 
     def message(self) -> UnitHistory:
         """Return the history as a message."""
         with self._lock:
-            return self._message()
+            tests, events = list(self._tests.values()), list(self._events.values())
+        message = self._empty(is_addition=False)
+        message.tests = [deserialize_message(test, UnitTest) for test in tests]
+        message.events, message.omitted = events, self._omitted
+        if tests:
+            message.header.stamp = message.tests[-1].stamp
+        return message
 
-    def _tells_of_restart(self, since_ns: int) -> bool:
-        return any(stamp >= since_ns and kind == "restart" for stamp, kind, _ in self._events)
+    def serialised(self) -> bytes:
+        """Return the history as a message, serialised."""
+        return serialize_message(self.message())
 
-    def _add(self, stamp: Time, found: Iterable[tuple[str, str]]) -> list[UnitEvent]:
-        """Keep events that nobody else tells of, by kind and text; return those that are new."""
+    def _empty(self, *, is_addition: bool) -> UnitHistory:
+        return UnitHistory(
+            actuator_id=self._actuator_id,
+            serial_number=self.serial_number,
+            is_addition=is_addition,
+        )
+
+    def _happened(self, stamp: Time, kind: str, text: str) -> None:
+        """Add an event that nobody else tells of."""
+        hours = self._health.flight_hours if self._health else math.nan
+        text = text[:_MOST_TEXT]
+        self._add_events([UnitEvent(stamp=stamp, flight_hours=hours, kind=kind, text=text)])
+
+    def _add_events(self, events: Iterable[UnitEvent]) -> None:
+        new = {key: event for event in events if (key := _identity(event)) not in self._events}
         with self._lock:
-            hours = self._health.flight_hours if self._health else math.nan
-            events = [
-                UnitEvent(stamp=stamp, flight_hours=hours, kind=kind, text=text[:_MOST_TEXT])
-                for kind, text in found
-            ]
-            new = [event for event in events if _identity(event) not in self._events]
-            self._events |= {_identity(event): event for event in new}
+            self._events |= new
             self._trim()
-        return new
+        self._news.events = [*self._news.events, *new.values()]
 
     def _join(self) -> None:
         """Make a test of the latest estimate and its health, whichever came first."""
         estimate, health = self._estimate, self._health
         if estimate and health and estimate.header.stamp == health.header.stamp:
-            stamp = stamp_from_message(health.header.stamp)
-            self._tests[stamp] = _with_health(_test_of(estimate), health)
+            self._add_test(_test_of(estimate), health)
             self._estimate = None
-            self._trim()
 
-    def _message(self) -> UnitHistory:
-        tests = [deserialize_message(test, UnitTest) for test in self._tests.values()]
-        message = UnitHistory(
-            actuator_id=self._actuator_id,
-            serial_number=self.serial_number,
-            tests=tests,
-            events=list(self._events.values()),
-            omitted=self._omitted,
-        )
-        if tests:
-            message.header.stamp = tests[-1].stamp
-        return message
+    def _add_test(self, test: UnitTest, health: Health) -> None:
+        test.flight_hours, test.cycles = health.flight_hours, health.cycles
+        test.level, test.health_index = health.level, health.health_index
+        test.dominant_fault = health.dominant_fault
+        test.rul_known, test.rul_05 = health.rul.known, health.rul.hours_05
+        test.rul_50, test.rul_95 = health.rul.hours_50, health.rul.hours_95
+        with self._lock:
+            self._tests[stamp_from_message(test.stamp)] = serialize_message(test)
+            self._trim()
+        self._news.tests = [*self._news.tests, test]
 
     def _trim(self) -> None:
         self._omitted += _drop_oldest(self._tests, MOST_TESTS)
         _drop_oldest(self._events, MOST_EVENTS)
-        self._serialised = None
+
+
+@dataclass
+class _Unit:
+    """A unit that is shown, and whether a monitor has to be asked for its history."""
+
+    history: ActuatorHistory
+    is_wanted: bool = True
+    answered: set[str] = field(default_factory=set)  # monitors that have, since it is wanted
+    wants: int = 0  # how often it was wanted again
+
+    def want(self) -> None:
+        self.wants += 1
+        self.is_wanted = True
+        self.answered.clear()
+
+
+class Histories:
+    """Histories of the units of one namespace, on the topic ``unit_history`` of the hub.
+
+    That of a unit is asked of the monitors when the unit is first seen, and again when a monitor
+    has come or begun anew or the unit was replaced; then it is sent as a whole. In between it is
+    carried on with what is published. A monitor has one question at a time to answer.
+
+    Parameters
+    ----------
+    node
+        Whose clients call the services of the monitors.
+    namespace
+        Where monitors are looked for.
+    time_ns
+        Returns the time of the graph [ns].
+    """
+
+    def __init__(self, node: Node, namespace: str, hub: Hub, time_ns: Callable[[], int]) -> None:
+        self._node = node
+        self._prefix = namespace.rstrip("/") + "/"
+        self._topic = self._prefix + UNIT_HISTORY
+        self._hub = hub
+        self._time_ns = time_ns
+        self._lock = threading.RLock()  # answers come in threads of their own
+        self._monitors: dict[str, Client] = {}
+        self._ready: set[str] = set()
+        self._open: dict[str, tuple[Any, float]] = {}  # questions with their times, by monitor
+        self._units: dict[str, _Unit] = {}  # that asked for longest ago first
+        self._lost: dict[str, int] = {}  # samples, by actuator
+
+    def note(self, message: Any) -> None:
+        """Take a description, an estimate or a health."""
+        with self._lock:
+            unit = self._unit(message.actuator_id, message.serial_number)
+            if isinstance(message, FaultEstimate) and unit.history.note_estimate(message):
+                unit.want()
+            elif isinstance(message, Health):
+                unit.history.note_health(message)
+            self._offer(message.actuator_id, unit.history)
+
+    def note_lost_samples(self, actuator_id: str, stamp: Time, samples: int) -> None:
+        """Take the number of samples of an actuator that are missing since its monitor started."""
+        with self._lock:
+            before, self._lost[actuator_id] = self._lost.get(actuator_id), samples
+            unit = self._units.get(actuator_id)
+            # When the first ones were lost is not known.
+            if before is not None and samples > before and unit is not None:
+                unit.history.note_gap(stamp, samples - before)
+                self._offer(actuator_id, unit.history)
+
+    def rewind(self, time_ns: int) -> None:
+        """Forget what is later than a time to which the graph has jumped back [ns]."""
+        with self._lock:
+            for actuator_id, unit in self._units.items():
+                unit.history.rewind(time_ns)
+                self._offer(actuator_id, unit.history, as_a_whole=True)
+
+    def update(self) -> None:
+        """Look for monitors and ask them; to be called regularly."""
+        for name, types in self._node.get_service_names_and_types():
+            is_new = _SERVICE_TYPE in types and name not in self._monitors
+            if is_new and name.startswith(self._prefix):
+                self._monitors[name] = self._node.create_client(GetHistory, name)
+        with self._lock:
+            ready = {name for name, client in self._monitors.items() if client.service_is_ready()}
+            if ready - self._ready:
+                for unit in self._units.values():
+                    unit.want()
+            self._ready = ready
+            for name, (future, asked_s) in list(self._open.items()):
+                if name not in ready or time.monotonic() - asked_s >= _PATIENCE_S:
+                    self._monitors[name].remove_pending_request(future)
+                    del self._open[name]
+            for name in sorted(ready):
+                self._ask_next(name)
+
+    def close(self) -> None:
+        """Ask no more."""
+        with self._lock:
+            for client in self._monitors.values():
+                self._node.destroy_client(client)
+            self._monitors.clear()
+            self._ready.clear()
+            self._open.clear()
+
+    def _unit(self, actuator_id: str, serial_number: str) -> _Unit:
+        unit = self._units.get(actuator_id)
+        if unit is None or unit.history.serial_number != serial_number:
+            unit = self._units[actuator_id] = _Unit(ActuatorHistory(actuator_id, serial_number))
+        return unit
+
+    def _offer(
+        self, actuator_id: str, history: ActuatorHistory, *, as_a_whole: bool = False
+    ) -> None:
+        """Keep a history for clients that come, and send those present what is new to them."""
+        log_time_ns, news = self._time_ns(), history.news()
+        self._hub.keep(self._topic, actuator_id, history.serialised, log_time_ns)
+        if self._hub.has_clients(self._topic):
+            if as_a_whole:
+                self._hub.publish(self._topic, history.serialised(), log_time_ns)
+            elif news is not None:
+                self._hub.publish(self._topic, serialize_message(news), log_time_ns)
+
+    def _ask_next(self, name: str) -> None:
+        """Ask a monitor for the unit that was asked for longest ago, if it has no question open."""
+        if name in self._open or name not in self._ready:
+            return
+        due = (
+            actuator_id
+            for actuator_id, unit in self._units.items()
+            if unit.is_wanted and name not in unit.answered
+        )
+        actuator_id = next(due, None)
+        if actuator_id is None:
+            return
+        unit = self._units[actuator_id]
+        self._units[actuator_id] = self._units.pop(actuator_id)
+        request = GetHistory.Request(actuator_id=actuator_id, most=MOST_TESTS)
+        future = self._monitors[name].call_async(request)
+        self._open[name] = future, time.monotonic()
+        future.add_done_callback(partial(self._take, name, actuator_id, unit, unit.wants))
+
+    def _take(self, name: str, actuator_id: str, unit: _Unit, wants: int, future: Any) -> None:
+        """Take the answer of a monitor; one that does not know the unit has none.
+
+        One to a question from before the history was wanted again says how it was then.
+        """
+        with self._lock:
+            if self._open.get(name, (None,))[0] is future:
+                del self._open[name]
+            response: Any = future.result()
+            history: UnitHistory = response.history if response else UnitHistory()
+            is_meant = bool(response and response.success) and (
+                history.serial_number == unit.history.serial_number
+            )
+            if wants == unit.wants:
+                unit.answered.add(name)
+                if is_meant or unit.answered >= self._ready:
+                    unit.is_wanted = False
+            if is_meant and self._units.get(actuator_id) is unit:
+                unit.history.set_base(history)
+                self._offer(actuator_id, unit.history, as_a_whole=True)
+            self._ask_next(name)
 
 
 def _drop_oldest(items: dict[Any, Any], most: int) -> int:
@@ -189,41 +343,18 @@ def _test_of(estimate: FaultEstimate) -> UnitTest:
     size = len(FAULT_NAMES)
     covariance: Any = estimate.covariance
     variances = [covariance[index * (size + 1)] for index in range(size)]
-    seen = [not estimate.unobservable >> index & 1 for index in range(size)]
-    values = (getattr(estimate.faults, name) for name in FAULT_NAMES)
+    sigmas = [math.sqrt(value) if value >= 0.0 else math.nan for value in variances]
+    values = [getattr(estimate.faults, name) for name in FAULT_NAMES]
+    for index in range(size):
+        if estimate.unobservable >> index & 1:
+            values[index] = sigmas[index] = math.nan
     return UnitTest(
         stamp=estimate.header.stamp,
         verdict=estimate.verdict,
-        faults=_where(seen, values),
-        sigmas=_where(
-            seen, (math.sqrt(value) if value >= 0.0 else math.nan for value in variances)
-        ),
+        faults=values,
+        sigmas=sigmas,
         insignificant=estimate.insignificant,
-        level=STALE,
-        health_index=math.nan,
-        flight_hours=math.nan,
-        rul_05=math.nan,
-        rul_50=math.nan,
-        rul_95=math.nan,
     )
-
-
-def _where(seen: Iterable[bool], values: Iterable[float]) -> list[float]:
-    return [value if is_seen else math.nan for is_seen, value in zip(seen, values, strict=True)]
-
-
-def _with_health(test: UnitTest, health: Health) -> bytes:
-    """Return a test with its health, serialised."""
-    test.flight_hours = health.flight_hours
-    test.cycles = health.cycles
-    test.level = health.level
-    test.health_index = health.health_index
-    test.dominant_fault = health.dominant_fault
-    test.rul_known = health.rul.known
-    test.rul_05 = health.rul.hours_05
-    test.rul_50 = health.rul.hours_50
-    test.rul_95 = health.rul.hours_95
-    return serialize_message(test)
 
 
 def _identity(event: UnitEvent) -> tuple[int, str, str]:

@@ -6,13 +6,13 @@ import ssl
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from aiohttp import ClientError, ClientSession, ClientTimeout, web
+from aiohttp import web
 
 from ema_core.steady_thread import SteadyThread
 from ema_dashboard.access import Access
-from ema_dashboard.documents import Document, Documents
-from ema_dashboard.page_files import PageFile, read_page
-from ema_dashboard.relay import MOST_REQUEST_BYTES, SUBPROTOCOL, Kept, Relay, Totals
+from ema_dashboard.client import MOST_REQUEST_BYTES, SUBPROTOCOL, Client
+from ema_dashboard.contents import Document, Documents, PageFile, read_page
+from ema_dashboard.hub import Hub
 
 _COOKIE: Final = "ema_dashboard"
 _PATIENCE_S: Final = 10.0
@@ -31,7 +31,7 @@ _HEADERS: Final = {
 
 
 class WebServer:
-    """Serves page and WebSocket in a thread of its own.
+    """Serves page and WebSocket in a thread of its own, in the event loop of the hub.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ class WebServer:
         Bound socket to listen on; it is closed with the server.
     tls
         Certificate and key; None to serve without encryption.
-    inner_address
-        Returns the address of the server of foxglove-sdk at the moment.
+    control
+        As of ``Client``.
     most_bytes
         How much may wait for a client [B].
     documents
@@ -52,8 +52,6 @@ class WebServer:
     ----------
     thread
         The thread.
-    totals
-        What all clients that have gone were sent; ``statistics`` has those present as well.
     """
 
     def __init__(
@@ -61,8 +59,8 @@ class WebServer:
         listener: socket.socket,
         tls: ssl.SSLContext | None,
         access: Access,
-        inner_address: Callable[[], str],
-        kept: Kept,
+        hub: Hub,
+        control: Callable[[bytes], None],
         most_clients: int,
         most_bytes: int,
         documents: Mapping[str, Document],
@@ -71,17 +69,15 @@ class WebServer:
         self._listener = listener
         self._tls = tls
         self._access = access
-        self._inner_address = inner_address
-        self._kept = kept
+        self._hub = hub
+        self._control = control
         self._most_clients = most_clients
         self._most_bytes = most_bytes
         self._scheme = "https" if tls else "http"
         self._page = read_page()
         self._documents = Documents(documents)
-        self._relays: set[Relay] = set()
         self._admitted = 0
-        self.totals = Totals()
-        self._loop = asyncio.new_event_loop()
+        self._loop = hub.loop
         self.thread = SteadyThread("dashboard", self._run, on_failure)
 
     def start(self) -> None:
@@ -108,11 +104,10 @@ class WebServer:
         self._loop.run_until_complete(self._close())
         self._loop.close()
 
-    def statistics(self) -> tuple[int, int, int]:
-        """Return the number of clients, of dropped messages, and what waits for clients [B]."""
-        relays = tuple(self._relays)
-        dropped = self.totals.dropped + sum(relay.dropped for relay in relays)
-        return self._admitted, dropped, sum(relay.waiting_bytes for relay in relays)
+    @property
+    def admitted(self) -> int:
+        """Number of clients."""
+        return self._admitted
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
@@ -130,8 +125,6 @@ class WebServer:
         await self._runner.setup()
         assert self._runner.server is not None
         self._http = self._runner.server
-        # The server of foxglove-sdk is of this process: what it sends is neither large nor slow.
-        self._session = ClientSession(timeout=ClientTimeout(total=None, connect=_PATIENCE_S))
         self._waiting: dict[Any, asyncio.TimerHandle] = {}
         self._site = await self._loop.create_server(
             self._protocol,
@@ -142,9 +135,7 @@ class WebServer:
 
     async def _close(self) -> None:
         self._site.close()
-        relays = [relay.close(1001, b"the dashboard ends") for relay in tuple(self._relays)]
-        await asyncio.gather(*relays)
-        await self._session.close()
+        self._hub.end_all(1001, b"the dashboard ends")
         connections = [protocol.transport for protocol in self._http.connections]
         await self._runner.cleanup()
         for transport in filter(None, connections):
@@ -251,37 +242,26 @@ class WebServer:
             return self._refuse(400, f"expected the subprotocol {SUBPROTOCOL}, not {offered!r}")
         self._admitted += 1
         try:
-            return await self._pass_on(request)
+            return await self._speak(request)
         finally:
             self._admitted -= 1
 
-    async def _pass_on(self, request: web.Request) -> web.StreamResponse:
-        outer = web.WebSocketResponse(
+    async def _speak(self, request: web.Request) -> web.StreamResponse:
+        connection = web.WebSocketResponse(
             protocols=(SUBPROTOCOL,),
             max_msg_size=MOST_REQUEST_BYTES,
             compress=False,
             autoping=False,
             timeout=1.0,
         )
-        try:
-            inner = await self._session.ws_connect(
-                self._inner_address(), protocols=(SUBPROTOCOL,), max_msg_size=0, autoping=False
-            )
-        except (ClientError, OSError, TimeoutError) as error:
-            return self._refuse(503, f"the dashboard is not ready: {error}")
         self._limit(request.protocol, None)
         _limit_buffer(request)
-        await outer.prepare(request)
-        relay = Relay(outer, inner, self._kept, self._most_bytes, self.totals)
-        self._relays.add(relay)
-        try:
-            await relay.run()
-        finally:
-            self._relays.discard(relay)
-        return outer
+        await connection.prepare(request)
+        await Client(self._hub, connection, self._control, self._most_bytes).run()
+        return connection
 
     def _refuse(self, status: int, reason: str) -> web.Response:
-        self.totals.refused += 1
+        self._hub.totals.refused += 1
         return web.Response(status=status, text=f"{reason}\n", headers=_HEADERS)
 
 

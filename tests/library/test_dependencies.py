@@ -13,10 +13,9 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = sorted(path.parent.name for path in ROOT.glob("ema_*/setup.py"))
 DISTRIBUTIONS = {
     "yaml": "pyyaml",
-    "foxglove": "foxglove-sdk",
     "prometheus_client": "prometheus-client",
 }
-WITHOUT_KEY = {"distributed", "duckdb", "foxglove", "fsspec", "pyarrow"}
+WITHOUT_KEY = {"distributed", "duckdb", "fsspec", "pyarrow"}
 """Modules that rosdep does not know: pip installs them."""
 
 KEYS = {

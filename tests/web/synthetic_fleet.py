@@ -355,10 +355,10 @@ def advice(unit: Unit, stamp_ns: int) -> Advice:
     return message
 
 
-def history(unit: Unit, now_ns: int, period_s: float) -> UnitHistory:
+def history(unit: Unit, now_ns: int, period_s: float, first: int = 1) -> UnitHistory:
     """Return the tests of a unit up to its latest one, and what happened to it."""
     tests = []
-    for number in range(1, unit.tests + 1):
+    for number in range(first, unit.tests + 1):
         rng = np.random.default_rng([hash_of(unit.actuator_id), number])
         values = unit.values(number) + SIGMA * rng.normal(size=8)
         low, middle, high = unit.life_hours(number)

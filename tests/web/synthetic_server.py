@@ -16,41 +16,36 @@ It is told what to do by a line of JSON each on its standard input, and answers 
 import argparse
 import json
 import math
+import struct
 import sys
 import threading
 import time
 from array import array
 from typing import Any
 
-import foxglove
 import numpy as np
 import synthetic_fleet as made
-from foxglove.websocket import Capability, PlaybackControlRequest, ServerListener
 from rclpy.serialization import serialize_message
 
+from ema_dashboard.access import Access
+from ema_dashboard.hub import Hub
+from ema_dashboard.known_topics import known_topics
+from ema_dashboard.settings import bound_socket
+from ema_dashboard.web_server import WebServer
 from ema_interfaces.msg import PlaybackState
-from ema_recording.schema import schema_text
 from ema_ros.stamps import stamp_to_message
 
 TEST_S = 0.7
 BAG_S = 600.0
 
-_TYPES = {
-    "actuator_description": "ema_interfaces/msg/ActuatorDescription",
-    "health": "ema_interfaces/msg/Health",
-    "fault_estimate": "ema_interfaces/msg/FaultEstimate",
-    "health_forecast": "ema_interfaces/msg/HealthForecast",
-    "advice": "ema_interfaces/msg/Advice",
-    "unit_history": "ema_interfaces/msg/UnitHistory",
-    "window_fit": "ema_interfaces/msg/WindowFit",
-    "telemetry": "ema_interfaces/msg/TelemetryBlock",
-    "playback_state": "ema_interfaces/msg/PlaybackState",
-    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
-}
+_TOPICS = (
+    *("actuator_description", "health", "fault_estimate", "health_forecast", "advice"),
+    *("unit_history", "window_fit", "telemetry", "playback_state", "/diagnostics"),
+)
 _STREAMS = {"telemetry", "/diagnostics"}
 
 
-class Server(ServerListener):
+class Server:
     """The server, its fleet, and the latest message of each actuator on each latched topic."""
 
     def __init__(self, count: int, period_s: float, channels: list[str]) -> None:
@@ -60,10 +55,9 @@ class Server(ServerListener):
         self.latest: dict[tuple[str, str], Any] = {}
         self.requests: list[dict[str, Any]] = []
         self.names = channels
-        self.channels: dict[str, foxglove.Channel] = {}
         self.lock = threading.RLock()
-        self.server: Any = None
-        self.context: Any = None
+        self.hub: Hub | None = None
+        self.server: WebServer | None = None
         self.running: threading.Event | None = None
         self.is_silent = False
         self.blocks = 0
@@ -88,66 +82,54 @@ class Server(ServerListener):
     def keep(self, topic: str, unit: made.Unit, message: Any) -> None:
         with self.lock:
             self.latest[topic, unit.actuator_id] = message
-            self.send(topic, message)
+            self.send(topic, message, kept_as=unit.actuator_id)
 
-    def send(self, topic: str, message: Any, client: int | None = None) -> None:
+    def send(self, topic: str, message: Any, kept_as: str | None = None) -> None:
+        data = message if isinstance(message, bytes) else serialize_message(message)
         with self.lock:
-            channel = self.channels.get(topic)
-            if channel is not None:
-                channel.log(serialize_message(message), log_time=time.time_ns(), sink_id=client)
+            if self.hub is not None and full_name(topic) in self.hub:
+                if kept_as is not None:
+                    self.hub.keep(full_name(topic), kept_as, data, time.time_ns())
+                self.hub.publish(full_name(topic), data, time.time_ns())
 
     def start(self, port: int) -> int:
-        context = self.context = foxglove.Context()
-        with self.lock:
-            for name in self.names:
-                topic = name if name.startswith("/") else f"{made.NAMESPACE}/{name}"
-                text = schema_text(_TYPES[name])
-                schema = foxglove.Schema(name=_TYPES[name], encoding="ros2msg", data=text.encode())
-                self.channels[name] = foxglove.Channel(
-                    topic, message_encoding="cdr", schema=schema, context=context
-                )
-        self.server = foxglove.start_server(
-            name="synthetic",
-            port=port,
-            server_listener=self,
-            supported_encodings=["cdr"],
-            context=context,
-            message_backlog_size=200_000,
-            capabilities=[Capability.PlaybackControl],
-            playback_time_range=(0, int(BAG_S * made.NS)),
-        )
-        return self.server.port
+        hub = Hub()
+        known = {topic.name: topic for topic in known_topics([made.NAMESPACE])}
+        for name in self.names:
+            hub.add(known[full_name(name)])
+        hub.offer_playback((0, int(BAG_S * made.NS)))
+        for unit in self.units.values():
+            topic = full_name("unit_history")
+            hub.keep(topic, unit.actuator_id, lambda unit=unit: self.history(unit), 0)
+        for (name, actuator_id), message in self.latest.items():
+            if full_name(name) in hub and name not in _STREAMS:
+                hub.keep(full_name(name), actuator_id, serialize_message(message), 0)
+        listener = bound_socket("127.0.0.1", port, 1)
+        access = Access([], [], "")
+        self.server = WebServer(listener, None, access, hub, self.ask, 16, 2**27, {}, print)
+        self.server.start()
+        self.hub = hub
+        return listener.getsockname()[1]
 
     def stop(self) -> None:
         if self.running:
             self.running.set()
             self.running = None
         with self.lock:
-            self.channels = {}
+            self.hub = None
         if self.server:
             self.server.stop()
             self.server = None
 
-    def on_subscribe(self, client: Any, channel: Any) -> None:
-        topic = channel.topic.rsplit("/", 1)[-1]
-        threading.Thread(target=self.repeat, args=(topic,), daemon=True).start()
+    def history(self, unit: made.Unit) -> bytes:
+        tested_ns = self.tested_ns[unit.actuator_id]
+        return serialize_message(made.history(unit, tested_ns, self.period_s))
 
-    def repeat(self, topic: str) -> None:
-        with self.lock:
-            if topic == "unit_history":
-                for unit in self.units.values():
-                    now_ns = self.tested_ns[unit.actuator_id]
-                    self.send(topic, made.history(unit, now_ns, self.period_s))
-            for (name, _), message in self.latest.items():
-                if name == topic and topic not in _STREAMS:
-                    self.send(name, message)
-
-    def on_playback_control_request(self, playback_control_request: PlaybackControlRequest) -> None:
-        one = playback_control_request
-        command = str(one.playback_command).rsplit(".", 1)[-1].lower()
-        self.requests.append(
-            {"command": command, "speed": one.playback_speed, "seek": one.seek_time}
-        )
+    def ask(self, data: bytes) -> None:
+        """Note what is asked of the playback."""
+        _, command, speed, seeks, seek_ns, _ = struct.unpack_from("<BBfBQI", data)
+        asked = {"command": ("play", "pause")[command], "speed": speed}
+        self.requests.append(asked | {"seek": seek_ns if seeks else None})
 
     def run(self, period_s: float, telemetry: float, opened: str) -> None:
         """Test all units in turn each period; stream each while it tests, and one all the time.
@@ -196,9 +178,7 @@ class Server(ServerListener):
                     elif i in streaming and phase < TEST_S:
                         if i not in kept:
                             kept[i] = serialize_message(made.block(unit, 0, stamp_ns))
-                        with self.lock:
-                            if "telemetry" in self.channels:
-                                self.channels["telemetry"].log(kept[i])
+                        self.send("telemetry", kept[i])
                         self.blocks += 1
                 number += 1
 
@@ -218,7 +198,10 @@ class Server(ServerListener):
         self.judge(unit, now_ns, refused)
         if refused:
             addition = made.addition(unit, now_ns, "calibration", refused)
-            self.send("unit_history", addition)
+        else:
+            addition = made.history(unit, now_ns, self.period_s, first=unit.tests)
+            addition.is_addition, addition.events = True, []
+        self.send("unit_history", addition)
 
     def obey(self, order: dict[str, Any]) -> dict[str, Any]:
         """Do what a line says; return the answer."""
@@ -269,7 +252,11 @@ class Server(ServerListener):
         message.header.stamp = message.position
         with self.lock:
             self.latest["playback_state", ""] = message
-            self.send("playback_state", message)
+            self.send("playback_state", message, kept_as="")
+
+
+def full_name(topic: str) -> str:
+    return topic if topic.startswith("/") else f"{made.NAMESPACE}/{topic}"
 
 
 def plain(message: Any) -> Any:
@@ -293,7 +280,7 @@ def main() -> None:
     parser.add_argument("--period", type=float, default=60.0, help="between tests of a unit [s]")
     parser.add_argument("--without", nargs="*", default=["playback_state"], help="topics")
     options = parser.parse_args()
-    names = [name for name in _TYPES if name not in options.without]
+    names = [name for name in _TOPICS if name not in options.without]
     server = Server(options.actuators, options.period, names)
     for line in sys.stdin:
         print(json.dumps(server.obey(json.loads(line))), flush=True)

@@ -1,8 +1,6 @@
-// The history of each unit: what the node sent, and what has come live since then.
+// The history of each unit: what the node sent, and what it added since then.
 
-import {
-  type FaultEstimate, type Health, type UnitEvent, type UnitHistory, type UnitTest, STALE, seconds,
-} from "./messages.ts";
+import { type UnitEvent, type UnitHistory, type UnitTest, seconds } from "./messages.ts";
 import { FAULTS } from "./faults.ts";
 
 const MOST_TESTS = 2000;
@@ -27,47 +25,22 @@ export interface HistoryColumns {
 
 export class UnitRecord {
   #encoded?: () => UnitHistory; // decoded when it is first shown
+  #additions: UnitHistory[] = [];
   #serial = "";
   #omitted = 0;
   #tests: UnitTest[] = [];
   #events: UnitEvent[] = [];
-  #estimate?: FaultEstimate;
 
-  /** Take over what the node knows; tests that came live and are later than it are kept. */
+  /** Take over what the node knows. */
   replace(decode: () => UnitHistory): void {
     this.#encoded = decode;
+    this.#additions = [];
   }
 
-  /** Keep a valid estimate until its health comes. */
-  estimated(estimate: FaultEstimate): void {
-    if (estimate.valid) this.#estimate = estimate;
-  }
-
-  /** Add the test that this health follows from; return whether anything was added. */
-  judged(health: Health): boolean {
-    this.happened(health.events);
-    const estimate = this.#estimate;
-    const isOfEstimate = estimate !== undefined && health.level !== STALE &&
-      estimate.serial_number === health.serial_number &&
-      seconds(estimate.header.stamp) === seconds(health.header.stamp);
-    if (!isOfEstimate) return health.events.length > 0;
-    if (this.#serial && this.#serial !== health.serial_number) this.#tests = [];
-    this.#serial = health.serial_number;
-    const test = testOf(estimate, health);
-    // Health is published again when the requirements have been computed.
-    const last = this.#tests.at(-1);
-    if (last && seconds(last.stamp) === seconds(test.stamp)) this.#tests.pop();
-    this.#tests.push(test);
-    if (this.#tests.length > MOST_TESTS) this.#omitted += this.#tests.shift() ? 1 : 0;
-    return true;
-  }
-
-  /** Add events, each once; what is latched comes again. */
-  happened(events: UnitEvent[]): void {
-    if (events.length === 0) return;
-    const known = new Set(this.#events.map(identityOf));
-    this.#events = [...this.#events, ...events.filter((event) => !known.has(identityOf(event)))]
-      .slice(-MOST_EVENTS);
+  /** Take what is added to it; it is put in when the history is shown. */
+  add(addition: UnitHistory): void {
+    this.#additions.push(addition);
+    if (this.#additions.length > MOST_TESTS) this.#additions.shift();
   }
 
   /** Forget what is later than a time, after a seek in a recording. */
@@ -75,7 +48,6 @@ export class UnitRecord {
     this.#merge();
     this.#tests = this.#tests.filter((test) => seconds(test.stamp) <= time);
     this.#events = this.#events.filter((event) => seconds(event.stamp) <= time);
-    this.#estimate = undefined;
   }
 
   columns(): HistoryColumns {
@@ -103,46 +75,33 @@ export class UnitRecord {
   }
 
   #merge(): void {
-    if (!this.#encoded) return;
-    const base = this.#encoded();
-    this.#encoded = undefined;
-    const isSame = !this.#serial || this.#serial === base.serial_number;
-    const known = new Set(base.tests.map((test) => seconds(test.stamp)));
-    const end = base.tests.length ? seconds(base.tests.at(-1)!.stamp) : -Infinity;
-    const later = isSame ? this.#tests.filter((test) =>
-      !known.has(seconds(test.stamp)) && seconds(test.stamp) > end) : [];
-    const said = new Set(base.events.map(identityOf));
-    const added = this.#events.filter((event) => !said.has(identityOf(event)));
-    this.#tests = [...base.tests, ...later].slice(-MOST_TESTS);
-    this.#events = [...base.events, ...added]
-      .sort((one, other) => seconds(one.stamp) - seconds(other.stamp)).slice(-MOST_EVENTS);
-    this.#serial = base.serial_number;
-    this.#omitted = Number(base.omitted);
+    if (this.#encoded) {
+      const base = this.#encoded();
+      this.#encoded = undefined;
+      this.#tests = base.tests;
+      this.#events = base.events;
+      this.#serial = base.serial_number;
+      this.#omitted = Number(base.omitted);
+    }
+    for (const addition of this.#additions) this.#extend(addition);
+    this.#additions = [];
+  }
+
+  /** Add tests, of which one of the same time makes room, and events, each once. */
+  #extend(addition: UnitHistory): void {
+    if (this.#serial !== addition.serial_number) this.#tests = [];
+    this.#serial = addition.serial_number;
+    const stamps = new Set(addition.tests.map((test) => seconds(test.stamp)));
+    const tests = this.#tests.filter((test) => !stamps.has(seconds(test.stamp)));
+    tests.push(...addition.tests);
+    this.#tests = tests.slice(-MOST_TESTS);
+    this.#omitted += tests.length - this.#tests.length;
+    const known = new Set(this.#events.map(identityOf));
+    const events = addition.events.filter((event) => !known.has(identityOf(event)));
+    this.#events = [...this.#events, ...events].slice(-MOST_EVENTS);
   }
 }
 
 function identityOf(event: UnitEvent): string {
   return `${event.stamp.sec}.${event.stamp.nanosec} ${event.kind} ${event.text}`;
-}
-
-function testOf(estimate: FaultEstimate, health: Health): UnitTest {
-  const faults = FAULTS.map(({ name }, k) =>
-    (estimate.unobservable >> k) & 1 ? NaN : estimate.faults[name]!);
-  const n = FAULTS.length;
-  return {
-    stamp: health.header.stamp,
-    flight_hours: health.flight_hours,
-    cycles: health.cycles,
-    verdict: estimate.verdict,
-    faults,
-    sigmas: FAULTS.map((_, k) => Math.sqrt(estimate.covariance[k * n + k]!)),
-    insignificant: estimate.insignificant,
-    level: health.level,
-    health_index: health.health_index,
-    dominant_fault: health.dominant_fault,
-    rul_known: health.rul.known,
-    rul_05: health.rul.hours_05,
-    rul_50: health.rul.hours_50,
-    rul_95: health.rul.hours_95,
-  };
 }

@@ -2,8 +2,7 @@
 
 import { Link } from "./link.ts";
 import {
-  type DiagnosticArray, type FaultEstimate, type Health, type PlaybackState, type TelemetryBlock,
-  type UnitHistory, seconds,
+  type DiagnosticArray, type PlaybackState, type TelemetryBlock, type UnitHistory, seconds,
 } from "./messages.ts";
 import { actuatorOf } from "./peek.ts";
 import { type Address, type FromWorker, type Received, type ToWorker, keyOf } from "./protocol.ts";
@@ -49,7 +48,7 @@ function recordOf(key: string): UnitRecord {
 function extend(record: UnitRecord, size: number, decode: () => UnitHistory): void {
   if (size > MOST_ADDED) return record.replace(decode);
   const history = decode();
-  if (history.is_addition) record.happened(history.events);
+  if (history.is_addition) record.add(history);
   else record.replace(() => history);
 }
 
@@ -90,12 +89,7 @@ const link = new Link(new URL("/", self.location.href.replace(/^http/, "ws")).hr
       extend(recordOf(key), data.byteLength, () => decode() as UnitHistory);
       hasNewHistory ||= isWatched(key);
     } else {
-      const message = decode();
-      received.push({ namespace, topic: name, message });
-      if (name === "fault_estimate") recordOf(key).estimated(message as FaultEstimate);
-      if (name === "health" && recordOf(key).judged(message as Health)) {
-        hasNewHistory ||= isWatched(key);
-      }
+      received.push({ namespace, topic: name, message: decode() });
     }
   },
   channels: (topics) => tell({ kind: "channels", topics }),

@@ -78,23 +78,6 @@ test("telemetry that goes back in time starts anew", () => {
   assert.deepEqual([...new Set(known)], [1]);
 });
 
-function health(sec, overrides = {}) {
-  return {
-    header: { stamp: { sec, nanosec: 5 } }, actuator_id: "a", serial_number: "1", level: 0,
-    health_index: 0.9, dominant_fault: "", flight_hours: sec / 10, cycles: 3n, events: [],
-    rul: { known: true, hours_05: 1, hours_50: 2, hours_95: 3 }, ...overrides,
-  };
-}
-
-function estimate(sec, overrides = {}) {
-  return {
-    header: { stamp: { sec, nanosec: 5 } }, serial_number: "1", valid: true, verdict: 0,
-    faults: { friction: 0.1, backlash: 0.2, short_circuit_a: 0, short_circuit_b: 0,
-      short_circuit_c: 0, eccentricity: 0, eccentricity_phase: 0.5, gain: 0.5 },
-    covariance: new Float64Array(64).fill(1e-4), unobservable: 2, insignificant: 0, ...overrides,
-  };
-}
-
 function base(...secs) {
   return {
     serial_number: "1", omitted: 7n, events: [],
@@ -106,33 +89,20 @@ function base(...secs) {
   };
 }
 
-test("live tests follow those that the node sent, each once", () => {
+test("tests that are added follow those that the node sent, each once", () => {
   const record = new UnitRecord();
   record.replace(() => base(100, 200));
-  for (const sec of [200, 300]) {
-    record.estimated(estimate(sec));
-    record.judged(health(sec));
-  }
-  record.judged(health(300, { level: 1 })); // again, with its requirements
+  record.add(base(200));
+  record.add(base(300));
+  const again = base(300); // with its requirements
+  again.tests[0].level = 1;
+  record.add(again);
   const columns = record.columns();
   assert.deepEqual([...columns.hours], [10, 20, 30]);
   assert.deepEqual([...columns.level], [0, 0, 1]);
   assert.equal(columns.omitted, 7);
-  assert.ok(Number.isNaN(columns.faults[1][2]), "backlash was not observable");
-  assert.ok(Math.abs(columns.sigmas[0][2] - 0.01) < 1e-15);
-});
-
-test("a refused or stale test adds nothing, another unit begins anew", () => {
-  const record = new UnitRecord();
-  record.estimated(estimate(100));
-  record.judged(health(100));
-  record.estimated(estimate(200, { valid: false }));
-  assert.equal(record.judged(health(200)), false);
-  assert.equal(record.judged(health(100, { level: 3 })), false);
-  assert.equal(record.columns().hours.length, 1);
-  record.estimated(estimate(300, { serial_number: "2" }));
-  record.judged(health(300, { serial_number: "2" }));
-  assert.deepEqual([...record.columns().hours], [30]);
+  record.add({ ...base(400), serial_number: "2" });
+  assert.deepEqual([...record.columns().hours], [40]);
 });
 
 test("after a seek nothing is kept that is later than the position", () => {
@@ -144,15 +114,12 @@ test("after a seek nothing is kept that is later than the position", () => {
 
 test("an event is shown once, with the kind and text of the node", () => {
   const told = (sec, kind, text) => ({ stamp: { sec, nanosec: 5 }, flight_hours: 1, kind, text });
-  const step = told(200, "step", "friction rose");
   const record = new UnitRecord();
-  record.judged(health(200, { events: [step] }));
   const known = base(100, 200);
   known.events.push(told(200, "step", "friction rose"));
   record.replace(() => known);
-  record.columns();
-  assert.equal(record.judged(health(200, { events: [step] })), true); // latched: it comes again
-  record.happened([told(300, "gap", "5 samples of telemetry missing"), step]);
+  const gap = told(300, "gap", "5 samples of telemetry missing");
+  record.add({ ...base(), events: [gap, told(200, "step", "friction rose")] });
   assert.deepEqual(record.columns().events.map(({ kind, text }) => [kind, text]),
     [["step", "friction rose"], ["gap", "5 samples of telemetry missing"]]);
 });

@@ -18,7 +18,7 @@ from aiohttp import ClientError, WSServerHandshakeError
 from rclpy.serialization import serialize_message
 
 from ema_dashboard import web_server
-from ema_dashboard.outbox import Outbox, OverflowingError
+from ema_dashboard.client import Client
 from ema_interfaces.msg import Health, TelemetryBlock, UnitHistory
 from ema_ros import topics
 from ema_ros.status import ERROR
@@ -385,26 +385,35 @@ def test_a_client_that_does_not_read_the_page_does_not_hold_up_the_end(session):
         assert time.monotonic() - began_s < 30.0
 
 
+def client(most_bytes: int) -> Client:
+    unused: Any = None
+    return Client(unused, unused, print, most_bytes)
+
+
 def test_the_oldest_messages_make_room_and_the_protocol_stays():
-    async def fill() -> list[str | bytes]:
-        box = Outbox(100)
-        box.put("protocol", droppable=False)
+    async def fill() -> None:
+        box = client(100)
+        box.take("protocol", droppable=False)
         for number in range(30):
-            box.put(bytes([number] * 10), droppable=True)
-        box.put(bytes(101), droppable=True)
+            box.take(bytes([number] * 10), droppable=True)
+        box.take(bytes(101), droppable=True)
         assert box.dropped == 22  # 9 of 30 fit beside the 8 characters, and the last never does
         assert box.waiting_bytes == 98
-        return [await box.take() for _ in range(10)]
+        assert list(box._protocol) == ["protocol"]
+        assert [frame[0] for frame in box._messages] == list(range(21, 30))
+        assert not box._ended.done()
 
-    frames = asyncio.run(fill())
-    assert frames == ["protocol", *(bytes([number] * 10) for number in range(21, 30))]
+    asyncio.run(fill())
 
 
 def test_a_client_that_leaves_the_protocol_waiting_is_given_up():
-    box = Outbox(100)
-    box.put("a" * 60, droppable=False)
-    with pytest.raises(OverflowingError):
-        box.put("b" * 60, droppable=False)
+    async def fill() -> None:
+        box = client(100)
+        box.take("a" * 60, droppable=False)
+        box.take("b" * 60, droppable=False)
+        assert box._ended.result() == (1013, b"too slow")
+
+    asyncio.run(fill())
 
 
 def test_more_is_kept_than_may_wait_and_a_new_client_gets_all_of_it(session, web):
@@ -414,7 +423,7 @@ def test_more_is_kept_than_may_wait_and_a_new_client_gets_all_of_it(session, web
     wait_for(lambda: topic in viewer.channels, "the channel")
     for number in range(count):  # 100 kB each: four times what may wait, made when asked for
         message = UnitHistory(actuator_id=str(number), serial_number="x" * 100_000)
-        node._channels.keep(topic, str(number), partial(serialize_message, message), 0)
+        node._hub.keep(topic, str(number), partial(serialize_message, message), 0)
     viewer.look_at(topic)
     heard = [message.actuator_id for message in viewer.wait_for(topic, count)]
     assert heard == [str(number) for number in range(count)]

@@ -7,7 +7,7 @@ import pytest
 
 from ema_archive.partitions import write_whole
 from ema_archive.summaries import SUMMARIES
-from ema_dashboard.fleet_document import FleetDocument
+from ema_dashboard.contents import FleetDocument
 
 UNIT = {"model": "F", "actuator_id": "flap", "serial_number": "7", "level": 1, "hours": 12.0}
 

@@ -2,7 +2,6 @@
 
 import array
 import math
-import tracemalloc
 from collections.abc import Callable
 from typing import Any
 
@@ -82,22 +81,11 @@ def unit_test(sec: int) -> UnitTest:
     return test
 
 
-def test_a_test_takes_less_than_half_a_kilobyte():
-    history = ActuatorHistory("flap", "1")
-
-    def come(numbers: range) -> None:
-        for sec in numbers:
-            history.note_estimate(estimate(sec))
-            history.note_health(health(sec))
-
-    come(range(100))
-    tracemalloc.start()
-    come(range(100, 1100))
-    grown = tracemalloc.get_traced_memory()[0]
-    tracemalloc.stop()
-    # As messages they take 2 kB each.
-    assert grown < 1000 * 500
-    assert [test.cycles for test in history.message().tests] == list(range(1100))
+def news(history: ActuatorHistory) -> UnitHistory:
+    found = history.news()
+    assert found is not None
+    assert found.is_addition
+    return found
 
 
 def stamps(message: Any) -> list[int]:
@@ -157,7 +145,7 @@ def test_a_monitor_that_begins_anew_while_it_is_asked_is_asked_again(session):
         # The answer to this question is on its way.
         if monitor.asked == 1:
             monitor.tests = 6
-            dashboard._histories["/ema"].note_estimate(estimate(5, 0))
+            dashboard._histories["/ema"].note(estimate(5, 0))
 
     monitor.while_asked = begin_anew
     monitor.publish(2, 5)
@@ -222,13 +210,18 @@ def test_what_only_the_dashboard_sees_stays_in_the_history():
     refused.valid, refused.verdict = False, FaultEstimate.REFUSED
     refused.reason = "there is no calibration yet"
     history.note_health(health(5))
-    assert history.note_estimate(estimate(5, 0)) == (False, [])
-    began_anew, [missing] = history.note_estimate(refused)
-    assert (began_anew, missing.kind, missing.text) == (False, "calibration", refused.reason)
-    assert history.note_estimate(refused) == (False, [])
-    began_anew, [restart] = history.note_estimate(estimate(7, 0))
-    assert (began_anew, restart.kind) == (True, "restart")
-    [gap] = history.note_gap(restart.stamp, 1)
+    assert not history.note_estimate(estimate(5, 0))
+    assert [test.cycles for test in news(history).tests] == [5]
+    assert not history.note_estimate(refused)
+    [missing] = news(history).events
+    assert (missing.kind, missing.text) == ("calibration", refused.reason)
+    assert not history.note_estimate(refused)
+    assert history.news() is None
+    assert history.note_estimate(estimate(7, 0))
+    [restart] = news(history).events
+    assert restart.kind == "restart"
+    history.note_gap(restart.stamp, 1)
+    [gap] = news(history).events
     assert (gap.kind, gap.text, gap.flight_hours) == ("gap", "1 sample of telemetry missing", 50.0)
     base = UnitHistory(actuator_id="flap", serial_number="1", tests=[unit_test(9)])
     history.set_base(base)  # as when the monitor is asked again
@@ -239,7 +232,9 @@ def test_a_restart_that_the_monitor_tells_of_is_not_told_twice():
     history = ActuatorHistory("flap", "1")
     history.note_estimate(estimate(5, 3))
     history.note_health(health(5, (event(6, "restart", "the monitor started"),)))
-    assert history.note_estimate(estimate(7, 0)) == (True, [])
+    history.news()
+    assert history.note_estimate(estimate(7, 0))
+    assert history.news() is None
 
 
 def test_a_gap_is_told_at_once_and_shown_after_a_reload(session):

@@ -15,8 +15,7 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.openmetrics import parser as open_metrics
 from rosgraph_msgs.msg import Clock
 
-from ema_dashboard.known_figures import COMPUTING_BOUNDS_S, MOST_KEPT
-from ema_dashboard.metrics import Metrics, OwnFigures
+from ema_dashboard.metrics import COMPUTING_BOUNDS_S, MOST_KEPT, Metrics, OwnFigures
 from ema_interfaces.msg import ActuatorDescription, FaultEstimate, Health
 from ema_ros import topics
 
@@ -85,12 +84,10 @@ NODE_STATUS = (
 def metrics() -> Metrics:
     """Return metrics that have heard something of each kind."""
     found = Metrics(["/ema"], lambda: OWN)
-    found.note_description(
-        "/ema", ActuatorDescription(actuator_id="flap", serial_number="7", model="F-1")
-    )
+    found.note("/ema", ActuatorDescription(actuator_id="flap", serial_number="7", model="F-1"))
     for computing_s in (0.01, 0.07, 0.09, 99.0, math.nan):
-        found.note_estimate("/ema", estimate(computing_s))
-    found.note_health("/ema", health())
+        found.note("/ema", estimate(computing_s))
+    found.note("/ema", health())
     for one in (TELEMETRY_STATUS, *NODE_STATUS):
         found.note_status(one)
     return found
@@ -201,7 +198,7 @@ def test_computing_times_are_counted_up_to_each_bound(metrics):
 def test_an_unknown_life_is_no_number(metrics):
     message = health()
     message.rul.known = False
-    metrics.note_health("/ema", message)
+    metrics.note("/ema", message)
     found = values(exposed(metrics))
     assert math.isnan(found["ema_remaining_useful_life_seconds", "/ema", "flap", "0.05"])
 
@@ -221,7 +218,7 @@ def test_metrics_follow_the_conventions_for_names(metrics, accept):
 
 
 def test_another_unit_has_no_health_yet(metrics):
-    metrics.note_estimate("/ema", estimate(0.1, serial="8"))
+    metrics.note("/ema", estimate(0.1, serial="8"))
     found = values(exposed(metrics))
     assert ("ema_actuator_info", "/ema", "flap", "8", "F-1") in found
     assert ("ema_health_index_ratio", "/ema", "flap") not in found
@@ -230,11 +227,11 @@ def test_another_unit_has_no_health_yet(metrics):
 
 def test_hostile_names_neither_break_the_format_nor_take_all_memory(metrics):
     evil = 'a"} 1\nema_health_level{x="\\\udc80'
-    metrics.note_health("/ema", health(evil))
+    metrics.note("/ema", health(evil))
     found = values(exposed(metrics))
     assert found["ema_health_level", "/ema", evil.replace("\udc80", "?")] == 1
     for number in range(2 * MOST_KEPT):
-        metrics.note_health("/ema", health(f"actuator{number}"))
+        metrics.note("/ema", health(f"actuator{number}"))
         metrics.note_status(status(f"/ema/node{number}: input", {"lost": 1}))
         metrics.note_status(status(f"/other/node{number}: input", {"lost": 1}))
     names = [name for name, *_ in values(exposed(metrics))]

@@ -1,6 +1,7 @@
 """A replay is driven by its services, and from Foxglove by way of the dashboard."""
 
 import queue
+import struct
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -8,13 +9,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from aiohttp import WSServerHandshakeError
 from builtin_interfaces.msg import Time as TimeMessage
-from foxglove.websocket import PlaybackCommand, PlaybackStatus
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
+from ema_dashboard.hub import Hub
 from ema_dashboard.playback_control import PlaybackControl
 from ema_interfaces.msg import Health, PlaybackState, TelemetryBlock
 from ema_interfaces.srv import SeekPlayback, SetPlaybackRate
@@ -194,25 +194,11 @@ def test_a_recorded_state_of_a_playback_is_not_played(session, bag):
     assert all(state.bag == str(bag) for state in replay.states)
 
 
-def connected(session: DashboardSession, node: Any) -> Viewer:
-    """Return a client of a server that may be starting anew: then it says so with 503."""
-
-    def connect() -> Viewer | None:
-        try:
-            return session.view(node)
-        except WSServerHandshakeError as error:
-            if error.status != 503:
-                raise
-            return None
-
-    return wait_for(connect, "a connection")
-
-
 def reconnected(session: DashboardSession, node: Any) -> Viewer:
-    """Return a client of the server that offers the control of a playback."""
+    """Return a client that is offered the control of a playback."""
 
     def connect() -> Viewer | None:
-        viewer = connected(session, node)
+        viewer = session.view(node)
         wait_for(lambda: viewer.told or viewer.socket.closed, "the information of the server")
         offers = viewer.told and "playbackControl" in viewer.told[0]["capabilities"]
         return viewer if offers else None
@@ -284,47 +270,36 @@ def test_where_there_is_no_player_its_control_is_not_offered(session, bag):
     viewer = reconnected(session, node)
     replay.player.trigger_shutdown()
     wait_for(lambda: viewer.socket.closed, "the server to start anew")
-    again = connected(session, node)
+    again = session.view(node)
     wait_for(lambda: again.told, "the information of the server")
     assert again.told[0]["capabilities"] == []
 
 
-def test_while_the_server_starts_anew_clients_are_told_so(session):
-    node = session.dashboard()
-    node._channels.stop()
-    with pytest.raises(WSServerHandshakeError, match="503"):
-        session.view(node)
-
-
 def test_an_answer_tells_how_the_player_stands_after_what_was_asked(session, monkeypatch):
-    asked, answers = threading.Event(), queue.SimpleQueue()
-    monkeypatch.setattr(PlaybackControl, "_call", lambda *_: asked.set())
+    asked, frames = threading.Event(), queue.SimpleQueue()
 
-    def told(state: Any) -> None:
-        if state.request_id:
-            answers.put(state)
+    async def call(*_: object) -> None:
+        asked.set()
 
-    control = PlaybackControl(session.node("control"), told, lambda *_: None)
-    before = PlaybackState(status=PlaybackState.PLAYING, rate=1.0, position=at(3.0))
-    control.note_state(before)
-    request: Any = SimpleNamespace(
-        playback_command=PlaybackCommand.Pause,
-        playback_speed=2.0,
-        seek_time=START_NS + 5 * 10**9,
-        request_id="late",
-    )
-    control.on_playback_control_request(request)
+    def tell(_: Hub, frame: bytes) -> None:
+        if frame.endswith(b"late"):
+            frames.put(frame)
+
+    monkeypatch.setattr(PlaybackControl, "_call", call)
+    monkeypatch.setattr(Hub, "tell_playback", tell)
+    node = session.dashboard()
+    control = node._playback
+    control.note_state(PlaybackState(status=PlaybackState.PLAYING, rate=1.0, position=at(3.0)))
+    fields = (3, 1, 2.0, 1, START_NS + 5 * 10**9, 4)
+    node._hub.in_loop(control.ask, struct.pack("<BBfBQI", *fields) + b"late")
     # The services have answered; what they do is told one after the other, and late.
     assert asked.wait(DEADLINE_S)
-    control.note_state(PlaybackState(status=PlaybackState.PAUSED, rate=1.0, position=at(3.0)))
-    control.note_state(PlaybackState(status=PlaybackState.PAUSED, rate=2.0, position=at(3.0)))
-    control.note_state(
-        PlaybackState(status=PlaybackState.PAUSED, rate=2.0, position=at(5.0), jumped=True)
-    )
-    answer = answers.get(timeout=DEADLINE_S)
-    control.stop()
-    assert (answer.status, answer.playback_speed) == (PlaybackStatus.Paused, 2.0)
-    assert (answer.current_time, answer.did_seek) == (START_NS + 5 * 10**9, True)
+    for rate, seconds in ((1.0, 3.0), (2.0, 3.0), (2.0, 5.0)):
+        state = PlaybackState(status=PlaybackState.PAUSED, rate=rate, position=at(seconds))
+        state.jumped = seconds == 5.0
+        control.note_state(state)
+    frame = frames.get(timeout=DEADLINE_S)
+    assert struct.unpack_from("<BBQfBI", frame) == (5, 1, START_NS + 5 * 10**9, 2.0, 1, 4)
 
 
 def test_player_whose_name_is_not_known_yet_is_waited_for(

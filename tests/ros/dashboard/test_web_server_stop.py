@@ -8,7 +8,8 @@ import pytest
 
 from ema_dashboard import web_server
 from ema_dashboard.access import Access
-from ema_dashboard.listening import bound_socket
+from ema_dashboard.hub import Hub
+from ema_dashboard.settings import bound_socket
 from ema_dashboard.web_server import WebServer
 
 from ...waiting import wait_for
@@ -21,7 +22,7 @@ def server():
         listener,
         None,
         Access([], [], ""),
-        lambda: "ws://127.0.0.1:1",
+        Hub(),
         lambda _: None,
         4,
         1000,

@@ -1,0 +1,242 @@
+"""A client of the dashboard: what it may ask for, and what waits to be sent to it."""
+
+import asyncio
+import contextlib
+import json
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final
+
+from aiohttp import WSCloseCode, WSMessage, WSMsgType
+from aiohttp.web import WebSocketResponse
+
+from ema_dashboard.hub import Hub, message_frame
+
+SUBPROTOCOL: Final = "foxglove.sdk.v1"
+MOST_REQUEST_BYTES: Final = 64 * 1024
+"""Size of a client's message beyond which it is disconnected [B]."""
+
+_MOST_SUBSCRIPTIONS: Final = 1000
+_REQUESTS_A_SECOND: Final = 50.0
+_REQUESTS_AT_ONCE: Final = 200.0
+
+
+class Client:
+    """Speaks the protocol of Foxglove with one client, in the event loop of the hub.
+
+    A client may subscribe, unsubscribe and control a playback, at a bounded rate, and nothing else.
+    Messages that it does not take in time wait here, bounded: the oldest are dropped; those of the
+    protocol, without which it cannot read the others, never. What is kept of a channel is sent to a
+    new subscriber alone: one at a time, as the client takes it, in turn with what waits. It is
+    looked up when its turn comes, so that nothing of it waits here.
+
+    Parameters
+    ----------
+    socket
+        Connection to the client.
+    control
+        Called with what a client asks of a playback; raises ValueError for what is no such request.
+    most_bytes
+        How much may wait [B].
+
+    Attributes
+    ----------
+    subscriptions
+        Number of its subscription, by channel.
+    dropped
+        Number of messages that were dropped because it is slow.
+    waiting_bytes
+        How much waits for it [B].
+    """
+
+    def __init__(
+        self,
+        hub: Hub,
+        socket: WebSocketResponse,
+        control: Callable[[bytes], None],
+        most_bytes: int,
+    ) -> None:
+        self.subscriptions: dict[int, int] = {}
+        self.dropped = 0
+        self.waiting_bytes = 0
+        self._hub = hub
+        self._socket = socket
+        self._control = control
+        self._most_bytes = most_bytes
+        self._protocol: deque[str | bytes] = deque()
+        self._messages: deque[bytes] = deque()
+        self._unsent: dict[int, deque[str]] = {}  # keys of what is kept, by channel
+        self._filled = asyncio.Event()
+        self._ended: asyncio.Future[tuple[int, bytes]] = asyncio.Future()
+        self._allowance = _REQUESTS_AT_ONCE
+        self._counted_s = time.monotonic()
+
+    async def run(self) -> None:
+        """Serve the client until one of both ends closes the connection."""
+        self._hub.join(self)
+        tasks = [asyncio.ensure_future(self._receive()), asyncio.ensure_future(self._send())]
+        code, words = WSCloseCode.GOING_AWAY, b""
+        try:
+            done, _ = await asyncio.wait([*tasks, self._ended], return_when=asyncio.FIRST_COMPLETED)
+            with contextlib.suppress(ConnectionError):
+                code, words = next(iter(done)).result()
+        finally:
+            self._hub.clients.discard(self)
+            self._hub.totals.dropped += self.dropped
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            # It may not listen any more.
+            with contextlib.suppress(TimeoutError, ConnectionError):
+                await asyncio.wait_for(self._socket.close(code=code, message=words), 1.0)
+
+    def take(self, frame: str | bytes, *, droppable: bool) -> None:
+        """Send a frame when it is its turn; what is droppable may make room for what is later."""
+        if droppable and len(frame) > self._most_bytes:
+            self.dropped += 1
+            return
+        if droppable and isinstance(frame, bytes):
+            self._messages.append(frame)
+        else:
+            self._protocol.append(frame)
+        self.waiting_bytes += len(frame)
+        while self.waiting_bytes > self._most_bytes:
+            if not self._messages:
+                self.end(WSCloseCode.TRY_AGAIN_LATER, b"too slow")
+                return
+            self.waiting_bytes -= len(self._messages.popleft())
+            self.dropped += 1
+        self._filled.set()
+
+    def tell(self, content: dict[str, Any]) -> None:
+        """Send a message of the protocol."""
+        self.take(json.dumps(content), droppable=False)
+
+    def end(self, code: int, words: bytes) -> None:
+        """Close the connection."""
+        if not self._ended.done():
+            self._ended.set_result((code, words))
+
+    async def _receive(self) -> tuple[int, bytes]:
+        """Do what the client asks for; return why that ended."""
+        while True:
+            message = await self._socket.receive()
+            if message.type in (WSMsgType.CLOSE, WSMsgType.CLOSING, WSMsgType.CLOSED):
+                return WSCloseCode.OK, b""
+            if message.type is WSMsgType.ERROR:
+                return WSCloseCode.PROTOCOL_ERROR, b""
+            if not self._is_allowed():
+                self._hub.totals.refused += 1
+                return WSCloseCode.POLICY_VIOLATION, b"too many requests"
+            if message.type is WSMsgType.PING:
+                await self._socket.pong(message.data)
+            elif message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
+                self._answer(message)
+
+    def _is_allowed(self) -> bool:
+        """Count a request; return whether it is within the rate."""
+        now_s = time.monotonic()
+        earned = (now_s - self._counted_s) * _REQUESTS_A_SECOND
+        self._allowance = min(self._allowance + earned, _REQUESTS_AT_ONCE) - 1.0
+        self._counted_s = now_s
+        return self._allowance >= 0.0
+
+    def _answer(self, message: WSMessage) -> None:
+        try:
+            if message.type is WSMsgType.BINARY:
+                self._control(message.data)
+                return
+            request = _request(message.data)
+            if request["op"] == "subscribe":
+                self._subscribe(request["subscriptions"])
+            else:
+                self._unsubscribe(request["subscriptionIds"])
+        except ValueError as error:
+            self._hub.totals.refused += 1
+            self.tell({"op": "status", "level": 2, "message": f"refused: {error}"})
+
+    def _subscribe(self, items: list[dict[str, int]]) -> None:
+        known = dict(self.subscriptions)
+        for item in items:
+            subscription, channel = item["id"], item["channelId"]
+            if self._hub.kept(channel) is None:
+                raise ValueError(f"there is no channel {channel}")
+            if channel in known or subscription in known.values():
+                raise ValueError(f"channel {channel} or subscription {subscription} is in use")
+            known[channel] = subscription
+        # First the subscriptions: what is published from now on is sent, or is kept already.
+        self.subscriptions = known
+        for item in items:
+            self._unsent[item["channelId"]] = deque(self._hub.kept(item["channelId"]) or ())
+        self._filled.set()
+
+    def _unsubscribe(self, numbers: list[int]) -> None:
+        ended = [channel for channel, one in self.subscriptions.items() if one in numbers]
+        for channel in ended:
+            self._unsent.pop(channel, None)
+        known = self.subscriptions.items()
+        self.subscriptions = {key: one for key, one in known if key not in ended}
+
+    async def _send(self) -> tuple[int, bytes]:
+        while True:
+            while self._protocol or self._messages or self._unsent:
+                if self._protocol or self._messages:
+                    frame = (self._protocol or self._messages).popleft()
+                    self.waiting_bytes -= len(frame)
+                    await self._pass_out(frame)
+                if self._unsent:
+                    await self._send_kept()
+            self._filled.clear()
+            await self._filled.wait()
+
+    async def _send_kept(self) -> None:
+        """Send the next message that is kept of new subscriptions, as it is now."""
+        channel, keys = next(iter(self._unsent.items()))
+        if not keys:
+            del self._unsent[channel]
+            return
+        message = (self._hub.kept(channel) or {}).get(keys.popleft())
+        if message is None:
+            return
+        data = message.data
+        if not isinstance(data, bytes):
+            data = await asyncio.to_thread(data)
+        # The client may have ended the subscription meanwhile, or begun another one.
+        if self._unsent.get(channel) is keys:
+            frame = message_frame(self.subscriptions[channel], message.log_time_ns, data)
+            await self._pass_out(frame)
+
+    async def _pass_out(self, frame: str | bytes) -> None:
+        if isinstance(frame, str):
+            await self._socket.send_str(frame)
+        else:
+            await self._socket.send_bytes(frame)
+        self._hub.totals.messages += 1
+        self._hub.totals.sent_bytes += len(frame)
+
+
+def _request(data: str) -> Any:
+    """Return a request of a client; ValueError when it is not one that is served."""
+    try:
+        request = json.loads(data)
+    except RecursionError:
+        raise ValueError("JSON that is nested too deeply") from None
+    if not isinstance(request, dict):
+        raise ValueError("expected a JSON object")
+    if request.get("op") == "subscribe":
+        items = request.get("subscriptions")
+        numbers = [
+            item.get(name) if isinstance(item, dict) else None
+            for item in (items if isinstance(items, list) else [None])
+            for name in ("id", "channelId")
+        ]
+    elif request.get("op") == "unsubscribe":
+        numbers = request.get("subscriptionIds")
+    else:
+        raise ValueError(f"operation {str(request.get('op'))[:40]!r} is not served")
+    if not isinstance(numbers, list) or len(numbers) > 2 * _MOST_SUBSCRIPTIONS:
+        raise ValueError(f"expected a list of at most {_MOST_SUBSCRIPTIONS} subscriptions")
+    if not all(type(number) is int and 0 <= number < 2**32 for number in numbers):
+        raise ValueError("expected numbers of subscriptions and channels in [0, 2^32)")
+    return request

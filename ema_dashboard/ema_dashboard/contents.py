@@ -1,0 +1,157 @@
+"""What the port serves by path: the files of the page, and texts made when they are asked for."""
+
+import asyncio
+import gzip
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from importlib.resources import files
+from pathlib import Path, PurePath
+from typing import Final, NamedTuple
+
+from aiohttp import web
+
+_MOST_WAITING: Final = 16
+_INDEX: Final = "index.html"
+# Not those of the machine: a browser runs no script of another type.
+_CONTENT_TYPES: Final = {
+    ".css": "text/css",
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".svg": "image/svg+xml",
+    ".txt": "text/plain",
+}
+_NOT_BUILT: Final = b"""<!doctype html>
+<html lang="en"><meta charset="utf-8"><title>EMA dashboard</title>
+<h1>The page is not built</h1>
+<p>Run <code>make page</code>. Foxglove can connect to this address meanwhile.</p>
+</html>
+"""
+_LIMIT_S: Final = 5.0
+_MOST_WORST: Final = 100
+_NUMBERS: Final = frozenset(map(str, range(1, _MOST_WORST + 1)))
+_MOST_SUMMARIES: Final = 8
+
+
+@dataclass(frozen=True)
+class PageFile:
+    """One file: its content, the same compressed, its type and a tag that changes with it."""
+
+    content: bytes
+    compressed: bytes
+    content_type: str
+    tag: str
+
+
+def read_page() -> dict[str, PageFile]:
+    """Return the files of the page by the path at which they are served, the page itself at ``/``.
+
+    Raises
+    ------
+    OSError
+        When a file cannot be read.
+    """
+    folder = files("ema_dashboard").joinpath("page")
+    found = {}
+    if folder.is_dir():
+        for item in folder.iterdir():
+            if item.is_file() and not item.name.startswith("."):
+                found[f"/{item.name}"] = _page_file(item.name, item.read_bytes())
+    found["/"] = found.pop(f"/{_INDEX}", None) or _page_file(_INDEX, _NOT_BUILT)
+    return found
+
+
+def _page_file(name: str, content: bytes) -> PageFile:
+    content_type = _CONTENT_TYPES.get(PurePath(name).suffix, "application/octet-stream")
+    tag = hashlib.sha256(content).hexdigest()[:32]
+    return PageFile(content, gzip.compress(content, mtime=0), content_type, tag)
+
+
+class Made(NamedTuple):
+    """A text with the type that its header gives, and the status of the answer."""
+
+    content: bytes
+    content_type: str
+    status: int = 200
+
+
+Document = Callable[[Mapping[str, str], str], Made]
+"""Makes a text in any thread, of the query of an address and the header ``Accept``."""
+
+
+class Documents:
+    """Texts by their paths, each made in a thread beside the server, for one client after another.
+
+    Parameters
+    ----------
+    documents
+        What makes them, by path.
+    """
+
+    def __init__(self, documents: Mapping[str, Document]) -> None:
+        self._documents = dict(documents)
+        self._turns = {path: asyncio.Lock() for path in documents}
+        self._waiting = 0
+
+    def __contains__(self, path: str) -> bool:
+        return path in self._documents
+
+    async def answer(self, request: web.Request, headers: Mapping[str, str]) -> web.Response:
+        """Return the text at the path of a request; status 503 where too many wait for theirs."""
+        if self._waiting >= _MOST_WAITING:
+            words = f"{self._waiting} requests are waiting for an answer already\n"
+            return web.Response(status=503, text=words, headers=headers)
+        make, accept = self._documents[request.path], request.headers.get("Accept", "")
+        query = {name: value for name, value in request.query.items() if name != "token"}
+        self._waiting += 1
+        try:
+            async with self._turns[request.path]:
+                made = await asyncio.to_thread(make, query, accept)
+        finally:
+            self._waiting -= 1
+        answer = web.Response(
+            body=made.content,
+            status=made.status,
+            headers={**headers, "Content-Type": made.content_type, "Vary": "Accept"},
+        )
+        answer.enable_compression()
+        return answer
+
+
+class FleetDocument:
+    """Answers with the summary of an archive's fleet; of each state of its tables it is made once.
+
+    Parameters
+    ----------
+    archive
+        Folder of the archive; empty when there is none.
+    """
+
+    def __init__(self, archive: str) -> None:
+        self._archive = Path(archive).expanduser() if archive else None
+        self._made: dict[object, bytes] = {}
+
+    def __call__(self, query: Mapping[str, str], _: str) -> Made:
+        """Return the summary, or the reason why there is none; ``most`` in the query limits it."""
+        try:
+            return Made(self._content(query.get("most", str(_MOST_WORST))), "application/json")
+        except (OSError, ValueError) as error:
+            return Made(json.dumps({"reason": str(error)}).encode(), "application/json", 503)
+
+    def _content(self, most: str) -> bytes:
+        if self._archive is None:
+            return json.dumps({"archive": None}).encode()
+        if most not in _NUMBERS:
+            raise ValueError(f"most = {most[:20]!r}: expected 1 to {_MOST_WORST}")
+        # What is needed for it takes a second to import.
+        from ema_archive.fleet import fleet_summary, state_of_tables
+
+        key = state_of_tables(self._archive), int(most)
+        if key not in self._made:
+            summary = asdict(fleet_summary(self._archive, int(most), _LIMIT_S))
+            content = {"archive": self._archive.name, **summary}
+            if len(self._made) >= _MOST_SUMMARIES:
+                self._made.clear()
+            self._made[key] = json.dumps(content, allow_nan=False).encode()
+        return self._made[key]
