@@ -3,23 +3,28 @@
 import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from difflib import get_close_matches
 from typing import Any, Final, cast
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.action.server import ActionServer
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.guard_condition import GuardCondition
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.publisher import LifecyclePublisher
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 
 from ema_ros import topics
-from ema_ros.entities import destroy_entities, entities_of
-from ema_ros.peers import EndpointNames, Peers, nodes_alive, nodes_in_touch, unheard_publishers
+from ema_ros.peers import Peers, nodes_alive, nodes_in_touch, unheard_publishers
 from ema_ros.rclpy_private import (
     given_parameters,
     lifecycle_state,
@@ -73,7 +78,6 @@ class ManagedNode(LifecycleNode):
         self._configured = False
         self._kept: list[Any] = []
         self._peers = Peers()
-        self._names = EndpointNames()
         self.declare_parameter(_AUTOSTART, True, _AUTOSTART_DESCRIPTOR)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         wrap_change_state(self, self._refuse_impossible)
@@ -313,7 +317,7 @@ class ManagedNode(LifecycleNode):
 
     def _report_regularly(self) -> None:
         now_s = time.monotonic()
-        in_touch = nodes_in_touch(self, self._names)
+        in_touch = nodes_in_touch(self)
         for lost in self._peers.update(in_touch, nodes_alive(self), now_s):
             self.get_logger().warning(f"{lost} has gone from the graph")
         self._peers.unheard = unheard_publishers(self)
@@ -347,3 +351,29 @@ class ManagedNode(LifecycleNode):
                 return response
 
         return change_if_possible
+
+
+def entities_of(node: LifecycleNode) -> list[Any]:
+    """Return publishers, subscriptions, services, timers, guard conditions and actions."""
+    actions = [item for item in node.waitables if isinstance(item, ActionServer)]
+    others = (node.publishers, node.subscriptions, node.services, node.timers, node.guards)
+    return [*actions, *(item for items in others for item in items)]
+
+
+def destroy_entities(node: LifecycleNode, kept: Collection[Any]) -> None:
+    """Destroy what a node has beside ``kept``."""
+    known = {id(item) for item in kept}
+    ways = {
+        LifecyclePublisher: node.destroy_lifecycle_publisher,
+        Publisher: node.destroy_publisher,
+        Subscription: node.destroy_subscription,
+        Service: node.destroy_service,
+        Timer: node.destroy_timer,
+        GuardCondition: node.destroy_guard_condition,
+        ActionServer: ActionServer.destroy,
+    }
+    # Asked anew each time: the services of an action are destroyed with it.
+    while left := [item for item in entities_of(node) if id(item) not in known]:
+        known.add(id(left[0]))
+        destroy = next(way for kind, way in ways.items() if isinstance(left[0], kind))
+        destroy(left[0])

@@ -5,7 +5,6 @@ from typing import Final
 
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ema_ros.status import OK, WARN, Task
 
@@ -15,7 +14,6 @@ FRESH_S: Final = 60.0
 UNKNOWN_NODE: Final = "_NODE_NAME_UNKNOWN_"
 """Name of a node of which its publishers and subscriptions alone are known, so far or again."""
 
-_MOST_ENDPOINTS: Final = 10_000
 _UNSEEN = {"/rosout", "/parameter_events", "/clock", "/diagnostics"}
 
 
@@ -56,64 +54,29 @@ class Peers:
         return Task("peers", OK, f"{len(self._present)} in touch", hardware_id, values)
 
 
-class EndpointNames:
-    """Names of nodes by their publishers and subscriptions, as far as they were ever known.
-
-    A node that was out of reach for longer than the lease of DDS, as it stood still or the network
-    was cut, comes back without its name: its data flow again, but the middleware does not receive
-    anew what is latched, the name among it.
-    """
-
-    def __init__(self) -> None:
-        self._known: dict[bytes, tuple[str, str]] = {}
-
-    def of(self, endpoint: TopicEndpointInfo) -> tuple[str, str]:
-        """Return namespace and name of the node of a publisher or subscription."""
-        gid, name = bytes(endpoint.endpoint_gid), (endpoint.node_namespace, endpoint.node_name)
-        if endpoint.node_name == UNKNOWN_NODE:
-            return self._known.get(gid, name)
-        self._known.pop(gid, None)  # it becomes the last one
-        self._known[gid] = name
-        if len(self._known) > _MOST_ENDPOINTS:
-            del self._known[next(iter(self._known))]
-        return name
-
-
-def nodes_in_touch(node: Node, names: EndpointNames | None = None) -> set[str]:
+def nodes_in_touch(node: Node) -> set[str]:
     """Return the full names of the nodes that data flow from, and of near ones that share a topic.
 
     Near are those of the same namespace. Hidden nodes, as those of the command line, do not count.
-
-    Parameters
-    ----------
-    node
-        The node.
-    names
-        Those that were known at earlier calls; it is extended.
     """
-    name_of = (names or EndpointNames()).of
-    namespace, own = node.get_namespace(), node.get_fully_qualified_name()
     received = {item.topic_name for item in node.subscriptions} - _UNSEEN
     shared = received | {item.topic_name for item in node.publishers} - _UNSEEN
-    sources = [
-        name_of(item) for topic in received for item in node.get_publishers_info_by_topic(topic)
-    ]
+    sources = [item for topic in received for item in node.get_publishers_info_by_topic(topic)]
     near = [
-        found
+        item
         for topic in shared
-        for list_endpoints in (
-            node.get_publishers_info_by_topic,
-            node.get_subscriptions_info_by_topic,
+        for item in (
+            *node.get_publishers_info_by_topic(topic),
+            *node.get_subscriptions_info_by_topic(topic),
         )
-        for item in list_endpoints(topic)
-        if (found := name_of(item))[0] == namespace
+        if item.node_namespace == node.get_namespace()
     ]
     found = {
-        f"{place.rstrip('/')}/{name}"
-        for place, name in (*sources, *near)
-        if not name.startswith("_")
+        f"{item.node_namespace.rstrip('/')}/{item.node_name}"
+        for item in (*sources, *near)
+        if not item.node_name.startswith("_")
     }
-    return found - {own}
+    return found - {node.get_fully_qualified_name()}
 
 
 def unheard_publishers(node: Node) -> list[str]:

@@ -18,7 +18,6 @@ from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
-from ema_ros.allocation import allocate_compactly
 from ema_ros.executor import NodeExecutor
 from ema_ros.managed_node import ManagedNode
 
@@ -40,7 +39,6 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     int
         Exit code of the process: 0, or 1 when the node did not come up or failed.
     """
-    allocate_compactly()
     stop_signals: list[int] = []
     for number in _SIGNALS:
         # An event could be in the middle of a wait here, and its lock taken.

@@ -21,8 +21,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
-from ema_ros.entities import entities_of
-from ema_ros.managed_node import ManagedNode
+from ema_ros.managed_node import ManagedNode, entities_of
 from ema_ros.status import ERROR, OK, WARN, Task
 
 from ..waiting import DEADLINE_S, wait_for

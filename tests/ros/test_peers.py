@@ -1,14 +1,12 @@
 """Who has gone from the graph is missed, and only those with whom a node has to do."""
 
 from collections.abc import Callable
-from types import SimpleNamespace
-from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from ema_ros.peers import FRESH_S, EndpointNames, Peers, nodes_in_touch, unheard_publishers
+from ema_ros.peers import FRESH_S, Peers, nodes_in_touch, unheard_publishers
 from ema_ros.status import OK, WARN
 
 from ..waiting import wait_for
@@ -95,32 +93,6 @@ def test_in_touch_are_nodes_of_the_namespace_that_share_a_topic(make_node: Calla
     until({"/ema/hears", "/ema/speaks", "/ema/same"})
     speaks.destroy_node()
     until({"/ema/hears", "/ema/same"})
-
-
-def test_a_node_that_comes_back_without_its_name_is_known_by_its_endpoints():
-    def endpoint(number: int, name: str, namespace: str = "/ema") -> Any:
-        return SimpleNamespace(endpoint_gid=[number] * 16, node_name=name, node_namespace=namespace)
-
-    def node(*publishers: Any) -> Any:
-        return SimpleNamespace(
-            subscriptions=[SimpleNamespace(topic_name="/ema/in")],
-            publishers=[],
-            get_namespace=lambda: "/ema",
-            get_fully_qualified_name=lambda: "/ema/own",
-            get_publishers_info_by_topic=lambda _: publishers,
-            get_subscriptions_info_by_topic=lambda _: [],
-        )
-
-    unknown = ("_NODE_NAME_UNKNOWN_", "_NODE_NAMESPACE_UNKNOWN_")
-    names = EndpointNames()
-    assert nodes_in_touch(node(endpoint(1, "a"), endpoint(2, *unknown)), names) == {"/ema/a"}
-    assert nodes_in_touch(node(), names) == set()
-    assert nodes_in_touch(node(endpoint(1, *unknown), endpoint(2, "b")), names) == {
-        "/ema/a",
-        "/ema/b",
-    }
-    # Another process has other endpoints.
-    assert nodes_in_touch(node(endpoint(3, *unknown)), names) == set()
 
 
 def test_a_publisher_that_no_subscription_can_receive_is_named_as_long_as_it_is_there(
