@@ -14,8 +14,6 @@ from numba.core.dispatcher import Dispatcher
 from ema_monitor.node.kernels import STEPS
 from ema_monitor.prognosis import growth
 from ema_monitor.prognosis.growth.tracker import Tracker
-from ema_monitor.prognosis.growth.driven_lives import driven_lives
-from tests.prognosis.test_driven import AS_PAST, driven_by, growth_of
 from tests.prognosis.tracked_lives import observed
 
 modules = [
@@ -37,8 +35,6 @@ for number in range(80):
     faults = {"friction": 4e-3 * number + 0.01 * np.sin(number / 5), "gain": 0.5 - 2e-3 * number}
     tracker.update(observed(10.0 * number, faults, rng))
     tracker.predict()
-# A single sample, whose arrays are of every layout at once.
-driven_lives(driven_by([(0, 1)], [[0.0, 0.0, 1e-3]]), growth_of({1: 1e-4}), AS_PAST)
 after = compiled()
 late = [name for name in after if after[name] != before[name]]
 print(json.dumps({"compiled": sum(map(len, before.values())), "late": late}))

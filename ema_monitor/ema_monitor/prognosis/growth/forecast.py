@@ -4,8 +4,7 @@ Process noise multiplies each increment by a factor, so a fault grows as its law
 of its own whose increments are random with mean 1. To first order in the variance that time is a
 Wiener process with drift, and the hours until it reaches those of the noiseless law follow an
 inverse Gaussian; of drift and diffusion they do so exactly (Chhikara and Folks, The Inverse
-Gaussian Distribution, 1989). Where the rate wanders, that time runs at the pace. Components of one
-sample are of one unit: a fault that is driven follows the level of its driver there.
+Gaussian Distribution, 1989). Where the rate wanders, that time runs at the pace.
 """
 
 from dataclasses import dataclass, replace
@@ -14,17 +13,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ema_core.growth_laws import LAWS, hours_until, increment
+from ema_core.growth_laws import hours_until, increment
 from ema_monitor.prognosis.growth import wander
 from ema_monitor.prognosis.growth.bank import Bank
 from ema_monitor.prognosis.growth.cells import Cells
-from ema_monitor.prognosis.growth.driven_lives import (
-    DrivenDraw,
-    OwnGrowth,
-    draw_driven,
-    driven_lives,
-    driven_values,
-)
 from ema_monitor.prognosis.growth.mixture import Mixture
 from ema_monitor.prognosis.growth.wave_lives import WaveDraw, draw_waves, wave_lives, wave_values
 
@@ -49,8 +41,6 @@ class Draw:
         Logarithm of the pace [-].
     waves
         Those samples that are under a wave, in place of those of the cells.
-    driven
-        Those that are driven, in place of those of the cells.
     """
 
     cells: Cells
@@ -60,7 +50,6 @@ class Draw:
     rate: NDArray[np.float64]
     pace: NDArray[np.float64]
     waves: WaveDraw | None = None
-    driven: DrivenDraw | None = None
 
 
 def draw_cells(bank: Bank, n: int, rng: np.random.Generator) -> Draw:
@@ -84,22 +73,15 @@ def draw_cells(bank: Bank, n: int, rng: np.random.Generator) -> Draw:
 
 def draw(mixture: Mixture, n: int, rng: np.random.Generator) -> Draw:
     """Return n samples of a unit: of each component by its cells and filters."""
-    bank, by_cells = mixture.bank, draw_cells(mixture.bank, n, rng)
+    by_cells = draw_cells(mixture.bank, n, rng)
     cells, cell, x = by_cells.cells, by_cells.cell, by_cells.x
     waves = draw_waves(mixture.waves, n, rng)
-    free = np.ones(cell.shape, dtype=bool)
     if waves is not None:
         x[waves.at] = cells.side[cell[waves.at]] * (waves.state[:, 0] + waves.state[:, 2])
-        free[waves.at] = False
-    driven = draw_driven(mixture.driven, bank.sums(bank.weight), free, rng)
-    if driven is not None:
-        x[driven.at] = cells.side[cell[driven.at]] * driven.state[:, 0]
-    return replace(by_cells, waves=waves, driven=driven)
+    return replace(by_cells, waves=waves)
 
 
-def lives(
-    sample: Draw, rng: np.random.Generator, rates: NDArray[np.float64] | None = None
-) -> NDArray[np.float64]:
+def lives(sample: Draw, rng: np.random.Generator) -> NDArray[np.float64]:
     """Return hours of growth until each sample first reaches its limit [h], ``(7, n)``.
 
     Parameters
@@ -108,9 +90,6 @@ def lives(
         State and growth now.
     rng
         Random numbers.
-    rates
-        Hours of growth of each component in an hour of service to come, ``(7,)`` [-]; the same for
-        all when None.
     """
     cells, cell = sample.cells, sample.cell
     hours = np.empty(cell.shape)
@@ -133,33 +112,8 @@ def lives(
     normal = rng.standard_normal((int(wandering.sum()), wander.STEPS))
     hours[wandering] = wander.hours_of(hours[wandering], sample.pace[wandering], normal)
     if sample.waves is not None:
-        hours[sample.waves.at] = wave_lives(sample.waves, cells, rng)
-    if sample.driven is not None:
-        growth = _own_growth(sample, np.unique(sample.driven.at[1]))
-        rates = np.ones(len(growth.limit)) if rates is None else rates
-        own = driven_lives(sample.driven, growth, rates)
-        ends = np.isfinite(own) & (own > 0.0)
-        own[ends] = rng.wald(own[ends], own[ends] ** 2 / max(sample.noise_hours, 1e-12))
-        hours[sample.driven.at] = own
+        hours[sample.waves.at] = wave_lives(sample.waves, cells)
     return hours
-
-
-def _own_growth(sample: Draw, places: NDArray[np.intp]) -> OwnGrowth:
-    """Return the growth of all components of some samples by laws of their own."""
-    cells, cell = sample.cells, sample.cell[:, places]
-    law = np.empty(cells.prior.size, dtype=np.intp)
-    for name, part in cells.slices.items():
-        law[part] = LAWS.index(name)
-    of_it, x, rate = law[cell], sample.x[:, places].copy(), sample.rate[:, places].copy()
-    pace = np.where(cells.wanders[cell], sample.pace[:, places], np.nan)
-    if sample.waves is not None:
-        number, place = sample.waves.at
-        here = np.isin(place, places)
-        at = number[here], np.searchsorted(places, place[here])
-        of_it[at], pace[at] = LAWS.index("linear"), np.nan
-        x[at], rate[at] = sample.waves.state[here, :2].T
-    limit = cells.limit[cells.slices["constant"]]
-    return OwnGrowth(of_it, np.maximum(x, 0.0), rate, cells.shape[cell], pace, limit)
 
 
 def futures(
@@ -199,11 +153,6 @@ def futures(
         values[:, at] = side[at] * grown
     if sample.waves is not None:
         values[:, *sample.waves.at] = wave_values(sample.waves, hours[:, *sample.waves.at])
-    if sample.driven is not None:
-        at = sample.driven.at
-        own_time = _own_time(sample, hours[:, *at], wiener[:, *at])
-        steps = np.diff(own_time, axis=0, prepend=0.0)
-        driven_values(sample.driven, values, side * sample.x, steps)
     return values
 
 

@@ -1,15 +1,14 @@
 """All that is thought of how the components of a unit grow, weighed together: cells and filters.
 
 Probabilities of cells and filters are exact marginal likelihoods, but for what growth was like long
-ago where it does not keep to a law for life: each test draws those of rates that wander, of waves
-and of drivers, and whether growth is by a law for life, at a rate that wanders, under a wave or
-driven, towards their prior by a small power (Raftery, Karny and Ettler 2010, dynamic model
-averaging). Which of the laws for life it is, and whether anything grows, is not forgotten. So a
+ago where it does not keep to a law for life: each test draws those of rates that wander and of
+waves, and whether growth is by a law for life, at a rate that wanders or under a wave, towards
+their prior by a small power (Raftery, Karny and Ettler 2010, dynamic model averaging). Which of the laws for life it is, and whether anything grows, is not forgotten. So a
 unit whose growth is steady comes to count as such, and is told the narrower interval, and one whose
 growth is not does not.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import copy
 from typing import Any
 
@@ -21,11 +20,9 @@ from ema_core.growth_laws import increment
 from ema_monitor.health import HealthLimits
 from ema_monitor.prognosis.growth.bank import Bank
 from ema_monitor.prognosis.growth.cells import grid
-from ema_monitor.prognosis.growth.driven import Driven
 from ema_monitor.prognosis.growth.errors import EstimateErrors, LastTest
 from ema_monitor.prognosis.growth.filters import LEAST_PROBABILITY, temper
 from ema_monitor.prognosis.growth.fleet import with_fleet
-from ema_monitor.prognosis.growth.linear_filters import LinearFilters
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.waves import Waves
 
@@ -34,7 +31,7 @@ Moments = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class Mixture:
-    """Cells, waves and driven faults, and the errors of the estimates that all are measured by.
+    """Cells and waves, and the errors of the estimates that both are measured by.
 
     Parameters
     ----------
@@ -45,7 +42,7 @@ class Mixture:
 
     Attributes
     ----------
-    bank, waves, driven, errors
+    bank, waves, errors
         The parts.
     """
 
@@ -54,7 +51,6 @@ class Mixture:
         cells = with_fleet(grid(limits, settings), settings.fleet, settings.laws)
         self.bank = Bank(cells, settings)
         self.waves = Waves(limits, settings)
-        self.driven = Driven(limits, settings)
         self.errors = EstimateErrors(self.bank.noise_hours)
         is_known = np.array([name in settings.laws for name in COMPONENTS])
         self._power = np.where(is_known, 1.0, settings.forgetting)
@@ -66,8 +62,7 @@ class Mixture:
         self._kind = kind * len(COMPONENTS) + self._component
         self._prior = self._prior_beside_filters()
         self.bank.weight = self._prior.copy()
-        growing = [one.prior[:, one.grows] for one in self.filters]
-        self._kinds_prior = self._of_kinds(self._prior, growing)
+        self._kinds_prior = self._of_kinds(self._prior, self.waves.prior[:, self.waves.grows])
         self._last = LastTest.none()
 
     def _prior_beside_filters(self) -> NDArray[np.float64]:
@@ -76,20 +71,15 @@ class Mixture:
         for grows in (False, True):
             of_it = self._is_constant != grows
             total = self.bank.sums(prior * of_it)
-            taken = sum(one.prior[:, one.grows == grows].sum(axis=1) for one in self.filters)
+            taken = self.waves.prior[:, self.waves.grows == grows].sum(axis=1)
             prior[of_it] *= (1.0 - taken / total)[self._component[of_it]]
         return prior
-
-    @property
-    def filters(self) -> tuple[LinearFilters, ...]:
-        """Waves and driven faults."""
-        return self.waves, self.driven
 
     def frozen(self) -> "Mixture":
         """Return a copy that does not change with this one."""
         twin = copy(self)
         twin.bank = self.bank.frozen()
-        twin.waves, twin.driven = self.waves.frozen(), self.driven.frozen()
+        twin.waves = self.waves.frozen()
         return twin
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -97,8 +87,7 @@ class Mixture:
         bank, last = self.bank, self._last
         return {
             "bank": np.stack([bank.weight, bank.mean, bank.variance]),
-            **self.waves.state("wave"),
-            **self.driven.state("driven"),
+            **self.waves.state(),
             "errors": self.errors.log_probability,
             "error_mean": self.errors.mean,
             "error_covariance": self.errors.covariance,
@@ -118,8 +107,7 @@ class Mixture:
         if state["bank"].shape != (3, bank.weight.size):
             raise ValueError(f"the grid has shape {state['bank'].shape}, not {bank.weight.shape}")
         bank.weight, bank.mean, bank.variance = map(np.ascontiguousarray, state["bank"])
-        self.waves.restore("wave", state)
-        self.driven.restore("driven", state)
+        self.waves.restore(state)
         errors = self.errors
         errors.log_probability, errors.hours = state["errors"], state["error_hours"]
         errors.mean, errors.covariance = state["error_mean"], state["error_covariance"]
@@ -128,20 +116,18 @@ class Mixture:
 
     def moments(self) -> Moments:
         """Return mean and variance of each component's signed distance, ``(7,)`` each."""
-        bank = self.bank
+        bank, waves = self.bank, self.waves
         first, second = bank.sums(bank.weight * bank.mean), bank.sums(bank.weight * bank.variance)
-        moments = [one.moments() for one in self.filters]
-        for one, (mean, variance) in zip(self.filters, moments, strict=True):
-            first += np.sum(one.weight * mean, axis=1)
-            second += np.sum(one.weight * variance, axis=1)
+        mean, variance = waves.moments()
+        first += np.sum(waves.weight * mean, axis=1)
+        second += np.sum(waves.weight * variance, axis=1)
         second += bank.sums(bank.weight * (bank.mean - first[self._component]) ** 2)
-        for one, (mean, _) in zip(self.filters, moments, strict=True):
-            second += np.sum(one.weight * (mean - first[:, None]) ** 2, axis=1)
+        second += np.sum(waves.weight * (mean - first[:, None]) ** 2, axis=1)
         return first, second
 
     def constant(self) -> NDArray[np.float64]:
         """Return the probability that each component does not grow, ``(7,)``."""
-        still = sum(one.weight[:, ~one.grows].sum(axis=1) for one in self.filters)
+        still = self.waves.weight[:, ~self.waves.grows].sum(axis=1)
         return self.bank.weight[self.bank.cells.slices["constant"]] + still
 
     def rates(self) -> NDArray[np.float64]:
@@ -174,16 +160,12 @@ class Mixture:
             weight * (bank.weight[at].sum() / weight.sum()), LEAST_PROBABILITY
         )
         self.waves.change_rate(number, rate, sigma)
-        self.driven.change_rate(number, rate, sigma)
 
     def advance(self, hours: NDArray[np.float64]) -> None:
         """Let each component grow over hours of its own, at least 0, ``(7,)`` [h]."""
         self.errors.advance(hours)
-        before, variance = self.moments()
         self.bank.advance(hours)
         self.waves.advance(hours)
-        # A driver goes on by laws of its own: where both drive each other, that is how they grew.
-        self.driven.advance(hours, before, self.bank.moments()[0], variance)
 
     def _forget(self, used: NDArray[np.bool_]) -> None:
         """Draw the probabilities of growth towards their prior, in each kind of growth by itself.
@@ -193,34 +175,29 @@ class Mixture:
         used
             Components of which the test tells something, ``(7,)``.
         """
-        bank, filters = self.bank, self.filters
+        bank, waves = self.bank, self.waves
         power = np.where(used, self._power, 1.0)
-        grown = [one.weight[:, one.grows] for one in filters]
-        before = self._of_kinds(bank.weight, grown)
+        before = self._of_kinds(bank.weight, waves.weight[:, waves.grows])
         # What wanders forgets; a law is one for life, or it is found to be none.
         powers = np.concatenate([np.ones_like(power), np.ones_like(power), power])
         temper(bank.weight, self._prior, self._kind, powers)
-        kept = [
-            _tempered(weight, one.prior[:, one.grows], power[:, None])
-            for one, weight in zip(filters, grown, strict=True)
-        ]
+        kept = _tempered(waves.weight[:, waves.grows], waves.prior[:, waves.grows], power[:, None])
         after = self._of_kinds(bank.weight, kept)
         wanted = before.copy()
         wanted[1:] = _tempered(before[1:], self._kinds_prior[1:], power)
         wanted[1:] *= before[1:].sum(axis=0) / np.maximum(wanted[1:].sum(axis=0), LEAST_PROBABILITY)
         factor = wanted / np.maximum(after, LEAST_PROBABILITY)
         bank.weight *= factor[:3].ravel()[self._kind]
-        for one, weight, own in zip(filters, kept, factor[3:], strict=True):
-            one.weight[:, one.grows] = weight * own[:, None]
+        waves.weight[:, waves.grows] = kept * factor[3][:, None]
 
     def _of_kinds(
-        self, of_cells: NDArray[np.float64], of_filters: Sequence[NDArray[np.float64]]
+        self, of_cells: NDArray[np.float64], of_waves: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return sums by kind of growth: none, for life, wandering, wave, driven; ``(5, 7)``."""
+        """Return sums by kind of growth: none, for life, wandering, wave; ``(4, 7)``."""
         found = np.bincount(self._kind, of_cells, 3 * len(COMPONENTS)).astype(
             np.float64, copy=False
         )
-        return np.stack([*found.reshape(3, -1), *(one.sum(axis=1) for one in of_filters)])
+        return np.stack([*found.reshape(3, -1), of_waves.sum(axis=1)])
 
     def measure(
         self,
@@ -257,35 +234,25 @@ class Mixture:
         of_cells, below = bank.measure(value, noise, used, near_healthy, carried, fresh, last.value)
         pit = bank.sums(bank.weight * below)
         measured, near = np.flatnonzero(plain), np.flatnonzero(used & near_healthy)
-        of_filters = []
-        for one in self.filters:
-            log_p = np.zeros_like(one.weight)
-            below = one.measure(measured, value, fresh, carried, last.value, log_p)
-            pit += np.sum(one.weight * below, axis=1)
-            one.measure_near(near, noise, bank.two_sided, log_p)
-            of_filters.append(log_p)
-        self._weigh(of_cells, of_filters)
+        of_waves = np.zeros_like(self.waves.weight)
+        below = self.waves.measure(measured, value, fresh, carried, last.value, of_waves)
+        pit += np.sum(self.waves.weight * below, axis=1)
+        self.waves.measure_near(near, noise, bank.two_sided, of_waves)
+        self._weigh(of_cells, of_waves)
         self._last = LastTest(value, noise, plain)
         return pit
 
-    def _weigh(
-        self, of_cells: NDArray[np.float64], of_filters: Sequence[NDArray[np.float64]]
-    ) -> None:
+    def _weigh(self, of_cells: NDArray[np.float64], of_waves: NDArray[np.float64]) -> None:
         """Multiply all probabilities by likelihoods, given by their logarithms."""
-        bank = self.bank
+        bank, waves = self.bank, self.waves
         highest = np.full(len(COMPONENTS), -np.inf)
         np.maximum.at(highest, self._component, of_cells)
-        for one, log_p in zip(self.filters, of_filters, strict=True):
-            highest = np.maximum(highest, np.where(one.prior > 0.0, log_p, -np.inf).max(axis=1))
+        highest = np.maximum(highest, np.where(waves.prior > 0.0, of_waves, -np.inf).max(axis=1))
         cells = bank.weight * np.exp(of_cells - highest[self._component])
-        weights = [
-            one.weight * np.exp(np.minimum(log_p - highest[:, None], 0.0))
-            for one, log_p in zip(self.filters, of_filters, strict=True)
-        ]
-        total = bank.sums(cells) + sum(one.sum(axis=1) for one in weights)
+        weight = waves.weight * np.exp(np.minimum(of_waves - highest[:, None], 0.0))
+        total = bank.sums(cells) + weight.sum(axis=1)
         bank.weight = np.maximum(cells / total[self._component], LEAST_PROBABILITY)
-        for one, weight in zip(self.filters, weights, strict=True):
-            one.weight = weight / total[:, None]
+        waves.weight = weight / total[:, None]
 
     def skip(self) -> None:
         """Leave a test unused: the errors of the one before no longer last into the next."""
@@ -309,19 +276,13 @@ class Mixture:
         self.errors.restart(number)
         bank.restart(number, value, variance)
         self.waves.restart(number, value, variance)
-        self.driven.restart(number, value, variance)
-        at = bank.members[number]
-        prior = self._prior[at]
+        at, waves = bank.members[number], self.waves
+        prior, of_waves = self._prior[at], waves.prior[number]
         cells = prior * (bank.weight[at] / prior) ** keep
-        own = [
-            one.prior[number]
-            * (one.weight[number] / np.maximum(one.prior[number], LEAST_PROBABILITY)) ** keep
-            for one in self.filters
-        ]
-        total = cells.sum() + sum(weight.sum() for weight in own)
+        own = of_waves * (waves.weight[number] / np.maximum(of_waves, LEAST_PROBABILITY)) ** keep
+        total = cells.sum() + own.sum()
         bank.weight[at] = cells / total
-        for one, weight in zip(self.filters, own, strict=True):
-            one.weight[number] = weight / total
+        waves.weight[number] = own / total
         values, noises, used = last.value.copy(), last.noise.copy(), last.used.copy()
         values[number], noises[number], used[number] = value, noise, False
         self._last = LastTest(values, noises, used)

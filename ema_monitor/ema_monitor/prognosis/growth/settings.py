@@ -86,9 +86,6 @@ class TrackerSettings:
     forgetting
         Power to which the probabilities of rates that wander, of waves, and of the kinds of growth
         are kept at each test, towards their prior [-].
-    driven_probability
-        Probability that a component of unknown law grows in proportion to another fault, if one may
-        drive it [-].
     sigma_floor
         Error of an estimate beside its covariance [-].
     occasional_error, occasional_probability
@@ -115,7 +112,6 @@ class TrackerSettings:
     onset_probability: float = quantity(5e-3, "-", 0.0, 0.5, "probability of onset, each test")
     change_probability: float = quantity(1e-3, "-", 0.0, 0.5, "probability of change, each test")
     forgetting: float = quantity(0.98, "-", 0.5, 1.0, "power of what was learnt, each test")
-    driven_probability: float = quantity(0.05, "-", 0.0, 0.3, "probability of a driven fault")
     sigma_floor: float = quantity(1e-3, "-", 0.0, 0.1, "sigma added to that of an estimate")
     occasional_error: float = quantity(0.01, "-", 0.0, 1.0, "sigma of an occasional error")
     occasional_probability: float = quantity(0.05, "-", 0.0, 0.5, "its probability")

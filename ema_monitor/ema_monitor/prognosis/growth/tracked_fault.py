@@ -29,8 +29,7 @@ class TrackedFault:
     trend_sigma
         Its standard deviation [1/h].
     laws
-        Probability of each law [-]; ``constant`` stands for no growth yet, ``driven``
-        for growth in proportion to another fault.
+        Probability of each law [-]; ``constant`` stands for no growth yet.
     growing_probability
         Probability that it grows [-].
     calibration
@@ -66,11 +65,10 @@ def tracked_faults(
     cells, weight = bank.cells, bank.weight
     mean, variance = mixture.moments()
     rates = mixture.rates()
-    filters = [(one.weight, one.rates()) for one in mixture.filters]
-    trend = bank.sums(weight * rates)
-    trend += sum(np.sum(share * own, axis=1) for share, own in filters)
+    share, own = mixture.waves.weight, mixture.waves.rates()
+    trend = bank.sums(weight * rates) + np.sum(share * own, axis=1)
     squares = bank.sums(weight * (rates - trend[cells.component]) ** 2)
-    squares += sum(np.sum(share * (own - trend[:, None]) ** 2, axis=1) for share, own in filters)
+    squares += np.sum(share * (own - trend[:, None]) ** 2, axis=1)
     trend_sigma = np.sqrt(squares)
     figures = np.array([HEALTHY + mean, np.sqrt(variance), trend, trend_sigma])
     figures[:, tests == 0] = np.nan
@@ -82,7 +80,6 @@ def tracked_faults(
     of_waves = np.sum(mixture.waves.weight * mixture.waves.grows, axis=1)
     laws["linear"] = (laws["linear"] + of_waves).tolist()
     laws["constant"] = mixture.constant().tolist()
-    laws["driven"] = mixture.driven.weight.sum(axis=1).tolist()
     return tuple(
         TrackedFault(
             name,

@@ -1,13 +1,12 @@
 """Bayesian tracker of how an actuator's faults grow.
 
 State and growth are estimated together: each component has a bank of Gaussian filters on a grid
-of laws, shapes and rates (``bank``), and Kalman filters of faults under a wave (``waves``) or
-driven by another (``driven``). A grid was chosen rather than particles, because given law, shape
-and rate only one smooth scalar is left, which a Gaussian holds; because static parameters make
-particles degenerate and the usual cure, jitter, forgets what long lives taught; because the
-probabilities of laws are then marginal likelihoods; and because nothing is random before a
-prediction draws from it. A single extended Kalman filter would hold neither the early, many-peaked
-distribution of the rates nor several laws.
+of laws, shapes and rates (``bank``), and Kalman filters of faults under a wave (``waves``). A grid
+was chosen rather than particles, because given law, shape and rate only one smooth scalar is left,
+which a Gaussian holds; because static parameters make particles degenerate and the usual cure,
+jitter, forgets what long lives taught; because the probabilities of laws are then marginal
+likelihoods; and because nothing is random before a prediction draws from it. A single extended
+Kalman filter would hold neither the early, many-peaked distribution of the rates nor several laws.
 """
 
 import math
@@ -284,7 +283,7 @@ class Tracker:
         duty = FutureDuty.of(duty)
         rng = self._rng()
         sample = draw(self._mixture, self._settings.samples, rng)
-        own = widened_lives(lives(sample, rng, duty.rates), self._check.widening())
+        own = widened_lives(lives(sample, rng), self._check.widening())
         hours = duty.hours_of(own)
         mean, variance = self._mixture.moments()
         limits = [self._limits.of(name) for name in COMPONENTS]

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from ema_core._jit import kernel
 from ema_monitor.prognosis.growth.cells import Cells
-from ema_monitor.prognosis.growth.linear_filters import RATE_SPREAD
-from ema_monitor.prognosis.growth.waves import Waves
+from ema_monitor.prognosis.growth.waves import RATE_SPREAD, Waves
 
 _LEAST_RATE: Final = 1e-6
 """Rate, in shares of the limit, below which nothing grows [1/h]."""
@@ -56,9 +55,8 @@ def draw_waves(waves: Waves, n: int, rng: np.random.Generator) -> WaveDraw | Non
     return WaveDraw((number, np.concatenate(places)), state, waves.omega[of_it])
 
 
-def wave_lives(sample: WaveDraw, cells: Cells, rng: np.random.Generator) -> NDArray[np.float64]:
+def wave_lives(sample: WaveDraw, cells: Cells) -> NDArray[np.float64]:
     """Return hours until each sample first reaches its limit [h], ``(m,)``."""
-    del rng
     limits = cells.limit[cells.slices["constant"]][sample.at[0]]
     # Towards the side to which it grows; a component of one side does not shrink to its limit.
     two_sided = np.bincount(cells.component, cells.side < 0.0)[sample.at[0]] > 0.0
