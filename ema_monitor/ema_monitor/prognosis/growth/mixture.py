@@ -3,9 +3,9 @@
 Probabilities of cells and filters are exact marginal likelihoods, but for what growth was like long
 ago where it does not keep to a law for life: each test draws those of rates that wander and of
 waves, and whether growth is by a law for life, at a rate that wanders or under a wave, towards
-their prior by a small power (Raftery, Karny and Ettler 2010, dynamic model averaging). Which of the laws for life it is, and whether anything grows, is not forgotten. So a
-unit whose growth is steady comes to count as such, and is told the narrower interval, and one whose
-growth is not does not.
+their prior by a small power (Raftery, Karny and Ettler 2010, dynamic model averaging). Which of the
+laws for life it is, and whether anything grows, is not forgotten. So a unit whose growth is steady
+comes to count as such, and is told the narrower interval, and one whose growth is not does not.
 """
 
 from collections.abc import Mapping
