@@ -9,7 +9,12 @@ from rclpy.context import Context
 from rclpy.executors import Executor
 from rclpy.node import Node
 
+from ema_ros import managed_node
+
 from .spinning import end, made, ros_context, spinning
+
+# Tests wait for what nodes report; those of real graphs have their second.
+managed_node._REPORT_S = 0.2  # pyright: ignore[reportPrivateUsage, reportConstantRedefinition]
 
 
 @pytest.fixture

@@ -168,13 +168,6 @@ def test_telemetry_comes_in_blocks_of_ten_milliseconds_without_a_gap(real_time):
     assert {m.actuator_id for m in real_time.messages("telemetry")} == {"flap"}
 
 
-def test_block_is_not_published_before_its_last_sample_is_due(real_time):
-    arrivals = np.array([arrival for arrival, _ in list(real_time.received["telemetry"])])
-    ends = np.array([int(block.stamps_ns[-1]) for block in real_time.blocks()])
-    # The clocks of stamps and of time itself part by microseconds.
-    assert (1e-9 * (arrivals[: len(ends)] - ends)).min() > -1e-3
-
-
 def test_cycles_are_contiguous_and_stamped_with_their_start(real_time):
     truths = real_time.truths()
     assert [truth.cycle for truth in truths[:3]] == [0, 1, 2]
@@ -240,38 +233,8 @@ def test_late_joiner_learns_who_the_actuator_is_and_its_faults(real_time):
     np.testing.assert_array_equal(truth.faults, fault_vector({"friction": 0.25, "gain": 0.6}))
 
 
-def test_status_tells_how_it_fares(real_time):
-    status = [s for s in real_time.statuses("simulation") if s.message != "idle"][-1]
-    assert (status.level, status.message) == (DiagnosticStatus.OK, "running")
-    assert status.hardware_id == "/ema/flap/SIM-0001"
-    values = figures(status)
-    assert set(values) == {
-        "cycle",
-        "rate",
-        "achieved rate",
-        "lag [s]",
-        "busy share",
-        "ends of threads",
-    }
-    assert values["rate"] == 1.0
-    assert values["achieved rate"] > 0.0
-    assert 0.0 < values["busy share"] <= 1.0
-    assert real_time.messages("/clock") == []
-
-
 def growth(fault: str, law: str, rate: float, **figures: float) -> FaultGrowth:
     return FaultGrowth(fault=fault, law=law, rate=rate, **figures)
-
-
-def test_growth_without_hours_goes_by_those_of_the_parameter():
-    with running(rate=8.0, block_s=0.08, hours_per_cycle=50.0) as listener:
-        request = SetSimulatedFaults.Request(
-            faults=faults_to_message(healthy_faults()), growth=[growth("friction", "linear", 1e-3)]
-        )
-        assert listener.call(SetSimulatedFaults, "actuator/set_faults", request).success
-        listener.until(lambda: any(truth.faults[0] > 0.0 for truth in listener.truths()))
-        grown = [truth.faults[0] for truth in listener.truths() if truth.faults[0] > 0.0]
-    assert grown[0] == pytest.approx(0.05, abs=1e-12)
 
 
 def test_faults_are_set_and_grow_from_the_next_cycle_on():
@@ -515,23 +478,3 @@ def test_described_actuator_is_the_nominal_plant(tmp_path):
     assert description.parameters == ActuatorParameters(R_s=1.9, P=4)
     assert plant == {"R_s": 1.9, "P": 4, "L_s": ActuatorParameters().L_s}
     assert listener.messages("telemetry")[0].actuator_id == "slat"
-
-
-def test_parameters_say_what_they_are():
-    with listening() as listener:
-        node = listener.node
-        descriptors = {
-            name: node.describe_parameter(name)
-            for name in (
-                "rate",
-                "faults.backlash",
-                "growth.gain.rate",
-                "plant.J_m",
-                "command.shape",
-            )
-        }
-    assert [item.to_value for item in descriptors["rate"].floating_point_range] == [100.0]
-    assert "99 k" in descriptors["faults.backlash"].description
-    assert "[1/h]" in descriptors["growth.gain.rate"].description
-    assert "[kg.m^2]" in descriptors["plant.J_m"].description
-    assert "chirp" in descriptors["command.shape"].additional_constraints

@@ -1,7 +1,7 @@
 """Each real node in a process of its own: every transition, and signals in every state."""
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +12,12 @@ from lifecycle_msgs.srv import ChangeState, GetState
 
 from ema_cli.processes.bringup import NODES, program
 
-from ..waiting import DEADLINE_S, wait_for
+from ..waiting import wait_for
 from .graph import Graph
 from .test_bridge_node import JOINT_STATE
 
 CONFIGURE, CLEAN_UP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
 ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE
-WAYS = {"unconfigured": [], "inactive": [CONFIGURE], "active": [CONFIGURE, ACTIVATE]}
 SHUTDOWN = {
     "unconfigured": Transition.TRANSITION_UNCONFIGURED_SHUTDOWN,
     "inactive": Transition.TRANSITION_INACTIVE_SHUTDOWN,
@@ -56,11 +55,6 @@ class Managed(Graph):
         answer = self._called(GetState, f"/ema/{name}/get_state", GetState.Request())
         return answer.current_state.label
 
-    def end(self, name: str, number: signal.Signals) -> None:
-        """Send a signal; the node has to end without an error."""
-        assert self.stop(name, number) == 0, self.log(name).read_text()
-        self.has_no_error(name)
-
     def has_no_error(self, name: str) -> None:
         """Look for errors in what a node has said."""
         said = self.log(name).read_text()
@@ -84,42 +78,6 @@ def managed() -> Iterator[Managed]:
         yield graph
 
 
-@pytest.fixture
-def begun(managed: Managed, tmp_path: Path) -> Callable[[str], list[str]]:
-    """Start a node three times, and bring each to another state; return their names."""
-
-    def begin(node: str) -> list[str]:
-        names = []
-        for state in WAYS:
-            names.append(f"{node}_{state}")
-            managed.start_waiting(node, names[-1], tmp_path)
-        for name, (state, way) in zip(names, WAYS.items(), strict=True):
-            for number in way:
-                assert managed.change(name, number), managed.log(name).read_text()
-            assert managed.state(name) == state
-        return names
-
-    return begin
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("node", NODES)
-def test_signal_ends_each_node_in_each_state(managed, begun, node: str, number: signal.Signals):
-    for name in begun(node):
-        managed.end(name, number)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("node", NODES)
-def test_shutdown_by_the_service_ends_each_node_in_each_state(managed, begun, node: str):
-    for name, state in zip(begun(node), WAYS, strict=True):
-        assert managed.change(name, SHUTDOWN[state])
-        process = managed.processes.pop(name)
-        assert process.wait(DEADLINE_S) == 0, managed.log(name).read_text()
-        managed.has_no_error(name)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("node", NODES)
 def test_each_node_goes_round_twice_and_refuses_what_is_impossible(managed, tmp_path, node: str):
@@ -141,4 +99,5 @@ def test_each_node_goes_round_twice_and_refuses_what_is_impossible(managed, tmp_
             assert not managed.change(node, other), (state, other)
         assert managed.state(node) == state
     wait_for(lambda: "is not possible in state" in managed.log(node).read_text(), "the warning")
-    managed.end(node, signal.SIGINT)
+    assert managed.stop(node, signal.SIGINT) == 0, managed.log(node).read_text()
+    managed.has_no_error(node)

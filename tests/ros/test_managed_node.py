@@ -269,14 +269,6 @@ def test_signal_ends_a_node_in_each_state(number: signal.Signals):
             assert process.wait(DEADLINE_S) == 0
 
 
-def test_shutdown_stops_what_goes_on(make_recorded, context: Context):
-    node = make_recorded()
-    assert node.bring_up()
-    assert node.trigger_shutdown() == SUCCESS
-    assert node.steps == ["configure", "activate", "deactivate", "clean_up"]
-    assert node.finished.is_set()
-
-
 def test_parameter_of_another_name_is_told_with_the_one_that_may_be_meant(make_recorded, capfd):
     node = make_recorded(parameters={"use_sim_tme": True, "colour": "red"})
     assert node.bring_up()

@@ -25,7 +25,6 @@ from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_sim.actuator import SimulatedActuator
 
 from ..waiting import wait_for
-from .graph import Graph
 from .monitor_session import CYCLE, FLAP, START_NS, MonitorSession, monitor
 
 LOAD, SIGMA = 0.3, 0.01
@@ -138,20 +137,6 @@ def live(session: MonitorSession, cycles, messages) -> list[FaultEstimate]:
 
 def loads(causes: Any) -> list[tuple[str, float, str]]:
     return [(one.name, one.value, one.unit) for one in causes]
-
-
-# First, before there is another participant in this process: to end one beside it has crashed.
-@pytest.mark.slow
-def test_replay_of_the_actuator_alone_has_its_measurements(bag: Path, offline: list[FaultEstimate]):
-    with Graph() as graph:
-        graph.start("monitor", use_sim_time=True, measured_max_age_s=MAX_AGE_S)
-        graph.wait_for(lambda: graph.status, "the monitor")
-        graph.start("player", bag=bag, rate=5.0, actuator_only=True)
-        graph.wait_for(lambda: len(graph.estimates) == CYCLES, "the estimates")
-    replayed = sorted(graph.estimates, key=lambda item: item.window)
-    for one, other in zip(replayed, offline, strict=True):
-        assert one.measured_causes == other.measured_causes
-        assert (one.faults, one.reason) == (other.faults, other.reason)
 
 
 def test_measurement_at_the_start_of_a_window_is_used_and_no_other(live: list[FaultEstimate]):

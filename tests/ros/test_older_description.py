@@ -8,9 +8,6 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from rclpy.context import Context
-from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -20,16 +17,12 @@ from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_recording import schema
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.message_type import type_hash
-from ema_recording.player_node import PlayerNode
 from ema_recording.reader import Bag
 from ema_recording.schema import schema_text, to_installed
 from ema_recording.telemetry import DESCRIPTION_TYPE, read_telemetry
 from ema_recording.writer import BagWriter
 from ema_ros.description import description_from_message
 from ema_sim.bench import ActuatorBench
-
-from ..waiting import wait_for
-from .spinning import Spinning, made
 
 ADDED = ("current_sampling", "current_filter_time", "speed_measured", "drive")
 DESCRIPTION = ActuatorDescription(actuator_id="old", serial_number="A-7", sample_period=1e-3)
@@ -129,20 +122,3 @@ def test_defaults_of_a_definition_are_found_by_kind():
     assert schema._defaults(text) == {
         **{"count": 4, "gain": 0.5, "on": True, "off": False, "name": "none"}
     }
-
-
-def test_player_publishes_the_installed_type(old_bag: Path, context: Context):
-    spinning = Spinning(context)
-    try:
-        overrides = [Parameter("bag", value=str(old_bag)), Parameter("rate", value=10.0)]
-        player = spinning.add(made(PlayerNode, context=context, parameter_overrides=overrides))
-        [topic] = Bag(old_bag).topics_of(DESCRIPTION_TYPE)
-        heard: list[DescriptionMessage] = []
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        listener = spinning.node("listener")
-        listener.create_subscription(DescriptionMessage, topic, heard.append, latched)
-        assert player.bring_up()
-        wait_for(lambda: heard, "the description")
-        assert description_from_message(heard[0]) == DESCRIPTION
-    finally:
-        spinning.close()

@@ -12,18 +12,6 @@ from ema_ros.status import OK, WARN
 from ..waiting import wait_for
 
 
-def test_nobody_is_missed_before_anybody_came():
-    peers = Peers()
-    assert peers.update(set(), set(), 0.0) == []
-    task = peers.task("unit", 0.0)
-    assert (task.name, task.level, task.message, task.hardware_id) == (
-        "peers",
-        OK,
-        "0 in touch",
-        "unit",
-    )
-
-
 def test_one_who_goes_is_told_once_and_missed_for_a_minute():
     peers = Peers()
     assert (
@@ -59,13 +47,6 @@ def test_one_who_is_only_inactive_is_not_missed():
     assert peers.update(set(), {"/ema/a", "/ema/stranger"}, 1.0) == []
     assert peers.task("unit", 1.0).values["present"] == "/ema/a"
     assert peers.update(set(), {"/ema/stranger"}, 2.0) == ["/ema/a"]
-
-
-def test_what_is_given_is_not_kept():
-    peers, present = Peers(), {"/ema/a"}
-    peers.update(present, present, 0.0)
-    present.clear()
-    assert peers.task("unit", 0.0).values["present"] == "/ema/a"
 
 
 def test_in_touch_are_nodes_of_the_namespace_that_share_a_topic(make_node: Callable[..., Node]):

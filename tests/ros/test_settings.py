@@ -9,7 +9,6 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
 from ema_core.quantity import check_quantities, quantity, text
 from ema_ros.actuator_file import load_description
@@ -146,13 +145,6 @@ def test_impossible_change_is_refused_by_name(
     assert node.get_parameter(f"left.{name}").value == getattr(Oven(), name)
 
 
-def test_live_setting_cannot_be_taken_away(make_oven: Callable[..., Node]):
-    node = make_oven()
-    left = LiveSettings(node, Oven, "left.")
-    assert not set_one(node, "left.trays", None).successful
-    assert left.value == Oven()
-
-
 def test_number_that_came_as_a_text_is_the_number(make_oven: Callable[..., Node]):
     # YAML 1.1 reads 1e2 and 1e-06 as texts, and so do tools that load what others dumped.
     node = make_oven(left__temperature="1e2", left__trays="3")
@@ -195,17 +187,6 @@ def test_settings_can_be_fixed_for_a_time_and_the_refusal_says_why(make_oven: Ca
     assert set_one(node, "trays", 3).successful
     assert oven.value.trays == 3
     assert "unconfigured" in node.describe_parameter("trays").additional_constraints
-
-
-def test_acquisition_and_drive_are_read_from_a_file(tmp_path: Path):
-    file = tmp_path / "rudder.yaml"
-    file.write_text(
-        "drive: field_oriented\n"
-        "acquisition: {current: filtered, current_filter: 1e-3, speed: false}\n"
-    )
-    description = load_description(file)
-    assert description.drive == "field_oriented"
-    assert description.acquisition == Acquisition("filtered", 1e-3, speed=False)
 
 
 def test_description_is_read_from_a_file(tmp_path: Path):

@@ -1,7 +1,6 @@
 """What the nodes publish reaches clients of the dashboard as it was published."""
 
 import array
-import math
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -190,11 +189,3 @@ def test_where_time_jumps_back_nothing_of_later_is_kept(session):
 
     wait_for(lambda: heard() >= {10, 15}, "what is left and what is new")
     assert heard() == {10, 15}
-
-
-def test_nan_stays_nan(session):
-    output = session.source.create_publisher(Health, "health", topics.LATCHED)
-    viewer = session.view(session.dashboard(), "/ema/health")
-    output.publish(health("flap", math.nan))
-    message = viewer.wait_for("/ema/health")[0]
-    assert math.isnan(message.health_index)

@@ -38,11 +38,6 @@ def test_the_summary_is_that_of_the_archive_of_the_parameter(session, web, archi
     assert json.loads(web.get(f"{node.address}fleet.json")[2])["levels"]["error"] == 1
 
 
-def test_without_an_archive_there_is_no_summary(session, web):
-    node = session.dashboard()
-    assert json.loads(web.get(f"{node.address}fleet.json")[2]) == {"archive": None}
-
-
 @pytest.mark.parametrize("most", ["0", "101", "-1", "x", "²", "9" * 5000])
 def test_a_summary_beyond_its_bounds_is_refused(archive, most):
     made = FleetDocument(str(archive))({"most": most}, "")

@@ -1,13 +1,11 @@
 """A page that is loaded anew shows the whole history of a unit, from the monitor and since."""
 
-import array
 import math
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.client import Client
 
 from ema_dashboard.unit_history import MOST_EVENTS, MOST_TESTS, ActuatorHistory
 from ema_interfaces.msg import (
@@ -288,39 +286,3 @@ def test_a_stale_health_does_not_take_the_place_of_that_after_the_test():
     history.note_health(overdue)
     [test] = history.message().tests
     assert (test.level, test.health_index) == (1, 0.5)
-
-
-def test_a_negative_variance_is_no_standard_deviation():
-    refused = estimate(1)
-    refused.covariance = array.array("d", [math.nan] * 64)
-    history = ActuatorHistory("flap", "1")
-    history.note_estimate(refused)
-    history.note_health(health(1))
-    [test] = history.message().tests
-    assert all(math.isnan(value) for value in test.sigmas)
-
-
-def test_a_monitor_has_one_question_at_a_time(session, monkeypatch):
-    open_at_once, futures = [], []
-    ask = Client.call_async
-
-    def count(client: Client, request: Any) -> Any:
-        future = ask(client, request)
-        if isinstance(request, GetHistory.Request):
-            futures.append(future)
-            open_at_once.append(sum(not item.done() for item in futures))
-        return future
-
-    monkeypatch.setattr(Client, "call_async", count)
-    monitor = Monitor(session)
-    description = session.source.create_publisher(
-        ActuatorDescription, "actuator_description", topics.LATCHED
-    )
-    session.dashboard()
-    wait_for(description.get_subscription_count, "a subscription")
-    for number in range(10):
-        description.publish(ActuatorDescription(actuator_id=str(number), serial_number="1"))
-    monitor.publish(2)
-    # All of them: an answer that is under way at the end finds nobody any more.
-    wait_for(lambda: len(futures) == 11 and all(item.done() for item in futures), "answers")
-    assert max(open_at_once) == 1
