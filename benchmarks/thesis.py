@@ -4,7 +4,7 @@ from typing import Final, NamedTuple
 
 from ema_study.cases import CASES, MULTIPLE
 from ema_study.plan import ALGORITHMS
-from ema_study.printed_runs import printed_runs
+from ema_study.printed import printed_runs
 from ema_study.sources import counted
 
 _PRECISION_STUDY: Final = "stall_stop"

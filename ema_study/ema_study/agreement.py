@@ -7,7 +7,7 @@ import pandas as pd
 
 from ema_study.cases import CASES, MULTIPLE, StudyCase
 from ema_study.means import PRECISION_STUDY
-from ema_study.printed_runs import PRINTED, printed_runs
+from ema_study.printed import PRINTED, printed_runs
 from ema_study.result import K
 from ema_study.sources import MODEL_LABELS, NAMES_WITH_OWN_CODE, by_source, counted
 
@@ -20,7 +20,6 @@ WORSE: Final = "worse"
 """Verdicts on a mean error: in, below or above the range of the thesis's errors."""
 
 _WINDOWS: Final = 10_000
-_OF_MODELS: Final = frozenset(MODEL_LABELS.values())
 
 
 def agreement(runs: pd.DataFrame) -> pd.DataFrame:
@@ -42,14 +41,16 @@ def agreement(runs: pd.DataFrame) -> pd.DataFrame:
         highest error, ``BETTER`` or ``WORSE``; empty without runs.
     """
     of_printed = printed_runs()
-    of_models = {label: of for label, of in by_source(runs).items() if label in _OF_MODELS}
+    of_models = by_source(runs)
     rows = {}
     for name, case in CASES.items():
         thesis = _of_case(of_printed, case)
         row = {(PRINTED, what): x for what, x in _printed_side(case, thesis).items()}
-        for label, of_model in of_models.items():
-            side = _our_side(case, _of_case(of_model, case), thesis["error_percent"])
-            row |= {(label, what): x for what, x in side.items()}
+        for label in MODEL_LABELS.values():
+            if label in of_models:
+                ours = _of_case(of_models[label], case)
+                side = _our_side(case, ours, thesis["error_percent"])
+                row |= {(label, what): x for what, x in side.items()}
         rows[name] = row
     table = pd.DataFrame.from_dict(rows, orient="index").rename_axis("fault")
     return table.rename_axis(["source", "quantity"], axis=1)

@@ -9,7 +9,7 @@ import pandas as pd
 
 from ema_study.cases import LEVELS, SINGLE_FAULTS
 from ema_study.plan import ALGORITHMS
-from ema_study.printed_tables import MEAN, SIGMA, SUM, TOTAL
+from ema_study.printed import MEAN, SIGMA, SUM, TOTAL
 from ema_study.sources import single_fault_runs
 
 SPEED_STUDY: Final = 56
@@ -18,7 +18,7 @@ PRECISION_STUDY: Final = 57
 
 
 def overview_of(runs: pd.DataFrame, quantity: str) -> pd.DataFrame:
-    """Return means over runs of a column, e.g. "error_percent", as ``printed_tables.overview``.
+    """Return means over runs of a column, e.g. "error_percent", as ``printed.overview``.
 
     A mean over means is NaN where one of them is missing; the standard deviation is that of a
     sample.
@@ -77,7 +77,7 @@ def with_coefficients(times: pd.Series, errors: pd.Series) -> pd.DataFrame:
 
 
 def reliability_of_overviews(times: pd.DataFrame, errors: pd.DataFrame) -> pd.DataFrame:
-    """Return table 60 from tables 59 [s] and 58 [%], as ``printed_tables.reliability_single``.
+    """Return table 60 from tables 59 [s] and 58 [%], as ``printed.reliability_single``.
 
     Time and error are means over both levels, as in the thesis.
     """

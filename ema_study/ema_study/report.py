@@ -8,16 +8,9 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ema_study.agreement import agreement, time_per_10000_windows
-from ema_study.figures.pictures import (
-    bar_pictures,
-    convergence_pictures,
-    estimate_pictures,
-    monitor_pictures,
-    noise_pictures,
-    response_pictures,
-)
+from ema_study.figures.pictures import pictures_of_chapter_4, pictures_of_runs
 from ema_study.html_tables import html_table, narrowed
-from ema_study.printed_runs import printed_runs
+from ema_study.printed import printed_runs
 from ema_study.report_text import (
     completeness,
     printed_rule_sentences,
@@ -65,14 +58,7 @@ def write_report(
         The page, with its style and its pictures, without scripts.
     """
     everything = printed_runs() if runs.empty else pd.concat([printed_runs(), runs])
-    pictures = {
-        "errors": list(bar_pictures(everything)),
-        "convergence": list(convergence_pictures(runs)),
-        "estimates": list(estimate_pictures(everything)),
-        "responses": response_pictures(),
-        "noise": noise_pictures(),
-        "monitor": monitor_pictures(),
-    }
+    pictures = pictures_of_runs(everything) | pictures_of_chapter_4()
     figures = folder / "figures"
     figures.mkdir(parents=True, exist_ok=True)
     for picture in (one for group in pictures.values() for one in group):

@@ -7,7 +7,7 @@ import pandas as pd
 from ema_study.agreement import ALGORITHM, BETTER, WITHIN, WORSE
 from ema_study.html_tables import significant
 from ema_study.plan import KEY, RUNS, plan
-from ema_study.printed_runs import PRINTED
+from ema_study.printed import PRINTED
 from ema_study.sources import ALGORITHM_NAMES, MODEL_LABELS, by_source, single_fault_runs
 from ema_study.stop_rules import THRESHOLD
 
@@ -51,21 +51,13 @@ def _verdict_of(label: str, agreement: pd.DataFrame) -> str:
 
 
 def completeness(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return how many runs of the full study there are with each model, and what tables lack."""
+    """Return how many runs of the full study there are with each model."""
     made = set() if runs.empty else set(runs[list(KEY)].itertuples(index=False, name=None))
     rows = []
     for model, label in MODEL_LABELS.items():
-        jobs = plan(model, RUNS)
-        lacking = [job for job in jobs if job.key not in made]
-        rows.append(
-            {
-                "model": label,
-                "runs": len(jobs) - len(lacking),
-                "of the full study": len(jobs),
-                "tables that lack runs": _ranges({job.table for job in lacking}) or "none",
-            }
-        )
-    return pd.DataFrame(rows)
+        keys = {job.key for job in plan(model, RUNS)}
+        rows.append((label, len(keys & made), len(keys)))
+    return pd.DataFrame(rows, columns=["model", "runs", "of the full study"])
 
 
 def ranking_sentences(runs: pd.DataFrame) -> Iterator[str]:
@@ -96,16 +88,3 @@ def printed_rule_sentences(runs: pd.DataFrame) -> Iterator[str]:
                 f"stop rule as printed reached its threshold of {significant(THRESHOLD, 1)} A²·s; "
                 f"the lowest cost was {significant(costs.min())} A²·s."
             )
-
-
-def _ranges(numbers: set[int]) -> str:
-    """Return numbers as text, three and more neighbours as a range."""
-    parts: list[list[int]] = []
-    for number in sorted(numbers):
-        if parts and number - parts[-1][-1] == 1:
-            parts[-1].append(number)
-        else:
-            parts.append([number])
-    return ", ".join(
-        f"{part[0]} to {part[-1]}" if len(part) > 2 else ", ".join(map(str, part)) for part in parts
-    )

@@ -1,29 +1,22 @@
 """Sources of runs: the thesis, or our models, each with and without the thesis's own code."""
 
-from typing import Final, NamedTuple
+from typing import Final
 
 import pandas as pd
 
 from ema_study.cases import SINGLE_FAULTS
 from ema_study.plan import ALGORITHMS, VARIANTS
-from ema_study.printed_runs import PRINTED, printed_runs
+from ema_study.printed import PRINTED, printed_runs
 from ema_study.stop_rules import family_of
 
 PRINTED_RUNS: Final = "printed runs"
 """Label of figures computed from the thesis's runs; ``PRINTED`` is that of figures it prints."""
 
-THESIS_MODEL: Final = "thesis's model"
-FAST_MODEL: Final = "fast model"
-
-MODEL_LABELS: Final = {"thesis": THESIS_MODEL, "fast": FAST_MODEL}
+MODEL_LABELS: Final = {"thesis": "thesis's model", "fast": "fast model"}
 """Labels of our sources by name of the model, in the order of the tables."""
 
 ALGORITHM_NAMES: Final = {name: name.upper() for name in ALGORITHMS}
 """Names of the algorithms, in the order of the tables."""
-
-_FIRST_TABLE_OF_RUNS: Final = 9
-_FIRST_COMPARISON: Final = 11
-_COLUMNS: Final = ["model", "table", "algorithm", "fault", "level"]
 
 
 def with_own_code(label: str) -> str:
@@ -36,28 +29,15 @@ NAMES_WITH_OWN_CODE: Final = ALGORITHM_NAMES | {
 }
 """Names of the algorithms, the thesis's own code last."""
 
-
-class Source(NamedTuple):
-    """The thesis or a model, and whether the thesis's own code of DE and GWO was used."""
-
-    model: str
-    own_code: bool
-    label: str
-
-
 SOURCES: Final = (
-    Source(PRINTED, False, PRINTED),
-    *(
-        Source(model, own_code, with_own_code(label) if own_code else label)
-        for model, label in MODEL_LABELS.items()
-        for own_code in (False, True)
-    ),
+    PRINTED,
+    *(one for label in MODEL_LABELS.values() for one in (label, with_own_code(label))),
 )
-"""All sources, in the order of tables and figures."""
+"""Labels of all sources, in the order of tables and figures."""
 
 
-def counted(runs: pd.DataFrame, first_table: int = _FIRST_COMPARISON) -> pd.DataFrame:
-    """Return the runs that statistics are made of: those of tables 11 to 57.
+def counted(runs: pd.DataFrame, first_table: int = 11) -> pd.DataFrame:
+    """Return the runs that statistics are made of, with their ``source`` and ``family``.
 
     The trials of GA and DE (tables 8 to 10) and the runs under the printed rule are left out.
 
@@ -69,11 +49,16 @@ def counted(runs: pd.DataFrame, first_table: int = _FIRST_COMPARISON) -> pd.Data
         Another first table, e.g. 9 to include the trials of DE.
     """
     if runs.empty:
-        return pd.DataFrame(columns=_COLUMNS)
-    chosen = runs["table"] >= first_table
-    if "rule" in runs:
-        chosen &= runs["rule"] != "printed"
-    return runs[chosen]
+        columns = ["model", "table", "algorithm", "fault", "level", "source", "family"]
+        return pd.DataFrame(columns=columns)
+    chosen = runs[runs["table"] >= first_table]
+    if "rule" in chosen:
+        chosen = chosen[chosen["rule"] != "printed"]
+    family = chosen["algorithm"].map(family_of)
+    labels = chosen["model"].map({PRINTED: PRINTED, **MODEL_LABELS})
+    own = family != chosen["algorithm"]
+    source = labels.mask(own, labels.map(with_own_code, na_action="ignore"))
+    return chosen.assign(family=family, source=source)
 
 
 def single_fault_runs(runs: pd.DataFrame) -> pd.DataFrame:
@@ -82,10 +67,10 @@ def single_fault_runs(runs: pd.DataFrame) -> pd.DataFrame:
     return runs[runs["fault"].isin(SINGLE_FAULTS)]
 
 
-def of_source(runs: pd.DataFrame, source: Source) -> pd.DataFrame:
-    """Return the runs of a source."""
-    own_code = runs["algorithm"] != runs["algorithm"].map(family_of)
-    return runs[(runs["model"] == source.model) & (own_code == source.own_code)]
+def present_sources(runs: pd.DataFrame) -> list[str]:
+    """Return the labels of the sources that counted runs come from, in order."""
+    present = set(runs["source"])
+    return [label for label in SOURCES if label in present]
 
 
 def by_source(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -103,17 +88,15 @@ def by_source(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
         source with the thesis's own code of DE and GWO shares GA and PSO with that without, and
         "own_code" is True for the former only.
     """
-    ours = counted(runs, _FIRST_TABLE_OF_RUNS)
+    ours = counted(runs, 9)
     sources = {PRINTED: printed_runs().assign(own_code=False)}
-    for source in SOURCES[1:]:
-        found = of_source(ours, source)
-        if found.empty:
-            continue
-        if source.own_code:
-            shared = (ours["model"] == source.model) & ours["algorithm"].isin(["ga", "pso"])
+    for label in present_sources(ours):
+        found = ours[ours["source"] == label]
+        model = label.removesuffix(with_own_code(""))
+        if label != model:
+            shared = (ours["source"] == model) & ours["algorithm"].isin(["ga", "pso"])
             found = pd.concat([found, ours[shared]]).sort_index()
-        family = found["algorithm"].map(family_of)
-        sources[source.label] = found.assign(
-            algorithm=family, own_code=found["algorithm"] != family
+        sources[label] = found.assign(
+            own_code=found["algorithm"] != found["family"], algorithm=found["family"]
         )
     return sources

@@ -1,125 +1,56 @@
-"""The thesis's stop rules (its section 7.1), each a `StopRule` of the optimizers' driver.
+"""The thesis's stop rules (its section 7.1).
 
-Their best costs begin with that of the starting population. GA, PSO and DE do not count
-it as a generation, GWO does (appendix B evaluates it within its first iteration). The ``budget`` of
-each is the largest number of evaluations.
+Best costs begin with that of the starting population. GA, PSO and DE do not count it as a
+generation, GWO does (appendix B evaluates it within its first iteration).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
-
-from ema_monitor.optimizers.driver import StopRule
 
 THRESHOLD: Final = 1e-3
 """Cost at which DE and GWO, and the study of speed, stop in the thesis [A^2.s]."""
 
-TOLERANCES: Final = {"ga": 1e-9, "pso": 1e-9, "de": 1e-12, "gwo": 1e-16}
-"""Function tolerance by family of algorithms: a share for GA and PSO [-], else [A^2.s]."""
+_PATIENCE = 20
+_UNCHANGED = 10
+# Generations and, of the lowest cost, the share by which it falls too little in them.
+_STALLS = {"ga": (50, 1e-9), "pso": (20, 1e-9)}
+# Improvement in the last generation [A^2.s].
+_TOLERANCES = {"de": 1e-12, "gwo": 1e-16}
 
-_STALL_GENERATIONS = {"ga": 50, "pso": 20}
-
-
-@dataclass(frozen=True)
-class AllGenerations:
-    """Never before the budget is spent (tables 9 and 10)."""
-
-    budget: int
-
-    def reached(self, best_costs: Sequence[float]) -> bool:
-        """Return False."""
-        return False
+BestCosts = Sequence[float]
 
 
 @dataclass(frozen=True)
-class Threshold:
-    """At a cost [A^2.s], at once (table 56)."""
+class Rule:
+    """A stop rule of the optimizers' driver.
 
-    budget: int
-    threshold: float
-
-    def reached(self, best_costs: Sequence[float]) -> bool:
-        """Return whether the best cost has reached the threshold."""
-        return best_costs[-1] <= self.threshold
-
-
-@dataclass(frozen=True)
-class ThresholdAndStall:
-    """Below a cost, once the last generation improved by less than a tolerance (DE and GWO).
-
-    Threshold and tolerance in [A^2.s]; ``uncounted`` populations at the start are no generation,
-    and it does not stop in the first ``patience`` generations.
+    Attributes
+    ----------
+    budget
+        Largest number of evaluations.
+    reached
+        Whether to stop after these best costs.
+    threshold
+        Cost at which it may stop [A^2.s]; None where it has none.
     """
 
     budget: int
-    threshold: float
-    tolerance: float
-    uncounted: int
-    patience: int = 20
-
-    def reached(self, best_costs: Sequence[float]) -> bool:
-        """Return whether all three conditions hold."""
-        return (
-            len(best_costs) - self.uncounted > self.patience
-            and best_costs[-1] < self.threshold
-            and best_costs[-2] - best_costs[-1] < self.tolerance
-        )
+    reached: Callable[[BestCosts], bool]
+    threshold: float | None = None
 
 
-@dataclass(frozen=True)
-class RelativeStall:
-    """When the best cost falls by less than a share of itself in some generations (GA and PSO).
-
-    The fall is ``averaged``, divided by the number of generations, as by Matlab's ``ga``;
-    ``particleswarm`` does not.
-    """
-
-    budget: int
-    generations: int
-    tolerance: float
-    averaged: bool
-
-    def reached(self, best_costs: Sequence[float]) -> bool:
-        """Return whether the fall over the last generations is too small."""
-        if len(best_costs) - 1 <= self.generations:
-            return False
-        fall = best_costs[-1 - self.generations] - best_costs[-1]
-        if self.averaged:
-            fall /= self.generations
-        return fall <= self.tolerance * best_costs[-1]
-
-
-@dataclass(frozen=True)
-class Unchanged:
-    """When the best point is the same for some generations in a row (table 57)."""
-
-    budget: int
-    generations: int = 10
-
-    def reached(self, best_costs: Sequence[float]) -> bool:
-        """Return whether the best cost has not changed."""
-        before = best_costs[-1 - self.generations :]
-        return len(before) > self.generations and before[0] == best_costs[-1]
-
-
-RULES: Final = ("all_generations", "printed", "floor_corrected", "unchanged")
-"""Names of the rules.
-
-"printed" and "floor_corrected" depend on the algorithm: the stall of GA and PSO, the threshold and
-stall of DE and GWO, or the threshold alone in table 56. "printed" uses the threshold as printed,
-"floor_corrected" adds the cost of the true faults, below which a model without the reference's PWM
-ripple hardly comes. Where the model does not describe the fault, as eq. 4.24 the eccentricity, the
-true faults cost more than others, and that threshold is met at once.
-"""
-
-
-def stop_rule(rule: str, algorithm: str, level: str, budget: int, floor: float) -> StopRule:
+def stop_rule(rule: str, algorithm: str, level: str, budget: int, floor: float) -> Rule:
     """Return the rule under which the thesis ran an algorithm.
 
     Parameters
     ----------
     rule
-        One of ``RULES``.
+        "all_generations" (tables 9 and 10), "unchanged" (table 57), "printed" or "floor_corrected".
+        The last two depend on the algorithm: the stall of GA and PSO, threshold and stall of DE and
+        GWO, or the threshold alone in table 56. "printed" uses the threshold as printed,
+        "floor_corrected" adds the cost of the true faults, below which a model without the
+        reference's PWM ripple hardly comes.
     algorithm
         Registered name of the optimizer; a variant has the rule of its family.
     level
@@ -134,20 +65,38 @@ def stop_rule(rule: str, algorithm: str, level: str, budget: int, floor: float) 
     ValueError
         When the rule is unknown.
     """
-    if rule not in RULES:
-        raise ValueError(f"stop rule {rule!r} is unknown; known: {', '.join(RULES)}")
-    if rule == "all_generations":
-        return AllGenerations(budget)
-    if rule == "unchanged":
-        return Unchanged(budget)
+    family, uncounted = family_of(algorithm), uncounted_populations(algorithm)
     threshold = THRESHOLD + (floor if rule == "floor_corrected" else 0.0)
+
+    def has_stalled(best: BestCosts) -> bool:
+        generations, tolerance = _STALLS[family]
+        if len(best) - 1 <= generations:
+            return False
+        fall = best[-1 - generations] - best[-1]
+        # Matlab's ga takes the mean over the generations, its particleswarm does not.
+        return (fall / generations if family == "ga" else fall) <= tolerance * best[-1]
+
+    def is_below_and_still(best: BestCosts) -> bool:
+        is_late = len(best) - uncounted > _PATIENCE
+        return is_late and best[-1] < threshold and best[-2] - best[-1] < _TOLERANCES[family]
+
+    def has_not_changed(best: BestCosts) -> bool:
+        return len(best) > _UNCHANGED and best[-1 - _UNCHANGED] == best[-1]
+
+    if rule == "all_generations":
+        return Rule(budget, lambda best: False)
+    if rule == "unchanged":
+        return Rule(budget, has_not_changed)
+    if rule not in ("printed", "floor_corrected"):
+        raise ValueError(
+            f"stop rule {rule!r} is unknown; known: all_generations, printed, floor_corrected, "
+            "unchanged"
+        )
     if level == "fast_stop":
-        return Threshold(budget, threshold)
-    family = family_of(algorithm)
-    tolerance = TOLERANCES[family]
-    if family in _STALL_GENERATIONS:
-        return RelativeStall(budget, _STALL_GENERATIONS[family], tolerance, averaged=family == "ga")
-    return ThresholdAndStall(budget, threshold, tolerance, uncounted_populations(algorithm))
+        return Rule(budget, lambda best: best[-1] <= threshold, threshold)
+    if family in _STALLS:
+        return Rule(budget, has_stalled)
+    return Rule(budget, is_below_and_still, threshold)
 
 
 def uncounted_populations(algorithm: str) -> int:

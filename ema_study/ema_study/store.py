@@ -1,4 +1,4 @@
-"""The folder of a study: its runs, one a line, so that it can be interrupted at any time."""
+"""Runs of a study in a folder: one a line, so that it can be interrupted at any time."""
 
 import fcntl
 import json
@@ -16,34 +16,12 @@ from ema_study.result import RunResult, as_frame
 
 _NUMERICS: Final = (
     "ema_core",
-    "ema_sim.actuator",
-    "ema_sim.effects",
-    "ema_sim.field_oriented",
-    "ema_sim.motor",
-    "ema_sim.reference",
-    "ema_monitor.calibration.alignment",
-    "ema_monitor.calibration.calibration",
-    "ema_monitor.calibration.columns",
-    "ema_monitor.calibration.files",
-    "ema_monitor.model.threads",
-    "ema_monitor.model.deviations",
-    "ema_monitor.model.measured",
-    "ema_monitor.model.drives",
-    "ema_monitor.model.field_oriented",
-    "ema_monitor.model.readings",
-    "ema_monitor.identification.fitness",
-    "ema_monitor.calibration.fit",
-    "ema_monitor.model.monitor_model",
-    "ema_monitor.model.kernel",
-    "ema_monitor.identification.knowledge",
-    "ema_monitor.identification.objective",
-    "ema_monitor.identification.relations",
-    "ema_monitor.identification.uncertainty",
+    "ema_sim",
+    "ema_monitor.calibration",
+    "ema_monitor.identification",
+    "ema_monitor.model",
     "ema_monitor.optimizers",
-    "ema_monitor.windows.band",
-    "ema_monitor.windows.control_law",
-    "ema_monitor.windows.travel",
-    "ema_monitor.windows.window",
+    "ema_monitor.windows",
     "ema_study.cases",
     "ema_study.models",
     "ema_study.plan",
@@ -81,20 +59,15 @@ class RunStore(AbstractContextManager["RunStore", None]):
         self._lock = (folder / ".lock").open("w")
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self.results = self._read()
         except BlockingIOError as error:
             self._lock.close()
             raise ValueError(f"{folder} is in use by another study") from error
-        try:
-            self.results = self._read()
         except BaseException:
-            self.close()
+            self._lock.close()
             raise
 
     def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Release the folder."""
         self._lock.close()
 
     def missing(self, jobs: Iterable[Job]) -> list[Job]:
@@ -112,12 +85,9 @@ class RunStore(AbstractContextManager["RunStore", None]):
         self.results.append(result)
 
     def export(self) -> None:
-        """Write ``runs.csv``, a row a run, and ``runs.json``, which has the curves as well."""
-        frame = as_frame(self.results)
-        (self.folder / "runs.json").write_text(frame.to_json(orient="records", indent=1))
-        frame.drop(columns=["costs", "errors_percent"], errors="ignore").to_csv(
-            self.folder / "runs.csv", index=False
-        )
+        """Write ``runs.csv``, a row a run without its curves."""
+        frame = as_frame(self.results).drop(columns=["costs", "errors_percent"], errors="ignore")
+        frame.to_csv(self.folder / "runs.csv", index=False)
 
     def _read(self) -> list[RunResult]:
         lines = self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []
@@ -131,18 +101,15 @@ class RunStore(AbstractContextManager["RunStore", None]):
 def _result(line: bytes, where: str) -> RunResult:
     try:
         content = json.loads(line)
-        version = content.pop("version")
+        version, job = content.pop("version"), content.pop("job")
+        if version == numerics_version():
+            return RunResult(job=Job(**job), **content)
     except (ValueError, AttributeError, TypeError, KeyError) as error:
         raise ValueError(f"{where} is damaged: expected a run with its version") from error
-    if version != numerics_version():
-        raise ValueError(
-            f"{where} is a run of other models or algorithms than the present ones (version "
-            f"{version}, expected {numerics_version()}): use another folder"
-        )
-    try:
-        return RunResult(job=Job(**content.pop("job")), **content)
-    except (TypeError, KeyError) as error:
-        raise ValueError(f"{where} is damaged: {error}") from error
+    raise ValueError(
+        f"{where} is a run of other models or algorithms than the present ones (version "
+        f"{version}, expected {numerics_version()}): use another folder"
+    )
 
 
 @cache

@@ -1,15 +1,14 @@
 """The thesis's tables 8 to 61 beside ours."""
 
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 import pandas as pd
 
-from ema_study.cases import MULTIPLE
+from ema_study.cases import CASES, MULTIPLE, SINGLE_FAULTS
 from ema_study.means import (
     PRECISION_STUDY,
     SPEED_STUDY,
@@ -18,17 +17,19 @@ from ema_study.means import (
     overview_of,
     reliability_of_overviews,
 )
+from ema_study.models import describes
 from ema_study.plan import ALGORITHMS, VARIANTS
-from ema_study.printed_runs import PRINTED
-from ema_study.printed_tables import (
+from ema_study.printed import (
     MEAN,
     OVERVIEWS,
+    PRINTED,
     SIGMA,
     SUMMARIES,
     TOTAL,
     fault_means,
     ga_trials,
     overview,
+    printed_runs,
     reliability_multiple,
     reliability_single,
     run_means,
@@ -40,8 +41,8 @@ from ema_study.sources import (
     PRINTED_RUNS,
     by_source,
     single_fault_runs,
+    with_own_code,
 )
-from ema_study.threshold_notes import summary_notes, table_notes
 
 Sources: TypeAlias = Mapping[str, pd.DataFrame]
 
@@ -109,45 +110,14 @@ def study_tables(runs: pd.DataFrame) -> list[StudyTable]:
 
 
 def write_tables(tables: Iterable[StudyTable], folder: Path) -> list[Path]:
-    """Write each table as ``table_<number>.csv``, and all of them as ``tables.json``.
-
-    Returns
-    -------
-    list of pathlib.Path
-        The files, ``tables.json`` last.
-
-    Notes
-    -----
-    In the CSV files a column is named "source: quantity". The JSON file is a list of objects:
-    number, title, notes, file (the CSV file), index (names and rows), columns and data, null where
-    there is nothing.
-    """
+    """Write each table as ``table_<number>.csv``, with columns "source: quantity"."""
     folder.mkdir(parents=True, exist_ok=True)
-    written, objects = [], []
+    written = []
     for table in tables:
-        path = folder / f"table_{table.number:02d}.csv"
+        written.append(folder / f"table_{table.number:02d}.csv")
         columns = [": ".join(map(str, column)) for column in table.frame.columns]
-        table.frame.set_axis(columns, axis=1).to_csv(path, float_format="%.7g")
-        written.append(path)
-        objects.append(_as_object(table, path.name))
-    path = folder / "tables.json"
-    text = json.dumps(objects, indent=1, ensure_ascii=False, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
-    return [*written, path]
-
-
-def _as_object(table: StudyTable, file: str) -> dict[str, Any]:
-    frame = table.frame
-    rows = [row if isinstance(row, tuple) else (row,) for row in frame.index]
-    return {
-        "number": table.number,
-        "title": table.title,
-        "notes": table.notes,
-        "file": file,
-        "index": {"names": list(frame.index.names), "rows": [list(row) for row in rows]},
-        "columns": [list(column) for column in frame.columns],
-        "data": frame.astype(object).where(frame.notna(), None).to_numpy().tolist(),
-    }
+        table.frame.set_axis(columns, axis=1).to_csv(written[-1], float_format="%.7g")
+    return written
 
 
 def _trials(runs: pd.DataFrame) -> StudyTable:
@@ -205,7 +175,7 @@ def _per_run(number: int, sources: Sources) -> StudyTable:
         frame = frame.droplevel("algorithm")
     run = printed.iloc[0]
     title = f"{_in_words(run['fault'])} {run['level']}, {ALGORITHM_NAMES[run['algorithm']]}"
-    notes = [_run_counts(of_table), *table_notes(number, of_table)]
+    notes = [_run_counts(of_table), *_threshold_notes(of_table, number=number)]
     return StudyTable(number, _TITLES.get(number, title), frame, notes)
 
 
@@ -234,7 +204,7 @@ def _fault_summary(number: int, sources: Sources) -> StudyTable:
     blocks = {PRINTED: fault_means().loc[[number]].droplevel("table")}
     blocks |= {label: fault_means_of(runs, fault) for label, runs in _computed(sources).items()}
     frame = _side_by_side(blocks).rename(columns=_MEANS, level="quantity")
-    notes = [_single_run_counts(sources, fault), *summary_notes(sources, fault)]
+    notes = [_single_run_counts(sources, fault), *_threshold_notes(sources, fault)]
     return StudyTable(number, f"{_in_words(fault)}, mean over the algorithms", frame, notes)
 
 
@@ -247,7 +217,7 @@ def _overview(number: int, sources: Sources) -> StudyTable:
     notes = [
         f"{TOTAL.capitalize()} and {SIGMA} are those of the five means to the left.",
         _single_run_counts(sources),
-        *summary_notes(sources),
+        *_threshold_notes(sources),
     ]
     title = f"{_MEANS[quantity].capitalize()} by algorithm, level and fault"
     return StudyTable(number, title, frame, notes)
@@ -263,7 +233,7 @@ def _single_fault_reliability(sources: Sources) -> StudyTable:
     for label, block in blocks.items():
         names = [f"{fault.replace('_', ' ')}, {_OF_RELIABILITY[x]}" for fault, x in block.columns]
         blocks[label] = block.set_axis(names, axis=1)
-    notes = [_single_run_counts(sources), *summary_notes(sources)]
+    notes = [_single_run_counts(sources), *_threshold_notes(sources)]
     return StudyTable(60, "Reliability coefficient, single faults", _side_by_side(blocks), notes)
 
 
@@ -309,6 +279,45 @@ def _single_run_counts(sources: Sources, fault: str | None = None) -> str:
     if fault is not None:
         single = {label: runs[runs["fault"] == fault] for label, runs in single.items()}
     return f"{_run_counts(single)} A mean over means is empty where one is missing."
+
+
+def _threshold_notes(sources: Sources, fault: str = "", number: int = 0) -> list[str]:
+    """Return notes on the cases in which the floor-corrected threshold has no meaning.
+
+    Where the true faults cost more than the healthy ones, the healthy vector meets the threshold.
+    The notes are on the table of a number, on those of a fault, or on all.
+    """
+    notes = []
+    printed = single_fault_runs(printed_runs())
+    printed = printed[printed["algorithm"].isin(list(VARIANTS))]
+    tables = {
+        case.name: sorted(set(group["table"]))
+        for case in CASES.values()
+        if case.fault in SINGLE_FAULTS and fault in ("", case.fault)
+        if len(
+            group := printed[(printed["fault"] == case.fault) & (printed["level"] == case.level)]
+        )
+    }
+    for model, label in MODEL_LABELS.items():
+        if not {label, with_own_code(label)} & set(sources):
+            continue
+        found = {
+            case: numbers
+            for case, numbers in tables.items()
+            if number in (0, *numbers) and not describes(model, case)
+        }
+        if found:
+            numbers = [str(one) for case in found for one in found[case]]
+            notes.append(
+                f"With the {label} the true faults cost more than the healthy ones in "
+                f"{_listed(list(found))}: DE and GWO meet the floor-corrected threshold at once "
+                f"and stop as soon as they may (tables {_listed(numbers)})."
+            )
+    return notes
+
+
+def _listed(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def _in_words(fault: str) -> str:

@@ -20,8 +20,10 @@ from ema_monitor.optimizers.interface import Hints
 from ema_monitor.optimizers.least_squares import ScreenedLeastSquares
 from ema_study.cases import CASES
 from ema_study.models import FITNESS, MODELS, reference_window
-from ema_study.sources import FAST_MODEL, THESIS_MODEL
-from ema_study.stop_rules import AllGenerations
+from ema_study.sources import MODEL_LABELS
+from ema_study.stop_rules import stop_rule
+
+THESIS, FAST = MODEL_LABELS["thesis"], MODEL_LABELS["fast"]
 
 _BUDGET: Final = 2000
 _BESIDE: Final = 0.02
@@ -50,10 +52,10 @@ class Variant(NamedTuple):
 
 
 VARIANTS: Final = (
-    Variant(THESIS_MODEL, "thesis", False, False),
-    Variant(f"{THESIS_MODEL}, G_M = k_t", "thesis", True, False),
-    Variant(f"{FAST_MODEL}, differences alone", "fast", True, False),
-    Variant(FAST_MODEL, "fast", True, True),
+    Variant(THESIS, "thesis", False, False),
+    Variant(f"{THESIS}, G_M = k_t", "thesis", True, False),
+    Variant(f"{FAST}, differences alone", "fast", True, False),
+    Variant(FAST, "fast", True, True),
 )
 """From the thesis's model to the shipped one, in steps of one change."""
 
@@ -107,7 +109,9 @@ def optimum(variant: Variant, case: str) -> Optimum:
 def _descent(objective: Objective, start: NDArray[np.float64]) -> Progress:
     # Any cost is good enough, so that no screen follows the descent; nothing in it is random.
     optimizer = ScreenedLeastSquares(start, np.random.default_rng(0), Hints(good_cost=np.inf))
-    *_, last = minimise(objective.residuals, optimizer, AllGenerations(_BUDGET))
+    *_, last = minimise(
+        objective.residuals, optimizer, stop_rule("all_generations", "pso", "low", _BUDGET, 0.0)
+    )
     return last
 
 

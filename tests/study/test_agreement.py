@@ -5,11 +5,11 @@ import pandas as pd
 import pytest
 
 from ema_study.agreement import agreement, time_per_10000_windows
-from ema_study.cases import CASES
-from ema_study.printed_runs import PRINTED, printed_runs
-from ema_study.sources import FAST_MODEL, THESIS_MODEL
+from ema_study.printed import PRINTED, printed_runs
 
 from .synthetic_runs import synthetic_runs
+
+THESIS_MODEL, FAST_MODEL = "thesis's model", "fast model"
 
 
 @pytest.fixture
@@ -40,13 +40,6 @@ def test_the_thesis_side_is_that_of_its_particle_swarm_runs():
     assert (row["lowest error [%]"], row["highest error [%]"]) == (2.32, 3.38)
     assert row["mean error [%]"] == pytest.approx(2.77)
     assert 0.736 < row["mean estimate"] < 0.739
-
-
-def test_every_fault_has_a_row_without_any_runs():
-    table = agreement(pd.DataFrame())
-
-    assert list(table.index) == list(CASES)
-    assert list(table.columns.unique("source")) == [PRINTED]
 
 
 def test_the_multiple_fault_is_that_of_the_study_of_precision(runs):
@@ -88,13 +81,6 @@ def test_other_algorithms_and_the_printed_rule_do_not_count(runs):
     row = side(noise, "friction high", THESIS_MODEL)
 
     assert (row["runs"], row["mean error [%]"]) == (3, 2.5)
-
-
-def test_a_fault_without_runs_has_no_verdict(runs):
-    row = side(runs[runs["table"] == 16], "gain low", THESIS_MODEL)
-
-    assert row["runs"] == 0
-    assert row["verdict"] == ""
 
 
 def test_time_of_10000_windows_is_the_median_over_runs():

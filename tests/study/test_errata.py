@@ -14,8 +14,7 @@ from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, estimation_error
 from ema_study.cases import CASES, MULTIPLE
 from ema_study.means import multiple_fault_reliability, reliability_of_overviews
 from ema_study.models import describes, problem, truth_and_healthy_costs
-from ema_study.printed_runs import printed_runs
-from ema_study.printed_tables import overview, reliability_multiple, reliability_single
+from ema_study.printed import overview, printed_runs, reliability_multiple, reliability_single
 from ema_study.result import K
 from ema_study.stop_rules import THRESHOLD
 

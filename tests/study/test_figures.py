@@ -1,6 +1,5 @@
 """Figures of the study: what they show is what the runs say."""
 
-import base64
 import io
 
 import numpy as np
@@ -13,17 +12,16 @@ from matplotlib.patches import Rectangle
 from ema_study.figures.bars import ERROR, TIME, draw_multiple_fault, draw_single_faults
 from ema_study.figures.convergence import COSTS, ERRORS, draw_convergence, median_course
 from ema_study.figures.estimates import draw_estimates, draw_phases_of_gwo
-from ema_study.figures.pictures import bar_pictures, convergence_pictures, noise_pictures
+from ema_study.figures.pictures import pictures_of_runs
 from ema_study.figures.responses import (
     draw_calibration,
     draw_monitor,
     draw_monitor_step,
-    draw_noise,
     draw_responses,
 )
-from ema_study.figures.style import COLOURS, DASHES, STYLES, severity_colours, with_family
-from ema_study.printed_runs import printed_runs
-from ema_study.responses import NOISE_GAINS, reference_response, reference_responses
+from ema_study.figures.style import COLOURS, STYLES
+from ema_study.printed import printed_runs
+from ema_study.responses import reference_response, reference_responses
 from ema_study.sources import SOURCES
 
 from .synthetic_runs import FLOOR, THRESHOLD, synthetic_runs
@@ -56,12 +54,12 @@ def rectangles(axes):
     return [patch for patch in axes.patches if isinstance(patch, Rectangle)]
 
 
-def bars(axes, colour, hatch=""):
+def bars(axes, color, hatch=""):
     """Heights of the bars of one source from left to right."""
     patches = [
         patch
         for patch in rectangles(axes)
-        if to_hex(patch.get_facecolor()) == colour and (patch.get_hatch() or "") == hatch
+        if to_hex(patch.get_facecolor()) == color and (patch.get_hatch() or "") == hatch
     ]
     return [patch.get_height() for patch in sorted(patches, key=lambda patch: patch.get_x())]
 
@@ -72,9 +70,10 @@ def test_bars_are_the_means_over_runs(everything, quantity):
     faults = ["friction", "backlash", "short_circuit", "eccentricity", "gain"]
     for source in SOURCES:
         for algorithm, level in (("de", "low"), ("gwo", "high")):
-            name = algorithm + ("_thesis" if source.own_code else "")
+            name = algorithm + ("_thesis" if source.endswith("thesis's code") else "")
+            model = {"p": "printed", "t": "thesis", "f": "fast"}[source[0]]
             runs = everything[
-                (everything.model == source.model)
+                (everything.model == model)
                 & (everything.algorithm == name)
                 & (everything.level == level)
                 & everything.table.between(11, 54)
@@ -82,13 +81,7 @@ def test_bars_are_the_means_over_runs(everything, quantity):
             ]
             expected = runs.groupby("fault")[quantity.column].mean().loc[faults]
             axes = panel(figure, f"{algorithm.upper()}, {level}")
-            np.testing.assert_allclose(bars(axes, *STYLES[source.label]), expected)
-
-
-def test_printed_bars_are_those_of_table_58(everything):
-    axes = panel(draw_single_faults(everything, ERROR), "PSO, low")
-    printed = [0.930, 0.294, 0.863, 1.013, 0.452]
-    np.testing.assert_allclose(bars(axes, STYLES["printed"].colour), printed, atol=0.0015)
+            np.testing.assert_allclose(bars(axes, **STYLES[source]), expected)
 
 
 def test_whiskers_are_a_standard_deviation_and_stay_positive_on_a_log_axis(everything):
@@ -101,48 +94,20 @@ def test_whiskers_are_a_standard_deviation_and_stay_positive_on_a_log_axis(every
     assert min(lows) > 0.0
 
 
-def test_captions_state_the_number_of_runs(ours, everything, monkeypatch):
+def test_captions_state_the_number_of_runs(everything, monkeypatch):
     monkeypatch.setattr(Figure, "savefig", lambda figure, file, **options: None)
-    [errors, _, multiple] = [picture.caption for picture in bar_pictures(everything)]
     single = everything[(everything.run == 1) & (everything.table > 10)]
-    [alone, *_] = [picture.caption for picture in bar_pictures(single)]
-    [courses, *_] = [picture.caption for picture in convergence_pictures(ours)]
-    [of_one, *_] = [
-        picture.caption for picture in convergence_pictures(single[single.model == "fast"])
-    ]
-
-    numbers = "printed 10; thesis's model 2; thesis's model, thesis's code 2; fast model 3"
-    assert numbers in errors
-    assert numbers in multiple
-    assert "printed 1; thesis's model 1" in alone
-    assert "median over the 2 runs" in courses
-    assert "a single run" in of_one
-
-
-def test_a_single_run_has_no_whisker(everything):
-    single = everything[everything.run == 1]
-    axes = panel(draw_single_faults(single, ERROR), "PSO, low")
-
-    assert len(rectangles(axes)) > 10
-    assert not [path for whiskers in axes.collections for path in whiskers.get_paths()]
-
-
-def test_multiple_fault_shows_both_studies(everything):
-    figure = draw_multiple_fault(everything)
-    runs = printed_runs().query("table == 56").groupby("algorithm").error_percent.mean()
-    axes = figure.axes[0]
-    assert axes.get_title() == "study of speed"
-    np.testing.assert_allclose(
-        bars(axes, STYLES["printed"].colour), runs.loc[["ga", "pso", "de", "gwo"]]
+    many, one = (
+        {picture.name: picture.caption for group in found.values() for picture in group}
+        for found in (pictures_of_runs(everything), pictures_of_runs(single))
     )
 
-
-def test_demonstration_of_the_printed_rule_is_not_counted(ours):
-    assert (ours["rule"] == "printed").any()
-    kept = with_family(ours)
-    assert not (kept["rule"] == "printed").any()
-    assert kept.table.min() == 11
-    assert set(kept.family) == {"ga", "pso", "de", "gwo"}
+    numbers = "printed 10; thesis's model 2; thesis's model, thesis's code 2; fast model 3"
+    assert numbers in many["errors"]
+    assert numbers in many["multiple_fault"]
+    assert "printed 1; thesis's model 1" in one["errors"]
+    assert "median over the 2 runs" in many["costs_thesis"]
+    assert "a single run" in one["costs_fast"]
 
 
 def test_median_course_keeps_the_last_value_of_stopped_runs():
@@ -162,11 +127,6 @@ def test_convergence_shows_runs_medians_and_the_band_up_to_the_threshold(ours):
     ].costs.tolist()
     drawn = [line for line in axes.lines if line.get_color() == COLOURS["pso"]]
     np.testing.assert_allclose(ys(drawn[-1]), median_course(mine))
-
-
-def test_convergence_has_a_panel_for_each_fault_that_was_run(ours):
-    some = ours[ours.fault.isin(["gain", "backlash"])]
-    assert len(draw_convergence(some, "fast", ERRORS).axes) == 4
 
 
 def test_estimates_show_every_run_of_single_faults_once(everything):
@@ -198,20 +158,6 @@ def test_response_figure_holds_the_responses():
     assert labels == [*reference_responses("short_circuit", "chirp"), "command"]
 
 
-def test_pictures_of_a_report_are_rendered():
-    [noise] = noise_pictures()
-    assert noise.png.startswith(b"\x89PNG")
-    assert base64.b64decode(noise.uri.partition(",")[2]) == noise.png
-    [*bars_of_printed] = bar_pictures(printed_runs())
-    names = [picture.name for picture in bars_of_printed]
-    assert names == ["errors", "times", "multiple_fault"]
-    assert all(len(picture.png) > 10_000 for picture in bars_of_printed)
-
-
-def test_noise_figure_has_a_row_for_each_gain():
-    assert len(draw_noise().axes) == 2 * len(NOISE_GAINS)
-
-
 def test_comparisons_show_two_monitors_and_what_they_miss():
     for figure in (draw_monitor("gain"), draw_monitor_step(), draw_calibration()):
         figure.savefig(io.BytesIO(), dpi=20)
@@ -219,21 +165,12 @@ def test_comparisons_show_two_monitors_and_what_they_miss():
         assert (len(upper.lines), len(lower.lines)) == (3, 2)
 
 
-def test_algorithms_and_severities_are_distinct():
-    assert len(set(COLOURS.values())) == len(COLOURS) == len(DASHES)
-    assert len(set(map(str, DASHES.values()))) == len(DASHES)
-    weights = np.array([0.299, 0.587, 0.114])
-    # In grey, too: each severity is darker than the one before.
-    greys = [weights @ np.array(colour[:3]) for colour in severity_colours(5)]
-    assert np.all(np.diff(greys) < -0.05)
-
-
 def legend(figure):
     return [text.get_text() for one in figure.legends for text in one.get_texts()]
 
 
 def test_every_mark_is_in_a_legend_of_at_most_eight_entries(everything, ours):
-    sources = [source.label for source in SOURCES]
+    sources = list(SOURCES)
     for figure in (draw_single_faults(everything, ERROR), draw_multiple_fault(everything)):
         assert legend(figure) == [*sources, "one standard deviation"]
     algorithms = ["GA", "PSO", "DE", "GWO", "DE, thesis's code", "GWO, thesis's code"]
@@ -244,12 +181,6 @@ def test_every_mark_is_in_a_legend_of_at_most_eight_entries(everything, ours):
     assert legend(draw_phases_of_gwo(everything)) == [*sources, "exactly 0"]
     monitors = ["monitor, fast model", "monitor, thesis's model", "reference"]
     assert legend(draw_monitor("gain")) == monitors
-
-
-def test_marks_that_a_figure_of_single_runs_lacks_are_not_in_its_legend(everything, ours):
-    alone = everything[(everything.run == 1) & (everything.model != "printed")]
-    assert "one standard deviation" not in legend(draw_single_faults(alone, ERROR))
-    assert "single runs" not in legend(draw_convergence(ours[ours.run == 1], "fast", COSTS))
 
 
 def test_figures_without_any_runs_say_so():

@@ -5,7 +5,7 @@ import pytest
 from ema_core.description import ActuatorDescription
 from ema_study.cases import CASES
 from ema_study.models import calibration, problem, truth_and_healthy_costs
-from ema_study.printed_runs import printed_runs
+from ema_study.printed import printed_runs
 
 from .optima import VARIANTS, optimum
 

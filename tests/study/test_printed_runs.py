@@ -6,23 +6,22 @@ import pytest
 
 from ema_study.cases import LEVELS, SINGLE_FAULTS
 from ema_study.plan import ALGORITHMS
-from ema_study.printed_runs import PRINTED, printed_runs
-from ema_study.printed_tables import (
+from ema_study.printed import (
     MEAN,
     OVERVIEWS,
+    PRINTED,
     SIGMA,
     SUM,
     TOTAL,
     fault_means,
     ga_trials,
     overview,
+    printed_runs,
     reliability_multiple,
     reliability_single,
     run_means,
 )
 from ema_study.result import K
-
-from .synthetic_runs import synthetic_runs
 
 
 def test_there_are_ten_runs_of_each_algorithm_in_each_table():
@@ -33,30 +32,6 @@ def test_there_are_ten_runs_of_each_algorithm_in_each_table():
     sizes = runs.groupby(["table", "algorithm", "level"]).size()
     assert set(sizes) == {10}
     assert set(sizes.index.unique("table")) == set(run_means().index.unique("table"))
-
-
-def test_columns_are_those_of_our_runs():
-    ours = synthetic_runs("fast", 1)
-    printed = printed_runs()
-
-    assert set(printed.columns) - {"note"} < set(ours.columns)
-    assert set(printed["fault"]) == set(ours["fault"])
-    assert set(printed["level"]) == set(ours["level"])
-
-
-def test_starting_population_is_evaluated_on_top_of_the_generations_but_for_gwo():
-    runs = printed_runs()
-    on_top = runs["evaluations"] / 50 - runs["generations"]
-
-    assert set(on_top[runs["algorithm"] == "gwo"]) == {0}
-    assert set(on_top[runs["algorithm"] != "gwo"]) == {1}
-
-
-def test_a_change_of_the_runs_stays_with_who_made_it():
-    runs = printed_runs()
-    runs.loc[:, "time_s"] = 0
-
-    assert printed_runs()["time_s"].min() > 0.0
 
 
 def test_first_pso_run_is_as_in_table_12():

@@ -8,7 +8,6 @@ import pytest
 from ema_core.faults import estimation_error, healthy_faults
 from ema_study.models import problem, reference_window
 from ema_study.plan import Job, plan
-from ema_study.result import K, as_frame
 from ema_study.run import run_job
 
 SHORT = Job(
@@ -76,13 +75,6 @@ def test_stop_rule_ends_the_run():
     assert result.costs[-1] <= threshold < result.costs[-2]
 
 
-def test_settings_reach_the_optimizer():
-    """CR = 0 takes one component of the donor only."""
-    slow = run_job(replace(SHORT, settings={"F": 0.5, "CR": 0.0}))
-    assert slow.job.settings == {"F": 0.5, "CR": 0.0}
-    assert slow.costs[-1] != run_job(SHORT).costs[-1]
-
-
 @pytest.mark.parametrize("model", ["fast", "thesis"])
 def test_calibration_makes_the_healthy_cost_zero(model):
     """The static calibration of the thesis's section 6.3."""
@@ -103,10 +95,3 @@ def test_thesis_model_finds_the_thesis_bias_of_large_friction():
     # Along friction alone, and the PWM makes the cost rough: to one step of the grid.
     assert k[np.argmin(costs), 0] == pytest.approx(0.7375, abs=0.003)
     assert np.min(costs) < floor
-
-
-def test_frame_has_a_row_a_run_and_a_column_a_component():
-    frame = as_frame([run_job(SHORT), run_job(replace(SHORT, run=2))])
-    assert len(frame) == 2
-    assert frame["true_k1"].tolist() == [0.75, 0.75]
-    assert set(K) <= set(frame.columns)

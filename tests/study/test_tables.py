@@ -1,20 +1,18 @@
 """The thesis's tables beside ours, from complete, incomplete and no runs."""
 
-import json
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import pytest
 
 from ema_study.cases import SINGLE_FAULTS
 from ema_study.means import reliability_coefficients
-from ema_study.printed_runs import PRINTED, printed_runs
-from ema_study.printed_tables import SUM, TOTAL
-from ema_study.sources import FAST_MODEL, PRINTED_RUNS, THESIS_MODEL, with_own_code
+from ema_study.printed import PRINTED, SUM, TOTAL
+from ema_study.sources import PRINTED_RUNS, with_own_code
 from ema_study.tables import study_tables, write_tables
 
 from .synthetic_runs import synthetic_runs
+
+THESIS_MODEL, FAST_MODEL = "thesis's model", "fast model"
 
 pytestmark = pytest.mark.long
 
@@ -33,11 +31,6 @@ def tables(runs):
 
 def sources_of(table):
     return list(table.frame.columns.unique("source"))
-
-
-def as_if_ours():
-    """Return the printed runs as if the fast model had made them."""
-    return printed_runs().assign(model="fast", rule="floor_corrected")
 
 
 def test_all_tables_are_there_in_order(tables):
@@ -98,17 +91,6 @@ def test_overviews_of_the_printed_runs_are_as_printed_but_for_two_cells(tables):
         assert off[column].sum() == 1
 
 
-def test_tables_60_and_61_of_the_same_runs_are_the_same_for_any_model():
-    tables = {table.number: table.frame for table in study_tables(as_if_ours())}
-
-    for number in (19, 58, 60):
-        cells: dict[Any, list[float]] = tables[number].to_dict("list")
-        ours = {what: cells[source, what] for source, what in cells if source == FAST_MODEL}
-        assert ours
-        for what, of_column in ours.items():
-            np.testing.assert_array_equal(of_column, cells[PRINTED_RUNS, what])
-
-
 def test_table_61_is_given_mixed_and_from_either_study(tables):
     frame = tables[61].frame
     mixed = frame[f"{PRINTED_RUNS}, times of table 56, errors of 57"]["RC [%]"]
@@ -159,39 +141,12 @@ def test_notes_name_the_tables_whose_threshold_is_met_at_once(tables):
     assert "tables 40, 41, 44 and 45" in tables[46].notes[-1]
 
 
-def test_threshold_that_is_met_at_once_is_no_note_without_the_model(runs):
-    fast = {table.number: table for table in study_tables(runs[runs["model"] == "fast"])}
-
-    assert not any("floor-corrected" in note for table in fast.values() for note in table.notes)
-
-
-def test_trials_show_that_the_speed_per_evaluation_stayed(tables):
-    frame = tables[8].frame
-    speed = frame[PRINTED]["evaluations per second"]
-
-    assert speed[6] == pytest.approx(speed[7], rel=0.01)
-    assert frame[FAST_MODEL]["population"].dropna().tolist()[-1] == 50
-    assert np.isnan(speed[1])
-
-
 def test_written_tables_can_be_read_again(tables, tmp_path):
     paths = write_tables(tables.values(), tmp_path / "new" / "tables")
 
-    assert [path.name for path in paths] == [
-        *(f"table_{number:02d}.csv" for number in NUMBERS),
-        "tables.json",
-    ]
+    assert [path.name for path in paths] == [f"table_{number:02d}.csv" for number in NUMBERS]
     csv = pd.read_csv(paths[NUMBERS.index(60)], index_col=0)
     products = tables[60].frame[PRINTED_RUNS, "total, time x error [s.%]"]
     assert csv.loc[SUM, "printed runs: total, time x error [s.%]"] == pytest.approx(
         products[SUM], rel=1e-6
     )
-    objects = json.loads(paths[-1].read_text(encoding="utf-8"))
-    table_12 = objects[NUMBERS.index(12)]
-    assert table_12["columns"][0] == [PRINTED, "k1"]
-    assert table_12["index"] == {
-        "names": ["run"],
-        "rows": [[row] for row in tables[12].frame.index],
-    }
-    assert table_12["data"][1][:2] == [0.2478, 0.0001]
-    assert table_12["data"][0][8] is None

@@ -14,13 +14,16 @@ from ema_study.figures.style import (
     LEVEL_NAMES,
     STYLES,
     legend_below,
-    present_sources,
     say_no_runs,
     tidy,
-    with_family,
 )
 from ema_study.plan import ALGORITHMS
-from ema_study.sources import NAMES_WITH_OWN_CODE, of_source, single_fault_runs
+from ema_study.sources import (
+    NAMES_WITH_OWN_CODE,
+    counted,
+    present_sources,
+    single_fault_runs,
+)
 
 _WHISKERS: Final = {"fmt": "none", "ecolor": "0.15", "elinewidth": 0.8, "capsize": 1.5,
                     "capthick": 0.8}  # fmt: skip
@@ -45,7 +48,7 @@ def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
     axis they are not drawn below a tenth of the mean. ``quantity`` is ``ERROR`` or ``TIME``, the
     runs are those of all sources.
     """
-    chosen = with_family(single_fault_runs(runs))
+    chosen = single_fault_runs(runs)
     figure = Figure(figsize=(9.0, 10.0), layout="constrained")
     panels = figure.subplots(len(ALGORITHMS), 2, sharex=True, sharey="row", squeeze=False)
     labels = {name: FAULT_NAMES[name].replace(" ", "\n") for name in SINGLE_FAULTS}
@@ -61,7 +64,7 @@ def draw_single_faults(runs: pd.DataFrame, quantity: Quantity) -> Figure:
 
 def draw_multiple_fault(runs: pd.DataFrame) -> Figure:
     """Return bars of mean error and time in the multiple fault by algorithm, a column a study."""
-    chosen = with_family(runs)
+    chosen = counted(runs)
     chosen = chosen[chosen.fault == MULTIPLE]
     figure = Figure(figsize=(9.0, 5.6), layout="constrained")
     panels = figure.subplots(2, 2, sharex=True, sharey="row", squeeze=False)
@@ -91,12 +94,10 @@ def _draw(
         return
     width = 0.8 / len(sources)
     for n, source in enumerate(sources):
-        values = of_source(runs, source).groupby(group)[quantity.column].agg(["mean", "std"])
+        values = runs[runs.source == source].groupby(group)[quantity.column].agg(["mean", "std"])
         values = values.reindex(list(labels))
         places = np.arange(len(labels)) + (n + 0.5) * width - 0.4
-        style = STYLES[source.label]
-        axes.bar(places, values["mean"], 0.92 * width, color=style.colour, hatch=style.hatch,
-                 edgecolor="white", lw=0.3)  # fmt: skip
+        axes.bar(places, values["mean"], 0.92 * width, edgecolor="white", lw=0.3, **STYLES[source])
         mean, std = values[values["std"].notna()].to_numpy().T
         down = np.minimum(std, 0.9 * mean if quantity.log else mean)
         axes.errorbar(places[values["std"].notna()], mean, [down, std], **_WHISKERS)
@@ -104,9 +105,13 @@ def _draw(
 
 def _legend(figure: Figure, runs: pd.DataFrame) -> None:
     handles: list[object] = [
-        Patch(facecolor=style.colour, hatch=style.hatch, edgecolor="white", label=source.label)
+        Patch(
+            facecolor=STYLES[source]["color"],
+            hatch=STYLES[source]["hatch"],
+            edgecolor="white",
+            label=source,
+        )
         for source in present_sources(runs)
-        for style in [STYLES[source.label]]
     ]
     if not handles:
         return

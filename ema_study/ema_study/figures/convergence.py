@@ -18,7 +18,6 @@ from ema_study.figures.style import (
     DASHES,
     FAULT_NAMES,
     LEVEL_NAMES,
-    in_order,
     legend_below,
     say_no_runs,
     tidy,
@@ -51,7 +50,7 @@ def draw_convergence(runs: pd.DataFrame, model: str, course: Course) -> Figure:
     """
     chosen = counted(runs)
     chosen = chosen[chosen.model == model]
-    faults = in_order(chosen.fault, (*SINGLE_FAULTS, MULTIPLE))
+    faults = [fault for fault in (*SINGLE_FAULTS, MULTIPLE) if fault in set(chosen.fault)]
     figure = Figure(figsize=(9.0, 1.0 + 2.3 * max(1, len(faults))), layout="constrained")
     panels = figure.subplots(max(1, len(faults)), 2, sharex=True, squeeze=False)
     for fault, row in zip_longest(faults, panels):
@@ -85,13 +84,13 @@ def _draw(axes: Axes, runs: pd.DataFrame, course: Course) -> None:
     if runs.empty:
         say_no_runs(axes)
         return
-    for algorithm in in_order(runs.algorithm, NAMES_WITH_OWN_CODE):
+    for algorithm, colour in COLOURS.items():
         rows = runs.loc[runs.algorithm == algorithm, course.column].tolist()
-        colour = COLOURS[algorithm]
         if len(rows) > 1:
             for row in rows:
                 axes.plot(row, color=colour, **_RUN)
-        axes.plot(median_course(rows), color=colour, lw=1.8, ls=DASHES[algorithm], zorder=3)
+        if rows:
+            axes.plot(median_course(rows), color=colour, lw=1.8, ls=DASHES[algorithm], zorder=3)
     if course is COSTS:
         at_truth, threshold = runs.cost_at_truth.median(), runs.threshold.astype(float).median()
         axes.axhspan(at_truth, at_truth if np.isnan(threshold) else threshold, **_THRESHOLD)

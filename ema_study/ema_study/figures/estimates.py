@@ -7,24 +7,22 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from ema_study.cases import CASES, SINGLE_FAULTS
-from ema_study.figures.style import (
-    FAULT_NAMES,
-    STYLES,
-    legend_below,
-    present_sources,
-    tidy,
-    with_family,
-)
+from ema_study.figures.style import FAULT_NAMES, STYLES, legend_below, tidy
 from ema_study.plan import ALGORITHMS
 from ema_study.result import K
-from ema_study.sources import NAMES_WITH_OWN_CODE, of_source, single_fault_runs
+from ema_study.sources import (
+    NAMES_WITH_OWN_CODE,
+    counted,
+    present_sources,
+    single_fault_runs,
+)
 
 _BINS: Final = 20
 
 
 def draw_estimates(runs: pd.DataFrame) -> Figure:
     """Return the estimates of the faulty component of all single faults, a dot a run."""
-    chosen = with_family(single_fault_runs(runs))
+    chosen = single_fault_runs(runs)
     sources = present_sources(chosen)
     figure = Figure(figsize=(9.0, 11.0), layout="constrained")
     panels = figure.subplots(len(SINGLE_FAULTS), 2, sharex=True, squeeze=False)
@@ -35,14 +33,14 @@ def draw_estimates(runs: pd.DataFrame) -> Figure:
         tidy(axes)
         axes.axhline(case.truth[case.component], color="0.1", lw=1.0, label="truth")
         for n, source in enumerate(sources):
-            ours, style = of_source(part, source), STYLES[source.label]
+            ours, style = part[part.source == source], STYLES[source]
             # Dots beside each other; the order of the runs has no meaning.
             spread = (ours.run - 1) % 10 / 9.0 - 0.5
             places = ours.family.map(list(ALGORITHMS).index).astype(float)
             places += (n - (len(sources) - 1) / 2.0) * 0.16 + 0.1 * spread
             axes.plot(places, ours[K[case.component]], ls="", marker="o", ms=3.2, mew=0.8,
-                      color=style.colour, mfc="white" if style.hatch else style.colour,
-                      label=source.label)  # fmt: skip
+                      color=style["color"], mfc="white" if style["hatch"] else style["color"],
+                      label=source)  # fmt: skip
         axes.set_xlim(-0.5, len(ALGORITHMS) - 0.5)
         axes.set_xticks(range(len(ALGORITHMS)), [NAMES_WITH_OWN_CODE[name] for name in ALGORITHMS])
         axes.set_title(f"{FAULT_NAMES[case.fault]}, {case.level}", fontsize="medium")
@@ -53,7 +51,7 @@ def draw_estimates(runs: pd.DataFrame) -> Figure:
 
 def draw_phases_of_gwo(runs: pd.DataFrame) -> Figure:
     """Return histograms of GWO's estimates of k7, with a bar of its own for exact zeros."""
-    chosen = with_family(runs)
+    chosen = counted(runs)
     chosen = chosen[chosen.family == "gwo"]
     sources = present_sources(chosen)
     columns = 2 if len(sources) > 1 else 1
@@ -66,14 +64,14 @@ def draw_phases_of_gwo(runs: pd.DataFrame) -> Figure:
     handles: list[object] = []
     for axes, source in zip(panels, sources, strict=False):
         tidy(axes)
-        values = of_source(chosen, source)["k7"].to_numpy()
+        values = chosen.loc[chosen.source == source, "k7"].to_numpy()
         zeros = np.count_nonzero(values == 0.0)
-        style = STYLES[source.label]
-        _, _, bars = axes.hist(values[values != 0.0], edges, color=style.colour, hatch=style.hatch,
-                               edgecolor="white", lw=0.4, label=source.label)  # fmt: skip
+        _, _, bars = axes.hist(
+            values[values != 0.0], edges, edgecolor="white", lw=0.4, label=source, **STYLES[source]
+        )
         at_zero = axes.bar(-0.04, zeros, 0.03, color="0.1", label="exactly 0")
         handles = [*handles[:-1], bars[0], at_zero]
-        axes.set_title(f"{source.label}: {zeros} of {len(values)} exactly 0", fontsize="small")
+        axes.set_title(f"{source}: {zeros} of {len(values)} exactly 0", fontsize="small")
         axes.set_xlabel("estimated k7", fontsize="small")
         axes.tick_params(labelbottom=True)
         axes.set_ylabel("runs")

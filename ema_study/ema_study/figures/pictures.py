@@ -20,8 +20,8 @@ from ema_study.figures.responses import (
     draw_noise,
     draw_responses,
 )
-from ema_study.figures.style import FAULT_NAMES, present_sources
-from ema_study.sources import MODEL_LABELS, counted, of_source, single_fault_runs
+from ema_study.figures.style import FAULT_NAMES
+from ema_study.sources import MODEL_LABELS, counted, present_sources, single_fault_runs
 
 _DPI: Final = 150
 
@@ -48,128 +48,113 @@ class Picture(NamedTuple):
         return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
 
 
-def bar_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
-    """Yield mean error and time by algorithm and fault, of the runs of all sources."""
-    single = _run_numbers(single_fault_runs(runs))
-    multiple = counted(runs)
-    multiple = _run_numbers(multiple[multiple["fault"] == MULTIPLE])
-    yield _picture(
-        "errors",
-        f"Mean error of each algorithm on each single fault (figure 7.1). {single} Each row has "
-        "its own scale.",
-        draw_single_faults(runs, ERROR),
-    )
-    yield _picture(
-        "times",
-        f"Mean time of a run (figure 7.2), logarithmic. {single}",
-        draw_single_faults(runs, TIME),
-    )
-    yield _picture(
-        "multiple_fault",
-        f"Mean error and time on the multiple fault (tables 56 and 57). {multiple}",
-        draw_multiple_fault(runs),
-    )
+def pictures_of_runs(runs: pd.DataFrame) -> dict[str, list[Picture]]:
+    """Return the pictures of the runs of all sources by section of the report."""
+    single, every = single_fault_runs(runs), counted(runs)
+    of_single = _run_numbers(single)
+    of_multiple = _run_numbers(every[every["fault"] == MULTIPLE])
+    errors = f"Mean error of each algorithm on each single fault (figure 7.1). {of_single} Each row"
+    zeros = "GWO's estimates of k7, the direction of the eccentricity, in all faults. In the thesis"
+    return {
+        "errors": [
+            _picture("errors", f"{errors} has its own scale.", draw_single_faults(runs, ERROR)),
+            _picture(
+                "times",
+                f"Mean time of a run (figure 7.2), logarithmic. {of_single}",
+                draw_single_faults(runs, TIME),
+            ),
+            _picture(
+                "multiple_fault",
+                f"Mean error and time on the multiple fault (tables 56 and 57). {of_multiple}",
+                draw_multiple_fault(runs),
+            ),
+        ],
+        "convergence": [
+            one
+            for model, label in MODEL_LABELS.items()
+            if len(of_model := every[every["model"] == model])
+            for one in _convergence(of_model, model, label)
+        ],
+        "estimates": [
+            _picture(
+                "estimates",
+                f"Estimate of the faulty component, a dot a run. {of_single}",
+                draw_estimates(runs),
+            ),
+            _picture(
+                "phases_of_gwo",
+                f"{zeros}'s code the leaders start at exactly 0.",
+                draw_phases_of_gwo(runs),
+            ),
+        ],
+    }
 
 
-def convergence_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
-    """Yield the courses of cost and error with each of our models that has runs."""
-    runs = counted(runs)
-    for model, label in MODEL_LABELS.items():
-        of_model = runs[runs["model"] == model]
-        if of_model.empty:
-            continue
-        sizes = of_model.groupby(["algorithm", "fault", "level"]).size()
-        lines = (
-            ", a single run of each algorithm on each fault."
-            if sizes.max() == 1
-            else f": median over the {_range(sizes)} runs of each algorithm on each fault."
-        )
-        yield _picture(
-            f"costs_{model}",
-            f"Lowest cost after each generation with the {label}{lines} A run that has stopped "
-            "keeps its last value. The axis of generations is logarithmic beyond 20.",
-            draw_convergence(runs, model, COSTS),
-        )
-        yield _picture(
-            f"courses_of_errors_{model}",
-            f"Error of the best point after each generation with the {label}{lines}",
-            draw_convergence(runs, model, ERRORS),
-        )
-
-
-def estimate_pictures(runs: pd.DataFrame) -> Iterator[Picture]:
-    """Yield the estimates of the runs of all sources."""
-    yield _picture(
-        "estimates",
-        f"Estimate of the faulty component, a dot a run. {_run_numbers(single_fault_runs(runs))}",
-        draw_estimates(runs),
+def _convergence(runs: pd.DataFrame, model: str, label: str) -> Iterator[Picture]:
+    sizes = runs.groupby(["algorithm", "fault", "level"]).size()
+    lines = (
+        ", a single run of each algorithm on each fault."
+        if sizes.max() == 1
+        else f": median over the {_range(sizes)} runs of each algorithm on each fault."
     )
     yield _picture(
-        "phases_of_gwo",
-        "GWO's estimates of k7, the direction of the eccentricity, in all faults. In the thesis's "
-        "code the leaders start at exactly 0.",
-        draw_phases_of_gwo(runs),
+        f"costs_{model}",
+        f"Lowest cost after each generation with the {label}{lines} A run that has stopped "
+        "keeps its last value. The axis of generations is logarithmic beyond 20.",
+        draw_convergence(runs, model, COSTS),
+    )
+    yield _picture(
+        f"courses_of_errors_{model}",
+        f"Error of the best point after each generation with the {label}{lines}",
+        draw_convergence(runs, model, ERRORS),
     )
 
 
 @cache
-def response_pictures() -> list[Picture]:
-    """Return the responses to step and chirp for each fault."""
-    return [
-        _picture(
-            f"{fault}_{command}",
-            f"{FAULT_NAMES[fault].capitalize()}, {command} (figures {number}). Right: a stretch "
-            "enlarged.",
-            draw_responses(fault, command),
-        )
-        for fault, numbers in _THESIS_FIGURES.items()
-        for command, number in zip(("step", "chirp"), numbers, strict=False)
-    ]
-
-
-@cache
-def noise_pictures() -> list[Picture]:
-    """Return the responses with noise."""
-    caption = (
+def pictures_of_chapter_4() -> dict[str, list[Picture]]:
+    """Return the pictures of responses by section of the report; no run changes them."""
+    noise = (
         "Current under the chirp with white noise on the reference current, its gain K above each "
         "row (figure 4.50); the noise is held for 1 µs, its seed is fixed."
     )
-    return [_picture("noise", caption, draw_noise())]
-
-
-@cache
-def monitor_pictures() -> list[Picture]:
-    """Return the currents of reference and monitors."""
-    calibration = _picture(
-        "calibration",
+    calibration = (
         "Differences between the models on the healthy actuator, which the calibration removes "
-        "(figure 6.4). Differences are shown without the ripple above 1 kHz.",
-        draw_calibration(),
+        "(figure 6.4). Differences are shown without the ripple above 1 kHz."
     )
-    by_fault = [
-        _picture(
-            f"{fault}_monitor",
-            f"Reference and monitor, {FAULT_NAMES[fault]} (figure {number}).",
-            draw_monitor(fault),
-        )
-        for fault, (*_, number) in _THESIS_FIGURES.items()
-    ]
-    step = _picture(
-        "step_monitor",
+    step = (
         "Reference and monitor under the step, for which the monitors are not calibrated "
-        "(figure 4.6).",
-        draw_monitor_step(),
+        "(figure 4.6)."
     )
-    return [calibration, *by_fault, step]
+    return {
+        "responses": [
+            _picture(
+                f"{fault}_{command}",
+                f"{FAULT_NAMES[fault].capitalize()}, {command} (figures {number}). Right: a "
+                "stretch enlarged.",
+                draw_responses(fault, command),
+            )
+            for fault, numbers in _THESIS_FIGURES.items()
+            for command, number in zip(("step", "chirp"), numbers, strict=False)
+        ],
+        "noise": [_picture("noise", noise, draw_noise())],
+        "monitor": [
+            _picture("calibration", calibration, draw_calibration()),
+            *(
+                _picture(
+                    f"{fault}_monitor",
+                    f"Reference and monitor, {FAULT_NAMES[fault]} (figure {number}).",
+                    draw_monitor(fault),
+                )
+                for fault, (*_, number) in _THESIS_FIGURES.items()
+            ),
+            _picture("step_monitor", step, draw_monitor_step()),
+        ],
+    }
 
 
 def _run_numbers(runs: pd.DataFrame) -> str:
-    """Return a sentence on the number of runs of each source by algorithm and fault."""
-    counts = "; ".join(
-        f"{source.label} "
-        f"{_range(of_source(runs, source).groupby(['algorithm', 'fault', 'level']).size())}"
-        for source in present_sources(runs)
-    )
+    by_source = runs.groupby(["source", "algorithm", "fault", "level"]).size()
+    counts = "; ".join(f"{label} {_range(by_source[label])}" for label in present_sources(runs))
     return f"Runs of each algorithm on each fault: {counts or 'none'}."
 
 

@@ -1,17 +1,15 @@
 """Names, colours and axes that all figures of the study share."""
 
-from collections.abc import Iterable, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Sequence
+from typing import Any, Final
 
-import pandas as pd
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ema_study.cases import LEVELS, MULTIPLE, SINGLE_FAULTS
-from ema_study.printed_runs import PRINTED
-from ema_study.sources import SOURCES, Source, counted, of_source
-from ema_study.stop_rules import family_of
+from ema_study.printed import PRINTED
+from ema_study.sources import SOURCES, with_own_code
 
 FAULT_NAMES: Final = {name: name.replace("_", " ") for name in SINGLE_FAULTS} | {
     MULTIPLE: "multiple fault"
@@ -43,38 +41,16 @@ DASHES: Final = {
 """Dashes of algorithms, to distinguish them in print."""
 
 
-class Style(NamedTuple):
-    """Colour and hatch of the runs of a source."""
-
-    colour: str
-    hatch: str
-
+_MODEL_COLOURS: Final = {PRINTED: "#9a9a9a", "thesis's model": "#d55e00", "fast model": "#0072b2"}
 
 STYLES: Final = {
-    source.label: Style(
-        {PRINTED: "#9a9a9a", "thesis": "#d55e00", "fast": "#0072b2"}[source.model],
-        "////" if source.own_code else "",
-    )
-    for source in SOURCES
+    label: {
+        "color": _MODEL_COLOURS[label.removesuffix(with_own_code(""))],
+        "hatch": "////" if label.endswith(with_own_code("")) else "",
+    }
+    for label in SOURCES
 }
-"""Styles by label of the source."""
-
-
-def with_family(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs that statistics are made of, with the ``family`` of their algorithm."""
-    chosen = counted(runs)
-    return chosen.assign(family=chosen["algorithm"].map(family_of))
-
-
-def present_sources(runs: pd.DataFrame) -> list[Source]:
-    """Return the sources that runs come from, in order."""
-    return [source for source in SOURCES if len(of_source(runs, source))]
-
-
-def in_order(names: Iterable[Any], order: Iterable[str]) -> list[str]:
-    """Return those names that occur, in a given order."""
-    present = set(names)
-    return [name for name in order if name in present]
+"""Colour and hatch by label of the source."""
 
 
 def severity_colours(number: int) -> list[Any]:
