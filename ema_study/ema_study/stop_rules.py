@@ -29,15 +29,19 @@ class Rule:
     ----------
     budget
         Largest number of evaluations.
-    reached
+    condition
         Whether to stop after these best costs.
     threshold
         Cost at which it may stop [A^2.s]; None where it has none.
     """
 
     budget: int
-    reached: Callable[[BestCosts], bool]
+    condition: Callable[[BestCosts], bool]
     threshold: float | None = None
+
+    def reached(self, best_costs: BestCosts) -> bool:
+        """Return whether to stop."""
+        return self.condition(best_costs)
 
 
 def stop_rule(rule: str, algorithm: str, level: str, budget: int, floor: float) -> Rule:

@@ -153,8 +153,10 @@ def pictures_of_chapter_4() -> dict[str, list[Picture]]:
 
 
 def _run_numbers(runs: pd.DataFrame) -> str:
-    by_source = runs.groupby(["source", "algorithm", "fault", "level"]).size()
-    counts = "; ".join(f"{label} {_range(by_source[label])}" for label in present_sources(runs))
+    sizes = runs.groupby(["source", "algorithm", "fault", "level"]).size()
+    counts = "; ".join(
+        f"{label} {_range(sizes.xs(label, level='source'))}" for label in present_sources(runs)
+    )
     return f"Runs of each algorithm on each fault: {counts or 'none'}."
 
 

@@ -43,7 +43,7 @@ DASHES: Final = {
 
 _MODEL_COLOURS: Final = {PRINTED: "#9a9a9a", "thesis's model": "#d55e00", "fast model": "#0072b2"}
 
-STYLES: Final = {
+STYLES: Final[dict[str, dict[str, Any]]] = {
     label: {
         "color": _MODEL_COLOURS[label.removesuffix(with_own_code(""))],
         "hatch": "////" if label.endswith(with_own_code("")) else "",
