@@ -80,15 +80,15 @@ def flag(default: bool, description: str) -> Any:
     return field(default=default, metadata={"flag": True, "description": description})
 
 
-def texts(description: str) -> Any:
-    """Return a dataclass field of any number of texts, none by default.
+def texts(description: str, default: tuple[str, ...] = ()) -> Any:
+    """Return a dataclass field of any number of texts.
 
     Parameters
     ----------
     description
         What they are.
     """
-    return field(default=(), metadata={"texts": True, "description": description})
+    return field(default=default, metadata={"texts": True, "description": description})
 
 
 def check_quantities(instance: Any) -> None:

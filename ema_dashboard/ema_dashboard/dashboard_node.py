@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as RosClock
 from rclpy.clock_type import ClockType
@@ -20,7 +19,6 @@ from ema_dashboard.known_topics import CLOCK, DIAGNOSTICS, UNIT_HISTORY, KnownTo
 from ema_dashboard.metrics import Metrics, OwnFigures
 from ema_dashboard.playback_control import PlaybackControl
 from ema_dashboard.settings import (
-    DEFAULT_ORIGINS,
     DashboardSettings,
     bound_socket,
     read_token,
@@ -41,18 +39,11 @@ _JUMP_NS: Final = 1_000_000_000
 _NICENESS: Final = 5
 _LOST: Final = "samples lost"  # of the status of telemetry
 
-_LISTS: Final = {
-    "namespaces": ((), "namespaces that are shown; empty: that of the node"),
-    "allowed_origins": (DEFAULT_ORIGINS, "origins of other pages that may connect"),
-    "host_names": ((), "names of this machine by which clients address it, beside loopback"),
-}
-
 
 class DashboardNode(ManagedNode):
     """Serves what the nodes of some namespaces publish, and a page that shows it.
 
-    Parameters of the node are the fields of ``DashboardSettings`` and three lists: ``namespaces``,
-    ``allowed_origins`` and ``host_names``.
+    Parameters of the node are the fields of ``DashboardSettings``.
 
     Topics are received as they are and sent on without decoding; those that are neither latched nor
     needed for the history only while a client looks at them. The node changes nothing in the
@@ -62,11 +53,6 @@ class DashboardNode(ManagedNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("dashboard", **kwargs)
         declare(self, DashboardSettings)
-        for name, (default, description) in _LISTS.items():
-            descriptor = ParameterDescriptor(
-                description=description, read_only=True, dynamic_typing=True
-            )
-            self.declare_parameter(name, list(default) or [""], descriptor)
         self._discovery = self.create_timer(
             _DISCOVERY_S,
             self._discover,
@@ -78,9 +64,9 @@ class DashboardNode(ManagedNode):
     def configure(self) -> None:
         """Listen."""
         settings = read(self, DashboardSettings)
-        namespaces = self._texts("namespaces") or [self.get_namespace()]
-        hosts = (settings.host, *self._texts("host_names"))
-        access = Access(hosts, self._texts("allowed_origins"), read_token(settings.token_file))
+        namespaces = settings.namespaces or (self.get_namespace(),)
+        hosts = (settings.host, *settings.host_names)
+        access = Access(hosts, settings.allowed_origins, read_token(settings.token_file))
         tls = tls_context(settings.tls_certificate, settings.tls_key)
         listener = bound_socket(settings.host, settings.port, settings.ports)
         port = listener.getsockname()[1]
@@ -164,15 +150,6 @@ class DashboardNode(ManagedNode):
         """Tell that a thread has ended by itself."""
         self.get_logger().error(f"{failure}\n{trace}")
         self.report()
-
-    def _texts(self, name: str) -> list[str]:
-        """Return a parameter that is a list of texts, without empty ones."""
-        values = self.get_parameter(name).value
-        if not isinstance(values, list | tuple) or not all(
-            isinstance(item, str) for item in values
-        ):
-            raise ValueError(f"parameter {name} = {values!r}: expected a list of texts")
-        return [item for item in values if item]
 
     def _discover(self) -> None:
         """Offer topics that have a publisher, and receive those that are looked at."""

@@ -8,12 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ema_core.quantity import check_quantities, quantity, text
+from ema_core.quantity import check_quantities, quantity, text, texts
 
 _LEAST_TOKEN: Final = 16
-
-DEFAULT_ORIGINS: Final = ("https://app.foxglove.dev",)
-"""Origins of pages that may connect beside that of the dashboard itself."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +36,14 @@ class DashboardSettings:
     archive: str = text("", "folder of the archive whose fleet the page shows; empty: none")
     buffer_mb: float = quantity(
         8.0, "MB", 1.0, 1000.0, "messages that wait for a client; beyond it the oldest are dropped"
+    )
+
+    namespaces: tuple[str, ...] = texts("namespaces that are shown; empty: that of the node")
+    allowed_origins: tuple[str, ...] = texts(
+        "origins of other pages that may connect", ("https://app.foxglove.dev",)
+    )
+    host_names: tuple[str, ...] = texts(
+        "names of this machine by which clients address it, beside loopback"
     )
 
     def __post_init__(self) -> None:

@@ -7,11 +7,10 @@ from numpy.typing import ArrayLike
 from sensor_msgs.msg import JointState
 
 from ema_core.description import ActuatorDescription
-from ema_core.faults import fault_vector
 from ema_core.telemetry import Telemetry
-from ema_interfaces.msg import Usage
+from ema_interfaces.msg import FaultVectorStamped, Usage
 from ema_ros import topics
-from ema_ros.faults import StampedFaults, stamped_faults_to_message
+from ema_ros.faults import faults_to_message
 from ema_ros.stamps import stamp_to_message
 from ema_ros.telemetry import telemetry_to_message
 
@@ -30,10 +29,13 @@ def messages_of_cycle(
     faults
         Fault vector, ``(8,)``.
     """
-    truth = StampedFaults(stamp_ns, description.actuator_id, cycle, fault_vector(faults))
+    truth = FaultVectorStamped(
+        actuator_id=description.actuator_id, cycle=cycle, faults=faults_to_message(faults)
+    )
+    truth.header.stamp = stamp_to_message(stamp_ns)
     return {
         topics.USAGE: usage_at_cycle(description, stamp_ns, hours, cycle),
-        topics.SIMULATED_FAULTS: stamped_faults_to_message(truth),
+        topics.SIMULATED_FAULTS: truth,
     }
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ema_core.faults import FAULT_NAMES, fault_vector
-from ema_ros.stamps import stamp_from_message, stamp_to_message
+from ema_ros.stamps import stamp_from_message
 
 if TYPE_CHECKING:
     from ema_interfaces.msg import FaultVector, FaultVectorStamped
@@ -65,22 +65,6 @@ class StampedFaults:
     actuator_id: str
     cycle: int
     faults: NDArray[np.float64]
-
-
-def stamped_faults_to_message(stamped: StampedFaults) -> "FaultVectorStamped":
-    """Return stamped faults as a message.
-
-    Raises
-    ------
-    ValueError
-        When the stamp is out of range or there are not eight faults.
-    """
-    from ema_interfaces.msg import FaultVectorStamped  # as in stamps
-
-    message = FaultVectorStamped(actuator_id=stamped.actuator_id, cycle=int(stamped.cycle))
-    message.header.stamp = stamp_to_message(stamped.stamp_ns)
-    message.faults = faults_to_message(stamped.faults)
-    return message
 
 
 def stamped_faults_from_message(message: "FaultVectorStamped") -> StampedFaults:

@@ -1,7 +1,8 @@
 """ROS parameters declared from, and read into, the dataclasses that validate them."""
 
 from collections.abc import Callable
-from dataclasses import Field, dataclass, fields, replace
+from contextlib import suppress
+from dataclasses import Field, fields, replace
 from typing import Any, Final, Generic, TypeVar
 
 from rcl_interfaces.msg import (
@@ -52,8 +53,8 @@ def declare(
     """
     is_type = isinstance(definition, type)
     given = given_parameters(node)
-    for item in _declared(definition):
-        parameter = _Parameter(item, prefix)
+    for parameter in _parameters(definition, prefix):
+        item = parameter.field
         default = item.default if is_type else getattr(definition, item.name)
         descriptor = parameter.descriptor(read_only, constraint)
         value, is_text = parameter.to_node(default), False
@@ -85,9 +86,9 @@ def read(node: Node, definition: type[Definition], prefix: str = "") -> Definiti
     ValueError
         When a value is impossible; the message names the parameter.
     """
-    parameters = [_Parameter(item, prefix) for item in _declared(definition)]
     values = {
-        item.field.name: item.from_node(node.get_parameter(item.name).value) for item in parameters
+        item.field.name: item.from_node(node.get_parameter(item.name).value)
+        for item in _parameters(definition, prefix)
     }
     try:
         return definition(**values)
@@ -127,8 +128,7 @@ class LiveSettings(Generic[Definition]):
         why_fixed: Callable[[], str] | None = None,
     ) -> None:
         self._prefix = prefix
-        parameters = [_Parameter(item, prefix) for item in _declared(definition)]
-        self._parameters = {item.name: item for item in parameters}
+        self._parameters = {item.name: item for item in _parameters(definition, prefix)}
         self._on_change = on_change
         self._why_fixed = why_fixed
         constraint = WHILE_UNCONFIGURED if why_fixed else LIVE
@@ -139,18 +139,19 @@ class LiveSettings(Generic[Definition]):
         node.add_post_set_parameters_callback(self._apply)
 
     def _changed(self, parameters: list[Parameter]) -> Definition | None:
-        own = [(self._parameters[item.name], item) for item in parameters if self._owns(item)]
+        own = [
+            (self._parameters[item.name], item)
+            for item in parameters
+            if item.name in self._parameters
+        ]
         changes = {known.field.name: known.from_node(item.value) for known, item in own}
         return replace(self.value, **changes) if changes else None  # pyright: ignore
-
-    def _owns(self, parameter: Parameter) -> bool:
-        return parameter.name in self._parameters
 
     def _read_numbers(self, parameters: list[Parameter]) -> list[Parameter]:
         """Return the parameters, those that are numbers and came as texts as numbers."""
         return [
             Parameter(item.name, value=self._parameters[item.name].number_of(item.value))
-            if self._owns(item) and item.value is not None
+            if item.name in self._parameters and item.value is not None
             else item
             for item in parameters
         ]
@@ -160,7 +161,7 @@ class LiveSettings(Generic[Definition]):
             changed = self._changed(parameters)
             reason = self._why_fixed() if changed is not None and self._why_fixed else ""
             if reason and changed != self.value:
-                names = ", ".join(item.name for item in parameters if self._owns(item))
+                names = ", ".join(item.name for item in parameters if item.name in self._parameters)
                 return SetParametersResult(successful=False, reason=f"{names}: {reason}")
         except ValueError as error:
             return SetParametersResult(successful=False, reason=f"{self._prefix}{error}")
@@ -174,28 +175,15 @@ class LiveSettings(Generic[Definition]):
                 self._on_change(changed)
 
 
-@dataclass(frozen=True)
 class _Parameter:
     """A field of a dataclass as a parameter."""
 
-    field: Field[Any]
-    prefix: str
-
-    @property
-    def name(self) -> str:
-        shown = self.field.metadata.get("shown")
-        return self.prefix + (shown[0] if shown else self.field.name)
-
-    @property
-    def unit(self) -> str:
-        shown = self.field.metadata.get("shown")
-        return shown[1] if shown else self.field.metadata.get("unit", "")
-
-    @property
-    def scale(self) -> float | None:
-        """Units of the parameter in one of the field; None where they are the same."""
-        shown = self.field.metadata.get("shown")
-        return shown[2] if shown else None
+    def __init__(self, item: Field[Any], prefix: str) -> None:
+        self.field = item
+        # ``scale``: units of the parameter in one of the field; None where they are the same.
+        usual = item.name, item.metadata.get("unit", ""), None
+        name, self.unit, self.scale = item.metadata.get("shown", usual) or usual
+        self.name = prefix + name
 
     def to_node(self, value: Any) -> Any:
         if "texts" in self.field.metadata:
@@ -211,12 +199,10 @@ class _Parameter:
 
     def number_of(self, value: Any) -> Any:
         """Return the number that a text stands for; whatever else it is, as it is."""
-        if not isinstance(value, str) or "range" not in self.field.metadata:
-            return value
-        try:
-            return float(value)
-        except ValueError:
-            return value
+        if isinstance(value, str) and "range" in self.field.metadata:
+            with suppress(ValueError):
+                return float(value)
+        return value
 
     def descriptor(self, read_only: bool, constraint: str) -> ParameterDescriptor:
         metadata = self.field.metadata
@@ -226,25 +212,22 @@ class _Parameter:
         )
         constraints = [constraint] if constraint else []
         if "range" in metadata:
-            lowest, highest = metadata["range"]
+            low, high = metadata["range"]
             descriptor.description += f" [{self.unit}]"
             if isinstance(self.field.default, int):
-                descriptor.integer_range = [
-                    IntegerRange(from_value=int(lowest), to_value=int(highest), step=1)
-                ]
+                whole = IntegerRange(from_value=int(low), to_value=int(high), step=1)
+                descriptor.integer_range = [whole]
             else:
-                descriptor.floating_point_range = [
-                    FloatingPointRange(
-                        from_value=float(self.to_node(lowest)),
-                        to_value=float(self.to_node(highest)),
-                        step=0.0,
-                    )
-                ]
+                low, high = float(self.to_node(low)), float(self.to_node(high))
+                floating = FloatingPointRange(from_value=low, to_value=high, step=0.0)
+                descriptor.floating_point_range = [floating]
         elif metadata.get("choices"):
             constraints.append(f"one of {', '.join(metadata['choices'])}")
         descriptor.additional_constraints = "; ".join(constraints)
         return descriptor
 
 
-def _declared(definition: Any) -> list[Field[Any]]:
-    return [item for item in fields(definition) if "description" in item.metadata]
+def _parameters(definition: Any, prefix: str) -> list[_Parameter]:
+    return [
+        _Parameter(item, prefix) for item in fields(definition) if "description" in item.metadata
+    ]

@@ -24,11 +24,8 @@ from ema_ros.description import (
     description_to_message,
 )
 from ema_ros.faults import (
-    StampedFaults,
     faults_from_message,
     faults_to_message,
-    stamped_faults_from_message,
-    stamped_faults_to_message,
 )
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_ros.telemetry import telemetry_from_message, telemetry_to_message
@@ -177,14 +174,6 @@ def test_impossible_faults_are_refused_by_name():
     message.short_circuit_b = math.nan
     with pytest.raises(ValueError, match="short_circuit_b = nan"):
         faults_from_message(message)
-
-
-def test_stamped_faults_survive_the_wire():
-    sent = StampedFaults(123_456_789_012, "flap", 2**53 + 1, healthy_faults())
-    received = stamped_faults_from_message(over_the_wire(stamped_faults_to_message(sent)))
-    np.testing.assert_array_equal(received.faults, sent.faults)
-    for name in ("stamp_ns", "actuator_id", "cycle"):
-        assert getattr(received, name) == getattr(sent, name)
 
 
 def test_joint_state_has_one_joint():
