@@ -7,39 +7,26 @@ import sys
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.actions import Node
 
 sys.path.insert(0, str(Path(__file__).parent))
 import ema_launch_arguments as ema
 
-_FILES = ("mapping_file", "actuator_file")
-
 
 def generate_launch_description() -> LaunchDescription:
     """Return the nodes, with their arguments."""
-    arguments = [
-        *ema.common_arguments(),
-        DeclareLaunchArgument(
-            "mapping_file",
-            default_value=ema.AS_CONFIGURED,
-            description="mapping of topics to telemetry",
+    return ema.launch(
+        __file__,
+        _nodes,
+        ("bridge", "monitor"),
+        mapping_file=(ema.AS_CONFIGURED, "mapping of topics to telemetry"),
+        actuator_file=(
+            ema.AS_CONFIGURED,
+            "description of the actuator, which the bridge publishes",
         ),
-        DeclareLaunchArgument(
-            "actuator_file",
-            default_value=ema.AS_CONFIGURED,
-            description="description of the actuator, which the bridge publishes",
-        ),
-        *ema.parameter_files("bridge", "monitor"),
-    ]
-    check = ema.check_arguments(__file__, arguments)
-    return LaunchDescription([*arguments, check, OpaqueFunction(function=_nodes)])
+    )
 
 
 def _nodes(context: LaunchContext) -> list[Node]:
-    given = {name: ema.value_of(context, name) for name in _FILES}
-    chosen = {name: value for name, value in given.items() if value != ema.AS_CONFIGURED}
-    return [
-        ema.node(context, "bridge", "ema_inputs", parameters=chosen),
-        ema.monitor(context),
-    ]
+    files = ema.chosen(context, "mapping_file", "actuator_file")
+    return [ema.node(context, "bridge", "ema_inputs", parameters=files), *ema.monitors(context)]

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.actions import Node
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -16,31 +15,23 @@ import ema_launch_arguments as ema
 
 def generate_launch_description() -> LaunchDescription:
     """Return the nodes, with their arguments."""
-    arguments = [
-        # A simulated actuator is a new unit at each start.
-        *ema.common_arguments(history_folder=""),
-        DeclareLaunchArgument(
-            "bag",
-            default_value="",
-            description="bag to record; empty: no recorder; if it fails, all end",
-        ),
-        *ema.parameter_files("actuator", "monitor", "dashboard", "recorder"),
-    ]
-    check = ema.check_arguments(__file__, arguments)
-    return LaunchDescription([*arguments, check, OpaqueFunction(function=_nodes)])
+    return ema.launch(
+        __file__,
+        _nodes,
+        ("actuator", "monitor", "dashboard", "recorder"),
+        history_folder=("", "where tests are kept; empty: in memory, as each start has a new unit"),
+        bag=("", "bag to record; empty: no recorder; if it fails, all end"),
+    )
 
 
 def _nodes(context: LaunchContext) -> list[Node]:
     nodes = [
         ema.node(context, "actuator", "ema_sim"),
-        ema.monitor(context),
+        *ema.monitors(context),
         ema.node(context, "dashboard", "ema_dashboard"),
     ]
-    bag = ema.value_of(context, "bag")
-    if bag:
-        nodes.append(
-            ema.node(
-                context, "recorder", "ema_recording", parameters={"output": bag}, ends_all=True
-            )
-        )
+    bag = {"output": ema.value_of(context, "bag")}
+    if bag["output"]:
+        recorder = ema.node(context, "recorder", "ema_recording", parameters=bag, ends_all=True)
+        nodes.append(recorder)
     return nodes

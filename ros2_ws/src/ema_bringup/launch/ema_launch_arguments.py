@@ -2,12 +2,13 @@
 
 import sys
 import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from ema_cli.processes.shards import file_for, monitor_names, shard_parameters
 from ema_core.linear_algebra import one_thread
-from launch import LaunchContext
+from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -20,47 +21,57 @@ AS_CONFIGURED = "of the parameter file"
 CONFIG = PathJoinSubstitution([FindPackageShare("ema_bringup"), "config"])
 
 
-def common_arguments(history_folder: str = AS_CONFIGURED) -> list[DeclareLaunchArgument]:
-    """Return the arguments of each launch file."""
-    return [
-        DeclareLaunchArgument(name, default_value=default, description=description)
-        for name, default, description in (
-            ("namespace", "/ema", "namespace of the nodes and of the telemetry"),
-            ("use_sim_time", "false", "true: the nodes follow /clock"),
-            (
-                "history_folder",
-                history_folder,
-                "where the monitor keeps the tests of each unit; empty: in memory",
-            ),
-            (
-                "calibration_file",
-                AS_CONFIGURED,
-                "calibration; {actuator_id} and {serial_number} stand for those of the actuator",
-            ),
-            ("log_level", "info", "debug, info, warn, error or fatal"),
-            ("respawn", "false", "true: a node that ends is started again after 2 s"),
-            ("autostart", "true", "false: a lifecycle manager configures and activates the nodes"),
-        )
-    ]
+_COMMON = {
+    "namespace": ("/ema", "namespace of the nodes and of the telemetry"),
+    "use_sim_time": ("false", "true: the nodes follow /clock"),
+    "history_folder": (
+        AS_CONFIGURED,
+        "where the monitor keeps the tests of each unit; empty: in memory",
+    ),
+    "calibration_file": (
+        AS_CONFIGURED,
+        "calibration; {actuator_id} and {serial_number} stand for those of the actuator",
+    ),
+    "log_level": ("info", "debug, info, warn, error or fatal"),
+    "respawn": ("false", "true: a node that ends is started again after 2 s"),
+    "autostart": ("true", "false: a lifecycle manager configures and activates the nodes"),
+}
+MONITORS = ("1", "processes that share the actuators, by their names: monitor_0 and on")
+"""Default and description of the argument for how many monitors share the actuators."""
 
 
-def parameter_files(*names: str) -> list[DeclareLaunchArgument]:
-    """Return an argument for the parameter file of each node."""
-    return [
-        DeclareLaunchArgument(
-            f"{name}_params",
-            default_value=PathJoinSubstitution([CONFIG, f"{name}.yaml"]),
-            description=f"parameter file of the {name}",
-        )
-        for name in names
-    ]
+def launch(
+    file: str,
+    make_nodes: Callable[[LaunchContext], list[Any]],
+    nodes: Sequence[str],
+    **arguments: tuple[str | None, str],
+) -> LaunchDescription:
+    """Return what a launch file starts, with its arguments.
 
+    What is given and not declared is refused; launch would ignore it. Included by another launch
+    file, what is given may be for that one, and is not checked.
 
-def check_arguments(file: str, declared: list[DeclareLaunchArgument]) -> OpaqueFunction:
-    """Return an action that refuses what is given and not declared; launch would ignore it.
-
-    Included by another launch file, what is given may be for that one, and is not checked.
+    Parameters
+    ----------
+    file
+        The launch file.
+    nodes
+        Nodes with an argument for their parameter files.
+    arguments
+        Default and description of each argument beside, or instead of, the common ones; without a
+        default it has to be given.
     """
+    files = {
+        f"{name}_params": (
+            PathJoinSubstitution([CONFIG, f"{name}.yaml"]),
+            f"parameter file of the {name}",
+        )
+        for name in nodes
+    }
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=description)
+        for name, (default, description) in {**_COMMON, **arguments, **files}.items()
+    ]
 
     def check(context: LaunchContext) -> list[Any]:
         if not any(Path(argument).name == Path(file).name for argument in sys.argv):
@@ -74,12 +85,19 @@ def check_arguments(file: str, declared: list[DeclareLaunchArgument]) -> OpaqueF
             )
         return []
 
-    return OpaqueFunction(function=check)
+    start = [OpaqueFunction(function=check), OpaqueFunction(function=make_nodes)]
+    return LaunchDescription([*declared, *start])
 
 
 def value_of(context: LaunchContext, name: str) -> str:
     """Return the value of an argument."""
     return LaunchConfiguration(name).perform(context)
+
+
+def chosen(context: LaunchContext, *names: str) -> dict[str, str]:
+    """Return the values of arguments that do not leave the parameter as it is configured."""
+    given = {name: value_of(context, name) for name in names}
+    return {name: value for name, value in given.items() if value != AS_CONFIGURED}
 
 
 def flag_of(context: LaunchContext, name: str) -> bool:
@@ -146,49 +164,24 @@ def node(
     )
 
 
-def monitors_argument() -> DeclareLaunchArgument:
-    """Return the argument for how many monitors share the actuators."""
-    return DeclareLaunchArgument(
-        "monitors",
-        default_value="1",
-        description="processes that share the actuators, by their names: monitor_0 and on",
-    )
-
-
-def monitors(context: LaunchContext, **parameters: Any) -> list[Node]:
-    """Return the monitors; what is not given is as in their parameter file."""
-    text = value_of(context, "monitors")
+def monitors(context: LaunchContext, count: str = "1", **parameters: Any) -> list[Node]:
+    """Return monitors that share the actuators; what is not given is as in their parameter file."""
     try:
-        names = monitor_names(int(text))
+        names = monitor_names(int(count))
     except ValueError as error:
-        raise RuntimeError(f"monitors:={text}: expected a whole number from 1 on") from error
+        raise RuntimeError(f"monitors:={count}: expected a whole number from 1 on") from error
+    own = chosen(context, "calibration_file", "history_folder") | parameters
     if len(names) == 1:
-        return [monitor(context, **parameters)]
+        return [node(context, "monitor", "ema_monitor", parameters=own)]
     folder, file = Path(tempfile.mkdtemp(prefix="ema_")), Path(value_of(context, "monitor_params"))
     return [
-        monitor(
+        node(
             context,
+            "monitor",
+            "ema_monitor",
             node_name=name,
             file=str(file_for(name, file, folder)),
-            **parameters,
-            **shard_parameters(index, len(names)),
+            parameters=own | shard_parameters(index, len(names)),
         )
         for index, name in enumerate(names)
     ]
-
-
-def monitor(
-    context: LaunchContext, *, node_name: str = "", file: str = "", **parameters: Any
-) -> Node:
-    """Return a monitor; what is not given is as in its parameter file."""
-    names = ("calibration_file", "history_folder")
-    given = {name: value_of(context, name) for name in names}
-    chosen = {name: value for name, value in given.items() if value != AS_CONFIGURED}
-    return node(
-        context,
-        "monitor",
-        "ema_monitor",
-        node_name=node_name,
-        file=file,
-        parameters={**chosen, **parameters},
-    )

@@ -12,7 +12,6 @@ import sys
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.actions import Node
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -23,19 +22,14 @@ TOPICS = ("telemetry", "actuator_description", "usage", "simulated_faults", "joi
 
 def generate_launch_description() -> LaunchDescription:
     """Return the nodes, with their arguments."""
-    arguments = [
-        # Simulated actuators are new units at each start.
-        *ema.common_arguments(history_folder=""),
-        DeclareLaunchArgument(
-            "actuators",
-            default_value="left,right",
-            description="names of the actuators, separated by commas",
-        ),
-        ema.monitors_argument(),
-        *ema.parameter_files("actuator", "monitor", "dashboard"),
-    ]
-    check = ema.check_arguments(__file__, arguments)
-    return LaunchDescription([*arguments, check, OpaqueFunction(function=_nodes)])
+    return ema.launch(
+        __file__,
+        _nodes,
+        ("actuator", "monitor", "dashboard"),
+        history_folder=("", "where tests are kept; empty: in memory, as each start has new units"),
+        actuators=("left,right", "names of the actuators, separated by commas"),
+        monitors=ema.MONITORS,
+    )
 
 
 def _nodes(context: LaunchContext) -> list[Node]:
@@ -55,6 +49,6 @@ def _nodes(context: LaunchContext) -> list[Node]:
         for number, name in enumerate(names)
     ]
     # Of actuators that are listed, monitors have equal shares.
-    listed = {"actuators": names} if ema.value_of(context, "monitors") != "1" else {}
-    dashboard = ema.node(context, "dashboard", "ema_dashboard")
-    return [*actuators, *ema.monitors(context, **listed), dashboard]
+    count = ema.value_of(context, "monitors")
+    monitors = ema.monitors(context, count, **({"actuators": names} if count != "1" else {}))
+    return [*actuators, *monitors, ema.node(context, "dashboard", "ema_dashboard")]

@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.actions import Node
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -18,20 +17,15 @@ import ema_launch_arguments as ema
 
 def generate_launch_description() -> LaunchDescription:
     """Return the node, with its arguments."""
-    arguments = [
-        *ema.common_arguments(),
-        DeclareLaunchArgument(
-            "actuator_file",
-            default_value=ema.AS_CONFIGURED,
-            description="description of an actuator that publishes none",
-        ),
-        ema.monitors_argument(),
-        *ema.parameter_files("monitor"),
-    ]
-    check = ema.check_arguments(__file__, arguments)
-    return LaunchDescription([*arguments, check, OpaqueFunction(function=_nodes)])
+    return ema.launch(
+        __file__,
+        _nodes,
+        ("monitor",),
+        actuator_file=(ema.AS_CONFIGURED, "description of an actuator that publishes none"),
+        monitors=ema.MONITORS,
+    )
 
 
 def _nodes(context: LaunchContext) -> list[Node]:
-    file = ema.value_of(context, "actuator_file")
-    return ema.monitors(context, **({} if file == ema.AS_CONFIGURED else {"actuator_file": file}))
+    count = ema.value_of(context, "monitors")
+    return ema.monitors(context, count, **ema.chosen(context, "actuator_file"))

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, Shutdown
+from launch.actions import ExecuteProcess, Shutdown
 from launch.substitutions import PathJoinSubstitution
 from launch_ros.substitutions import FindPackagePrefix
 
@@ -21,26 +21,17 @@ import ema_launch_arguments as ema
 
 def generate_launch_description() -> LaunchDescription:
     """Return the nodes, with their arguments."""
-    arguments = [
-        DeclareLaunchArgument("bag", description="bag to play: a file or a folder"),
-        DeclareLaunchArgument("rate", default_value="1.0", description="playback rate"),
-        DeclareLaunchArgument(
-            "start_offset", default_value="0.0", description="where to begin, from the start [s]"
-        ),
-        DeclareLaunchArgument(
-            "playback_duration", default_value="0.0", description="how much to play; 0: all [s]"
-        ),
-        DeclareLaunchArgument(
-            "loop", default_value="false", description="true: begin again at the end"
-        ),
-        DeclareLaunchArgument(
-            "end", default_value="true", description="false: stay when the diagnosis is complete"
-        ),
-        *ema.common_arguments(),
-        *ema.parameter_files("player", "monitor", "dashboard"),
-    ]
-    check = ema.check_arguments(__file__, arguments)
-    return LaunchDescription([*arguments, check, OpaqueFunction(function=_nodes)])
+    return ema.launch(
+        __file__,
+        _nodes,
+        ("player", "monitor", "dashboard"),
+        bag=(None, "bag to play: a file or a folder"),
+        rate=("1.0", "playback rate"),
+        start_offset=("0.0", "where to begin, from the start [s]"),
+        playback_duration=("0.0", "how much to play; 0: all [s]"),
+        loop=("false", "true: begin again at the end"),
+        end=("true", "false: stay when the diagnosis is complete"),
+    )
 
 
 def _nodes(context: LaunchContext) -> list[Any]:
@@ -61,7 +52,7 @@ def _nodes(context: LaunchContext) -> list[Any]:
     done = {"on_exit": Shutdown(reason="the diagnosis is complete")} if ends else {}
     return [
         # Its time is that of the recording, whatever the others follow.
-        ema.monitor(context, use_sim_time=True),
+        *ema.monitors(context, use_sim_time=True),
         ema.node(context, "dashboard", "ema_dashboard"),
         ExecuteProcess(cmd=command, output="screen", **done),
         ema.node(
