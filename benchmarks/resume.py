@@ -40,7 +40,7 @@ _SIGMA: Final = 0.004
 def lived(path: Path, tests: int) -> None:
     """Write the history of a unit whose friction and backlash grow."""
     calibration, rng = Calibration.builtin(), np.random.default_rng(1)
-    unit = Prognostics(History(*UNIT, path, spares_memory=True), SETTINGS)
+    unit = Prognostics(History(*UNIT, path), SETTINGS)
     shown = fault_vector({"friction": 1.0, "backlash": 1.0}) > 0.0
     for number in range(tests):
         share = number / tests
@@ -58,7 +58,7 @@ def resume_s(path: Path) -> float:
     """Return the time from the file to the health after its latest test [s]."""
     parameters = Calibration.builtin().unit_parameters
     start_s = time.perf_counter()
-    unit = Prognostics(History(*UNIT, path, spares_memory=True), SETTINGS)
+    unit = Prognostics(History(*UNIT, path), SETTINGS)
     outlook = unit.resume(parameters, SETTINGS)
     taken_s = time.perf_counter() - start_s
     if outlook is None or unit.history.problem:

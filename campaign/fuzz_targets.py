@@ -25,7 +25,6 @@ from ema_monitor.prognosis.growth.known_laws import KnownLawTexts
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_import import import_lines
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
 from ema_monitor.windows.trigger import TriggerSettings
@@ -197,10 +196,6 @@ def _history(data: bytes) -> None:
         )
 
 
-def _lines(data: bytes) -> None:
-    import_lines(_file("input.jsonl", data), *UNIT)
-
-
 def _growth(data: bytes) -> None:
     GrowthRecord(HealthLimits(), TrackerSettings(), [], data)
 
@@ -263,7 +258,6 @@ TARGETS: Final = {
     ),
     "metadata": Target(_metadata, fuzz_seeds.metadata, words=_YAML),
     "history": Target(_history, fuzz_seeds.histories, fuzz_mutators.change_history, (), 60_000),
-    "lines": Target(_lines, fuzz_seeds.lines, fuzz_mutators.change_lines),
     "growth": Target(_growth, fuzz_seeds.growth),
     "table": Target(
         _table,

@@ -15,7 +15,6 @@ from ema_monitor.prognosis.assessment import (
     assessment_text,
 )
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.history_tables import SCHEMA_VERSION
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.service import Service
@@ -81,26 +80,6 @@ def test_assessments_are_read_again_and_replaced_by_later_ones(path: Path):
     assert [one.level for one in again.assessments.values()] == [OK, ERROR, OK]
 
 
-def test_history_of_schema_version_3_is_opened_and_goes_on(path: Path):
-    history = History(*UNIT, path)
-    for number in range(3):
-        history.append(entry(number))
-    history.close()
-    with closing(sqlite3.connect(path)) as db, db:
-        db.execute("DROP TABLE assessment")
-        db.execute("PRAGMA user_version = 3")
-    unit, _ = lived(path, [0.05], first=3)
-    assert unit.history.problem == ""
-    tests, omitted = unit.latest_tests(10)
-    assert [test.assessment is not None for test in tests] == [False, False, False, True]
-    assert omitted == 0
-    with closing(sqlite3.connect(path)) as db:
-        assert db.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
-    again = History(*UNIT, path)
-    again.close()
-    assert (len(again.entries), len(again.assessments), again.problem) == (4, 1, "")
-
-
 def test_damaged_assessment_sets_the_file_aside_and_loses_no_test(path: Path):
     lived(path, [0.05, 0.06, 0.07])
     with closing(sqlite3.connect(path)) as db, db:
@@ -158,7 +137,6 @@ def test_fault_restart_and_calibration_are_events_once(path: Path):
         ("service hours set from 3 h to 1 h", "service hours", None),
         ("usage is ignored, 3 h: hours_per_cycle = 10 h is set", "service hours", None),
         ("the history x is set aside as y", "history", None),
-        ("3 test cycles are imported from x.jsonl, which stays as it is", "history", None),
         ("a test that is in the history already came again and changes nothing", "other", None),
     ],
 )

@@ -15,7 +15,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ema_core.levels import OK
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.prognosis.assessment import Assessment
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Count, Entry, UnusedCycle
 
@@ -28,6 +30,7 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from made_tests import made_test
+from ema_monitor.prognosis.assessment import Assessment
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Entry
 history = History("flap", "SIM-0001", Path(sys.argv[1]))
@@ -44,31 +47,23 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "histories" / "flap.sqlite"
 
 
-def test_packed_estimate_of_an_earlier_test_is_the_same_to_the_last_bit():
-    history, tests = History(*UNIT), [made_test(n, seed=1, friction=0.1) for n in range(60)]
-    for number, test in enumerate(tests):
-        history.append(Entry(test, 10.0 * number, number + 1))
-    # The latest are the very objects.
-    assert history.entries[-1].estimate is tests[-1]
-    assert history.entries[0].estimate is not tests[0]
-    for kept_entry, test in zip(history.entries, tests, strict=True):
-        for item in fields(Estimate):
-            np.testing.assert_array_equal(
-                getattr(kept_entry.estimate, item.name), getattr(test, item.name)
-            )
-
-
-def test_memory_of_an_earlier_test_is_below_a_kilobyte():
+def test_ten_years_of_daily_tests_take_at_most_20_megabytes():
+    """3,650 tests, each with what was found after it."""
     history = History(*UNIT)
-    for number in range(100):
-        history.append(Entry(made_test(number, seed=1, friction=0.1), 10.0 * number, number + 1))
+
+    def add(numbers: range) -> None:
+        for number in numbers:
+            test = made_test(number, seed=1, friction=0.1)
+            history.append(Entry(test, 10.0 * number, number + 1))
+            history.assess(Assessment(test.end_ns, 10.0 * number, OK, 0.5, "friction", None))
+        history.write_assessments()
+
+    add(range(100))
     tracemalloc.start()
-    for number in range(100, 300):
-        history.append(Entry(made_test(number, seed=1, friction=0.1), 10.0 * number, number + 1))
+    add(range(100, 300))
     grown = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
-    # The latest 20 are not packed, 2.5 kB each.
-    assert grown < 180 * 1000 + 20 * 2500
+    assert grown / 200 * 3650 < 20e6
 
 
 def test_every_figure_comes_back_to_the_last_bit(path: Path):

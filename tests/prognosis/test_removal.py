@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from ema_monitor.prognosis.growth.prediction import RemainingLife
-from ema_monitor.prognosis.packed_rows import PackedRows
 from ema_monitor.prognosis.removal import removal_of, usage_of
-from ema_monitor.prognosis.service import TimedTest, timed_tests
+from ema_monitor.prognosis.service import TimedTest
 
 from .made_tests import FIRST_NS
 
@@ -17,9 +16,9 @@ LIFE = RemainingLife(True, 50.0, 500.0, 950.0, "friction exceeds 0.5")
 DAY_NS = 86_400_000_000_000
 
 
-def used_at(*days_and_hours: tuple[float, float]) -> PackedRows[TimedTest]:
+def used_at(*days_and_hours: tuple[float, float]) -> list[TimedTest]:
     """Tests at days of the calendar and service hours."""
-    return timed_tests(
+    return list(
         TimedTest(FIRST_NS + int(day * DAY_NS), hours, number, True)
         for number, (day, hours) in enumerate(days_and_hours)
     )

@@ -134,7 +134,7 @@ class MonitorHistories:
                 # They may have ended while another thread opened this one.
                 self._require_serving()
                 path = history_path(self._folder, *unit) if self._folder else None
-                history = History(*unit, path, spares_memory=True)
+                history = History(*unit, path)
                 self._units[unit] = Prognostics(
                     history, settings, self._requirements_of, time.time_ns()
                 )

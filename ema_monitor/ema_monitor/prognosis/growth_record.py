@@ -145,7 +145,7 @@ class GrowthRecord:
         """Return the hours of growth of each component at the tests [h], ``(n, 7)``."""
         if self.duty is not None:
             return self.duty.own_hours
-        hours = self.service.used.column("hours")
+        hours = np.array([test.hours for test in self.service.used])
         return np.broadcast_to(hours[:, None], (hours.size, len(COMPONENTS)))
 
     def _identity(
@@ -153,10 +153,13 @@ class GrowthRecord:
     ) -> dict[str, NDArray[np.generic]]:
         """Return what identifies the first of the tests that are used."""
         return {
-            "used_ns": self.service.used.column("stamp_ns")[:tests],
-            "used_hours": self.service.used.column("hours")[:tests],
+            "used_ns": self._used_ns(tests),
+            "used_hours": np.array([test.hours for test in self.service.used[:tests]], np.float64),
             "used_own_hours": own_hours[:tests],
         }
+
+    def _used_ns(self, tests: int) -> NDArray[np.int64]:
+        return np.array([test.stamp_ns for test in self.service.used[:tests]], np.int64)
 
     def _digest(self, tests: int, own_hours: NDArray[np.float64]) -> bytes:
         digest = hashlib.sha256()
@@ -165,7 +168,7 @@ class GrowthRecord:
         return digest.digest()
 
     def _note_fed(self, tests: int, own_hours: NDArray[np.float64]) -> None:
-        self._fed_ns = self.service.used.column("stamp_ns")[:tests]
+        self._fed_ns = self._used_ns(tests)
         self._fed_digest = self._digest(tests, own_hours)
 
     def _update(self, latest: Sequence[Entry] = ()) -> list[str]:

@@ -5,13 +5,12 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from typing import Any, Final, NamedTuple, Protocol, Self
+from typing import Any, Final
 
 from ema_core.quantity import is_finite_number
 from ema_monitor.duty.flown import FlownDuty
 from ema_monitor.identification.estimate import Estimate, estimate_of, estimate_record, plain_number
 from ema_monitor.prognosis.growth.measurement import Measurement
-from ema_monitor.prognosis.packed_estimate import pack, unpack
 
 _MOST_HOURS: Final = 1e7
 _MOST_CYCLES: Final = 10**12
@@ -54,33 +53,14 @@ class Count:
             )
 
 
-class EntryRow(NamedTuple):
-    """What remains in memory of a test that is left to a file.
-
-    Attributes
-    ----------
-    number, stamp_ns, hours, cycles
-        As of ``Entry``.
-    count_ns, count_hours, count_cycles
-        Stamp [ns], hours [h] and cycles of its count; -1 cycles where there is none.
-    """
-
-    number: int
-    stamp_ns: int
-    hours: float
-    cycles: int
-    count_ns: int
-    count_hours: float
-    count_cycles: int
-
-
+@dataclass(frozen=True, slots=True)
 class Entry:
     """One valid test.
 
     Attributes
     ----------
-    stamp_ns
-        Stamp of the window's end [ns].
+    estimate
+        Estimate of its window.
     hours
         Service hour of the test by ``hours_per_cycle`` [h]; NaN where it is counted or unknown.
     cycles
@@ -88,8 +68,8 @@ class Entry:
     count
         The latest count of service hours before the test; None where there is none, or where
         ``hours_per_cycle`` holds.
-    number
-        Its number among all test cycles of its history, from 1 on; 0 as long as it is in none.
+    flown
+        Duty since the valid test before; None where no telemetry tells it.
 
     Raises
     ------
@@ -97,111 +77,19 @@ class Entry:
         When the estimate is not valid, or a figure of it is impossible.
     """
 
-    __slots__ = (
-        "_estimate",
-        "_file",
-        "_flown",
-        "_packed",
-        "count",
-        "cycles",
-        "hours",
-        "number",
-        "stamp_ns",
-    )
+    estimate: Estimate
+    hours: float
+    cycles: int
+    count: Count | None = None
+    flown: FlownDuty | None = None
 
-    def __init__(
-        self,
-        estimate: Estimate,
-        hours: float,
-        cycles: int,
-        count: Count | None = None,
-        flown: FlownDuty | None = None,
-    ) -> None:
-        Measurement.of(estimate, 0.0 if math.isnan(hours) else hours)
-        self.stamp_ns = estimate.end_ns
-        self.hours = hours
-        self.cycles = cycles
-        self.count = count
-        self.number = 0
-        self._flown = flown.as_array() if flown else None
-        self._estimate: Estimate | None = estimate
-        self._packed = b""
-
-    @classmethod
-    def of_row(cls, row: EntryRow, file: "EntryFile") -> Self:
-        """Return a test that is left to a file."""
-        entry = cls.__new__(cls)
-        entry.number, entry.stamp_ns, entry.hours, entry.cycles = row[:4]
-        entry.count = None if row.count_cycles < 0 else Count(*row[4:])
-        entry.leave_to(file)
-        return entry
-
-    def as_row(self) -> EntryRow:
-        """Return what remains in memory once it is left to a file."""
-        count = self.count
-        counted = (count.stamp_ns, count.hours, count.cycles) if count else (0, 0.0, -1)
-        return EntryRow(self.number, self.stamp_ns, self.hours, self.cycles, *counted)
+    def __post_init__(self) -> None:
+        Measurement.of(self.estimate, 0.0 if math.isnan(self.hours) else self.hours)
 
     @property
-    def flown(self) -> FlownDuty | None:
-        """Duty since the valid test before; made anew at each call.
-
-        Raises
-        ------
-        ValueError
-            When it is in a file and cannot be read.
-        """
-        # In this order: another thread may be leaving it.
-        figures = self._flown
-        if not (self._estimate or self._packed):
-            return self._file.read_duty(self)
-        return FlownDuty.of_array(figures) if figures else None
-
-    @property
-    def estimate(self) -> Estimate:
-        """Estimate of its window; made anew at each call once it is packed, or left to a file.
-
-        Raises
-        ------
-        ValueError
-            When it is in a file and cannot be read.
-        """
-        kept = self.in_memory
-        return self._file.read_estimate(self) if kept is None else kept
-
-    @property
-    def in_memory(self) -> Estimate | None:
-        """The estimate, as ``estimate`` gives it; None when it is in a file alone."""
-        estimate, packed = self._estimate, self._packed
-        return estimate or (unpack(packed) if packed else None)
-
-    def pack(self) -> None:
-        """Keep the estimate in a quarter of the memory, as one that is seldom read."""
-        if self._estimate is not None:
-            # In this order: another thread may be reading.
-            self._packed = pack(self._estimate)
-            self._estimate = None
-
-    def leave_to(self, file: "EntryFile") -> None:
-        """Keep estimate and duty no longer: a file gives them from now on."""
-        # In this order: another thread may be reading.
-        self._file: EntryFile = file
-        self._estimate, self._packed, self._flown = None, b"", None
-
-
-class EntryFile(Protocol):
-    """Where estimates and duty are that are not in memory; any thread may read.
-
-    Both methods raise ``ValueError`` when they cannot be read.
-    """
-
-    def read_estimate(self, entry: Entry) -> Estimate:
-        """Return the estimate of a test."""
-        ...
-
-    def read_duty(self, entry: Entry) -> FlownDuty | None:
-        """Return the duty before a test; None where it is not known."""
-        ...
+    def stamp_ns(self) -> int:
+        """Stamp of the window's end [ns]."""
+        return self.estimate.end_ns
 
 
 @dataclass(frozen=True, slots=True)

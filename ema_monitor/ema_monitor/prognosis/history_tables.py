@@ -11,18 +11,13 @@ from ema_core.description import UnitKey
 from ema_monitor.prognosis.assessment import Assessment, assessment_from, assessment_text
 from ema_monitor.prognosis.history_entry import Entry, UnusedCycle, as_text, entry_of
 
-SCHEMA_VERSION: Final = 6
-"""``user_version`` of the database.
+SCHEMA_VERSION: Final = 7
+"""``user_version`` of the database."""
 
-1 and 2 were files of JSON lines, 3 and 4 had no chain of hashes, 5 no duty in its records.
-"""
-
-_CHAINED_SINCE: Final = 5
-_EARLIER: Final = (3, 4, 5)
 _TABLES: Final = (
     "CREATE TABLE IF NOT EXISTS unit (actuator_id TEXT NOT NULL, serial_number TEXT NOT NULL)",
     "CREATE TABLE IF NOT EXISTS test (number INTEGER PRIMARY KEY, record TEXT NOT NULL, "
-    "crc32 INTEGER NOT NULL, chain BLOB)",
+    "crc32 INTEGER NOT NULL, chain BLOB NOT NULL)",
     "CREATE TABLE IF NOT EXISTS assessment (end_ns INTEGER PRIMARY KEY, record TEXT NOT NULL, "
     "crc32 INTEGER NOT NULL)",
     "CREATE TABLE IF NOT EXISTS head (tests INTEGER NOT NULL, chain BLOB NOT NULL)",
@@ -46,20 +41,16 @@ def empty(unit: UnitKey) -> Head:
 
 
 def prepare(db: sqlite3.Connection, unit: UnitKey) -> None:
-    """Make the tables of a new file, or those that one of an earlier version has not."""
+    """Make the tables of a new file."""
     # Also where nothing is to be made: it shows whether the file can be written.
     db.execute("BEGIN IMMEDIATE")
     with db:
-        version = db.execute("PRAGMA user_version").fetchone()[0]
-        if version == SCHEMA_VERSION:
+        if db.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]:
             return
-        is_new = not db.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]
         for statement in _TABLES:
             db.execute(statement)
-        if is_new:
-            db.execute("INSERT INTO unit VALUES (?, ?)", unit)
-        if version < _CHAINED_SINCE:
-            _begin_chain(db, unit)
+        db.execute("INSERT INTO unit VALUES (?, ?)", unit)
+        db.execute("INSERT INTO head VALUES (?, ?)", empty(unit))
         db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 
@@ -74,23 +65,11 @@ def check_kind(db: sqlite3.Connection, unit: UnitKey) -> None:
     if not db.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]:
         return
     version = db.execute("PRAGMA user_version").fetchone()[0]
-    if version not in (SCHEMA_VERSION, *_EARLIER):
+    if version != SCHEMA_VERSION:
         raise ValueError(f"its schema version is {version}, expected {SCHEMA_VERSION}")
     units = db.execute("SELECT actuator_id, serial_number FROM unit").fetchall()
     if units != [unit]:
         raise ValueError(f"it is of unit {units}, not {unit}")
-
-
-def _begin_chain(db: sqlite3.Connection, unit: UnitKey) -> None:
-    """Chain the tests of a file of an earlier version as they are."""
-    if "chain" not in [row[1] for row in db.execute("PRAGMA table_info(test)")]:
-        db.execute("ALTER TABLE test ADD COLUMN chain BLOB")
-    head = empty(unit)
-    for number, record in db.execute("SELECT number, record FROM test ORDER BY number").fetchall():
-        head = _after(head, record)
-        db.execute("UPDATE test SET chain = ? WHERE number = ?", (head.chain, number))
-    db.execute("DELETE FROM head")
-    db.execute("INSERT INTO head VALUES (?, ?)", head)
 
 
 def _after(head: Head, record: str) -> Head:
@@ -120,46 +99,18 @@ def insert_assessments(db: sqlite3.Connection, assessments: Iterable[Assessment]
         db.executemany("INSERT OR REPLACE INTO assessment VALUES (?, ?, ?)", rows)
 
 
-def read_assessments(
-    db: sqlite3.Connection, first_ns: int = -(2**63), last_ns: int = 2**63 - 1
-) -> Iterator[Assessment]:
+def read_assessments(db: sqlite3.Connection) -> Iterator[Assessment]:
     """Return the assessments in the order of their tests.
-
-    Parameters
-    ----------
-    first_ns, last_ns
-        Stamps of the first and the last one that is wanted [ns].
 
     Raises
     ------
     ValueError, KeyError, TypeError
         When one is damaged.
     """
-    rows = db.execute(
-        "SELECT record, crc32 FROM assessment WHERE end_ns BETWEEN ? AND ? ORDER BY end_ns",
-        (first_ns, last_ns),
-    )
-    for record, checksum in rows:
+    for record, checksum in db.execute("SELECT record, crc32 FROM assessment ORDER BY end_ns"):
         if not _is_whole(record, checksum):
             raise ValueError("an assessment is damaged: its checksum is wrong")
         yield assessment_from(record)
-
-
-def read_test(db: sqlite3.Connection, number: int) -> Test:
-    """Return the test of a number.
-
-    Raises
-    ------
-    ValueError, KeyError, TypeError
-        When it is not there, or damaged.
-    """
-    row = db.execute("SELECT record, crc32 FROM test WHERE number = ?", (number,)).fetchone()
-    if row is None:
-        raise ValueError("it is missing")
-    record, checksum = row
-    if not _is_whole(record, checksum):
-        raise ValueError("its checksum is wrong")
-    return entry_of(record)
 
 
 def read_tests(db: sqlite3.Connection, unit: UnitKey, add: Callable[[Test], None]) -> Head:

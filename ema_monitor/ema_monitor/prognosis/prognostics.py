@@ -76,7 +76,7 @@ class Prognostics:
         history.growth = b""
         # Tests of the state of the tracker that was kept last.
         self._kept_tests = self.growth.kept_tests
-        self._events = tuple(filter(None, (history.imported, history.problem)))
+        self._events = tuple(filter(None, (history.problem,)))
         self._ignores_usage = False
         # Stamp of a test [ns], and the hour of the first of those up to it that were all ERROR [h].
         self._failed_before = -1, math.nan
@@ -262,12 +262,6 @@ class Prognostics:
         """Add a test to what is known of growth; return its events, in words."""
         try:
             return self.growth.add(entry)
-        except Exception as error:
-            # It has the test in part, or rests on one that its history has lost.
-            event = f"growth is found anew from all tests, as the next could not be added: {error}"
-            self._find_growth_anew()
-        try:
-            return [event, *self.growth.add(entry)]
         except Exception:
             # The test enters neither growth nor history.
             self._find_growth_anew()

@@ -1,6 +1,7 @@
 """By when to remove a unit, at the risk that its operator accepts."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -8,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ema_monitor.prognosis.growth.prediction import RemainingLife
-from ema_monitor.prognosis.packed_rows import PackedRows
 from ema_monitor.prognosis.service import TimedTest
 
 _QUANTILE: Final = 0.05
@@ -74,7 +74,7 @@ def removal_of(
     return Removal(risk, hours, hours / hours_per_cycle, hours / hours_a_day, hours_a_day)
 
 
-def usage_of(used: PackedRows[TimedTest]) -> float:
+def usage_of(used: Sequence[TimedTest]) -> float:
     """Return the present usage [h/d]: that of the last 90 days, as far as there are tests.
 
     NaN when the tests do not span a day, or when more hours than a day has would be flown in one:
@@ -88,7 +88,7 @@ def usage_of(used: PackedRows[TimedTest]) -> float:
     if not used:
         return math.nan
     last = used[-1]
-    latest_ns = np.maximum.accumulate(used.column("stamp_ns"))
+    latest_ns = np.maximum.accumulate([test.stamp_ns for test in used])
     first = used[int(np.searchsorted(latest_ns, last.stamp_ns - _RECENT_NS))]
     span_ns = last.stamp_ns - first.stamp_ns
     if span_ns < _LEAST_NS:

@@ -1,17 +1,13 @@
 """Service life of a unit: the service hours at its tests."""
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import dropwhile, takewhile
 from typing import Final, NamedTuple, Self
 
-import numpy as np
-
 from ema_core.quantity import check_quantities, quantity
 from ema_core.wording import counted
 from ema_monitor.prognosis.history_entry import Entry
-from ema_monitor.prognosis.packed_rows import PackedRows
 
 UNKNOWN_HOURS: Final = (
     "service hours are unknown: no count on topic usage was read before the test, and the "
@@ -75,14 +71,6 @@ class TimedTest(NamedTuple):
         return cls(entry.stamp_ns, hours, entry.cycles, entry.count is not None)
 
 
-def timed_tests(tests: Iterable[TimedTest] = ()) -> PackedRows[TimedTest]:
-    """Return tests in little memory, to which more can be added."""
-    packed = PackedRows(TimedTest)
-    for test in tests:
-        packed.append(test)
-    return packed
-
-
 class ServiceHours:
     """Service hours of one unit at its tests, which never go back.
 
@@ -106,11 +94,11 @@ class ServiceHours:
     """
 
     def __init__(self) -> None:
-        self.used = timed_tests()
+        self.used: list[TimedTest] = []
         self.latest: Entry | None = None
         self.unknown = ""
         # Tests since the latest used one, that of the held count among them.
-        self._waiting = timed_tests()
+        self._waiting: list[TimedTest] = []
         self._held: TimedTest | None = None
         # The first test with the latest count.
         self._counted: Entry | None = None
@@ -127,8 +115,7 @@ class ServiceHours:
 
     def by_stamp(self) -> dict[int, float]:
         """Return the service hours of those used [h] by their stamps [ns]."""
-        stamps_ns, hours = self.used.column("stamp_ns"), self.used.column("hours")
-        return dict(zip(stamps_ns.tolist(), hours.tolist(), strict=True))
+        return {test.stamp_ns: test.hours for test in self.used}
 
     def after(self, cycles: int, hours_per_cycle: float) -> float:
         """Return the service hours at a further test by the cycles since the latest known [h].
@@ -168,7 +155,7 @@ class ServiceHours:
         """Leave out tests at hours by test cycles: they do not mix with counted ones."""
         if not (dropped := self._uncounted):
             return []
-        self.used = self.used.only(self.used.column("is_counted"))
+        self.used = [test for test in self.used if test.is_counted]
         self._uncounted, self._rates, self._most_rate = 0, 0, 0.0
         return [
             f"service hours are counted from now on: {_tests(dropped)} before, at hours by "
@@ -195,13 +182,13 @@ class ServiceHours:
             )
             return []
         event = f"service hours set {change}"
-        are_kept = self.used.column("hours") <= held.hours
-        if dropped := int(np.sum(~are_kept)):
+        kept = [test for test in self.used if test.hours <= held.hours]
+        if dropped := len(self.used) - len(kept):
             event += f": {_tests(dropped)} at more than {held.hours:g} h left out"
-            self.used = self.used.only(are_kept)
+            self.used = kept
             # There are no hours between those before the held test and its own.
             since = dropwhile(lambda one: one.stamp_ns != held.stamp_ns, self._waiting)
-            self._waiting = timed_tests(since)
+            self._waiting = list(since)
         self._use(held)
         self._accept(test)
         return [event]
@@ -223,9 +210,9 @@ class ServiceHours:
 
     def _use(self, test: TimedTest) -> None:
         """Use a test, and before it those that waited, at interpolated hours."""
-        waiting = list(self._waiting)
+        waiting = self._waiting
         earlier = list(takewhile(lambda one: one.stamp_ns != test.stamp_ns, waiting))
-        self._waiting = timed_tests(waiting[len(earlier) + 1 :])
+        self._waiting = waiting[len(earlier) + 1 :]
         if self.used:
             last = self.used[-1]
             span = max(test.stamp_ns - last.stamp_ns, 1)

@@ -19,7 +19,6 @@ _KINDS: Final = {
     "the history": "history",
 }
 """Kinds of events by how they begin in words."""
-_IMPORTED: Final = "test cycles are imported from"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,4 +46,4 @@ class UnitEvent:
 def kind_and_text(words: str) -> tuple[str, str]:
     """Return the kind of an event of an outlook, and its words without that in front."""
     kind = next((kind for start, kind in _KINDS.items() if words.startswith(start)), OTHER)
-    return "history" if _IMPORTED in words else kind, words.removeprefix(f"{kind}: ")
+    return kind, words.removeprefix(f"{kind}: ")

@@ -1,8 +1,9 @@
 """Duty of a unit from test to test: hours of growth at its tests, and duty to come by the past."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 from ema_monitor.prognosis.duty.damage import MEASURE, DamageSettings, damage_row
 from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.history_entry import Entry
-from ema_monitor.prognosis.packed_rows import PackedRows
 from ema_monitor.prognosis.service import TimedTest
 
 REFERENCE_TESTS: Final = 10
@@ -184,39 +184,28 @@ def duty_changes(relative: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.array(found[::-1], np.intp)
 
 
-class _Passed(NamedTuple):
-    """Damage up to a test, the columns of ``damage_row`` summed up."""
-
-    stamp_ns: int
-    telemetry: float
-    travel: float
-    wear: float
-    warm: float
-    ageing: float
-
-
 class DutyRecord:
     """Damage in the tests of a unit, from which its course follows for those that are used."""
 
     def __init__(self, settings: DamageSettings) -> None:
         self._settings = settings
-        self._passed = PackedRows(_Passed)
-        self._latest = np.zeros(len(_Passed._fields) - 1)
+        self._stamps_ns: list[int] = []
+        self._passed: list[NDArray[np.float64]] = []
+        self._latest = np.zeros(5)
 
     def add(self, entry: Entry) -> None:
         """Add the next test."""
         self._latest = self._latest + damage_row(entry.flown, self._settings)
-        self._passed.append(_Passed(entry.stamp_ns, *self._latest.tolist()))
+        self._stamps_ns.append(entry.stamp_ns)
+        self._passed.append(self._latest)
 
-    def course(self, used: PackedRows[TimedTest]) -> DutyCourse | None:
+    def course(self, used: Sequence[TimedTest]) -> DutyCourse | None:
         """Return the duty between tests in the order of their hours; None without any known."""
         if len(used) <= REFERENCE_TESTS or not self._latest[0]:
             return None
-        hours = used.column("hours")
-        places = _places(self._passed.column("stamp_ns"), used.column("stamp_ns"))
-        telemetry, travel, wear, warm, ageing = (
-            np.diff(self._passed.column(name)[places]) for name in _Passed._fields[1:]
-        )
+        hours = np.array([test.hours for test in used])
+        places = _places(np.array(self._stamps_ns), np.array([test.stamp_ns for test in used]))
+        telemetry, travel, wear, warm, ageing = np.diff(np.array(self._passed)[places], axis=0).T
         elapsed = np.diff(hours)
         least = np.maximum(self._settings.least_coverage * elapsed, 1e-12)
         least = np.where(elapsed > 0.0, least, np.inf)
