@@ -3,7 +3,7 @@
 rclpy has no public way to receive what waits for one subscription without waiting for all, to read
 the state of a lifecycle in its own process, to destroy a state machine with its node, to catch what
 the service ``change_state`` raises, or to list the parameters that were given to a node.
-tests/library/test_rclpy_private.py fails where another version differs. Checked with 7.1 (Jazzy).
+Checked with 7.1 (Jazzy).
 """
 
 from collections.abc import Callable, Mapping

@@ -1,6 +1,6 @@
 """What libraries do not promise is used in three files, and does there what it is used for.
 
-``test_rclpy_private.py`` has the tests of rclpy; lanes, operation by operation, are tested in
+Lanes, operation by operation, are tested in
 ``tests/core/test_simd.py``, the cache of kernels in ``tests/core/test_jit.py``.
 """
 

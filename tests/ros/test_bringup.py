@@ -219,14 +219,6 @@ def test_recorder_is_launched_when_a_bag_is_named_and_ends_all_when_it_fails():
 
 
 @pytest.mark.usefixtures("launch_modules")
-def test_history_beside_the_simulated_actuator_is_in_memory_unless_a_folder_is_named():
-    assert own_of(nodes_of("ema.launch.py")["monitor"]) == {"history_folder": ""}
-    nodes = nodes_of("ema.launch.py", history_folder="kept")
-    assert own_of(nodes["monitor"]) == {"history_folder": "kept"}
-    assert own_of(nodes_of("monitor.launch.py")["monitor"]) == {}
-
-
-@pytest.mark.usefixtures("launch_modules")
 def test_fleet_is_actuators_of_different_names_on_the_topics_of_one_monitor():
     nodes = nodes_of("fleet.launch.py", calibration_file="/c/{actuator_id}.yaml")
     assert own_of(nodes["monitor"])["calibration_file"] == "/c/{actuator_id}.yaml"
@@ -327,14 +319,6 @@ def test_own_parameter_file_overrides_that_of_the_simulated_actuators_monitor(tm
 
 
 @pytest.mark.usefixtures("launch_modules")
-def test_files_of_ones_own_actuator_override_the_parameter_file_only_when_given():
-    [monitor] = nodes_of("monitor.launch.py", monitor_params="own.yaml").values()
-    assert (monitor["parameters"][0], own_of(monitor)) == ("own.yaml", {})
-    [monitor] = nodes_of("monitor.launch.py", calibration_file="c", actuator_file="a").values()
-    assert own_of(monitor) == {"calibration_file": "c", "actuator_file": "a"}
-
-
-@pytest.mark.usefixtures("launch_modules")
 def test_replay_runs_in_simulated_time_and_plays_the_actuator_only():
     nodes = nodes_of("replay.launch.py", bag="4711", rate="4")
     assert own_of(nodes["monitor"]) == {"use_sim_time": True}
@@ -389,11 +373,6 @@ def test_parameter_file_names_declared_parameters_at_their_defaults(node_name):
     assert values == declared(node_name)
 
 
-@pytest.mark.parametrize("node_name", NODES)
-def test_parameter_file_holds_in_any_namespace(node_name):
-    assert started(node_name, *ros_arguments(node_name, namespace="/left/outboard"))[1]
-
-
 def test_demo_makes_the_actuator_wear_out():
     files = [parameter_file("demo")]
     values, given = started("actuator", *ros_arguments("actuator", parameter_files=files))
@@ -401,13 +380,6 @@ def test_demo_makes_the_actuator_wear_out():
     assert values["growth.friction.law"] == "exponential"
     # The demo's own seed overrides that of the shipped file.
     assert (declared("actuator")["seed"], values["seed"]) == (0, 1)
-
-
-def test_later_parameters_override():
-    arguments = ros_arguments(
-        "actuator", parameter_files=[parameter_file("demo")], assignments=["seed:=7"]
-    )
-    assert started("actuator", *arguments)[0]["seed"] == 7
 
 
 @pytest.mark.parametrize("name", ["worn out", ""])

@@ -51,21 +51,6 @@ def test_messages_are_heard_in_order_while_a_service_waits(context, make_node, s
     assert len(begun) == 2
 
 
-def test_what_a_callback_raises_is_told_and_the_next_is_run(context, make_node, spin):
-    node, told = make_node("clumsy"), []
-    calls: list[int] = []
-
-    def stumble() -> None:
-        calls.append(len(calls))
-        if len(calls) == 1:
-            raise ValueError("stumbled")
-
-    node.create_timer(0.02, stumble)
-    spin(NodeExecutor(told.append, context=context), node)
-    wait_for(lambda: len(calls) > 2, "further calls")
-    assert [str(error) for error in told] == ["stumbled"]
-
-
 def test_messages_that_have_come_are_heard_in_a_row_but_not_without_end(context, make_node):
     """To wait for each anew takes longer than the message does."""
     node, peer = make_node("slow"), make_node("peer")

@@ -101,16 +101,6 @@ def test_listed_actuators_are_followed_alone_and_one_that_is_silent_is_seen():
         assert "not listed in the parameter actuators" in get_history(session, "tab").message
 
 
-def test_impossible_shard_and_list_keep_the_node_from_starting(make_node):
-    for given, reason in (
-        ({"shard.index": 2, "shard.count": 2}, r"parameter shard\.index = 2: expected at most 1"),
-        ({"actuators": ["flap", "flap"]}, "parameter actuators = .* is given twice"),
-    ):
-        overrides = [Parameter(name, value=value) for name, value in given.items()]
-        with pytest.raises(ValueError, match=reason):
-            make_node(kind=MonitorNode, parameter_overrides=overrides)
-
-
 def test_monitors_share_actuators_and_one_folder_without_a_common_file(tmp_path: Path):
     names = [f"tab_{number}" for number in range(4)]
     shards = {name: shard_of(name, 2) for name in names}

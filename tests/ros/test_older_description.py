@@ -14,7 +14,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
-from ema_recording import schema
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.message_type import type_hash
 from ema_recording.reader import Bag
@@ -87,11 +86,6 @@ def test_older_description_is_read_with_the_defaults(old_bag: Path):
     assert recorded.descriptions[0].acquisition == Acquisition()
 
 
-def test_older_description_is_read_without_ros(old_bag: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("AMENT_PREFIX_PATH", "")
-    assert read_telemetry(Bag(old_bag)).descriptions == (DESCRIPTION,)
-
-
 def test_older_message_becomes_one_of_the_installed_type(old_bag: Path):
     bag = Bag(old_bag)
     [topic] = bag.topics_of(DESCRIPTION_TYPE)
@@ -112,13 +106,3 @@ def test_only_fields_with_a_default_may_be_missing():
     renamed = older_text().replace("float64 gear_ratio", "float64 ratio")
     with pytest.raises(ValueError, match=r"is not the installed one.*float64 ratio"):
         to_installed(DESCRIPTION_TYPE, renamed, other_hash)
-
-
-def test_defaults_of_a_definition_are_found_by_kind():
-    text = (
-        "uint8 SIZE=3\nuint8 count 4 # so many\nfloat64 gain 0.5\nbool on true\nbool off false\n"
-        'string name "none"\nfloat64[] row\nfloat64 bare # 0.5\n'
-    )
-    assert schema._defaults(text) == {
-        **{"count": 4, "gain": 0.5, "on": True, "off": False, "name": "none"}
-    }

@@ -25,8 +25,6 @@ from .graph import Graph
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "bags" / "faulty_flap.mcap"
-VERBS = {"topics": {"publish", "subscribe"}, "services": {"reply", "request"}}
-VERBS["actions"] = {"call", "execute"}
 MAPPING = {
     "joint": "flap_joint",
     "position": {"topic": "/joint_states", "source": "position"},
@@ -153,33 +151,6 @@ def test_every_node_has_a_policy_that_is_kept():
     assert {f"{name}.policy.xml" for name in (*NODES, "watch", "demo")} == set(made)
     kept = {path.name: path.read_text() for path in (ROOT / FOLDER).iterdir()}
     assert kept == made, "run `make policies`"
-
-
-@pytest.mark.parametrize(("namespace", "ns"), [("/ema", "/ema"), ("/left/ema", "/left/ema")])
-def test_policy_is_as_the_schema_wants_it(namespace, ns):
-    for _, text in policy_files(namespace, ["/joint_states"]):
-        policy = ElementTree.fromstring(text)
-        assert (policy.tag, policy.attrib) == ("policy", {"version": "0.2.0"})
-        [enclaves] = policy
-        [enclave] = enclaves
-        [profiles] = enclave
-        [profile] = profiles
-        tags = [item.tag for item in (enclaves, enclave, profiles, profile)]
-        assert tags == ["enclaves", "enclave", "profiles", "profile"]
-        place, node = profile.attrib["ns"], profile.attrib["node"]
-        assert place in (ns, f"/{node}")
-        assert enclave.attrib == {"path": f"{place}/{node}"}
-        assert len(profile)
-        for rule in profile:
-            [(verb, value)] = rule.attrib.items()
-            assert verb in VERBS[rule.tag]
-            assert value == "ALLOW"
-            assert len(rule)
-            for item in rule:
-                assert item.tag == rule.tag.removesuffix("s")
-                assert item.text is not None
-                # A name that is not absolute would depend on how a version of sros2 reads it.
-                assert item.text.startswith("/")
 
 
 def test_bridge_is_permitted_what_its_mapping_names(tmp_path):

@@ -52,16 +52,6 @@ def test_paths_of_a_studio_layout_exist(name):
         assert topic in CLASSES
 
 
-@pytest.mark.parametrize("name", ["foxglove.json", "lichtblick.json"])
-def test_every_panel_of_a_studio_layout_has_its_place(name):
-    content = json.loads((FOLDER / name).read_text())
-
-    def places(tree: Any) -> list[str]:
-        return [tree] if isinstance(tree, str) else places(tree["first"]) + places(tree["second"])
-
-    assert sorted(places(content["layout"])) == sorted(content["configById"])
-
-
 def test_curves_of_the_plotjuggler_layout_exist():
     tree = ElementTree.parse(FOLDER / "plotjuggler.xml")
     curves = [curve.attrib["name"] for curve in tree.iter("curve")]

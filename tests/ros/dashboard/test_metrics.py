@@ -251,13 +251,3 @@ def test_grafana_asks_for_metrics_and_labels_that_are_there(metrics):
         assert set(grouped.split(", ")) - {""} <= labels[found[0][0]], query
     # All that is lost is shown.
     assert {name for name in labels if "_lost" in name or "_dropped" in name} <= asked
-
-
-def test_panels_of_grafana_do_not_overlap():
-    taken = set()
-    for panel in panels():
-        x, y, w, h = (panel["gridPos"][side] for side in "xywh")
-        cells = {(x + i, y + j) for i in range(w) for j in range(h)}
-        assert x + w <= 24
-        assert not taken & cells, panel["title"]
-        taken |= cells
