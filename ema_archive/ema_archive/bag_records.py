@@ -15,8 +15,8 @@ Place = tuple[str, str, str]
 """Model, unit and month of a part of the tables."""
 
 DUE: Final = """
-(state IN ('new', 'failed') OR seen <> mark OR software <> :software OR settings <> :settings
- OR EXISTS (SELECT 1 FROM begun WHERE begun.url = bag.url)
+(state IN ('new', 'interrupted', 'failed') OR seen <> mark OR software <> :software
+ OR settings <> :settings
  OR EXISTS (
     SELECT 1 FROM part LEFT JOIN current
     ON current.unit = part.unit
@@ -35,10 +35,10 @@ class BagRecords(Database):
         """Note bags as they are listed."""
         with transaction(self._db):
             self._db.executemany(
-                "INSERT INTO bag (url, folder, size, mark, beside, scan) VALUES (?, ?, ?, ?, ?, ?) "
-                "ON CONFLICT (url) DO UPDATE SET folder = excluded.folder, size = excluded.size, "
-                "mark = excluded.mark, beside = excluded.beside, scan = excluded.scan",
-                [(bag.url, bag.folder, bag.size, bag.mark, bag.beside, scan) for bag in bags],
+                "INSERT INTO bag (url, size, mark, beside, scan) VALUES (?, ?, ?, ?, ?) "
+                "ON CONFLICT (url) DO UPDATE SET size = excluded.size, mark = excluded.mark, "
+                "beside = excluded.beside, scan = excluded.scan",
+                [(bag.url, bag.size, bag.mark, bag.beside, scan) for bag in bags],
             )
 
     def find_due(self, settings: ArchiveSettings) -> int:
@@ -72,36 +72,35 @@ class BagRecords(Database):
     def begin(self, results: Iterable[BagResult]) -> dict[Place, set[str]]:
         """Note where rows of bags are about to be written, and return where they may be already.
 
-        What was begun and not committed, as before a kill, is among them until it is, and due.
+        Until the bags are committed they are interrupted, and due.
 
         Returns
         -------
         dict
             Bags by the part of the tables in which their rows are to be replaced.
         """
+        db = self._db
         places: dict[Place, set[str]] = {}
-        with transaction(self._db):
+        with transaction(db):
             for one in results:
                 url = one.task.url
-                new = {
-                    (part.model, part.unit, month) for part in one.units for month in part.months
-                }
-                # Also those of rows that are taken away: until the bag is committed, what was
-                # noted of it is not what the tables have.
-                every = new | self._places_of(url)
-                self._db.executemany(
-                    "INSERT OR IGNORE INTO begun VALUES (?, ?, ?, ?)",
-                    [(url, *place) for place in every],
-                )
-                for place in every:
-                    places.setdefault(place, set()).add(url)
+                months: dict[tuple[str, str], set[str]] = {}
+                for part in one.units:
+                    months[part.model, part.unit] = set(part.months)
+                for model, unit, names in db.execute(
+                    "SELECT model, unit, months FROM part WHERE url = ?", (url,)
+                ):
+                    months.setdefault((model, unit), set()).update(names.split())
+                db.execute("UPDATE bag SET state = 'interrupted' WHERE url = ?", (url,))
+                for (model, unit), names in months.items():
+                    db.execute(
+                        "INSERT INTO part VALUES (?, ?, ?, '', '', ?, 0) "
+                        "ON CONFLICT (url, unit, model) DO UPDATE SET months = excluded.months",
+                        (url, unit, model, " ".join(sorted(names))),
+                    )
+                    for month in names:
+                        places.setdefault((model, unit, month), set()).add(url)
         return places
-
-    def _places_of(self, url: str) -> set[Place]:
-        rows = self._db.execute("SELECT model, unit, months FROM part WHERE url = ?", (url,))
-        places = {(model, unit, month) for model, unit, months in rows for month in months.split()}
-        begun = self._db.execute("SELECT model, unit, month FROM begun WHERE url = ?", (url,))
-        return places | set(begun)
 
     def moved(self, results: Iterable[BagResult]) -> list[str]:
         """Return the addresses of bags that are gone and whose content one of the results has."""
@@ -134,7 +133,6 @@ class BagRecords(Database):
             for url in moved:
                 self._forget_parts(url)
                 db.execute("DELETE FROM bag WHERE url = ?", (url,))
-            self._advance()
 
     def _forget_parts(self, url: str) -> None:
         """Forget what a bag has of which unit; these are then due."""
@@ -142,7 +140,6 @@ class BagRecords(Database):
             "UPDATE unit SET is_due = 1 WHERE unit IN (SELECT unit FROM part WHERE url = ?)", (url,)
         )
         self._db.execute("DELETE FROM part WHERE url = ?", (url,))
-        self._db.execute("DELETE FROM begun WHERE url = ?", (url,))
 
     def _commit_bag(self, one: BagResult, settings: ArchiveSettings) -> None:
         db, url = self._db, one.task.url

@@ -10,26 +10,14 @@ from ema_monitor.calibration.loading import AnyCalibration, load_calibration
 _KEPT = 256
 
 
-def source_of(pattern: str, beside: str) -> str:
-    """Return where the calibration of a bag comes from; empty for the shipped one.
-
-    Parameters
-    ----------
-    pattern
-        That of the archive's settings.
-    beside
-        The calibration beside the bag; empty when there is none.
-    """
-    return pattern or beside
-
-
 def calibration_of(source: str, actuator_id: str, serial_number: str) -> AnyCalibration | str:
     """Return the calibration of a unit, or why there is none.
 
     Parameters
     ----------
     source
-        As of `source_of`; ``{actuator_id}`` and ``{serial_number}`` stand for those of the unit.
+        The pattern of the archive's settings, or else the calibration beside the bag; empty for the
+        shipped one. ``{actuator_id}`` and ``{serial_number}`` stand for those of the unit.
 
     Raises
     ------

@@ -9,11 +9,11 @@ from typing import Any, Final, Self
 FILE: Final = "archive.sqlite"
 """Name of the database in an archive."""
 
-_VERSION: Final = 2
+_VERSION: Final = 3
 _TABLES: Final = """
 CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE bag (
-    url TEXT PRIMARY KEY, folder TEXT NOT NULL, size INTEGER NOT NULL, mark TEXT NOT NULL,
+    url TEXT PRIMARY KEY, size INTEGER NOT NULL, mark TEXT NOT NULL,
     beside TEXT NOT NULL, scan INTEGER NOT NULL, state TEXT NOT NULL DEFAULT 'new',
     seen TEXT NOT NULL DEFAULT '', sha256 TEXT NOT NULL DEFAULT '',
     software TEXT NOT NULL DEFAULT '', settings TEXT NOT NULL DEFAULT '',
@@ -23,11 +23,7 @@ CREATE TABLE bag (
 CREATE TABLE part (
     url TEXT NOT NULL, unit TEXT NOT NULL, model TEXT NOT NULL, source TEXT NOT NULL,
     calibration_id TEXT NOT NULL, months TEXT NOT NULL, last_ns INTEGER NOT NULL,
-    PRIMARY KEY (url, unit)
-) WITHOUT ROWID;
-CREATE TABLE begun (
-    url TEXT NOT NULL, model TEXT NOT NULL, unit TEXT NOT NULL, month TEXT NOT NULL,
-    PRIMARY KEY (url, model, unit, month)
+    PRIMARY KEY (url, unit, model)
 ) WITHOUT ROWID;
 CREATE INDEX bag_of_content ON bag (sha256);
 CREATE INDEX part_of_unit ON part (unit, last_ns);
@@ -39,13 +35,6 @@ CREATE TABLE unit (
 CREATE TEMP TABLE current (source TEXT, unit TEXT, id TEXT, PRIMARY KEY (source, unit))
     WITHOUT ROWID;
 """
-# From each version to the next.
-_CHANGES: Final = {
-    1: (
-        "ALTER TABLE unit ADD COLUMN record TEXT NOT NULL DEFAULT '{}'",
-        "CREATE INDEX bag_of_content ON bag (sha256)",
-    )
-}
 
 
 class Database(AbstractContextManager[Any, None]):
@@ -110,8 +99,10 @@ class Database(AbstractContextManager[Any, None]):
     def _prepare(self, path: Path) -> None:
         db = self._db
         version = db.execute("PRAGMA user_version").fetchone()[0]
-        if version not in (0, *_CHANGES, _VERSION):
-            raise ValueError(f"{path} has version {version}, expected {_VERSION}")
+        if version not in (0, _VERSION):
+            raise ValueError(
+                f"{path} has version {version}, expected {_VERSION}: scan the bags to a new archive"
+            )
         *tables, current = _TABLES.split(";\n")[:-1]
         if version == 0:
             db.execute("PRAGMA journal_mode = WAL")
@@ -119,27 +110,10 @@ class Database(AbstractContextManager[Any, None]):
                 for statement in tables:
                     db.execute(statement)
                 db.execute(f"PRAGMA user_version = {_VERSION}")
-        elif version != _VERSION:
-            self._renew()
         # A kill loses nothing that was committed; a loss of power may lose the last commits, whose
         # bags are then done again.
         db.execute("PRAGMA synchronous = NORMAL")
         db.execute(current)
-
-    def _renew(self) -> None:
-        """Make the database of earlier software one of this version."""
-        db = self._db
-        with transaction(db):
-            # Within the transaction, as another process may have done it meanwhile.
-            for number in range(db.execute("PRAGMA user_version").fetchone()[0], _VERSION):
-                for statement in _CHANGES[number]:
-                    db.execute(statement)
-            db.execute(f"PRAGMA user_version = {_VERSION}")
-
-    @property
-    def generation(self) -> int:
-        """Number of changes of bags and units so far."""
-        return int(self._get("generation", "0"))
 
     def _count(self, what: str, values: Any = ()) -> int:
         return self._db.execute(f"SELECT count(*) FROM {what}", values).fetchone()[0]
@@ -150,9 +124,6 @@ class Database(AbstractContextManager[Any, None]):
 
     def _set(self, name: str, value: str) -> None:
         self._db.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (name, value))
-
-    def _advance(self) -> None:
-        self._set("generation", str(self.generation + 1))
 
 
 class transaction(AbstractContextManager[None, None]):

@@ -80,7 +80,6 @@ class Manifest(BagRecords, UnitRecords):
         with transaction(self._db):
             self._set("sources", json.dumps(list(sources)))
             self._set("scan", str(number))
-            self._advance()
 
     def status(self, settings: ArchiveSettings) -> Status:
         """Return how the archive stands, by the calibrations and the software as they are now.
@@ -96,8 +95,8 @@ class Manifest(BagRecords, UnitRecords):
         reason = """CASE
             WHEN state = 'new' THEN 'new'
             WHEN state = 'failed' THEN 'could not be read'
+            WHEN state = 'interrupted' THEN 'interrupted'
             WHEN seen <> mark THEN 'changed'
-            WHEN url IN (SELECT url FROM begun) THEN 'interrupted'
             WHEN software <> :software THEN 'other software'
             WHEN settings <> :settings THEN 'other settings'
             ELSE 'other calibration' END"""

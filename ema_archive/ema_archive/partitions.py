@@ -146,23 +146,11 @@ def _quoted(name: str) -> str:
 
 
 def _read(path: Path, schema: pa.Schema) -> pa.Table:
-    """Return the rows of a file with the present columns; those that it lacks are null."""
     try:
         # Without what the names of its folders say.
-        table = pq.ParquetFile(path).read()
-    except pa.ArrowInvalid as error:
+        return pq.ParquetFile(path).read().cast(schema)
+    except (pa.ArrowInvalid, ValueError) as error:
         raise ValueError(f"{path} is damaged: {error}") from error
-    columns = []
-    for name, kind in zip(schema.names, schema.types, strict=True):
-        if name not in table.column_names:
-            # Written by earlier software.
-            columns.append(pa.nulls(table.num_rows, kind))
-            continue
-        try:
-            columns.append(table[name].cast(kind))
-        except (pa.ArrowInvalid, pa.ArrowNotImplementedError, pa.ArrowTypeError) as error:
-            raise ValueError(f"{path}: column {name!r} is no {kind}: {error}") from error
-    return pa.Table.from_arrays(columns, schema=schema)
 
 
 def _write(path: Path, table: pa.Table) -> None:

@@ -33,22 +33,18 @@ _PARTITIONED: Final = {
     "usage": ("model", "unit", "month"),
     "health": ("model", "unit"),
 }
-FORMATS: Final = {".csv": "FORMAT csv, HEADER", ".parquet": "FORMAT parquet, COMPRESSION zstd"}
-"""How a table is exported, by the suffix of the file."""
+FORMATS: Final = (".csv", ".parquet")
+"""Suffixes of the files to which a table is exported."""
 
 
 @contextmanager
-def opened(
-    archive: Path, *, exports_to: Path | None = None, has_tests: bool = True
-) -> Iterator[duckdb.DuckDBPyConnection]:
+def opened(archive: Path, *, has_tests: bool = True) -> Iterator[duckdb.DuckDBPyConnection]:
     """Yield a connection with a view for each table of an archive, and the ready ones.
 
     It reads the tables of the archive and no other file, and its settings cannot be changed.
 
     Parameters
     ----------
-    exports_to
-        The one file that may be written.
     has_tests
         Whether it has the tables with a row a test, which are many files, and views of them.
 
@@ -65,8 +61,6 @@ def opened(
             if has_tests:
                 _make_views_of_tests(db, tables)
             db.execute(f"SET allowed_directories = [{_text(f'{tables}/')}]")
-            if exports_to is not None:
-                db.execute(f"SET allowed_paths = [{_text(str(exports_to))}]")
             db.execute("SET enable_external_access = false")
             db.execute("SET lock_configuration = true")
             yield db
@@ -121,16 +115,18 @@ def export(archive: Path, question: str, path: Path) -> int:
         raise ValueError(f"{path}: expected a name that ends in {' or '.join(FORMATS)}")
     if question.isidentifier():
         question = f"SELECT * FROM {question}"
-    path = path.resolve()
-    with complete_file(path) as partial, opened(archive, exports_to=partial) as db:
-        query = _asked(db, question).sql_query()
-        # DuckDB's own temporary file is another name, which may not be written.
-        form = f"({FORMATS[path.suffix]}, USE_TMP_FILE false)"
+    with opened(archive) as db:
+        table = _asked(db, question).to_arrow_table()
+    with complete_file(path) as partial, duckdb.connect() as db:
+        rows = db.from_arrow(table)
         try:
-            done = db.execute(f"COPY ({query}) TO {_text(str(partial))} {form}")
+            if path.suffix == ".csv":
+                rows.write_csv(str(partial))
+            else:
+                rows.write_parquet(str(partial), compression="zstd")
         except duckdb.IOException as error:
             raise OSError(f"cannot be written: {_first_line(error)}") from error
-        return int((done.fetchone() or (0,))[0])
+    return table.num_rows
 
 
 def _asked(db: duckdb.DuckDBPyConnection, question: str) -> duckdb.DuckDBPyRelation:
@@ -159,7 +155,7 @@ def _make_views_of_tests(db: duckdb.DuckDBPyConnection, tables: Path) -> None:
         pattern = "/".join([*("*" for _ in keys), "*.parquet"])
         schema = pa.schema([*SCHEMAS[name], *((key, pa.string()) for key in keys)])
         types = ", ".join(f"'{key}': VARCHAR" for key in keys)
-        options = f"union_by_name = true, hive_partitioning = true, hive_types = {{{types}}}"
+        options = f", hive_partitioning = true, hive_types = {{{types}}}"
         has_files = next((tables / name).glob(pattern), None) is not None
         _make_view(db, name, schema, tables / name / pattern if has_files else None, options)
     _execute(db, "views.sql")
@@ -177,17 +173,17 @@ def _make_view(
     name: str,
     schema: pa.Schema,
     path: Path | None,
-    options: str = "union_by_name = true",
+    options: str = "",
 ) -> None:
-    """Make a table of files, with the present columns also where earlier software wrote them."""
-    empty = schema.empty_table()
-    db.register("_empty", empty)
+    """Make a view of files, or a table without rows where there are none."""
+    if path is not None:
+        read = f"read_parquet({_text(str(path))}{options})"
+        db.execute(f"CREATE VIEW {name} AS SELECT * FROM {read}")
+        return
+    db.register("_empty", schema.empty_table())
     db.execute(f"CREATE TABLE _no_{name} AS SELECT * FROM _empty")
     db.unregister("_empty")
-    parts = [f"SELECT * FROM _no_{name}"]
-    if path is not None:
-        parts.insert(0, f"SELECT * FROM read_parquet({_text(str(path))}, {options})")
-    db.execute(f"CREATE VIEW {name} AS {' UNION ALL BY NAME '.join(parts)}")
+    db.execute(f"CREATE VIEW {name} AS SELECT * FROM _no_{name}")
 
 
 def _text(words: str) -> str:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Final
 
 from ema_archive.bag_task import DAMAGED, DONE, FAILED, BagResult, BagTask, diagnose_bag
-from ema_archive.calibrations import source_of
 from ema_archive.manifest import Manifest
 from ema_archive.partitions import read_state, read_unit, replace_rows, write_health, write_state
 from ema_archive.provenance import estimation_software, prognosis_software
@@ -20,7 +19,7 @@ from ema_archive.unit_task import UnitResult, UnitTask, follow_unit
 from ema_core.tasks import Outcome, WorkerLostError, Workers
 
 _MOST_GATHERED: Final = 2000
-_LONGEST_GATHERED_S: Final = 30.0
+_GATHERED_S: Final = 30.0
 _OTHER_SOFTWARE: Final = (
     "the worker has other software than this command: install the same version on all machines"
 )
@@ -38,15 +37,12 @@ class Progress:
         How many are done, of how many.
     failures
         How many of those done could not be used.
-    latest
-        The latest that could not, and why; empty when there was none.
     """
 
     what: str
     done: int
     total: int
     failures: int = 0
-    latest: str = ""
 
 
 Follow = Callable[[Progress], None]
@@ -144,11 +140,11 @@ def run_bags(
     """Do the bags that are to be done; arguments as of `run`, and what to count in."""
     settings = manifest.settings
     total = manifest.find_due(settings)
-    latest = ""
     follow(Progress("bags", 0, total))
-    gathered = _Gathered(manifest, settings)
+    gathered: list[BagResult] = []
+    began = time.monotonic()
     tasks = (
-        BagTask(url, mark, source_of(settings.calibration, beside), settings)
+        BagTask(url, mark, settings.calibration or beside, settings)
         for url, mark, beside in manifest.due(settings)
     )
     try:
@@ -159,17 +155,15 @@ def run_bags(
                 tally.bags += 1
                 tally.damaged += result.state == DAMAGED
                 tally.failed += result.state == FAILED
-                if result.state != DONE:
-                    latest = result.reason
-                gathered.add(result)
-                follow(Progress("bags", tally.bags, total, tally.damaged + tally.failed, latest))
-    except OSError:
-        # The disk: what is gathered cannot be written either, and is done again.
-        raise
-    except BaseException:
-        gathered.commit()
-        raise
-    gathered.commit()
+                gathered.append(result)
+                if len(gathered) >= _MOST_GATHERED or time.monotonic() > began + _GATHERED_S:
+                    written, gathered = gathered, []
+                    write_results(manifest, written, settings)
+                    began = time.monotonic()
+                follow(Progress("bags", tally.bags, total, tally.damaged + tally.failed))
+    finally:
+        # After a full disk none is left: what could not be written is done again.
+        write_results(manifest, gathered, settings)
 
 
 def _bag_result(outcome: Outcome) -> BagResult:
@@ -185,35 +179,15 @@ def _bag_result(outcome: Outcome) -> BagResult:
     return BagResult(task, FAILED, f"{type(error).__name__}: {error}")
 
 
-class _Gathered:
-    """Results that are not in the tables yet."""
-
-    def __init__(self, manifest: Manifest, settings: ArchiveSettings) -> None:
-        self._manifest, self._settings = manifest, settings
-        self._results: list[BagResult] = []
-        self._began = time.monotonic()
-
-    def add(self, result: BagResult) -> None:
-        """Add a result; now and then all are written."""
-        self._results.append(result)
-        age_s = time.monotonic() - self._began
-        if len(self._results) >= _MOST_GATHERED or age_s >= _LONGEST_GATHERED_S:
-            self.commit()
-
-    def commit(self) -> None:
-        """Write rows to the tables, each file as a whole, then note them as done.
-
-        After a kill between both they are done again, in the place of these.
-        """
-        if self._results:
-            write_results(self._manifest, self._results, self._settings)
-        self._results, self._began = [], time.monotonic()
-
-
 def write_results(
     manifest: Manifest, results: Sequence[BagResult], settings: ArchiveSettings
 ) -> None:
-    """Put the rows of bags into the tables and note what became of them."""
+    """Put the rows of bags into the tables, each file as a whole, then note them as done.
+
+    After a kill between both they are done again, in the place of these.
+    """
+    if not results:
+        return
     kept = [one for one in results if one.state != FAILED]
     moved = manifest.moved(kept)
     # Without rows: those that they have are taken away.

@@ -32,8 +32,6 @@ class Listed:
     ----------
     url
         Where it is: a path, or an address of an object store.
-    folder
-        Where the folder is that holds it.
     size
         Its size [bytes].
     mark
@@ -43,7 +41,6 @@ class Listed:
     """
 
     url: str
-    folder: str
     size: int
     mark: str
     beside: str
@@ -88,7 +85,6 @@ def _listed(files: Any, root: str, source: str, without: Path | None) -> Iterato
         bags = [
             Listed(
                 _url(files, info["name"]),
-                _url(files, folder),
                 int(info["size"]),
                 _mark([info]),
                 calibration,
@@ -104,7 +100,6 @@ def _listed(files: Any, root: str, source: str, without: Path | None) -> Iterato
                 bags.append(
                     Listed(
                         _url(files, info["name"]),
-                        _url(files, folder),
                         size,
                         _mark(sorted(inside, key=lambda item: item["name"])),
                         calibration,

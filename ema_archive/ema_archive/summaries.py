@@ -49,21 +49,17 @@ SUMMARIES: Final = {
 }
 """Columns of these tables by name."""
 
-_GENERATION: Final = b"ema_generation"
 _ROWS: Final = 50_000
 
 
 def write_summaries(manifest: Manifest) -> None:
-    """Write the tables, unless they are as the archive is.
+    """Write the tables as the archive is.
 
     Raises
     ------
     OSError
         When they cannot be written; those before stay.
     """
-    if are_current(manifest):
-        return
-    mark = {_GENERATION: str(manifest.generation).encode()}
     rows: dict[str, list[dict[str, Any]]] = {"units": [], "growth": [], "lives": [], "months": []}
     for known in manifest.units():
         place, record = {"model": known.entry.model, "unit": known.entry.unit}, known.record
@@ -76,11 +72,10 @@ def write_summaries(manifest: Manifest) -> None:
         rows["months"] += [month | place for month in record.months]
     for name, found in rows.items():
         write_whole(manifest.archive, name, pa.Table.from_pylist(found, SUMMARIES[name]))
-    schema = BAGS.with_metadata(mark)
     # By parts: of millions of bags there is no need to hold all.
     with (
         complete_file(manifest.archive / TABLES / "bags.parquet") as partial,
-        pq.ParquetWriter(partial, schema, compression="zstd") as writer,
+        pq.ParquetWriter(partial, BAGS, compression="zstd") as writer,
     ):
         bags = manifest.bags()
         while page := bags.fetchmany(_ROWS):
@@ -89,13 +84,4 @@ def write_summaries(manifest: Manifest) -> None:
                 pa.array([bool(v) for v in values] if kind == pa.bool_() else values, kind)
                 for values, kind in zip(columns, BAGS.types, strict=True)
             ]
-            writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
-
-
-def are_current(manifest: Manifest) -> bool:
-    """Return whether the tables are as the archive is."""
-    path = manifest.archive / TABLES / "bags.parquet"
-    if not path.exists():
-        return False
-    metadata = pq.read_schema(path).metadata or {}
-    return metadata.get(_GENERATION) == str(manifest.generation).encode()
+            writer.write_table(pa.Table.from_arrays(arrays, schema=BAGS))

@@ -97,7 +97,6 @@ class UnitRecords(Database):
                         entry.unit,
                     ),
                 )
-            self._advance()
 
     def units(self) -> Iterator[KnownUnit]:
         """Yield each unit with its latest figures."""

@@ -7,7 +7,6 @@ import pytest
 
 from ema_archive.database import FILE
 from ema_archive.manifest import Manifest
-from ema_archive.service_record import ServiceRecord
 from ema_archive.settings import ArchiveSettings
 
 
@@ -53,25 +52,3 @@ def test_damage_that_a_read_finds_is_named(archive):
     said = f"{archive / FILE} cannot be used: no such table: bag"
     with pytest.raises(OSError, match=said), Manifest(archive) as manifest:
         manifest.status(ArchiveSettings())
-
-
-def test_a_database_of_earlier_software_is_made_one_of_this(tmp_path):
-    archive = tmp_path / "archive"
-    with Manifest(archive, is_new=True):
-        pass
-    with contextlib.closing(sqlite3.connect(archive / FILE)) as db:
-        columns = db.execute("SELECT name FROM pragma_table_info('unit')").fetchall()
-        db.execute("ALTER TABLE unit DROP COLUMN record")
-        db.execute("DROP INDEX bag_of_content")
-        db.execute(
-            "INSERT INTO unit (unit, actuator_id, serial_number, model, is_due) "
-            "VALUES ('a+1', 'a', '1', 'm', 1)"
-        )
-        db.execute("PRAGMA user_version = 1")
-        db.commit()
-    for writes in (False, True):
-        with Manifest(archive, writes=writes) as manifest:
-            [known] = manifest.units()
-            assert known.record == ServiceRecord()
-    with contextlib.closing(sqlite3.connect(archive / FILE)) as db:
-        assert db.execute("SELECT name FROM pragma_table_info('unit')").fetchall() == columns

@@ -40,14 +40,6 @@ def test_units_do_not_count_before_they_were_watched():
     ]
 
 
-def test_early_failure_of_one_that_is_watched_alone_ends_no_curve():
-    many = 199
-    ages = [5000.0] * (many - 1) + [3000.0]
-    failed = [False] * (many - 1) + [True]
-    steps = survival([0.0] + [1000.0] * many, [50.0, *ages], [True, *failed])
-    assert [(step.age, step.at_risk) for step in steps] == [(3000.0, many)]
-
-
 def test_where_nobody_is_left_the_share_is_zero():
     (step,) = survival([0.0, 5.0], [7.0, 5.0], [True, True])
     assert (step.age, step.at_risk, step.share) == (7.0, 1, 0.0)
@@ -208,13 +200,3 @@ def test_the_report_of_a_fleet_has_the_figures_of_its_summary(archive, ema, tmp_
     assert not re.search(r"(?:src|href)=\"(?!#)", page)
     assert ema("report", "--fleet", archive, "-o", path).exit_code != 0
     assert ema("report", "--fleet", archive, "--force", "-o", path).exit_code == 0
-
-
-def test_a_report_is_of_bags_or_of_an_archive(archive, ema, tmp_path):
-    for arguments in ((), ("--fleet", archive, tmp_path / "a.mcap")):
-        result = ema("report", *arguments, "-o", tmp_path / "x.html")
-        assert result.exit_code == 2
-        assert "give one BAG or several, or --fleet ARCHIVE" in result.output
-    refused = ema("prognose", tmp_path / "a.mcap", "--fleet", archive)
-    assert refused.exit_code == 2
-    assert "is a folder" in refused.output

@@ -207,19 +207,6 @@ def test_interrupt_keeps_what_was_done(scanned, undisturbed):
 
 
 @pytest.mark.long
-def test_database_that_cannot_be_written_leaves_nothing_half_done(scanned, undisturbed, ema):
-    with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
-        # As many pages as it has: the next one finds the disk full.
-        pages = manifest._db.execute("PRAGMA page_count").fetchone()[0]
-        manifest._db.execute(f"PRAGMA max_page_count = {pages}")
-        with pytest.raises(OSError, match="cannot be written: database or disk is full"):
-            run(manifest, pool)
-        manifest._db.execute("PRAGMA max_page_count = 1000000")
-        run(manifest, pool)
-    assert_whole(scanned, undisturbed)
-
-
-@pytest.mark.long
 def test_unit_that_cannot_be_followed_does_not_keep_the_others(ema, scanned):
     with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
         run_bags(manifest, pool, Tally())

@@ -41,28 +41,11 @@ def test_every_view_can_be_read_of_an_archive_without_bags(tmp_path):
 
 
 @pytest.mark.slow
-def test_worst_come_first(ema, archive):
-    result = ema("archive", "query", archive, "select * from worst_first limit 20", "--json")
-    rows = json.loads(result.stdout)
-    assert len(rows) == 2
-    order = ["STALE", "OK", "WARN", "ERROR"]
-    levels = [order.index(row["health"]) for row in rows]
-    assert levels == sorted(levels, reverse=True)
-    assert "friction" in {row["dominant_fault"] for row in rows}
-
-
-@pytest.mark.slow
 def test_refused_windows_have_their_reason(archive):
     names, rows = answer(archive, "select * from refused_why")
     assert names == ["what", "reason", "count", "for_instance"]
     # A gap in a test of each unit.
     assert ("refused", 2) in {(row[0], row[2]) for row in rows}
-
-
-@pytest.mark.slow
-def test_partitions_are_columns(archive):
-    _, rows = answer(archive, "select month, count(*) from estimates group by month order by month")
-    assert [row[0] for row in rows] == ["1970-01", "1970-02", "1970-03"]
 
 
 @pytest.mark.parametrize(
@@ -124,14 +107,6 @@ def test_export_that_fails_leaves_the_file_as_it_was(ema, archive, tmp_path):
     result = ema("archive", "export", archive, "units", "-o", tmp_path / "none" / "told.csv")
     assert result.exit_code == 1
     assert f"{tmp_path / 'none' / 'told.csv'}: cannot be written" in result.stderr
-
-
-@pytest.mark.slow
-def test_tables_of_a_killed_run_are_brought_up_to_date(ema, archive):
-    (archive / "tables" / "units.parquet").unlink()
-    (archive / "tables" / "bags.parquet").unlink()
-    rows = json.loads(ema("archive", "query", archive, "from units", "--json").stdout)
-    assert len(rows) == 2
 
 
 def test_table_on_a_terminal_shows_brackets_as_they_are(archive, monkeypatch):
@@ -232,12 +207,3 @@ def test_settings_of_the_archive_are_kept_exactly():
     assert again == settings
     assert again.prognosis_id == settings.prognosis_id != ArchiveSettings().prognosis_id
     assert again.estimation_id == ArchiveSettings().estimation_id
-
-
-def test_archive_offers_no_fleet_and_keeps_none_in_its_settings(ema, tmp_path):
-    fleet = tmp_path / "fleet.npz"
-    fleet.touch()
-    result = ema("archive", "scan", tmp_path / "archive", tmp_path, "--fleet", fleet)
-    assert result.exit_code == 2
-    assert "No such option" in result.stderr
-    assert "fleet" not in ArchiveSettings().as_mapping()["prognosis"]["tracker"]

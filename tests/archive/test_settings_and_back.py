@@ -39,7 +39,7 @@ def done_bag(friction):
 def test_bag_whose_rows_are_those_of_other_settings_is_done_again(tmp_path, monkeypatch, found):
     archive = tmp_path / "archive"
     with Manifest(archive, is_new=True) as manifest:
-        manifest.note([Listed(TASK.url, "/bags", 1, TASK.mark, "")], 1)
+        manifest.note([Listed(TASK.url, 1, TASK.mark, "")], 1)
         manifest.end_scan(1, ["/bags"])
         write_results(manifest, [done_bag(0.1)], BEFORE)
         assert manifest.find_due(BEFORE) == 0

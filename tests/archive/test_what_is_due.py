@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -44,14 +43,6 @@ def archive(fleet, tmp_path):
     return folder
 
 
-@pytest.mark.long
-def test_nothing_is_done_twice(archive, fleet):
-    before = {path: path.stat().st_mtime_ns for path in archive.rglob("*.parquet")}
-    tally, due = bring_up_to_date(archive, fleet)
-    assert (tally.bags, tally.units, due.due) == (0, 0, 0)
-    assert before.keys() == {path for path in archive.rglob("*.parquet")}
-
-
 @pytest.mark.slow
 def test_bag_that_comes_or_changes_is_done_alone(archive, fleet):
     whole = exactly(archive, "estimates")
@@ -83,19 +74,6 @@ def test_changed_calibration_marks_the_bags_of_its_unit(ema, archive, fleet):
     tally, _ = bring_up_to_date(archive)
     assert (tally.bags, tally.units) == (5, 1)
     assert ema("archive", "status", archive).stdout.endswith("all is up to date\n")
-
-
-@pytest.mark.long
-def test_calibration_that_comes_is_used(archive, fleet):
-    path = fleet / "unit_1" / "calibration.yaml"
-    path.rename(fleet / "kept.yaml")
-    tally, due = bring_up_to_date(archive)
-    # The shipped one is of another unit.
-    assert (tally.bags, due.reasons) == (5, {"other calibration": 5})
-    assert sum(not valid for valid in table_of(archive, "estimates")["valid"].to_pylist()) >= 5
-    (fleet / "kept.yaml").rename(path)
-    tally, due = bring_up_to_date(archive)
-    assert (tally.bags, due.reasons) == (5, {"other calibration": 5})
 
 
 @pytest.mark.slow
@@ -130,24 +108,6 @@ def test_limit_changes_health_and_no_estimate(ema, archive):
     with Manifest(archive) as manifest:
         prognosis = manifest.settings.prognosis
     assert (prognosis.limits.friction, prognosis.service.duty) == (0.2, 1.5)
-
-
-@pytest.mark.long
-def test_other_software_does_all_bags_again(archive, monkeypatch):
-    for module in ("ema_archive.bag_records", "ema_archive.bag_task"):
-        monkeypatch.setattr(f"{module}.estimation_software", lambda: "another")
-    with Manifest(archive) as manifest:
-        assert manifest.status(manifest.settings).reasons == {"other software": 10}
-
-
-@pytest.mark.long
-def test_touched_bag_gives_the_same_rows(archive, fleet):
-    whole = exactly(archive, "health")
-    for bag in fleet.rglob("*.mcap"):
-        os.utime(bag, ns=(1, 1))
-    _, due = bring_up_to_date(archive)
-    assert due.reasons == {"changed": 10}
-    assert exactly(archive, "health") == whole
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from rich.text import Text
 from ema_archive.manifest import Manifest, Status
 from ema_archive.query import FORMATS, answer, columns_of, export
 from ema_archive.running import Progress, run, scan
-from ema_archive.summaries import are_current, write_summaries
+from ema_archive.summaries import write_summaries
 from ema_cli.archive_options import GivenSettings, settings_options
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.executor_options import ExecutorOptions, executor_options
@@ -157,8 +157,7 @@ def query_(folder: Path, question: str | None, as_json: bool) -> None:
     Without SQL the tables and views are listed with their columns. The query reads the tables of
     the archive alone, and changes nothing.
     """
-    with one_clear_line():
-        _bring_summaries_up_to_date(folder)
+    with one_clear_line(), Manifest(folder, writes=False):
         if question is None:
             for name, columns in columns_of(folder).items():
                 click.echo(f"{name}: {', '.join(f'{column} {kind}' for column, kind in columns)}")
@@ -184,24 +183,11 @@ def query_(folder: Path, question: str | None, as_json: bool) -> None:
 @click.option("--force", is_flag=True, help="Replace a file that is there.")
 def export_(folder: Path, what: str, output: Path, force: bool) -> None:
     """Write a table or view, or the answer to a query in SQL, to a CSV or Parquet file."""
-    with one_clear_line():
+    with one_clear_line(), Manifest(folder, writes=False):
         if output.exists() and not force:
             raise ValueError(f"{output} is there already: --force replaces it")
-        _bring_summaries_up_to_date(folder)
         rows = export(folder, what, output)
     click.echo(f"{output}: {counted(rows, 'row')}")
-
-
-def _bring_summaries_up_to_date(folder: Path) -> None:
-    """Write the tables of one file if a killed run did not, unless another command does."""
-    with Manifest(folder, writes=False) as manifest:
-        if are_current(manifest):
-            return
-    try:
-        with Manifest(folder) as manifest:
-            write_summaries(manifest)
-    except ValueError as error:
-        click.echo(f"bags, units and growth are those before the present run: {error}", err=True)
 
 
 @contextmanager
