@@ -45,9 +45,12 @@ def test_health_is_known_again_after_a_restart_without_a_new_test(
         assert [event.kind for event in health.events] == ["restart"]
         expected.events = health.events
         assert plain(health) == plain(expected)
-        session.until_status("flap health", "", bytes([health.level]))
-        [life] = session.statuses("flap health")[-1:]
-        assert {item.key: item.value for item in life.values}["flight hours [h]"] == "30"
+
+        def hours() -> str:
+            life = session.until_status("flap health", "", bytes([health.level]))
+            return {item.key: item.value for item in life.values}["flight hours [h]"]
+
+        wait_for(lambda: hours() == "30", "the hours of the history in the status")
 
 
 def test_telemetry_is_received_while_a_history_is_read(
