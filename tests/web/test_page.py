@@ -19,9 +19,10 @@ def _registry_writer() -> ModuleType:
     return module
 
 
-def test_the_page_knows_the_faults_and_causes_of_the_registries():
+def test_the_page_knows_faults_causes_and_messages_as_they_are_defined():
     writer = _registry_writer()
     assert json.loads(writer.FILE.read_text()) == writer.registry(), "run `make page`"
+    assert writer.INTERFACES.read_text() == writer.interfaces(), "run `make page`"
 
 
 def test_the_shipped_page_is_small_and_names_no_other_host():

@@ -1,13 +1,13 @@
 // Remaining life and removal in words.
 
 import { lifeHours } from "../format.ts";
-import { ERROR, OK, type Health, type RemainingLife } from "../messages.ts";
+import { ERROR, OK, type Health, type RemainingUsefulLife } from "../messages.ts";
 
 const SOON_HOURS = 0.5;
 const LONGEST_REASON = 40;
 
 /** Median and interval of a remaining life. */
-export function Life({ life }: { life: RemainingLife }) {
+export function Life({ life }: { life: RemainingUsefulLife }) {
   if (!life.known) {
     const isShort = life.reason && life.reason.length <= LONGEST_REASON;
     return <span class="soft" title={life.reason}>unknown{isShort && `: ${life.reason}`}</span>;
