@@ -11,7 +11,6 @@ from ema_core.description import ActuatorDescription
 from ema_core.parameters import ActuatorParameters
 from ema_core.quantity import MOST_BYTES
 from ema_monitor.prognosis.requirements.performance import PerformanceModel
-from ema_monitor.prognosis.requirements.requirements import FittedRequirements, RequirementLimits
 from ema_sim.bench import ActuatorBench, BenchSettings
 
 
@@ -64,17 +63,3 @@ def test_just_within_the_bound_there_is_little_more_than_it():
     """The bound is of bytes: 200 s at 100 kHz."""
     command = Command("step", duration=160.0)
     assert peak_bytes(lambda: build_cycle(command, 1e-5)) < 4 * MOST_BYTES
-
-
-def test_a_move_that_would_last_for_ever_is_cut_off():
-    command = Command("moves", rate=1e-300, duration=1.0)
-    samples = []
-    assert peak_bytes(lambda: samples.append(command.sample(1e-3))) < 1e6
-    assert len(samples[0]) == 1000
-
-
-def test_requirements_of_a_speed_loop_too_fast_are_not_monitored_and_it_is_said():
-    parameters = ActuatorParameters(GAP=1e3, J_m=1e-9, J_u=0.0)
-    found = FittedRequirements().of(parameters, RequirementLimits())
-    assert isinstance(found, str)
-    assert "requirements cannot be monitored: GAP = 1000" in found

@@ -52,18 +52,6 @@ def test_torque_and_voltage_constant_of_a_sinusoidal_motor_differ_by_half_of_roo
     assert remark.startswith("k_t / k_e = 1, usually 0.779 to 0.953")
 
 
-def test_nothing_is_said_of_the_parameters_of_an_unknown_controller():
-    assert described("unknown", k_t=0.03, f_sm=50.0).remarks == ()
-
-
-def test_missing_friction_or_speed_loop_couples_nothing():
-    found = described(f_sm=0.0, f_su=0.0, GAP=0.0).remarks
-    assert {remark.split(" = ")[0] for remark in found} == {
-        "(f_sm + f_su) / T_max",
-        "GAP / (J_m + J_u)",
-    }
-
-
 def test_motor_that_is_too_weak_for_its_friction_is_refused_with_its_torque():
     """V_max / R_s = 22.54 A is more than I_max here: 22.5 A of 0.0752 N.m/A, and T_max is less."""
     with pytest.raises(ValueError, match=r"f_sm \+ f_su = 2.07 N.m: .* makes 1.69 N.m at most"):

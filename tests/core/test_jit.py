@@ -1,18 +1,13 @@
 """Compilation of the kernels: the cache follows the sources, options are the promised ones."""
 
-import math
 import os
 import subprocess
 import sys
 from pathlib import Path
 
-import numba
 import pytest
-from numba import config
 
 from ema_core import _jit
-from ema_core.dynamics import next_speed
-from ema_core.parameters import ActuatorParameters, constants
 
 PROBE = "ema_probe_kernels"
 
@@ -49,19 +44,6 @@ def test_cache_folder_follows_the_sources_that_a_module_imports(package):
     assert cache_folder() not in (before, changed)
     (package / "inner.py").write_text("FACTOR = 1\n")
     assert cache_folder() == before
-
-
-def test_cache_folder_ignores_what_its_module_does_not_import(package):
-    before = cache_folder()
-    (package / "other.py").write_text("FACTOR = 2\n")
-    (package / "notes.txt").write_text("nothing\n")
-    assert cache_folder() == before
-
-
-def test_cache_folder_follows_numba(package, monkeypatch):
-    before = cache_folder()
-    monkeypatch.setattr(numba, "__version__", "0.0.1")
-    assert cache_folder() != before
 
 
 def test_cache_folder_lies_where_the_environment_says(package, monkeypatch, tmp_path):
@@ -161,23 +143,3 @@ def test_kernels_are_compiled_where_nothing_can_be_cached(kernels):
     result, log = kernels.run()
     assert result == [2.0, 0.0]
     assert log.count("cannot be written: kernels are compiled at each start") == 1
-
-
-def test_kernels_divide_by_zero_as_floats_do():
-    m = constants(ActuatorParameters()).mechanics._replace(J=0.0)
-    assert next_speed(m, 0.0, 1.0, m.f_s, 1e-6) == math.inf
-
-
-def test_kernels_release_the_interpreter_lock():
-    assert next_speed.targetoptions["nogil"]
-
-
-def test_decorating_leaves_the_settings_of_numba_alone():
-    before = config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
-
-    @_jit.kernel()
-    def identity(x):
-        return x
-
-    assert before == config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
-    assert identity.py_func(3) == 3

@@ -45,11 +45,6 @@ def test_number_gets_the_type_of_its_default(value: Any):
     assert (oven.temperature, oven.trays) == (20.0, 4)
 
 
-def test_range_includes_its_ends():
-    for temperature, trays in ((20.0, 0), (300.0, 4)):
-        assert Oven(temperature, trays) == Oven(temperature=temperature, trays=trays)
-
-
 @pytest.mark.parametrize(
     ("values", "texts"),
     [
@@ -76,10 +71,6 @@ def test_impossible_value_is_refused_by_name_value_unit_and_range(
     assert all(item in str(refused.value) for item in texts), refused.value
     with pytest.raises(ValueError, match="="):
         replace(Oven(), **values)
-
-
-def test_fields_that_are_neither_are_left_alone():
-    assert Oven(notes=["burnt"]).notes == ["burnt"]
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,11 @@
 
 import itertools
 import math
-import operator
 from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 import pytest
-from numba import TypingError
 
 from ema_core.simd import LANES, broadcast, load, select, store
 
@@ -77,27 +75,6 @@ def test_lanes_do_what_arrays_do(of_lanes, of_arrays):
         assert_same(in_lanes(of_lanes, A, B), of_arrays(A, B))
 
 
-@pytest.mark.parametrize(
-    ("augmented", "plain"),
-    [
-        (operator.iadd, operator.add),
-        (operator.isub, operator.sub),
-        (operator.imul, operator.mul),
-        (operator.itruediv, operator.truediv),
-    ],
-)
-def test_augmented_assignment_is_the_plain_operation(augmented, plain):
-    with np.errstate(all="ignore"):
-        assert_same(in_lanes(lambda a, b: augmented(a, b), A, B), plain(A, B))
-
-
-@pytest.mark.parametrize("function", [math.cos, math.sin])
-def test_circular_functions_are_those_of_a_float(function):
-    angles = np.linspace(-700.0, 700.0, 16 * LANES)
-    expected = [function(angle) for angle in angles]
-    np.testing.assert_allclose(in_lanes(lambda a: function(a), angles), expected, rtol=1e-15)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("of_lanes", "of_arrays"),
@@ -113,11 +90,6 @@ def test_circular_functions_are_those_of_a_float(function):
 def test_number_stands_for_all_lanes(of_lanes, of_arrays):
     a = np.random.default_rng(1).normal(0.5, 1.0, 4 * LANES)
     np.testing.assert_array_equal(in_lanes(of_lanes, a), of_arrays(a))
-
-
-def test_select_takes_single_floats():
-    smaller = numba.njit(lambda a, b: select(a < b, a, b))
-    assert (smaller(1.0, 2.0), smaller(2.0, 1.0)) == (1.0, 1.0)
 
 
 def test_variable_may_begin_as_a_number():
@@ -159,12 +131,6 @@ def test_load_keeps_the_shape_of_tuples_and_their_numbers():
     lanes = slice(LANES + 1, 2 * LANES + 1)
     np.testing.assert_array_equal(result[:, 0], columns[0, lanes] + 3.0 * columns[1, lanes])
     np.testing.assert_array_equal(result[:, 1], columns[2, lanes] + 100.0 * columns[4, lanes])
-
-
-@pytest.mark.parametrize("array", [np.zeros(64)[::2], np.zeros((LANES, 2)), "lanes"])
-def test_load_refuses_what_has_no_lanes_in_line(array):
-    with pytest.raises(TypingError, match="neither a number nor a contiguous array"):
-        numba.njit(lambda a: load(a, 0) * 1.0)(array)
 
 
 @pytest.mark.parametrize("layout", ["rows", "columns", "every_other"])

@@ -10,7 +10,7 @@ import pytest
 from ema_core import steady_thread
 from ema_core.steady_thread import SteadyThread
 
-from ..waiting import DEADLINE_S, wait_for
+from ..waiting import DEADLINE_S
 
 
 @pytest.fixture(autouse=True)
@@ -54,22 +54,6 @@ def test_work_that_ends_by_itself_is_begun_again_and_told(ending: Callable[[], A
     assert not thread.is_alive
 
 
-def test_work_that_goes_on_is_no_failure_any_more(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(steady_thread, "_SETTLED_S", 0.05)
-
-    def work() -> None:
-        if not thread.ends:
-            fail()
-        thread.ending.wait()
-
-    thread = SteadyThread("test", work, lambda *_: None)
-    thread.start()
-    wait_for(lambda: thread.ends, "the failure")
-    wait_for(lambda: not thread.failure, "the end of the failure")
-    assert thread.ends == 1
-    thread.end()
-
-
 def test_waits_grow_up_to_a_bound(monkeypatch: pytest.MonkeyPatch):
     waits: list[float] = []
     thread = SteadyThread("test", fail, lambda *_: None)
@@ -85,14 +69,3 @@ def test_waits_grow_up_to_a_bound(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(thread.ending, "wait", wait)
     thread._run()
     assert waits == [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 60.0, 60.0, 60.0]
-
-
-def test_a_report_that_fails_does_not_end_the_thread():
-    def report(*_: str) -> None:
-        raise OSError("no log")
-
-    thread = SteadyThread("test", fail, report)
-    thread.start()
-    wait_for(lambda: thread.ends > 2, "three ends")
-    assert "no log" in thread.failure
-    thread.end()

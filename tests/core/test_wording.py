@@ -2,16 +2,7 @@ import pytest
 
 from ema_core.faults import fault_vector
 from ema_core.parameters import ActuatorParameters
-from ema_core.wording import as_identifier, counted, unknown_name
-
-
-def test_one_is_singular_all_else_plural():
-    assert [counted(n, "window") for n in (0, 1, 2)] == ["0 windows", "1 window", "2 windows"]
-
-
-@pytest.mark.parametrize("label", ["short circuit A", "short-circuit-a", " short_circuit_a "])
-def test_label_and_identifier_name_the_same_fault(label):
-    assert as_identifier(label) == "short_circuit_a"
+from ema_core.wording import unknown_name
 
 
 def test_unknown_name_says_what_was_probably_meant():

@@ -1,7 +1,6 @@
 """How the simulated current is sampled, and columns that are not measured."""
 
 import numpy as np
-import pytest
 
 from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
@@ -49,13 +48,6 @@ def test_mean_filtered_and_instantaneous_are_of_one_current():
     np.testing.assert_allclose(filtered, expected, atol=5e-3)
 
 
-@pytest.mark.parametrize("current", ["filtered", "instantaneous"])
-def test_samples_do_not_depend_on_blocks(current: str):
-    acquisition = Acquisition(current, 1e-3 if current == "filtered" else 0.0)
-    whole, parts = sampled(acquisition), sampled(acquisition, parts=7)
-    assert np.array_equal(whole.current, parts.current)
-
-
 def test_what_is_not_measured_is_an_empty_column():
     telemetry = simulate(
         description=ActuatorDescription(
@@ -70,15 +62,6 @@ def test_what_is_not_measured_is_an_empty_column():
     again = telemetry_from_message(telemetry_to_message(telemetry, "flap"))
     assert again.missing == telemetry.missing
     assert telemetry.part(3, 9).missing == telemetry.missing
-
-
-@pytest.mark.parametrize("empty", ["command", "position"])
-def test_command_and_position_are_always_there(empty: str):
-    columns = {name: np.zeros(3) for name in ("command", "current", "position", "speed")}
-    with pytest.raises(ValueError, match="only current and speed may be empty"):
-        Telemetry(0, 1e-3, 1, **columns | {empty: np.zeros(0)})
-    with pytest.raises(ValueError, match=r"one length of at least 1, not .*current 2"):
-        Telemetry(0, 1e-3, 1, **columns | {"current": np.zeros(2)})
 
 
 def test_contradiction_names_the_column():

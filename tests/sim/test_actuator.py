@@ -33,20 +33,6 @@ def test_fault_equals_a_changed_parameter(faults, parameters):
     np.testing.assert_allclose(x.current, y.current, rtol=0, atol=1e-9)
 
 
-def test_equal_short_circuits_equal_a_motor_with_fewer_turns():
-    """All phases with N of their turns: R_s N, L_s N^2 and k_e N."""
-    N = 0.75
-    faulty = SimulatedActuator()
-    faulty.faults = fault_vector({f"short_circuit_{phase}": 1 - N for phase in "abc"})
-    p = ActuatorParameters()
-    changed = SimulatedActuator(
-        p.replace({"R_s": p.R_s * N, "L_s": p.L_s * N**2, "k_e": p.k_e * N})
-    )
-    x, y = faulty.advance(COMMANDS), changed.advance(COMMANDS)
-    np.testing.assert_allclose(x.current, y.current, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(x.speed, y.speed, rtol=0, atol=1e-9)
-
-
 def test_faults_take_effect_with_the_next_sample():
     healthy, failing = SimulatedActuator(), SimulatedActuator()
     x = healthy.advance(COMMANDS)
@@ -65,15 +51,6 @@ def test_healthy_faults_change_nothing():
     assert untouched.state == healthy.state
 
 
-def test_faults_are_read_back_as_a_copy():
-    actuator = SimulatedActuator()
-    k = fault_vector({"gain": 0.7})
-    actuator.faults = k
-    k[:] = 0.9
-    actuator.faults[:] = 0.9
-    np.testing.assert_array_equal(actuator.faults, fault_vector({"gain": 0.7}))
-
-
 def test_impossible_faults_leave_the_actuator_as_it_was():
     actuator, untouched = SimulatedActuator(), SimulatedActuator()
     with pytest.raises(ValueError, match="friction"):
@@ -82,13 +59,6 @@ def test_impossible_faults_leave_the_actuator_as_it_was():
     np.testing.assert_array_equal(
         actuator.advance(COMMANDS).current, untouched.advance(COMMANDS).current
     )
-
-
-def test_one_load_stands_for_all_samples():
-    one, many = SimulatedActuator(), SimulatedActuator()
-    x = one.advance(COMMANDS, 0.05)
-    y = many.advance(COMMANDS, np.full(COMMANDS.size, 0.05))
-    np.testing.assert_array_equal(x.current, y.current)
 
 
 def test_load_costs_its_share_of_current():
@@ -106,40 +76,15 @@ def test_load_costs_its_share_of_current():
     assert sum(means) / 2 == pytest.approx(load / p.k_t, rel=0.02)
 
 
-def test_state_at_rest():
-    state = at_rest(1, 2)
-    assert (state.theta_m, state.theta_b) == (1.0, 2.0)
-    assert {type(value) for value in state} == {float}
-    assert state.omega == state.i_a == state.i_b == state.i_c == state.lag_3 == 0.0
-    assert {abs(state.q_a), abs(state.q_b), abs(state.q_c)} == {1.0}
-
-
 @pytest.mark.parametrize("period", [0.0, -1e-4, 1.5e-6, 5e-7, 1.0, math.nan, math.inf])
 def test_period_must_be_whole_steps(period):
     with pytest.raises(ValueError, match="sample_period"):
         SimulatedActuator(sample_period=period)
 
 
-@pytest.mark.parametrize("hold", [0.0, 1.5e-6, math.nan])
-def test_hold_must_be_whole_steps(hold):
-    with pytest.raises(ValueError, match="noise_hold_s"):
-        SimulatedActuator(noise_hold_s=hold)
-
-
 def test_hold_must_divide_the_sample():
     with pytest.raises(ValueError, match=r"noise_hold_s = 3e-05 s does not divide"):
         SimulatedActuator(sample_period=1e-4, noise_hold_s=3e-5)
-
-
-@pytest.mark.parametrize("noise_gain", [-1.0, math.nan, math.inf])
-def test_noise_gain_must_be_possible(noise_gain):
-    with pytest.raises(ValueError, match="noise_gain"):
-        SimulatedActuator(noise_gain=noise_gain, rng=np.random.default_rng(1))
-
-
-def test_noise_needs_a_generator():
-    with pytest.raises(ValueError, match="rng"):
-        SimulatedActuator(noise_gain=1.0)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from ema_core.parameters import ActuatorParameters, constants
 from ema_sim.actuator import SimulatedActuator, at_rest
 from ema_sim.reference import DT
 
-from .trajectories import run, step, unpowered
+from .trajectories import run, unpowered
 
 ACTUATOR = ActuatorParameters(f_sm=0.0, f_su=0.0, C_m=0.0, C_u=0.0)
 PLANT = constants(ActuatorParameters())
@@ -36,30 +36,6 @@ def test_free_play_on_reversal(k):
     lost = (there.theta_b[-1] - back.theta_b[-1]) * ACTUATOR.tau
     moved = (there.theta_m[-1] - back.theta_m[-1]) * ACTUATOR.tau
     assert moved - lost == pytest.approx(width * ACTUATOR.tau, rel=1e-9)
-
-
-def test_output_never_leaves_its_play():
-    k = 0.2
-    plant = degrade(PLANT, fault_vector({"backlash": k}))
-    x = run(plant, at_rest(), 20_000, command=lambda t: 1e-3 * np.sin(900 * t))
-    half = 2.5e-3 * (1 + 99 * k)
-    gap = x.theta_m - x.theta_b
-    # Rounding of angles below 1 rad.
-    assert np.abs(gap).max() <= half + 1e-15
-    assert gap.min() == pytest.approx(-half, rel=1e-12)
-    assert gap.max() == pytest.approx(half, rel=1e-12)
-    # The output moves only where the motor pushes it.
-    moves = np.diff(x.theta_b) != 0.0
-    np.testing.assert_allclose(np.abs(gap[1:][moves]), half, rtol=1e-12)
-
-
-def test_position_feedback_has_the_backlash_speed_feedback_not():
-    p = ActuatorParameters()
-    for theta_b in (-0.02, 0.0, 0.03):
-        state = at_rest(0.01, theta_b)._replace(omega=4.0)
-        error = step(*PLANT, state, 1e-4, 0.0, 0.0, DT, 0.1).error
-        expected = p.G_prop * (1e-4 - theta_b * p.tau) - 4.0
-        assert error == pytest.approx(expected, rel=1e-14)
 
 
 @pytest.mark.parametrize("k", [0.0, 0.3, 1.0])

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ema_core.commands import THESIS_CHIRP, Command, build_cycle
+from ema_core.commands import Command, build_cycle
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector, healthy_faults
-from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_sim.actuator import SimulatedActuator
 from ema_sim.bench import ActuatorBench, BenchSettings, RunningCycle
@@ -60,13 +59,6 @@ def test_bench_is_actuator_and_sensors_run_through_cycles():
         assert_same(telemetry(cycle), sensors.measure(actuator.advance(SHORT_SAMPLES, 0.02)))
 
 
-def test_torque_is_that_of_the_motor_at_the_end_of_a_block():
-    bench, actuator = short_bench(), SimulatedActuator()
-    for block, torque in bench.begin_cycle().blocks:
-        actuator.advance(SHORT_SAMPLES[block.first_index - 1 :][: len(block)])
-        assert torque == actuator.state.torque
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("block_s", "n"), [(0.01, 100), (0.3, 3000), (1e-6, 1)])
 def test_blocks_have_their_length_and_do_not_show(block_s, n):
@@ -76,12 +68,6 @@ def test_blocks_have_their_length_and_do_not_show(block_s, n):
     assert 0 < len(blocks[-1]) <= n
     whole = telemetry(short_bench(block_s=1.0, current_noise=0.1).begin_cycle())
     assert_same(join(blocks), whole)
-
-
-def test_thesis_chirp_is_what_it_tests_with_by_default():
-    cycle = ActuatorBench(ActuatorDescription()).begin_cycle()
-    assert cycle.samples == len(build_cycle(THESIS_CHIRP, 1e-4).samples)
-    np.testing.assert_array_equal(cycle.faults, healthy_faults())
 
 
 def test_telemetry_goes_on_at_rest_in_the_pause():
@@ -105,15 +91,6 @@ def test_cycles_follow_each_other_unless_a_start_is_given():
     assert third.start_ns == 9_999_999_999
     block = telemetry(third)
     assert (block.stamp_ns, block.first_index) == (9_999_999_999 + period_ns, 2 * n + 1)
-
-
-def test_stamps_do_not_drift_within_a_cycle():
-    """A period that binary fractions cannot express."""
-    bench = ActuatorBench(replace(ActuatorDescription(), sample_period=3e-6))
-    bench.set_command(SHORT)
-    cycle = bench.begin_cycle(1_700_000_000_000_000_000)
-    end = max(int(block.stamps_ns[-1]) for block, _ in cycle.blocks)
-    assert end - cycle.start_ns == 3000 * cycle.samples
 
 
 def test_what_is_set_holds_from_the_next_cycle_on():
@@ -151,29 +128,6 @@ def test_faults_grow_from_cycle_to_cycle():
     assert expected[1] > 0.02
 
 
-def test_onset_counts_from_the_call():
-    bench = short_bench(hours_per_cycle=10.0)
-    for _ in range(3):
-        bench.begin_cycle()
-    bench.set_faults({}, {"friction": Growth("linear", 1e-3, onset=15.0)})
-    frictions = [bench.begin_cycle().faults[0] for _ in range(4)]
-    assert frictions == pytest.approx([0.0, 0.0, 5e-3, 15e-3])
-
-
-def test_growth_ends_when_faults_are_set_without_it():
-    bench = short_bench()
-    bench.set_faults({}, {"friction": Growth("linear", 1e-3)})
-    bench.begin_cycle()
-    bench.set_faults({"friction": 0.4})
-    assert [bench.begin_cycle().faults[0] for _ in range(3)] == [0.4] * 3
-
-
-def test_step_beyond_the_end_stop_is_taken_and_ends_there():
-    bench = ActuatorBench(ActuatorDescription(parameters=ActuatorParameters(theta_stop=2e-3)))
-    bench.set_command(Command("step", amplitude=0.1, duration=0.2))
-    assert telemetry(bench.begin_cycle()).position.max() == pytest.approx(2e-3, abs=5e-6)
-
-
 @pytest.mark.parametrize(
     ("faults", "growths", "hours", "message"),
     [
@@ -191,21 +145,6 @@ def test_impossible_faults_are_refused_and_change_nothing(faults, growths, hours
         bench.set_faults(faults, growths, hours)
     np.testing.assert_array_equal(bench.begin_cycle().faults, FAULTS)
     assert bench.begin_cycle().faults[1] == pytest.approx(0.01)
-
-
-def test_growth_towards_a_motor_that_cannot_be_simulated_is_refused():
-    """At once, instead of hours later when the fault has grown."""
-    parameters = ActuatorParameters(L_s=7e-5)
-    bench = ActuatorBench(ActuatorDescription(parameters=parameters))
-    bench.set_faults({"short_circuit_b": 0.5})
-    with pytest.raises(ValueError, match=r"L_s = 7e-05 H .* most shorted phase"):
-        bench.set_faults({}, {"short_circuit_b": Growth("self_heating", 1e-4, 6.0)})
-    assert bench.begin_cycle().faults[3] == 0.5
-
-
-def test_command_that_cannot_be_sampled_is_refused():
-    with pytest.raises(ValueError, match=r"sample_period = 0\.02 s"):
-        ActuatorBench(replace(ActuatorDescription(), sample_period=0.02))
 
 
 @pytest.mark.parametrize(
@@ -241,13 +180,6 @@ def test_causes_hold_from_the_next_cycle_on_and_their_times_begin_with_it():
     np.testing.assert_allclose(telemetry(bench.begin_cycle()).position[:30], 0.0, atol=2e-5)
 
 
-def test_causes_last_over_the_cycles():
-    bench = ActuatorBench(ActuatorDescription(), causes={"position_offset": 0.01})
-    bench.set_command(SHORT)
-    for _ in range(2):
-        assert telemetry(bench.begin_cycle()).position[-1] == pytest.approx(0.01, abs=1e-4)
-
-
 def test_wrong_sensor_does_not_change_the_motion():
     causes = {"position_offset": 0.01, "position_gain": 0.05, "current_offset": 1.0}
     bench = ActuatorBench(ActuatorDescription(), causes=causes)
@@ -258,15 +190,6 @@ def test_wrong_sensor_does_not_change_the_motion():
     np.testing.assert_array_equal(wrong.current, right.current + 1.0)
 
 
-def test_blocks_do_not_show_with_causes():
-    def cycle(block_s: float) -> Telemetry:
-        bench = short_bench(block_s=block_s, current_noise=0.1)
-        bench.set_causes([*CAUSES, "dead_time=1.5e-6", "supply_ripple=0.05"])
-        return telemetry(bench.begin_cycle())
-
-    assert_same(cycle(0.0007), cycle(1.0))
-
-
 def test_impossible_causes_are_refused_and_change_nothing():
     bench = ActuatorBench(ActuatorDescription(), causes={"jam": 1.0})
     for causes in (["jamm=1"], ["load_torque=99"], {"load_torque": math.nan}):
@@ -275,10 +198,3 @@ def test_impossible_causes_are_refused_and_change_nothing():
     assert list(bench.causes) == ["jam"]
     with pytest.raises(ValueError, match="did you mean 'jam'"):
         ActuatorBench(ActuatorDescription(), causes={"jamm": 1.0})
-
-
-def test_winding_too_hot_for_a_fault_that_is_set_is_refused():
-    bench = ActuatorBench(ActuatorDescription(parameters=ActuatorParameters(L_s=7e-5)))
-    bench.set_faults({"short_circuit_b": 0.96})
-    with pytest.raises(ValueError, match=r"L_s = 7e-05 H .* most shorted phase"):
-        bench.set_causes({"winding_temperature": 200.0})

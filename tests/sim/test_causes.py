@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ema_core.cause_profiles import Causes, Profile
+from ema_core.cause_profiles import Causes
 from ema_core.causes import CAUSES, COPPER, Place
 from ema_core.commands import Command
 from ema_core.parameters import ActuatorParameters
@@ -81,25 +81,6 @@ def test_causes_that_are_absent_change_no_bit(causes):
     """None take the kernels without causes; zeros those with them, whose sums and products with 0
     and 1 are exact."""
     assert_same(run(causes), SimulatedActuator().advance(CHIRP))
-
-
-def test_nothing_changes_before_a_cause_begins():
-    plain = SimulatedActuator().advance(CHIRP)
-    stepped = run({name: Profile(1.0, 0.1, 0.1) for name in ("jam", "open_phase_a")})
-    for column in COLUMNS:
-        np.testing.assert_array_equal(
-            getattr(stepped, column)[:1000], getattr(plain, column)[:1000]
-        )
-    assert stepped.speed[1000] == 0.0 != plain.speed[1000]
-
-
-def test_block_length_does_not_show():
-    whole = run(EVERY_PLANT_CAUSE)
-    actuator = SimulatedActuator()
-    actuator.causes = EVERY_PLANT_CAUSE
-    blocks = [actuator.advance(part) for part in np.split(CHIRP, [1, 8, 333, 1500])]
-    assert_same(join(blocks), whole)
-    assert np.abs(whole.current - SimulatedActuator().advance(CHIRP).current).max() > 0.5
 
 
 def test_times_count_from_the_assignment():
@@ -241,14 +222,6 @@ def test_jam_blocks_the_motor_where_it_is():
     np.testing.assert_array_equal(block.speed[1000:], 0.0)
     np.testing.assert_array_equal(block.position[1000:], block.position[1000])
     assert np.abs(block.current[1000:]).max() > 0.9 * P.I_max
-
-
-def test_impossible_causes_change_nothing():
-    actuator = SimulatedActuator()
-    actuator.causes = {"load_torque": 0.05}
-    with pytest.raises(ValueError, match="did you mean 'cogging'"):
-        actuator.causes = {"coging": 0.1}
-    assert actuator.causes == {"load_torque": Profile(0.05)}
 
 
 def test_winding_too_hot_for_the_step_is_refused():

@@ -7,7 +7,7 @@ import pytest
 
 from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, constants
-from ema_sim.motor import commutation, gap_at, modulation, overshoot, sector_at, trapezoid
+from ema_sim.motor import commutation, gap_at, modulation, sector_at, trapezoid
 
 from .reference_twin import back_emf_shape
 from .reference_twin import driven as driven_sign
@@ -35,17 +35,6 @@ def driven(degrees: float) -> tuple[float, ...]:
 def test_sector_drives_its_pair(start, signs):
     for degrees in np.linspace(start + 0.001, start + 59.999, 25):
         assert driven(degrees) == signs
-
-
-@pytest.mark.parametrize("turns", [-3, 1, 1000])
-def test_commutation_repeats_every_electrical_turn(turns):
-    for degrees in ANGLES:
-        assert driven(degrees + 360 * turns) == driven(degrees)
-
-
-def test_one_phase_in_one_phase_out():
-    for degrees in ANGLES:
-        assert sorted(driven(degrees)) == [-1, 0, 1]
 
 
 def test_back_emf_is_a_trapezoid():
@@ -81,12 +70,6 @@ def test_sector_holds_what_its_angles_have(P):
             assert k[n] == pytest.approx(expected, abs=1e-14)
 
 
-def test_sector_ends_at_the_end_stops():
-    _, motor, mechanics = constants(ActuatorParameters(theta_stop=1e-3, tau=5e-3))
-    sector = sector_at(motor, mechanics, 0.0)
-    assert (sector.start, sector.end) == (-0.2, 0.2)
-
-
 @pytest.mark.parametrize("delta", [-5e-3, -1e-4, 0.0, 2e-3, 5e-3])
 def test_gap_is_modulated_by_a_cosine_a_third_of_a_turn_apart(delta):
     _, motor, _ = degrade(
@@ -98,10 +81,3 @@ def test_gap_is_modulated_by_a_cosine_a_third_of_a_turn_apart(delta):
         found = modulation(gap_at(motor, theta_m), delta)
         # What the series leave out, 5e-3^5 / 120, is 3e-14.
         np.testing.assert_allclose(found, motor.zeta * np.cos(angle), rtol=0, atol=4e-14)
-
-
-@pytest.mark.parametrize("switch", [1.0, -1.0])
-@pytest.mark.parametrize("target", [-7.0, 0.0, 3.0])
-def test_leg_overshoots_on_the_side_that_it_drives_to(switch, target):
-    for excess in (-0.5, -0.1, 0.0, 0.2, 0.75):
-        assert overshoot(switch, target + excess, target) == pytest.approx(switch * excess)

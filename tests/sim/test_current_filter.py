@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from ema_core.dynamics import lag_factor
 from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, PlantConstants, constants
 from ema_sim.actuator import at_rest
@@ -72,9 +71,3 @@ def test_equivalent_current_is_the_largest_phase_current_with_the_sign_of_torque
         assert state.lag_3 == pytest.approx(math.copysign(largest, state.torque), abs=1e-11)
         signs.add(math.copysign(1.0, state.torque))
     assert signs == {-1.0, 1.0}
-
-
-def test_no_torque_no_equivalent_current():
-    state = at_rest()._replace(i_b=3.0, i_c=3.0, i_a=-6.0)
-    plant = PLANT._replace(motor=PLANT.motor._replace(k_e=0.0))
-    assert step(*plant, state, 0.0, 0.0, 0.0, DT, lag_factor(DT)).lag_3 == 0.0

@@ -8,10 +8,10 @@ import pytest
 from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, constants
 from ema_sim.actuator import SimulatedActuator, at_rest
-from ema_sim.reference import DT, State
+from ema_sim.reference import DT
 
-from .reference_twin import back_emf_shape, driven
-from .trajectories import locked, run, step, unpowered
+from .reference_twin import driven
+from .trajectories import locked, run
 
 ACTUATOR = ActuatorParameters()
 PLANT = constants(ACTUATOR)
@@ -67,26 +67,6 @@ def test_currents_sum_to_zero(plant):
     assert np.abs(i.sum(axis=1)).max() < 1e-11
 
 
-def test_phases_share_one_star_point():
-    """Supply less resistive, inductive and induced voltage is the same in all three phases."""
-    x = run(FAULTY, at_rest(), 4000, command=lambda t: 0.01 * math.sin(900 * t))
-    assert np.abs(x.omega).max() > 50.0
-    p, m = ACTUATOR, FAULTY.motor
-    N = np.array([m.N_a, m.N_b, m.N_c])
-    i = currents(x)
-    theta = x.theta_m[:-1, np.newaxis] + np.zeros(3)
-    shape = np.vectorize(back_emf_shape)(np.degrees(p.P * theta) - 120 * np.arange(3))
-    gap = 1 + m.zeta * np.cos(theta + m.phi + 2 * np.pi / 3 * np.arange(3))
-    star = (
-        p.V_max / 2 * np.stack([x.q_a, x.q_b, x.q_c], axis=1)[1:]
-        - p.R_s / 2 * N * i[:-1]
-        - p.L_s / 2 * N**2 * np.diff(i, axis=0) / DT
-        - p.k_e / 2 * N * shape * gap * x.omega[:-1, np.newaxis]
-    )
-    # Dividing the difference of two currents of 20 A by 1 us costs ten digits of 24 V.
-    assert np.ptp(star, axis=1).max() < 1e-9
-
-
 def largest_rise(i: float) -> float:
     """Most that a phase of the healthy motor at rest can change in a step [A]."""
     v = 4 / 3 * ACTUATOR.V_max / 2 + ACTUATOR.R_s / 2 * i
@@ -110,20 +90,6 @@ def test_currents_stay_within_the_double_band(degrees, I_ref):
     assert error.max() <= 2 * ACTUATOR.h_b + largest_rise(16.0)
     # The bound is no formality: the single band is left by far.
     assert error.max() > 1.5 * ACTUATOR.h_b
-
-
-def test_leg_outside_its_band_is_driven_back():
-    x = run(FAULTY, at_rest(), 8000, command=lambda t: 2e-3 * math.sin(1500 * t))
-    p = ACTUATOR
-    # The state keeps the error of speed that a step has used.
-    I_ref = np.clip(p.GAP * x.error[1:] / p.k_t, -p.I_max, p.I_max)
-    for n, (i, q) in enumerate([(x.i_a, x.q_a), (x.i_b, x.q_b), (x.i_c, x.q_c)]):
-        degrees = np.degrees(p.P * x.theta_m[:-1]) - 120 * n
-        excess = i[:-1] - I_ref * np.array([driven(angle) for angle in degrees])
-        outside = np.abs(excess) > p.h_b
-        assert 100 < outside.sum() < 8000
-        assert (q[1:][outside] == -np.sign(excess[outside])).all()
-        assert (q[1:][~outside] == q[:-1][~outside]).all()
 
 
 def test_locked_torque_is_k_e_times_current():
@@ -151,23 +117,3 @@ def test_no_load_speed_is_where_the_back_emf_takes_the_supply():
     # 1 % with the motor's inductance, and less with less of it.
     assert 0 < missing[1] < missing[0] < 0.015
     assert missing[1] < 0.004
-
-
-def test_no_load_torque_is_friction():
-    actuator = SimulatedActuator()
-    actuator.advance(np.full(2000, 1.15))
-    x = run(PLANT, actuator.state, 20_000, command=1.15)
-    m = PLANT.mechanics
-    # Momentum balance, exact but for the change of speed over the run.
-    push = PLANT.mechanics.J * (x.omega[-1] - x.omega[0]) / (20_000 * DT)
-    resisting = m.f_d + m.C * x.omega[:-1].mean()
-    assert x.torque[1:].mean() == pytest.approx(resisting + push, rel=1e-9)
-
-
-def test_back_emf_drives_a_spinning_motor_only_through_k_e():
-    """Without k_e a spinning motor has no torque and its currents do not know of the speed."""
-    spinning = at_rest()._replace(omega=300.0)
-    x = run(unpowered(PLANT), spinning, 500)
-    assert (x.torque == 0.0).all()
-    state: State = step(*PLANT, spinning, 0.0, 0.0, 0.0, DT, 1.0)
-    assert state.torque != 0.0

@@ -132,28 +132,6 @@ def test_samples_do_not_depend_on_the_blocks():
     np.testing.assert_array_equal(current, whole.current)
 
 
-def test_current_has_no_ripple_of_an_inverter():
-    """At constant speed it is smooth: its steps are those of no hysteresis."""
-    one = actuator(replace(P, V_max=200.0, theta_stop=100.0))
-    current = one.advance(np.full(6000, 50.0)).current[-500:]
-    assert np.ptp(current) < 1e-6 * current.mean()
-
-
-def test_open_phase_carries_nothing():
-    one = actuator()
-    one.causes = {"open_phase_a": 1.0}
-    one.advance(THESIS_CHIRP.sample(1e-4)[:1000])
-    # i_alpha is that of phase A, of some 50 V over 10 Mohm.
-    assert abs(one.state.i_alpha) < 1e-5
-
-
-def test_phases_with_hardly_any_turns_stay_finite():
-    """The step is implicit: the loop is ten thousand times too fast for them."""
-    faults = {"short_circuit_a": 0.99, "short_circuit_b": 0.99}
-    block = actuator(faults=faults).advance(THESIS_CHIRP.sample(1e-4)[:2000])
-    assert np.abs(block.current).max() < 2 * P.I_max
-
-
 @pytest.mark.parametrize("name", ["dead_time", "dead_switch"])
 def test_causes_of_a_switching_inverter_are_refused_by_name(name):
     one = actuator()

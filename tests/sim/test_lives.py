@@ -38,16 +38,6 @@ def test_lives_last_from_60_to_200_tests(kind):
 
 
 @pytest.mark.parametrize("kind", TYPICAL)
-def test_typical_life_lies_well_between_the_bounds(kind):
-    """The law at its median rate: few lives must be drawn anew."""
-    typical = TYPICAL[kind]
-    limit = LIMITS["short_circuit_a" if kind == "short_circuit" else kind]
-    tests = float(hours_until(typical.law, 0.0, typical.rate, typical.shape, limit)) / 10.0
-    onset = typical.latest_onset / 2.0 / 10.0
-    assert 100.0 < tests + onset < 125.0
-
-
-@pytest.mark.parametrize("kind", TYPICAL)
 def test_only_the_dominant_fault_reaches_its_limit_and_only_at_the_end(kind):
     for life in lives_of(kind):
         name = life.dominant
@@ -68,18 +58,6 @@ def test_end_is_where_the_law_reaches_the_limit_when_there_is_no_noise():
         assert life.end_hours == pytest.approx(growth.onset + law, abs=1.0)
 
 
-def test_process_noise_multiplies_increments_by_lognormal_factors():
-    life = run_to_failure(LIMITS, np.random.default_rng(5), "friction")
-    growth = life.growths["friction"]
-    x = life.faults[:, FAULT_NAMES.index("friction")]
-    expected = (x[:-1] + growth.shape) * np.expm1(10.0 * growth.rate)
-    factors = np.log(np.diff(x) / expected)
-    # Some hundred draws of N(-0.3^2 / 2, 0.3): mean and sigma within four standard errors.
-    n = factors.size
-    assert abs(factors.mean() + 0.3**2 / 2.0) < 4.0 * 0.3 / math.sqrt(n)
-    assert abs(factors.std() - 0.3) < 4.0 * 0.3 / math.sqrt(2 * n)
-
-
 @pytest.mark.slow
 def test_others_grow_at_a_fifth_of_their_rates():
     lives = [*lives_of("backlash", 60), *lives_of("gain", 60)]
@@ -87,11 +65,6 @@ def test_others_grow_at_a_fifth_of_their_rates():
         rates = [life.growths[name].rate / TYPICAL[kind].rate for life in lives]
         expected = 5.0 if kind == "eccentricity" else 0.2
         assert np.exp(np.mean(np.log(rates))) == pytest.approx(expected, rel=0.12)
-
-
-def test_drift_in_a_slower_time_diffuses_by_the_root_of_it():
-    for life in lives_of("friction", 3):
-        assert life.growths["gain"].noise == pytest.approx(1e-3 * math.sqrt(0.2))
 
 
 def test_life_that_another_fault_would_end_is_drawn_anew():
@@ -102,24 +75,6 @@ def test_life_that_another_fault_would_end_is_drawn_anew():
         # The last tests lead on to where backlash passes its limit.
         value = life.faults[:, FAULT_NAMES.index("backlash")]
         assert value[-1] + 2.0 * (value[-1] - value[-2]) > 0.5
-
-
-def test_short_circuit_begins_at_a_random_hour():
-    onsets = []
-    for life in lives_of("short_circuit"):
-        onset = life.growths[life.dominant].onset
-        value = life.faults[:, FAULT_NAMES.index(life.dominant)]
-        assert np.all(value[life.hours <= onset] == 0.0)
-        assert np.all(value[life.hours > onset] > 0.0)
-        onsets.append(onset)
-    assert min(onsets) < 130.0
-    assert 270.0 < max(onsets) < 400.0
-
-
-def test_gain_goes_to_either_side():
-    values = [life.faults[-1, -1] for life in lives_of("gain")]
-    assert min(values) < 0.3
-    assert max(values) > 0.7
 
 
 def test_a_tenth_of_the_tests_is_missing_and_three_in_a_hundred_are_disturbed():
@@ -180,10 +135,3 @@ def test_impossible_lives_are_refused(limits, kind, settings, parts):
     with pytest.raises(ValueError, match=parts[0]) as refused:
         run_to_failure(limits, np.random.default_rng(0), kind, settings)
     assert parts[1] in str(refused.value)
-
-
-def test_settings_are_checked():
-    with pytest.raises(ValueError, match="least_tests = 60: expected at most most_tests = 50"):
-        LifeSettings(most_tests=50)
-    with pytest.raises(ValueError, match="disturbed_share"):
-        LifeSettings(disturbed_share=1.5)

@@ -7,7 +7,7 @@ import pytest
 
 from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, constants
-from ema_sim.actuator import SimulatedActuator, at_rest
+from ema_sim.actuator import at_rest
 from ema_sim.reference import DT
 
 from .trajectories import run, unpowered
@@ -43,18 +43,6 @@ def test_coast_down_under_viscous_and_dry_friction():
     np.testing.assert_allclose(orders, 1.0, atol=0.1)
 
 
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_coasting_turns_by_the_energy_it_had(direction):
-    """Without damping J omega_0^2 / 2 = f_d theta."""
-    plant = PLANT._replace(mechanics=PLANT.mechanics._replace(C=0.0))
-    m = plant.mechanics
-    x = run(plant, spinning(direction * OMEGA_0), 4000)
-    assert x.omega[-1] == 0.0
-    # The speed of a step's end moves it, so the turn is short by half a step of the first speed.
-    expected = m.J * OMEGA_0**2 / (2 * m.f_d)
-    assert x.theta_m[-1] == pytest.approx(direction * expected, abs=OMEGA_0 * DT)
-
-
 @pytest.mark.parametrize("k", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_sticks_below_breakaway_and_moves_above_it(k, direction):
@@ -69,14 +57,6 @@ def test_sticks_below_breakaway_and_moves_above_it(k, direction):
     acceleration = -(load - direction * f_s / 2) / 2.5e-5
     # In 200 us the damping takes C t / 2 J = 4e-5 of the speed away.
     assert moving.omega[-1] == pytest.approx(acceleration * 200 * DT, rel=1e-4)
-
-
-@pytest.mark.slow
-def test_terminal_speed_under_load():
-    m = DAMPED.mechanics
-    load = -0.3
-    x = run(DAMPED, at_rest(), 40_000, load=load)  # 16 time constants J / C
-    assert x.omega[-1] == pytest.approx((-load - m.f_d) / m.C, rel=1e-6)
 
 
 @pytest.mark.parametrize("plant", [PLANT, DAMPED], ids=["dry", "damped"])
@@ -116,15 +96,3 @@ def test_end_stop_holds_and_lets_go(direction):
     # Free acceleration from rest; damping takes C t / 2 J = 2e-4 of it.
     expected = -direction * (0.5 - m.f_d) / m.J * 1e-3
     assert left.omega[-1] == pytest.approx(expected, rel=3e-4)
-
-
-def test_powered_actuator_leaves_its_end_stop():
-    actuator = SimulatedActuator(ActuatorParameters(theta_stop=0.01))
-    blocked = actuator.advance(np.full(1000, 0.5))
-    half_play = 2.5e-3 / 500
-    assert blocked.position[-1] == pytest.approx(0.01 - half_play, rel=1e-9)
-    assert (blocked.speed[-500:] == 0.0).all()
-    # Against the stop the motor pushes with all the current its limit allows.
-    assert blocked.current[-1] == pytest.approx(22.5, abs=0.5)
-    back = actuator.advance(np.zeros(1000))
-    assert abs(back.position[-1]) < 5e-5

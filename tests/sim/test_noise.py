@@ -70,22 +70,3 @@ def test_noise_comes_before_the_current_limit():
     """Whatever its size: the sum of bias and noise is clipped, its sign stays."""
     limited = comparisons(1.0, 1e-5, bias=0.5, I_max=0.01)
     np.testing.assert_allclose(limited, comparisons(1.0, 1e-5, bias=0.5), atol=0.01)
-
-
-def test_limited_reference_bounds_the_current_under_noise():
-    p = ActuatorParameters(f_sm=1e4, I_max=5.0)
-    actuator = SimulatedActuator(p, noise_gain=100.0, rng=np.random.default_rng(29))
-    telemetry = actuator.advance(np.full(200, 1.0))
-    # The double band of a floating star, and a step's rise.
-    assert telemetry.current.max() < 5.0 + 2 * p.h_b + 0.11
-    assert telemetry.current[50:].mean() < 5.0 + p.h_b
-
-
-def test_no_noise_by_default():
-    rng = np.random.default_rng(31)
-    before = rng.bit_generator.state
-    quiet = SimulatedActuator(rng=rng).advance(np.full(50, 1e-3))
-    assert rng.bit_generator.state == before
-    np.testing.assert_array_equal(
-        quiet.current, SimulatedActuator().advance(np.full(50, 1e-3)).current
-    )

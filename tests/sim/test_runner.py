@@ -90,22 +90,6 @@ def test_lateness_is_told_until_a_whole_cycle_was_in_time():
     assert told == [False, True, True, True, False]
 
 
-def test_lags_of_a_cycle_add_up_when_it_is_late_again_and_again():
-    clock = Clock()
-    pacer = Pacer(1.0, clock)
-    for _ in range(5):
-        clock.now += 0.2
-        pacer.wait(0.01, clock)
-    assert pacer.pace().lag_s == pytest.approx(5 * 0.19)
-    assert pacer.pace().achieved_rate == pytest.approx(0.05)
-
-
-def test_wait_ends_when_it_is_stopped():
-    clock = Clock()
-    clock.set()
-    assert not Pacer(1.0, clock).wait(0.01, clock)
-
-
 class Run:
     """A runner in simulated time, whose blocks are kept with the time at which they came."""
 

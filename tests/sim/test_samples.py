@@ -93,14 +93,6 @@ def test_command_and_load_run_straight_from_sample_to_sample():
     assert holding.state.omega == pytest.approx(torque / 2.5e-5 * 1e-6, rel=1e-9)
 
 
-def test_position_is_that_of_the_user_speed_that_of_the_motor():
-    actuator = SimulatedActuator()
-    for value in (1e-3, 3e-3, 2e-3):
-        block = actuator.advance([value])
-        assert block.position[0] == actuator.state.theta_b * actuator.parameters.tau
-        assert block.speed[0] == actuator.state.omega
-
-
 def test_stamp_is_the_end_of_the_first_sample_and_the_index_runs_on():
     actuator = SimulatedActuator(stamp_ns=5_000_000_000)
     first = actuator.advance(np.zeros(3))
@@ -111,23 +103,3 @@ def test_stamp_is_the_end_of_the_first_sample_and_the_index_runs_on():
     assert second.stamp_ns == 5_000_000_000 + 4 * period_ns
     assert second.stamps_ns.tolist() == [5_000_400_000, 5_000_500_000]
     assert first.sample_period == SAMPLE_PERIOD
-
-
-def test_stamps_do_not_drift():
-    """A period that binary fractions cannot express, a hundred thousand times."""
-    actuator = SimulatedActuator(sample_period=3e-6)
-    long = actuator.advance(np.zeros(100_000))
-    assert long.stamps_ns[-1] == 100_000 * 3000
-    assert actuator.advance([0.0]).stamp_ns == 100_001 * 3000
-
-
-def test_telemetry_keeps_its_own_copy():
-    commands = np.full(3, 1e-3)
-    block = SimulatedActuator().advance(commands)
-    commands[:] = 7.0
-    assert block.command.tolist() == [1e-3] * 3
-
-
-def test_same_seed_same_telemetry():
-    one, other = in_blocks(noisy_actuator(), [N])[0], in_blocks(noisy_actuator(), [N])[0]
-    np.testing.assert_array_equal(one.current, other.current)

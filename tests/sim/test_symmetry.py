@@ -10,10 +10,9 @@ import math
 import numpy as np
 import pytest
 
-from ema_core.commands import THESIS_CHIRP
 from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, PlantConstants, constants
-from ema_sim.actuator import SimulatedActuator, at_rest
+from ema_sim.actuator import at_rest
 
 from .trajectories import run
 
@@ -81,22 +80,6 @@ def test_mirrored_motion(faults):
     np.testing.assert_allclose(x.i_b, y.i_c, rtol=0, atol=TOLERANCE)
 
 
-@parametrize_faults
-def test_mirrored_telemetry(faults):
-    """The same from outside and over a whole test window: k4 and k5 swap, k7 becomes 1 - k7."""
-    mirrored = dict(faults)
-    mirrored["short_circuit_b"] = faults.get("short_circuit_c", 0.0)
-    mirrored["short_circuit_c"] = faults.get("short_circuit_b", 0.0)
-    mirrored["eccentricity_phase"] = 1.0 - faults.get("eccentricity_phase", 0.5)
-    chirp = THESIS_CHIRP.sample(1e-4)
-    one, other = SimulatedActuator(), SimulatedActuator()
-    one.faults, other.faults = fault_vector(faults), fault_vector(mirrored)
-    x, y = one.advance(chirp), other.advance(-chirp)
-    np.testing.assert_allclose(x.current, -y.current, rtol=0, atol=TOLERANCE)
-    np.testing.assert_allclose(x.position, -y.position, rtol=0, atol=TOLERANCE)
-    np.testing.assert_allclose(x.speed, -y.speed, rtol=0, atol=TOLERANCE)
-
-
 @pytest.mark.slow
 @parametrize_faults
 def test_half_an_electrical_turn_on(faults):
@@ -144,13 +127,3 @@ def test_phases_are_alike(faults, P):
     i, j = phase_currents(x), phase_currents(y)
     for phase, next_phase in ("ab", "bc", "ca"):
         np.testing.assert_allclose(i[phase], j[next_phase], rtol=0, atol=TOLERANCE)
-
-
-def test_switching_state_at_the_start_matters():
-    """One leg the other way round and the mirror image is lost: another pattern, same motion."""
-    x = run(plant_with({}), at_rest(), STEPS, command=command, load=load)
-    start = at_rest()._replace(q_a=-1.0)
-    y = run(plant_with({}), start, STEPS, command=lambda t: -command(t), load=lambda t: -load(t))
-    assert np.abs(x.i_a - y.i_a).max() > 0.1
-    # The motion hardly notices: 2 % of its range.
-    assert np.abs(x.theta_m + y.theta_m).max() < 0.02 * np.ptp(x.theta_m)
