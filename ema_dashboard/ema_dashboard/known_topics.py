@@ -1,8 +1,7 @@
 """The topics that the dashboard shows, and how each is shown."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -21,11 +20,9 @@ _KNOWN: Final = {
     **topics.MONITOR_TOPICS,
     **topics.PLAYER_TOPICS,
 }
-_FOLLOWED: Final = frozenset((topics.FAULT_ESTIMATE,))
 
 
-@dataclass(frozen=True)
-class KnownTopic:
+class KnownTopic(NamedTuple):
     """A topic that is shown.
 
     Attributes
@@ -59,21 +56,13 @@ def known_topics(namespaces: Iterable[str]) -> list[KnownTopic]:
         KnownTopic(CLOCK, "", "", Clock, best_effort, True, False),
     ]
     for namespace in namespaces:
-        prefix = namespace.rstrip("/")
-        for relative, (message_class, offer) in _KNOWN.items():
+        place = namespace.rstrip("/")
+        for relative, (kind, offer) in _KNOWN.items():
             latched = offer.durability == DurabilityPolicy.TRANSIENT_LOCAL
-            followed = latched or relative in _FOLLOWED
-            found.append(
-                KnownTopic(
-                    f"{prefix}/{relative}",
-                    namespace,
-                    relative,
-                    message_class,
-                    topics.LATCHED_BY_MANY if latched else offer,
-                    followed,
-                    followed,
-                )
-            )
-        name = f"{prefix}/{UNIT_HISTORY}"
+            kept = latched or relative == topics.FAULT_ESTIMATE
+            qos = topics.LATCHED_BY_MANY if latched else offer
+            name = f"{place}/{relative}"
+            found.append(KnownTopic(name, namespace, relative, kind, qos, kept, kept))
+        name = f"{place}/{UNIT_HISTORY}"
         found.append(KnownTopic(name, namespace, UNIT_HISTORY, UnitHistory, None, False, True))
     return found

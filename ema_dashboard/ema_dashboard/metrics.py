@@ -42,70 +42,42 @@ _Key = TypeVar("_Key")
 _Value = TypeVar("_Value")
 
 
-class _Counted(NamedTuple):
-    """A counter, and where a status has it."""
+class _OfNode(NamedTuple):
+    """A counter of nodes, and the task and key of the status that has it."""
 
     name: str
     documentation: str
+    task: str
     key: str
-    task: str = ""
 
 
-_OF_ACTUATORS: Final = (
-    _Counted("ema_samples_lost", "Samples of telemetry that are missing.", "samples lost"),
-    _Counted(
-        "ema_windows_dropped", "Windows that had to give way to later ones.", "windows dropped"
-    ),
-)
 _OF_NODES: Final = (
-    _Counted(
+    _OfNode(
         "ema_monitor_windows_dropped",
         "Windows of all actuators of a monitor that had to give way.",
-        *("windows dropped", "input"),
+        *("input", "windows dropped"),
     ),
-    _Counted(
+    _OfNode(
         "ema_monitor_refusals_dropped",
         "Refused windows of a monitor that nobody was told of.",
-        *("refusals dropped", "input"),
+        *("input", "refusals dropped"),
     ),
-    _Counted(
+    _OfNode(
         "ema_monitor_follow_ups_dropped",
         "Forecasts and the like that a monitor left out.",
-        *("follow-ups dropped", "identification"),
+        *("identification", "follow-ups dropped"),
     ),
-    _Counted(
+    _OfNode(
         "ema_recorder_messages_lost",
         "Messages that did not reach a recorder.",
-        *("lost messages", "recording"),
+        *("recording", "lost messages"),
     ),
-    _Counted(
+    _OfNode(
         "ema_recorder_messages_without_room",
         "Messages that a recorder could not write.",
-        *("messages without room", "recording"),
+        *("recording", "messages without room"),
     ),
-    _Counted("ema_bridge_samples_lost", "Samples missing at a bridge's input.", "lost", "input"),
-)
-_OF_HEALTH: Final[tuple[tuple[str, str, str, Callable[[Health], float]], ...]] = (
-    (
-        *("ema_health_index", "Health: 1 is as new, 0 at a limit.", "ratio"),
-        lambda health: health.health_index,
-    ),
-    (
-        *("ema_health_level", "Level: 0 OK, 1 WARN, 2 ERROR, 3 STALE.", ""),
-        lambda health: health.level,
-    ),
-    (
-        *("ema_health_confidence", "Confidence in the health.", "ratio"),
-        lambda health: health.confidence,
-    ),
-    (
-        *("ema_service_time", "Time of service so far.", "seconds"),
-        lambda health: _HOUR_S * health.flight_hours,
-    ),
-    (
-        *("ema_health_timestamp", "End of the latest test.", "seconds"),
-        lambda health: stamp_from_message(health.header.stamp) * 1e-9,
-    ),
+    _OfNode("ema_bridge_samples_lost", "Samples missing at a bridge's input.", "input", "lost"),
 )
 
 
@@ -244,39 +216,44 @@ def _of_actuators(actuators: Mapping[tuple[str, str], _Actuator]) -> Iterator[Me
         "Time from the end of the latest window to its estimate.",
         "seconds",
     )
-    estimates = CounterMetricFamily(
-        "ema_estimates", "Estimates by their verdict.", labels=[*_ACTUATOR, "verdict"]
-    )
-    counters = [
-        CounterMetricFamily(one.name, one.documentation, labels=_ACTUATOR) for one in _OF_ACTUATORS
-    ]
-    of_health = [_gauge(name, documentation, unit) for name, documentation, unit, _ in _OF_HEALTH]
+    estimates = _counter("ema_estimates", "Estimates by their verdict.", "verdict")
+    lost = _counter("ema_samples_lost", "Samples of telemetry that are missing.")
+    dropped = _counter("ema_windows_dropped", "Windows that had to give way to later ones.")
+    index = _gauge("ema_health_index", "Health: 1 is as new, 0 at a limit.", "ratio")
+    level = _gauge("ema_health_level", "Level: 0 OK, 1 WARN, 2 ERROR, 3 STALE.", "")
+    confidence = _gauge("ema_health_confidence", "Confidence in the health.", "ratio")
     life = _gauge(
         "ema_remaining_useful_life",
         "Time of service that is left, by quantile; NaN when it is unknown.",
         "seconds",
         *(*_ACTUATOR, "quantile"),
     )
+    service = _gauge("ema_service_time", "Time of service so far.", "seconds")
+    tested = _gauge("ema_health_timestamp", "End of the latest test.", "seconds")
     for names, known in actuators.items():
-        labels, health = tuple(map(_text, names)), known.health
+        labels, health, status = tuple(map(_text, names)), known.health, known.status
         unit = {"serial_number": _text(known.serial_number), "model": _text(known.model)}
         about.add_metric(labels, unit)
         if any(known.computing):
             counts = zip(_BOUNDS, accumulate(known.computing), strict=True)
             computing.add_metric(labels, list(counts), known.computing_s)
-        _add(latency, labels, known.status.get("latency [s]"))
-        for verdict, key in (("valid", "estimates valid"), ("refused", "estimates invalid")):
-            _add(estimates, (*labels, verdict), known.status.get(key))
-        for family, counted in zip(counters, _OF_ACTUATORS, strict=True):
-            _add(family, labels, known.status.get(counted.key))
+        _add(latency, labels, status.get("latency [s]"))
+        _add(estimates, (*labels, "valid"), status.get("estimates valid"))
+        _add(estimates, (*labels, "refused"), status.get("estimates invalid"))
+        _add(lost, labels, status.get("samples lost"))
+        _add(dropped, labels, status.get("windows dropped"))
         if health is not None:
-            for family, (*_, value_of) in zip(of_health, _OF_HEALTH, strict=True):
-                family.add_metric(labels, value_of(health))
             rul = health.rul
+            index.add_metric(labels, health.health_index)
+            level.add_metric(labels, health.level)
+            confidence.add_metric(labels, health.confidence)
             quantiles = {"0.05": rul.hours_05, "0.5": rul.hours_50, "0.95": rul.hours_95}
             for name, hours in quantiles.items():
                 life.add_metric((*labels, name), _HOUR_S * hours if rul.known else math.nan)
-    yield from (about, *of_health, life, latency, computing, estimates, *counters)
+            service.add_metric(labels, _HOUR_S * health.flight_hours)
+            tested.add_metric(labels, stamp_from_message(health.header.stamp) * 1e-9)
+    yield from (about, index, level, confidence, life, service, tested)
+    yield from (latency, computing, estimates, lost, dropped)
 
 
 def _of_dashboard(own: OwnFigures) -> Iterator[Metric]:
@@ -296,6 +273,10 @@ def _of_dashboard(own: OwnFigures) -> Iterator[Metric]:
 
 def _gauge(name: str, documentation: str, unit: str, *labels: str) -> GaugeMetricFamily:
     return GaugeMetricFamily(name, documentation, labels=labels or _ACTUATOR, unit=unit)
+
+
+def _counter(name: str, documentation: str, *labels: str) -> CounterMetricFamily:
+    return CounterMetricFamily(name, documentation, labels=[*_ACTUATOR, *labels])
 
 
 def _add(

@@ -52,6 +52,8 @@ class WebServer:
     ----------
     thread
         The thread.
+    admitted
+        Number of clients.
     """
 
     def __init__(
@@ -76,7 +78,7 @@ class WebServer:
         self._scheme = "https" if tls else "http"
         self._page = read_page()
         self._documents = Documents(documents)
-        self._admitted = 0
+        self.admitted = 0
         self._loop = hub.loop
         self.thread = SteadyThread("dashboard", self._run, on_failure)
 
@@ -103,11 +105,6 @@ class WebServer:
         # In this thread: that of the server may have ended by itself before.
         self._loop.run_until_complete(self._close())
         self._loop.close()
-
-    @property
-    def admitted(self) -> int:
-        """Number of clients."""
-        return self._admitted
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
@@ -235,30 +232,27 @@ class WebServer:
         return web.Response(body=file.content, headers=headers)
 
     async def _connect(self, request: web.Request) -> web.StreamResponse:
-        if self._admitted >= self._most_clients:
+        if self.admitted >= self._most_clients:
             return self._refuse(503, f"{self._most_clients} clients are connected already")
         offered = request.headers.get("Sec-WebSocket-Protocol", "")
         if SUBPROTOCOL not in [item.strip() for item in offered.split(",")]:
             return self._refuse(400, f"expected the subprotocol {SUBPROTOCOL}, not {offered!r}")
-        self._admitted += 1
+        self.admitted += 1
         try:
-            return await self._speak(request)
+            connection = web.WebSocketResponse(
+                protocols=(SUBPROTOCOL,),
+                max_msg_size=MOST_REQUEST_BYTES,
+                compress=False,
+                autoping=False,
+                timeout=1.0,
+            )
+            self._limit(request.protocol, None)
+            _limit_buffer(request)
+            await connection.prepare(request)
+            await Client(self._hub, connection, self._control, self._most_bytes).run()
+            return connection
         finally:
-            self._admitted -= 1
-
-    async def _speak(self, request: web.Request) -> web.StreamResponse:
-        connection = web.WebSocketResponse(
-            protocols=(SUBPROTOCOL,),
-            max_msg_size=MOST_REQUEST_BYTES,
-            compress=False,
-            autoping=False,
-            timeout=1.0,
-        )
-        self._limit(request.protocol, None)
-        _limit_buffer(request)
-        await connection.prepare(request)
-        await Client(self._hub, connection, self._control, self._most_bytes).run()
-        return connection
+            self.admitted -= 1
 
     def _refuse(self, status: int, reason: str) -> web.Response:
         self._hub.totals.refused += 1
