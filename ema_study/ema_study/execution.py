@@ -9,8 +9,7 @@ import pandas as pd
 from ema_core.tasks import Workers
 from ema_monitor.model.threads import available_cpus, limit_threads
 from ema_study.plan import Job
-from ema_study.result import RunResult
-from ema_study.run import run_job
+from ema_study.run import RunResult, run_job
 
 _ROUNDS: Final = 3
 _GENERATIONS: Final = 20

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from ema_study.result import K
+from ema_study.run import K
 
 _WIDEST: Final = 16
 """Largest number of columns side by side."""

@@ -44,7 +44,7 @@ def _runs() -> pd.DataFrame:
 def printed_runs() -> pd.DataFrame:
     """Return the thesis's runs as a table, one a row.
 
-    The columns are those of ``ema_study.result.as_frame``, as far as the thesis prints them, with
+    The columns are those of ``ema_study.run.as_frame``, as far as the thesis prints them, with
     ``model`` "printed", and ``note``. ``evaluations`` follow: populations of 50, that of the start
     included, which GWO alone counts as a generation.
 

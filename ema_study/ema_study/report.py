@@ -45,7 +45,7 @@ def write_report(
     folder
         Folder of the report; it is made where it is missing.
     runs
-        Our runs, as of ``ema_study.result.as_frame``: one model or both, complete or not, or none.
+        Our runs, as of ``ema_study.run.as_frame``: one model or both, complete or not, or none.
     timing
         Serial and parallel execution, as of ``ema_study.execution.time_executors``; None where it
         was not measured.

@@ -33,35 +33,27 @@ class Severity(NamedTuple):
 
 SEVERITIES: Final[dict[str, tuple[Severity, ...]]] = {
     "friction": tuple(
-        Severity(f"{factor:g} × nominal", {"friction": (factor - 1.0) / 2.0})
-        for factor in (1.0, 1.5, 2.0, 2.5, 3.0)
+        Severity(f"{x:g} × nominal", {"friction": (x - 1.0) / 2.0})
+        for x in (1.0, 1.5, 2.0, 2.5, 3.0)
     ),
     "backlash": tuple(
-        Severity(f"{factor} × nominal", {"backlash": (factor - 1) / 99})
-        for factor in (1, 2, 10, 50, 100)
+        Severity(f"{x} × nominal", {"backlash": (x - 1) / 99}) for x in (1, 2, 10, 50, 100)
     ),
     # Without any turns left, the inductance is zero and the current has no limit.
     "short_circuit": tuple(
-        Severity(f"{percent} % of A bypassed", {"short_circuit_a": percent / 100})
-        for percent in (0, 25, 50, 75, 99)
+        Severity(f"{x} % of A bypassed", {"short_circuit_a": x / 100}) for x in (0, 25, 50, 75, 99)
     ),
     "eccentricity": tuple(
-        Severity(f"ζ = {zeta:g}", {"eccentricity": zeta}) for zeta in (0.0, 0.25, 0.5, 0.75, 1.0)
+        Severity(f"ζ = {x:g}", {"eccentricity": x}) for x in (0.0, 0.25, 0.5, 0.75, 1.0)
     ),
     "gain": tuple(
-        Severity(f"{factor:g} × nominal", {"gain": factor - 0.5})
-        for factor in (0.5, 0.75, 1.0, 1.25, 1.5)
+        Severity(f"{x:g} × nominal", {"gain": x - 0.5}) for x in (0.5, 0.75, 1.0, 1.25, 1.5)
     ),
 }
 """Growing severities of each fault (figures 4.3 to 4.46), by kind."""
 
-COMPARED: Final[dict[str, Severity]] = {
-    "friction": SEVERITIES["friction"][2],
-    "backlash": SEVERITIES["backlash"][3],
-    "short_circuit": SEVERITIES["short_circuit"][1],
-    "eccentricity": SEVERITIES["eccentricity"][2],
-    "gain": SEVERITIES["gain"][4],
-}
+_COMPARED: Final = {"friction": 2, "backlash": 3, "short_circuit": 1, "eccentricity": 2, "gain": 4}
+COMPARED: Final = {fault: SEVERITIES[fault][number] for fault, number in _COMPARED.items()}
 """Severities at which reference and monitor are compared (figures 4.10, 4.19, 4.29, 4.40, 4.47)."""
 
 

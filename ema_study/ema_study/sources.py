@@ -79,7 +79,7 @@ def by_source(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     Parameters
     ----------
     runs
-        Our runs, as of ``ema_study.result.as_frame``; may be empty.
+        Our runs, as of ``ema_study.run.as_frame``; may be empty.
 
     Returns
     -------

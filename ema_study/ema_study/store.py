@@ -12,7 +12,7 @@ from typing import Final
 
 from ema_core.source_digest import source_digest
 from ema_study.plan import Job
-from ema_study.result import RunResult, as_frame
+from ema_study.run import RunResult, as_frame
 
 _NUMERICS: Final = (
     "ema_core",
@@ -25,7 +25,6 @@ _NUMERICS: Final = (
     "ema_study.cases",
     "ema_study.models",
     "ema_study.plan",
-    "ema_study.result",
     "ema_study.run",
     "ema_study.stop_rules",
 )

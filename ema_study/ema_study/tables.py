@@ -34,7 +34,7 @@ from ema_study.printed import (
     reliability_single,
     run_means,
 )
-from ema_study.result import K
+from ema_study.run import K
 from ema_study.sources import (
     ALGORITHM_NAMES,
     MODEL_LABELS,
@@ -95,7 +95,7 @@ def study_tables(runs: pd.DataFrame) -> list[StudyTable]:
     Parameters
     ----------
     runs
-        Our runs, as of ``ema_study.result.as_frame``: one model or both, complete or not, or none.
+        Our runs, as of ``ema_study.run.as_frame``: one model or both, complete or not, or none.
     """
     sources = by_source(runs)
     tables = [

@@ -13,12 +13,6 @@ from ema_core.steady_thread import SteadyThread
 from ..waiting import DEADLINE_S
 
 
-@pytest.fixture(autouse=True)
-def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(steady_thread, "_FIRST_WAIT_S", 0.01)
-    monkeypatch.setattr(steady_thread, "_LONGEST_WAIT_S", 0.02)
-
-
 def fail() -> None:
     raise ZeroDivisionError("made up")
 

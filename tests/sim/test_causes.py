@@ -18,21 +18,6 @@ from ema_sim.effects import RIPPLE_FREQUENCY, STRIBECK_SPEED, Effects
 P = ActuatorParameters()
 CHIRP = Command().sample(1e-4)[:2000]
 F_D = (P.f_sm + P.f_su) * P.f_ratio
-EVERY_PLANT_CAUSE = [
-    "load_torque=0.02",
-    "load_stiffness=3",
-    "torque_constant=-0.05@0.02",
-    "winding_temperature=80@0.01..0.1",
-    "supply_voltage=-0.1",
-    "viscous_friction=2",
-    "inertia=0.2@0.05",
-    "dead_time=2.5e-6",
-    "cogging=0.01",
-    "stribeck=0.3",
-    "friction_ripple=0.2",
-    "supply_ripple=0.05",
-    "dead_switch=1@0.15",
-]
 
 
 def run(

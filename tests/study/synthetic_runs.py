@@ -5,7 +5,7 @@ import pandas as pd
 
 from ema_study.cases import CASES
 from ema_study.plan import plan
-from ema_study.result import RunResult, as_frame
+from ema_study.run import RunResult, as_frame
 from ema_study.stop_rules import uncounted_populations
 
 FLOOR = 0.02

@@ -15,7 +15,7 @@ from ema_study.cases import CASES, MULTIPLE
 from ema_study.means import multiple_fault_reliability, reliability_of_overviews
 from ema_study.models import describes, problem, truth_and_healthy_costs
 from ema_study.printed import overview, printed_runs, reliability_multiple, reliability_single
-from ema_study.result import K
+from ema_study.run import K
 from ema_study.stop_rules import THRESHOLD
 
 TRUE_K = [f"true_{k}" for k in K]

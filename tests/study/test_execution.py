@@ -1,10 +1,5 @@
 """Runs on executors."""
 
-import json
-import subprocess
-import sys
-from dataclasses import asdict
-
 import pytest
 
 from ema_core.tasks import Workers
@@ -30,29 +25,6 @@ def serial():
 def test_processes_find_what_a_single_one_does(serial):
     with Workers("processes", 2) as workers:
         assert results(execute(JOBS, workers)) == serial
-
-
-@pytest.mark.long
-def test_dask_cluster_of_local_workers_finds_what_a_single_one_does(serial, tmp_path):
-    """In a process of its own: the threads of Dask's client stay until its end."""
-    script = f"""
-import json
-from pathlib import Path
-from ema_core.tasks import Workers
-from ema_study.execution import execute
-from ema_study.plan import Job
-jobs = [Job(**job) for job in {[asdict(job) for job in JOBS]!r}]
-if __name__ == "__main__":
-    with Workers("dask", 2) as workers:
-        done = list(execute(jobs, workers))
-    print(json.dumps([[one.job.run, one.estimate] for one in done]))
-"""
-    (tmp_path / "study.py").write_text(script)
-    done = subprocess.run(
-        [sys.executable, tmp_path / "study.py"], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert dict(json.loads(done.stdout.splitlines()[-1])) == serial
 
 
 @pytest.mark.long

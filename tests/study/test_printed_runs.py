@@ -21,7 +21,7 @@ from ema_study.printed import (
     reliability_single,
     run_means,
 )
-from ema_study.result import K
+from ema_study.run import K
 
 
 def test_there_are_ten_runs_of_each_algorithm_in_each_table():

@@ -21,7 +21,7 @@ from ema_study.execution import execute, time_executors
 from ema_study.models import MODELS
 from ema_study.plan import RUNS, Job, plan
 from ema_study.report import write_report
-from ema_study.result import as_frame
+from ema_study.run import as_frame
 from ema_study.sources import single_fault_runs
 from ema_study.store import RunStore, numerics_version
 from ema_study.tables import study_tables, write_tables

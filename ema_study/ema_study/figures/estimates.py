@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from ema_study.cases import CASES, SINGLE_FAULTS
 from ema_study.figures.style import FAULT_NAMES, STYLES, legend_below, tidy
 from ema_study.plan import ALGORITHMS
-from ema_study.result import K
+from ema_study.run import K
 from ema_study.sources import (
     NAMES_WITH_OWN_CODE,
     counted,
