@@ -30,6 +30,7 @@ from ema_core.faults import ECCENTRICITY, ECCENTRICITY_PHASE, FAULT_NAMES, FAULT
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.fit import calibrate
 from ema_monitor.identification.combination import Combination
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.tally import CombinationSettings
 
 RIGHT: Final = {"friction": 0.02, "backlash": 0.02, "gain": 0.02}
@@ -103,8 +104,8 @@ def identified(work: tuple[Recording, Calibration]) -> Found:
     stretches = recording.stretches()
     combination = Combination(ACTUATOR, calibration, settings=CombinationSettings(pause_s=0.0))
     started = time.perf_counter()
-    estimates = [one for stretch in stretches for one in combination.add(stretch)]
-    estimates += combination.finish()
+    found = [one for stretch in stretches for one in combination.add(stretch)]
+    estimates = [one for one in found if isinstance(one, Estimate)] + combination.finish()
     seconds = time.perf_counter() - started
     return Found(
         recording.faults,

@@ -13,7 +13,7 @@ from ema_archive.sources import content_digest, local_copy
 from ema_archive.tables import count_row, estimate_row
 from ema_core.description import ActuatorDescription
 from ema_monitor.calibration.loading import AnyCalibration
-from ema_monitor.identification.search import LastFaults, identify
+from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.model.threads import limit_threads
 from ema_recording.reader import Bag
 from ema_recording.telemetry import DESCRIPTION_TYPE, read_telemetry
@@ -179,24 +179,17 @@ def _diagnosed(task: BagTask, path: Path, sha256: str) -> BagResult:
 def _estimates(
     found: BagWindows, calibration: AnyCalibration | str, task: BagTask, sha256: str
 ) -> list[dict[str, Any]]:
-    settings, rows, last_faults = task.settings, [], LastFaults()
-    for number, item in enumerate(found.windows):
-        previous = last_faults.of(item.description, calibration)
-        estimate = identify(
-            item.window, item.description, calibration, settings.search, previous=previous
-        )
-        last_faults.record(item.description, estimate)
-        rows.append(
-            estimate_row(estimate, number)
-            | _identity(item.description)
-            | {
-                "bag": task.url,
-                "bag_sha256": sha256,
-                "software": estimation_software(),
-                "settings": settings.estimation_id,
-            }
-        )
-    return rows
+    shared = {
+        "bag": task.url,
+        "bag_sha256": sha256,
+        "software": estimation_software(),
+        "settings": task.settings.estimation_id,
+    }
+    return [
+        estimate_row(one.estimate, one.number) | _identity(one.description) | shared
+        for one in diagnose(found.windows, calibration, task.settings.search)
+        if isinstance(one, Diagnosed)
+    ]
 
 
 def _identity(unit: ActuatorDescription) -> dict[str, str]:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import click
 
+from ema_cli.bags.estimates import estimate_windows
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.unit_course import Course, follow
 from ema_cli.bags.unit_record import UnitRecord, read_unit, with_calibration_beside
-from ema_cli.commands.estimate import estimate_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_cli.prognosis_options import PrognosisOptions
 from ema_cli.show.advice import advice_in_words

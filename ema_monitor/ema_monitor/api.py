@@ -117,8 +117,8 @@ def identify_motion(
     calibration = calibration or Calibration.builtin()
     combination = Combination(description, calibration, settings=settings)
     stretches = find_windows(telemetry, description, TriggerSettings(windows=ANY_MOTION))
-    found = [estimate for stretch in stretches for estimate in combination.add(stretch)]
-    return found + combination.finish()
+    found = [one for stretch in stretches for one in combination.add(stretch)]
+    return [one for one in found if isinstance(one, Estimate)] + combination.finish()
 
 
 def track(

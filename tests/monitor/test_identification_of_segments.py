@@ -7,8 +7,9 @@ import pytest
 
 from ema_core.faults import healthy_faults
 from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import Estimate
-from ema_monitor.identification.search import Identification, LastFaults, identify
+from ema_monitor.identification.search import Identification, identify
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.optimizers import ALGORITHMS
 from ema_monitor.optimizers.driver import Termination
@@ -96,19 +97,16 @@ def test_impossible_search_is_refused_by_name(values, texts):
 
 
 def identified(
-    found: Segment, calibration: Calibration | str, last: LastFaults, **values
+    found: Segment, calibration: Calibration | str, diagnosis: Diagnosis, **values
 ) -> Estimate:
-    description = found.description
-    previous = last.of(description, calibration)
-    settings = SearchSettings(**values)
-    estimate = identify(found.window, description, calibration, settings, previous=previous)
-    last.record(description, estimate)
-    return estimate
+    *_, last = diagnosis.add(found, calibration, SearchSettings(**values))
+    assert isinstance(last, Diagnosed)
+    return last.estimate
 
 
 def test_search_begins_at_the_last_valid_estimate(windows_of, calibration, description):
     first, second = windows_of({"friction": 0.3, "eccentricity": 0.2}, 2)
-    last = LastFaults()
+    last = Diagnosis()
     cold = identified(Segment(0, description, first), calibration, last)
     warm = identified(Segment(1, description, second), calibration, last)
     assert (cold.warm_start, warm.warm_start) == (False, True)
@@ -123,7 +121,7 @@ def test_warm_search_leads_where_a_cold_one_does(windows_of, calibration, descri
         windows_of(faults)[0]
         for faults in ({"friction": 0.7, "short_circuit_a": 0.3}, {"backlash": 0.4, "gain": 0.8})
     )
-    last = LastFaults()
+    last = Diagnosis()
     identified(Segment(0, description, before), calibration, last)
     warm = identified(Segment(1, description, other), calibration, last)
     cold = identify(other, description, calibration)
@@ -139,7 +137,7 @@ def test_windows_without_valid_estimate_leave_the_start_as_it_is(
     refusals = [Segment(1, description, Refusal(5, 9, reason)) for reason in ("gap", "dropped")]
     estimates = []
     for between in ([], refusals):
-        last = LastFaults()
+        last = Diagnosis()
         identified(Segment(0, description, first), calibration, last)
         for item in between:
             identified(item, calibration, last)
@@ -151,35 +149,31 @@ def test_windows_without_valid_estimate_leave_the_start_as_it_is(
     np.testing.assert_array_equal(disturbed.faults, undisturbed.faults)
 
 
-def test_search_begins_anew_with_another_description_calibration_or_actuator(
+def test_search_begins_anew_with_another_description_or_calibration(
     windows_of, calibration, description
 ):
     [window] = windows_of({"friction": 0.3})
-    last = LastFaults()
-    identified(Segment(0, description, window), calibration, last)
-    others = [
+    for described, calibrated in (
         (replace(description, model="another"), calibration),
         (description, replace(calibration, windows=calibration.windows + 1)),
-        (replace(description, actuator_id="rudder"), calibration),
-    ]
-    assert last.of(description, calibration) is not None
-    for described, calibrated in others:
-        assert last.of(described, calibrated) is None
-    # Each actuator has its own.
-    identified(Segment(0, others[2][0], window), calibration, last)
-    assert last.of(description, calibration) is not None
+    ):
+        last = Diagnosis()
+        identified(Segment(0, description, window), calibration, last)
+        assert identified(Segment(1, description, window), calibration, last).warm_start
+        other = identified(Segment(2, described, window), calibrated, last)
+        assert not other.warm_start
 
 
 def test_cold_search_is_noted_as_well(windows_of, calibration, description):
     [window] = windows_of({"friction": 0.3})
-    last = LastFaults()
+    last = Diagnosis()
     found = Segment(0, description, window)
     for warm_start, expected in ((False, False), (False, False), (True, True)):
         assert identified(found, calibration, last, warm_start=warm_start).warm_start == expected
 
 
 def test_estimate_tells_what_was_put_back_to_healthy(found, calibration, description):
-    estimate = identified(found, calibration, LastFaults())
+    estimate = identified(found, calibration, Diagnosis())
     kept = identify(found.window, description, calibration, SearchSettings(parsimonious=False))
     assert not estimate.insignificant[0]
     assert np.count_nonzero(estimate.insignificant) >= 4

@@ -90,13 +90,13 @@ def published() -> Published:
 def may_identify(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
     """Identification lasts until this is set."""
     event = threading.Event()
-    identify = IdentificationWorker._identify
+    identify = IdentificationWorker._diagnosed
 
     def wait(self: IdentificationWorker, *args: Any) -> Any:
         assert event.wait(DEADLINE_S)
         return identify(self, *args)
 
-    monkeypatch.setattr(IdentificationWorker, "_identify", wait)
+    monkeypatch.setattr(IdentificationWorker, "_diagnosed", wait)
     monkeypatch.setattr(identification_worker, "_JOIN_S", 0.0)
     yield event
     event.set()
@@ -203,8 +203,8 @@ def test_window_under_identification_is_refused_by_the_stop_alone(
         run(self, *args)
         done.set()
 
-    identify = IdentificationWorker._identify
-    monkeypatch.setattr(IdentificationWorker, "_identify", slow)
+    identify = IdentificationWorker._diagnosed
+    monkeypatch.setattr(IdentificationWorker, "_diagnosed", slow)
     monkeypatch.setattr(IdentificationWorker, "_run", run_and_tell)
     monkeypatch.setattr(identification_worker, "_JOIN_S", 0.0)
     worker = published.worker()

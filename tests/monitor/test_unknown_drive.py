@@ -16,11 +16,10 @@ from ema_core.levels import OK, WARN
 from ema_core.telemetry import Telemetry
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.loading import calibrate_unit, load_calibration
+from ema_monitor.diagnosis import Diagnosed, diagnose
 from ema_monitor.health import TORQUE_PER_AMPERE, HealthLimits, assess
-from ema_monitor.identification.combinations import Combinations
 from ema_monitor.identification.estimate import estimate_of, estimate_record
 from ema_monitor.identification.search import identify
-from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
 from ema_monitor.unknown_drive.columns import Columns
 from ema_monitor.unknown_drive.play import free_play
@@ -305,14 +304,11 @@ def test_stretches_of_motion_are_fitted_together(unit):
     t = np.arange(0.0, 6.0, H)
     telemetry = actuator.advance(6e-3 * np.sin(2.0 * np.pi * 2.0 * t), 0.05)
     finder = WindowFinder(TriggerSettings(windows=ANY_MOTION), UNKNOWN)
-    combinations, found = Combinations(), []
-    for event in [*finder.feed(telemetry), *finder.finish()]:
-        if isinstance(event, Segment):
-            found += combinations.add(
-                UNKNOWN, unit, SearchSettings(), CombinationSettings(pause_s=0.0), event.window
-            )
-    found += combinations.finish()
+    events = [*finder.feed(telemetry), *finder.finish()]
+    stretches = [event for event in events if isinstance(event, Segment)]
+    found = list(diagnose(stretches, unit, combining=CombinationSettings(pause_s=0.0)))
     assert found
+    assert isinstance(found[0], Diagnosed)
     assert found[0].estimate.stretches > 0
     assert found[0].estimate.faults.friction == pytest.approx(0.3, abs=0.03)
 

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
+from ema_cli.bags.estimates import estimate_windows
 from ema_cli.bags.unit_course import follow
 from ema_cli.bags.unit_record import UnitRecord
-from ema_cli.commands.estimate import estimate_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_interfaces.msg import Health
 from ema_monitor.calibration.calibration import Calibration

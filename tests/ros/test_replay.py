@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ema_cli.bags.estimates import estimate_windows
 from ema_cli.bags.source_options import Source
 from ema_cli.bags.windows import read_windows
-from ema_cli.commands.estimate import estimate_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_core.commands import THESIS_CHIRP, build_cycle
 from ema_core.description import ActuatorDescription

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
+from ema_cli.bags.estimates import estimate_windows
 from ema_cli.bags.unit_course import follow
 from ema_cli.bags.unit_record import UnitRecord
-from ema_cli.commands.estimate import estimate_windows
 from ema_cli.identification_options import IdentificationOptions
 from ema_cli.main import main
 from ema_interfaces.msg import DutyScenario

@@ -9,9 +9,9 @@ import click
 import numpy as np
 from rich.console import Console
 
+from ema_cli.bags.estimates import as_object
 from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.bags.windows import identifiable_windows
-from ema_cli.commands.estimate import as_object
 from ema_cli.comparison import AlgorithmComparison, choose_window, compare_algorithms
 from ema_cli.errors import REFUSED, NameChoice, one_clear_line
 from ema_cli.figures.comparison import draw_comparison

@@ -7,28 +7,24 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import shorten
-from typing import Any, Final
+from typing import Final
 
 import click
 import numpy as np
 from rich.console import Console
 from rich.table import Column, Table
 
+from ema_cli.bags.estimates import as_object, estimate_windows
 from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.bags.windows import identifiable_windows
 from ema_cli.errors import REFUSED, one_clear_line
 from ema_cli.identification_options import IdentificationOptions, identification_options
-from ema_cli.show.progress import progress_bar
 from ema_core.faults import FAULTS
 from ema_core.wording import counted
-from ema_monitor.calibration.loading import AnyCalibration
-from ema_monitor.identification.combinations import Combinations
-from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
-from ema_monitor.identification.search import Identification, LastFaults
-from ema_monitor.model.monitor_model import compile_kernels
+from ema_monitor.identification.estimate import Estimate
 from ema_monitor.windows.trigger import Refusal
 from ema_monitor.windows.window import MIN_TRAVEL
-from ema_recording.windows import BagWindows, RecordedWindow
+from ema_recording.windows import BagWindows
 
 _NOTHING: Final = "no significant fault"
 _REASON_WIDTH: Final = 90
@@ -90,90 +86,6 @@ def _is_complete(estimates: Sequence[Estimate], found: BagWindows) -> bool:
     }
     failed = [one for one in estimates if not one.valid and one.end_ns not in cut_off]
     return not failed and any(one.valid for one in estimates)
-
-
-def estimate_windows(
-    windows: Sequence[RecordedWindow],
-    calibration: AnyCalibration,
-    options: IdentificationOptions,
-    *,
-    force: bool = False,
-    any_motion: bool = False,
-) -> list[Estimate]:
-    """Return the estimate of every window, as a monitor makes them, with a progress bar.
-
-    With ``any_motion`` the windows are stretches of ordinary motion, which are combined.
-    """
-    if any_motion:
-        return _combined(windows, calibration, options, force=force)
-    # So that the computing time of the first estimate is that of an estimate.
-    compile_kernels([calibration.form])
-    estimates, last_faults = [], LastFaults()
-    with progress_bar() as progress:
-        task = progress.add_task("identifying", total=len(windows))
-        for number, window in enumerate(windows):
-            description = window.description
-            run = Identification(
-                window.window,
-                description,
-                calibration,
-                options.search,
-                force=force,
-                previous=last_faults.of(description, calibration),
-            )
-            for generation in run:
-                progress.update(
-                    task,
-                    state=f"window {number + 1} of {len(windows)}, "
-                    f"{generation.evaluations} evaluations, "
-                    f"fitness {generation.fitness:.5f} A^2.s",
-                )
-            if run.estimate is not None:
-                last_faults.record(description, run.estimate)
-                estimates.append(run.estimate)
-            progress.advance(task)
-    return estimates
-
-
-def _combined(
-    windows: Sequence[RecordedWindow],
-    calibration: AnyCalibration,
-    options: IdentificationOptions,
-    *,
-    force: bool,
-) -> list[Estimate]:
-    """Return the estimates that stretches of motion give, and print what became of them."""
-    compile_kernels([calibration.form])
-    combinations, found = Combinations(), []
-    with progress_bar() as progress:
-        task = progress.add_task("combining", total=len(windows))
-        for window in windows:
-            found += combinations.add(
-                window.description,
-                calibration,
-                options.search,
-                options.combining,
-                window.window,
-                force=force,
-            )
-            progress.advance(task)
-    found += combinations.finish()
-    for actuator_id in dict.fromkeys(window.description.actuator_id for window in windows):
-        click.echo(f"{actuator_id}: {combinations.tally(actuator_id)}", err=True)
-    return [one.estimate for one in found]
-
-
-def as_object(one: Estimate, found: BagWindows) -> dict[str, Any]:
-    """Return an estimate as plain values; what is not a number is null."""
-    record = estimate_record(one)
-    record["play_offset"] = record.pop("play")
-    record["calibration"] = record.pop("calibration_id")
-    return record | {
-        "sigma": by_fault(one.sigma),
-        "excitation_limit": MIN_TRAVEL,
-        "start": round(found.seconds(one.start_ns), 9),
-        "end": round(found.seconds(one.end_ns), 9),
-    }
 
 
 def found_in_words(one: Estimate) -> str:

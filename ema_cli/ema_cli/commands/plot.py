@@ -6,10 +6,10 @@ import click
 from matplotlib.figure import Figure
 
 from ema_cli.bags.diagnoses import read_history
+from ema_cli.bags.estimates import estimate_windows
 from ema_cli.bags.outline import Outline
 from ema_cli.bags.source_options import USE_OPTIONS, Source, source_options
 from ema_cli.bags.windows import read_windows
-from ema_cli.commands.estimate import estimate_windows
 from ema_cli.comparison import choose_window
 from ema_cli.errors import one_clear_line
 from ema_cli.figures.files import picture_option, require_drawable, save_picture

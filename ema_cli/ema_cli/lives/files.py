@@ -8,8 +8,9 @@ from typing import Final
 from ema_cli.lives.tests_of_life import LifeTest, calibration_of_life
 from ema_cli.new_bag import new_bag
 from ema_core.description import ActuatorDescription
+from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import Estimate, by_fault, estimate_record
-from ema_monitor.identification.search import LastFaults, identify
+from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_recording.actuator_bag import SimulatedActuatorBag
@@ -35,15 +36,14 @@ def with_estimates(
     tests: Iterable[LifeTest], description: ActuatorDescription
 ) -> Iterator[tuple[LifeTest, Estimate]]:
     """Yield the tests of an actuator with their estimates, valid or not, as of a monitor."""
-    calibration, last_faults = calibration_of_life(description), LastFaults()
+    calibration, diagnosis = calibration_of_life(description), Diagnosis()
     for test in tests:
         finder = WindowFinder(TriggerSettings(), description)
         events = [event for block in test.blocks for event in finder.feed(block)]
         segment = next(item for item in [*events, *finder.finish()] if isinstance(item, Segment))
-        previous = last_faults.of(description, calibration)
-        estimate = identify(segment.window, description, calibration, previous=previous)
-        last_faults.record(description, estimate)
-        yield test, estimate
+        for one in diagnosis.add(segment, calibration, SearchSettings()):
+            if isinstance(one, Diagnosed):
+                yield test, one.estimate
 
 
 def as_line(test: LifeTest, estimate: Estimate) -> str:

@@ -1,6 +1,6 @@
 """Stretches of ordinary motion, combined until the faults are known well enough (M29)."""
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
@@ -17,7 +17,7 @@ from ema_monitor.identification.fitness import DEFAULT_FITNESS
 from ema_monitor.identification.knowledge import Before, Knowledge
 from ema_monitor.identification.objective import Coordinates
 from ema_monitor.identification.preview import NUISANCES, Motion, Preview
-from ema_monitor.identification.search import Identification
+from ema_monitor.identification.search import Generation, Identification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings, Tally
 from ema_monitor.identification.uncertainty import SPANS, UNOBSERVABLE_SIGMA
@@ -100,52 +100,44 @@ class Combination:
         self._pause_ns = (0, 0)
         self._begin()
 
-    def add(
-        self, stretch: Window | Refusal, is_stopped: Callable[[], bool] = lambda: False
-    ) -> list[Estimate]:
-        """Process the next stretch; return the estimates that it completes.
+    def add(self, stretch: Window | Refusal) -> Iterator[Generation | Estimate]:
+        """Yield the state after each generation of the search, and the estimates it completes.
+
+        Where it is not gone on with, what was combined before the stretch is left as it is.
 
         Parameters
         ----------
         stretch
-            The stretch, or why there is none.
-        is_stopped
-            Asked after each generation of the search; once it says so, the stretch is given up and
-            what was combined before it is left as it is.
+            The next stretch, or why there is none.
         """
         self._count(stretches=1)
         if isinstance(stretch, Refusal):
             self._count(**{"dropped" if stretch.is_dropped else "refused": 1})
             self.tally = self.tally._replace(reason=stretch.reason)
-            return []
-        estimates: list[Estimate] = []
+            return
         if self._is_complete(stretch):
-            estimates += self._conclude("")
+            yield from self._conclude("")
         # A clock that has gone back must not lengthen the pause.
         begin_ns, end_ns = self._pause_ns
         if begin_ns <= stretch.start_ns < end_ns and not self._is_defective(stretch):
             self._count(skipped=1)
-            return estimates
+            return
         self._looked_at += 1
         if not isinstance(self._calibration, str) and not self._is_worthwhile(
             stretch, self._calibration
         ):
             self._count(skipped=1)
-            return estimates
-        run = self._identify(stretch, self._known, is_stopped)
-        if run is not None and self._parts and not self._belongs(run):
-            alone = self._identify(stretch, self._nothing, is_stopped)
-            if alone is None:
-                return estimates
+            return
+        run = self._identification(stretch, self._known)
+        yield from run
+        if self._parts and not self._belongs(run):
+            alone = self._identification(stretch, self._nothing)
+            yield from alone
             if self._is_valid(alone):
                 preview = self._preview
-                estimates += self._conclude("the motion that followed does not agree with it")
+                yield from self._conclude("the motion that followed does not agree with it")
                 run, self._preview = alone, preview
-        if run is None:
-            return estimates
-        if not self._is_valid(run):
-            return estimates + self._refuse(run)
-        return estimates + self._accept(run)
+        yield from self._accept(run) if self._is_valid(run) else self._refuse(run)
 
     def finish(self) -> list[Estimate]:
         """End the motion; return the estimate of what was combined so far, if there is one."""
@@ -215,11 +207,9 @@ class Combination:
         """Faults at which the next search begins, ``(8,)``."""
         return np.array(self._parts[-1].estimate.faults) if self._parts else self._previous
 
-    def _identify(
-        self, stretch: Window, known: Knowledge, is_stopped: Callable[[], bool]
-    ) -> Identification | None:
-        """Return the identification of a stretch; None when it is to stop."""
-        run = Identification(
+    def _identification(self, stretch: Window, known: Knowledge) -> Identification:
+        """Return the identification of a stretch."""
+        return Identification(
             stretch,
             self._description,
             self._calibration,
@@ -228,10 +218,6 @@ class Combination:
             previous=self._start,
             before=Before(known, NUISANCES, self._preview.start if self._preview else ()),
         )
-        for _ in run:
-            if is_stopped():
-                return None
-        return None if is_stopped() else run
 
     @staticmethod
     def _is_valid(run: Identification) -> bool:

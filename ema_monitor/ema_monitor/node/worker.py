@@ -5,16 +5,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ema_core.description import ActuatorDescription
 from ema_core.levels import ERROR, OK, WARN
 from ema_core.steady_thread import SteadyThread
 from ema_core.wording import counted
 from ema_monitor.calibration.loading import AnyCalibration
-from ema_monitor.identification.combinations import Combinations
+from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.identification.estimate import Estimate, refusal
-from ema_monitor.identification.search import Identification, LastFaults
 from ema_monitor.identification.tally import Tally
 from ema_monitor.node.settings import WindowSettings
 from ema_monitor.node.window_queue import QueueClosedError, WindowQueue
@@ -68,11 +66,7 @@ class IdentificationWorker:
         self._publish = publish
         self._report_tally = report_tally
         self._log_error = log_error
-        self._last_faults = LastFaults()
-        self._combinations = Combinations()
-        self._searched: set[str] = set()
-        # Numbers of the latest stretches.
-        self._looked_at: dict[str, int] = {}
+        self._diagnoses: dict[str, Diagnosis] = {}
         self._thread: SteadyThread | None = None
         self._queue = WindowQueue()
         self._queue.close()
@@ -124,17 +118,11 @@ class IdentificationWorker:
 
     def forget(self) -> None:
         """Begin later searches anew."""
-        self._last_faults.clear()
-        self._combinations.clear()
-        self._searched.clear()
-        self._looked_at.clear()
+        self._diagnoses.clear()
 
     def forget_actuator(self, actuator_id: str) -> None:
-        """Begin the later searches of one actuator anew; its windows that wait are let go."""
-        self._last_faults.forget(actuator_id)
-        self._combinations.forget(actuator_id)
-        self._searched.discard(actuator_id)
-        self._looked_at.pop(actuator_id, None)
+        """Begin the later searches of one actuator anew, and drop its windows that wait."""
+        self._diagnoses.pop(actuator_id, None)
         self._queue.forget(actuator_id)
 
     def add(self, segment: Segment, most_waiting: int | None) -> list[Segment]:
@@ -162,11 +150,12 @@ class IdentificationWorker:
             self.refuse(current, _STOPPED_DURING)
         for segment in waiting:
             self.refuse(segment, "the monitor was stopped before the window was identified")
-        # A thread that still computes gives up its stretch once it is back from that.
-        combinations, self._combinations = self._combinations, Combinations()
-        for number, description, estimate in combinations.finish():
-            last = self._looked_at.get(description.actuator_id, number)
-            self._publish(_completed(number, last, description, estimate), estimate)
+        # A thread that still computes has the old ones, and publishes nothing any more.
+        diagnoses = self._diagnoses
+        self._diagnoses = {name: one.stopped() for name, one in diagnoses.items()}
+        for one in diagnoses.values():
+            for found in one.finish():
+                self._publish(_completed(found), found.estimate)
 
     def refuse(self, segment: Segment, reason: str) -> None:
         """Publish why a window is not identified; its own refusal when the reason is empty.
@@ -188,94 +177,79 @@ class IdentificationWorker:
             self.refuse(current, failure)
 
     def _identify_and_publish(self, segment: Segment, queue: WindowQueue) -> None:
-        if segment.is_stretch:
-            self._combine_and_publish(segment, queue)
-            return
         # A failure in one window must not end the identification of the others.
         try:
-            estimate = self._identify(segment, queue)
+            found = self._diagnosed(segment, queue)
         except Exception as error:
-            estimate = self._refusal(segment, self._log_failure(segment, error))
-        with queue.publishing(segment) as may_publish:
-            if not may_publish:
-                return
-            self._last_faults.record(segment.description, estimate)
-            try:
-                self._publish(segment, estimate)
-            except Exception as error:
-                reason = self._log_failure(segment, error)
-                try:
-                    self.refuse(segment, reason)
-                except Exception as second:
-                    self._log_failure(segment, second)
-
-    def _combine_and_publish(self, segment: Segment, queue: WindowQueue) -> None:
-        description, combinations = segment.description, self._combinations
-        self._looked_at[description.actuator_id] = segment.number
-        try:
-            found = combinations.add(
-                description,
-                self._calibration_of(description),
-                self._settings_of(segment).search,
-                self._settings_of(segment).combining,
-                segment.window,
-                previous=self._previous(description),
-                is_stopped=lambda: queue.is_closed,
+            # Settings that cannot be used are no failure: the estimate names them.
+            is_refusal = isinstance(error, ValueError) and not isinstance(
+                error, np.linalg.LinAlgError
             )
-        except Exception as error:
-            tally = combinations.tally(description.actuator_id)
-            # Settings that cannot be used fail for each stretch anew: the status names them.
-            if isinstance(error, ValueError) and not isinstance(error, np.linalg.LinAlgError):
-                reason = str(error)
-            else:
-                reason = self._log_failure(segment, error)
-            self._report_tally(description.actuator_id, tally._replace(reason=reason))
-            with queue.publishing(segment):
-                return
+            reason = str(error) if is_refusal else self._log_failure(segment, error)
+            with queue.publishing(segment) as may_publish:
+                if may_publish:
+                    self._report_failure(segment, reason)
+            return
         with queue.publishing(segment) as may_publish:
             if not may_publish:
                 return
-            for number, of, estimate in found:
-                self._last_faults.record(of, estimate)
-                of_stretches = replace(
-                    _completed(number, segment.number, of, estimate), settings=segment.settings
-                )
+            for one in found:
+                of = segment
+                if segment.is_stretch:
+                    of = replace(_completed(one), settings=segment.settings)
                 try:
-                    self._publish(of_stretches, estimate)
+                    self._publish(of, one.estimate)
                 except Exception as error:
-                    self._log_failure(segment, error)
-            self._report_tally(description.actuator_id, combinations.tally(description.actuator_id))
+                    self._report_failure(segment, self._log_failure(segment, error))
+            if segment.is_stretch:
+                actuator_id = segment.description.actuator_id
+                self._report_tally(actuator_id, self._diagnosis(segment).tally)
+
+    def _diagnosed(self, segment: Segment, queue: WindowQueue) -> list[Diagnosed]:
+        """Return the estimates of a window; those that a stretch completes may be none."""
+        settings = self._settings_of(segment)
+        found: list[Diagnosed] = []
+        for one in self._diagnosis(segment).add(
+            segment,
+            self._calibration_of(segment.description),
+            settings.search,
+            settings.combining if segment.is_stretch else None,
+        ):
+            if queue.is_closed:
+                if not segment.is_stretch:
+                    refused = self._refusal(segment, _STOPPED_DURING)
+                    found = [
+                        Diagnosed(segment.number, segment.number, segment.description, refused)
+                    ]
+                break
+            if isinstance(one, Diagnosed):
+                found.append(one)
+        return found
+
+    def _diagnosis(self, segment: Segment) -> Diagnosis:
+        """Return the diagnosis of an actuator; its first search begins where its history ends."""
+        actuator_id = segment.description.actuator_id
+        diagnosis = self._diagnoses.get(actuator_id)
+        if diagnosis is None:
+            diagnosis = self._diagnoses[actuator_id] = Diagnosis()
+            if (latest := self._latest_estimate(segment.description)) is not None:
+                diagnosis.begin_at(segment.description, latest)
+        return diagnosis
+
+    def _report_failure(self, segment: Segment, reason: str) -> None:
+        """Refuse a window that failed; of a stretch, the status names the reason."""
+        try:
+            if segment.is_stretch:
+                tally = self._diagnosis(segment).tally._replace(reason=reason)
+                self._report_tally(segment.description.actuator_id, tally)
+            else:
+                self.refuse(segment, reason)
+        except Exception as error:
+            self._log_failure(segment, error)
 
     def _settings_of(self, segment: Segment) -> WindowSettings:
         """Return the settings with which a window is identified: those when it began."""
         return segment.settings or self._settings()
-
-    def _previous(self, description: ActuatorDescription) -> NDArray[np.float64] | None:
-        """Return the faults at which the next search begins, None for a healthy actuator."""
-        if description.actuator_id not in self._searched:
-            self._searched.add(description.actuator_id)
-            if (latest := self._latest_estimate(description)) is not None:
-                self._last_faults.record(description, latest)
-        return self._last_faults.of(description, self._calibration_of(description))
-
-    def _identify(self, segment: Segment, queue: WindowQueue) -> Estimate:
-        description = segment.description
-        run = Identification(
-            segment.window,
-            description,
-            self._calibration_of(description),
-            self._settings_of(segment).search,
-            previous=self._previous(description),
-        )
-        try:
-            for _ in run:
-                if queue.is_closed:
-                    return self._refusal(segment, _STOPPED_DURING)
-        except ValueError as error:
-            return self._refusal(segment, str(error))
-        if run.estimate is None:
-            raise RuntimeError("the identification ended without an estimate")
-        return run.estimate
 
     def _log_failure(self, segment: Segment, error: Exception) -> str:
         reason = f"the identification failed: {error!r}"
@@ -290,9 +264,8 @@ class IdentificationWorker:
         return refusal(window, calibration, self._settings_of(segment).search, window.reason)
 
 
-def _completed(
-    number: int, last: int, description: ActuatorDescription, estimate: Estimate
-) -> Segment:
+def _completed(found: Diagnosed) -> Segment:
     """Return what an estimate of ordinary motion is of; its telemetry is not kept."""
+    estimate = found.estimate
     span = Refusal(estimate.start_ns, estimate.end_ns, estimate.reason)
-    return Segment(number, description, span, is_stretch=True, last_stretch=last)
+    return Segment(found.number, found.description, span, is_stretch=True, last_stretch=found.last)

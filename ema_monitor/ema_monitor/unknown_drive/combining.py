@@ -1,7 +1,6 @@
 """Stretches of ordinary motion of a unit whose drive is unknown, fitted together (M46)."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -60,9 +59,7 @@ class CurrentCombination:
         self._refused_in_a_row = 0
         self._pause_ns = (0, 0)
 
-    def add(
-        self, stretch: Window | Refusal, is_stopped: Callable[[], bool] = lambda: False
-    ) -> list[Estimate]:
+    def add(self, stretch: Window | Refusal) -> list[Estimate]:
         """Process the next stretch; return the estimates that it completes."""
         self._count(stretches=1)
         if isinstance(stretch, Refusal):
@@ -84,7 +81,7 @@ class CurrentCombination:
         if number > _EACH_UP_TO and number % _EVERY and number < self._settings.most_stretches:
             return estimates
         found = self._identified()
-        if isinstance(found, Estimate) and self._is_enough(found) and not is_stopped():
+        if isinstance(found, Estimate) and self._is_enough(found):
             return [*estimates, *self._conclude(found)]
         return estimates
 

@@ -1,0 +1,200 @@
+"""Diagnosis of one actuator: windows and stretches of motion in, estimates of its faults out."""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ema_core.description import ActuatorDescription
+from ema_monitor.calibration.loading import AnyCalibration
+from ema_monitor.identification.combination import Combination
+from ema_monitor.identification.estimate import Estimate
+from ema_monitor.identification.search import Generation, Identification
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.tally import CombinationSettings, Tally
+from ema_monitor.unknown_drive.combining import CurrentCombination
+from ema_monitor.unknown_drive.unit import UnknownDriveUnit
+from ema_monitor.windows.trigger import Refusal
+from ema_monitor.windows.window import Window
+
+
+class Found(Protocol):
+    """A window, or the refusal of one, as a finder or a recording gives it."""
+
+    @property
+    def number(self) -> int:
+        """Running number of the window."""
+        ...
+
+    @property
+    def description(self) -> ActuatorDescription:
+        """The actuator, as it was described at the time."""
+        ...
+
+    @property
+    def window(self) -> Window | Refusal:
+        """The window, or why there is none."""
+        ...
+
+
+class Diagnosed(NamedTuple):
+    """An estimate and what it is of.
+
+    Attributes
+    ----------
+    number
+        Number of the window; of combined stretches, running number of the estimate.
+    last
+        Number of the latest window that was looked at.
+    description
+        The actuator.
+    estimate
+        The estimate, or a refusal with its reason.
+    """
+
+    number: int
+    last: int
+    description: ActuatorDescription
+    estimate: Estimate
+
+
+class Diagnosis:
+    """Diagnoses one actuator, window by window.
+
+    A search begins at the faults of the last valid estimate, if that was of the same description
+    and calibration. Stretches of ordinary motion are combined; under another description,
+    calibration or other settings a new combination begins. The estimates depend on the windows and
+    their order alone: live, in a replay and offline, the same windows give the same estimates.
+    """
+
+    def __init__(self) -> None:
+        self._last: tuple[ActuatorDescription, str, NDArray[np.float64]] | None = None
+        self._combination: Combination | CurrentCombination | None = None
+        self._key: tuple[object, ...] = ()
+        self._described: ActuatorDescription | None = None
+        self._combined = 0
+        self._looked_at = 0
+
+    def add(
+        self,
+        found: Found,
+        calibration: AnyCalibration | str,
+        search: SearchSettings,
+        combining: CombinationSettings | None = None,
+        *,
+        force: bool = False,
+    ) -> Iterator[Generation | Diagnosed]:
+        """Yield the state after each generation of the search, and the estimates as they are made.
+
+        A search is cancelled by not going on: what is known of the actuator is left as it was.
+
+        Parameters
+        ----------
+        found
+            The next window, or its refusal.
+        calibration
+            Calibration of the actuator, or why there is none.
+        search
+            How to identify.
+        combining
+            Until when stretches of ordinary motion are combined; None for a test window.
+        force
+            As of `Identification`.
+
+        Raises
+        ------
+        ValueError
+            When the settings cannot be used.
+        """
+        self._looked_at = found.number
+        previous = self._previous(found.description, calibration)
+        if combining is not None:
+            yield from self._combine(found, calibration, search, combining, previous, force)
+            return
+        run = Identification(
+            found.window, found.description, calibration, search, force=force, previous=previous
+        )
+        yield from run
+        if run.estimate is None:
+            raise RuntimeError("the identification ended without an estimate")
+        yield Diagnosed(found.number, found.number, found.description, run.estimate)
+        self.begin_at(found.description, run.estimate)
+
+    def finish(self) -> list[Diagnosed]:
+        """End the motion; return the estimate of the stretches combined so far, if there is one."""
+        if self._combination is None or self._described is None:
+            return []
+        of = self._described
+        return [self._numbered(of, one) for one in self._combination.finish()]
+
+    @property
+    def tally(self) -> Tally:
+        """How many stretches there were since the combination was set up."""
+        return Tally() if self._combination is None else self._combination.tally
+
+    def begin_at(self, description: ActuatorDescription, estimate: Estimate) -> None:
+        """Let the next search begin at an estimate, if it is valid and knows every fault."""
+        if estimate.valid and np.all(np.isfinite(estimate.faults)):
+            self._last = description, estimate.calibration_id, np.array(estimate.faults)
+
+    def stopped(self) -> "Diagnosis":
+        """Return a diagnosis that begins at the same faults, with no stretches combined."""
+        twin = Diagnosis()
+        twin._last = self._last
+        return twin
+
+    def _previous(
+        self, description: ActuatorDescription, calibration: AnyCalibration | str
+    ) -> NDArray[np.float64] | None:
+        if self._last is None or isinstance(calibration, str):
+            return None
+        described, calibration_id, faults = self._last
+        is_same = described == description and calibration_id == calibration.calibration_id
+        return faults if is_same else None
+
+    def _combine(
+        self,
+        found: Found,
+        calibration: AnyCalibration | str,
+        search: SearchSettings,
+        combining: CombinationSettings,
+        previous: NDArray[np.float64] | None,
+        force: bool,
+    ) -> Iterator[Generation | Diagnosed]:
+        description = found.description
+        identity = calibration if isinstance(calibration, str) else calibration.calibration_id
+        key = (description, identity, search, combining)
+        if self._combination is None or self._key != key:
+            if isinstance(calibration, UnknownDriveUnit):
+                new = CurrentCombination(description, calibration, search, combining, force=force)
+            else:
+                new = Combination(
+                    description, calibration, search, combining, previous=previous, force=force
+                )
+            yield from self.finish()
+            self._combination, self._key, self._described = new, key, description
+        for one in self._combination.add(found.window):
+            yield self._numbered(description, one) if isinstance(one, Estimate) else one
+
+    def _numbered(self, description: ActuatorDescription, estimate: Estimate) -> Diagnosed:
+        self.begin_at(description, estimate)
+        self._combined += 1
+        return Diagnosed(self._combined - 1, self._looked_at, description, estimate)
+
+
+def diagnose(
+    windows: Iterable[Found],
+    calibration: AnyCalibration | str,
+    search: SearchSettings | None = None,
+    combining: CombinationSettings | None = None,
+    *,
+    force: bool = False,
+) -> Iterator[Generation | Diagnosed]:
+    """Diagnose all windows of one actuator with the same settings, as `Diagnosis.add` does each."""
+    diagnosis = Diagnosis()
+    for found in windows:
+        yield from diagnosis.add(
+            found, calibration, search or SearchSettings(), combining, force=force
+        )
+    yield from diagnosis.finish()
