@@ -4,7 +4,6 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
 
@@ -171,21 +170,6 @@ class ActuatorHistory:
         _drop_oldest(self._events, MOST_EVENTS)
 
 
-@dataclass
-class _Unit:
-    """A unit that is shown, and whether a monitor has to be asked for its history."""
-
-    history: ActuatorHistory
-    is_wanted: bool = True
-    answered: set[str] = field(default_factory=set)  # monitors that have, since it is wanted
-    wants: int = 0  # how often it was wanted again
-
-    def want(self) -> None:
-        self.wants += 1
-        self.is_wanted = True
-        self.answered.clear()
-
-
 class Histories:
     """Histories of the units of one namespace, on the topic ``unit_history`` of the hub.
 
@@ -211,37 +195,43 @@ class Histories:
         self._time_ns = time_ns
         self._lock = threading.RLock()  # answers come in threads of their own
         self._monitors: dict[str, Client] = {}
-        self._ready: set[str] = set()
-        self._open: dict[str, tuple[Any, float]] = {}  # questions with their times, by monitor
-        self._units: dict[str, _Unit] = {}  # that asked for longest ago first
+        # Units of which a monitor that is ready is to be asked, those wanted for longest first.
+        self._due: dict[str, dict[str, None]] = {}
+        self._open: dict[str, tuple[Any, str, float]] = {}  # question, unit and time, by monitor
+        self._histories: dict[str, ActuatorHistory] = {}
         self._lost: dict[str, int] = {}  # samples, by actuator
 
     def note(self, message: Any) -> None:
         """Take a description, an estimate or a health."""
+        actuator_id = message.actuator_id
         with self._lock:
-            unit = self._unit(message.actuator_id, message.serial_number)
-            if isinstance(message, FaultEstimate) and unit.history.note_estimate(message):
-                unit.want()
+            history = self._histories.get(actuator_id)
+            if history is None or history.serial_number != message.serial_number:
+                history = ActuatorHistory(actuator_id, message.serial_number)
+                self._histories[actuator_id] = history
+                self._want(actuator_id)
+            if isinstance(message, FaultEstimate) and history.note_estimate(message):
+                self._want(actuator_id)
             elif isinstance(message, Health):
-                unit.history.note_health(message)
-            self._offer(message.actuator_id, unit.history)
+                history.note_health(message)
+            self._offer(actuator_id, history)
 
     def note_lost_samples(self, actuator_id: str, stamp: Time, samples: int) -> None:
         """Take the number of samples of an actuator that are missing since its monitor started."""
         with self._lock:
             before, self._lost[actuator_id] = self._lost.get(actuator_id), samples
-            unit = self._units.get(actuator_id)
+            history = self._histories.get(actuator_id)
             # When the first ones were lost is not known.
-            if before is not None and samples > before and unit is not None:
-                unit.history.note_gap(stamp, samples - before)
-                self._offer(actuator_id, unit.history)
+            if before is not None and samples > before and history is not None:
+                history.note_gap(stamp, samples - before)
+                self._offer(actuator_id, history)
 
     def rewind(self, time_ns: int) -> None:
         """Forget what is later than a time to which the graph has jumped back [ns]."""
         with self._lock:
-            for actuator_id, unit in self._units.items():
-                unit.history.rewind(time_ns)
-                self._offer(actuator_id, unit.history, as_a_whole=True)
+            for actuator_id, history in self._histories.items():
+                history.rewind(time_ns)
+                self._offer(actuator_id, history, as_a_whole=True)
 
     def update(self) -> None:
         """Look for monitors and ask them; to be called regularly."""
@@ -250,16 +240,18 @@ class Histories:
             if is_new and name.startswith(self._prefix):
                 self._monitors[name] = self._node.create_client(GetHistory, name)
         with self._lock:
-            ready = {name for name, client in self._monitors.items() if client.service_is_ready()}
-            if ready - self._ready:
-                for unit in self._units.values():
-                    unit.want()
-            self._ready = ready
-            for name, (future, asked_s) in list(self._open.items()):
-                if name not in ready or time.monotonic() - asked_s >= _PATIENCE_S:
-                    self._monitors[name].remove_pending_request(future)
+            for name, client in self._monitors.items():
+                is_ready = client.service_is_ready()
+                future, actuator_id, asked_s = self._open.get(name, (None, "", 0.0))
+                is_overdue = time.monotonic() - asked_s >= _PATIENCE_S
+                if future is not None and (is_overdue or not is_ready):
+                    client.remove_pending_request(future)
                     del self._open[name]
-            for name in sorted(ready):
+                    self._due[name][actuator_id] = None
+                if not is_ready:
+                    self._due.pop(name, None)
+                elif name not in self._due:
+                    self._due[name] = dict.fromkeys(self._histories)
                 self._ask_next(name)
 
     def close(self) -> None:
@@ -268,14 +260,12 @@ class Histories:
             for client in self._monitors.values():
                 self._node.destroy_client(client)
             self._monitors.clear()
-            self._ready.clear()
+            self._due.clear()
             self._open.clear()
 
-    def _unit(self, actuator_id: str, serial_number: str) -> _Unit:
-        unit = self._units.get(actuator_id)
-        if unit is None or unit.history.serial_number != serial_number:
-            unit = self._units[actuator_id] = _Unit(ActuatorHistory(actuator_id, serial_number))
-        return unit
+    def _want(self, actuator_id: str) -> None:
+        for due in self._due.values():
+            due[actuator_id] = None
 
     def _offer(
         self, actuator_id: str, history: ActuatorHistory, *, as_a_whole: bool = False
@@ -290,44 +280,29 @@ class Histories:
                 self._hub.publish(self._topic, serialize_message(news), log_time_ns)
 
     def _ask_next(self, name: str) -> None:
-        """Ask a monitor for the unit that was asked for longest ago, if it has no question open."""
-        if name in self._open or name not in self._ready:
+        """Ask a monitor for the next unit, if it has no question open."""
+        due = self._due.get(name)
+        if name in self._open or not due:
             return
-        due = (
-            actuator_id
-            for actuator_id, unit in self._units.items()
-            if unit.is_wanted and name not in unit.answered
-        )
-        actuator_id = next(due, None)
-        if actuator_id is None:
-            return
-        unit = self._units[actuator_id]
-        self._units[actuator_id] = self._units.pop(actuator_id)
+        actuator_id = next(iter(due))
+        # Wanted again before the answer comes, it is asked for again: that says how it was then.
+        del due[actuator_id]
         request = GetHistory.Request(actuator_id=actuator_id, most=MOST_TESTS)
         future = self._monitors[name].call_async(request)
-        self._open[name] = future, time.monotonic()
-        future.add_done_callback(partial(self._take, name, actuator_id, unit, unit.wants))
+        self._open[name] = future, actuator_id, time.monotonic()
+        future.add_done_callback(partial(self._take, name, actuator_id))
 
-    def _take(self, name: str, actuator_id: str, unit: _Unit, wants: int, future: Any) -> None:
-        """Take the answer of a monitor; one that does not know the unit has none.
-
-        One to a question from before the history was wanted again says how it was then.
-        """
+    def _take(self, name: str, actuator_id: str, future: Any) -> None:
+        """Take the answer of a monitor; one that does not know the unit has none."""
         with self._lock:
             if self._open.get(name, (None,))[0] is future:
                 del self._open[name]
             response: Any = future.result()
-            history: UnitHistory = response.history if response else UnitHistory()
-            is_meant = bool(response and response.success) and (
-                history.serial_number == unit.history.serial_number
-            )
-            if wants == unit.wants:
-                unit.answered.add(name)
-                if is_meant or unit.answered >= self._ready:
-                    unit.is_wanted = False
-            if is_meant and self._units.get(actuator_id) is unit:
-                unit.history.set_base(history)
-                self._offer(actuator_id, unit.history, as_a_whole=True)
+            known = self._histories.get(actuator_id)
+            found = response.history if response and response.success else None
+            if known and found and found.serial_number == known.serial_number:
+                known.set_base(found)
+                self._offer(actuator_id, known, as_a_whole=True)
             self._ask_next(name)
 
 
