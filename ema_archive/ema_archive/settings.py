@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
 from ema_monitor.health import HealthLimits
@@ -45,28 +45,20 @@ class ArchiveSettings:
     @property
     def estimation_id(self) -> str:
         """Identity of what estimates follow from."""
-        return digest(
-            {
-                "trigger": asdict(self.trigger),
-                "measured_max_age_s": self.measured_max_age_s,
-                "search": _values(self.search),
-            }
-        )
+        values = self.as_mapping()
+        return digest({name: values[name] for name in ("trigger", "measured_max_age_s", "search")})
 
     @property
     def prognosis_id(self) -> str:
         """Identity of what health and life follow from."""
-        return digest(_of_prognosis(self.prognosis))
+        return digest(self.as_mapping()["prognosis"])
 
     def as_mapping(self) -> dict[str, Any]:
         """Return plain values, for `of_mapping`."""
-        return {
-            "calibration": self.calibration,
-            "trigger": asdict(self.trigger),
-            "measured_max_age_s": self.measured_max_age_s,
-            "search": _values(self.search),
-            "prognosis": _of_prognosis(self.prognosis),
-        }
+        values = asdict(self)
+        # A stop rule of a caller's own is code, and an archive knows no other units.
+        del values["search"]["stop_rule"], values["prognosis"]["tracker"]["fleet"]
+        return values
 
     @classmethod
     def of_mapping(cls, values: Mapping[str, Any]) -> Self:
@@ -98,26 +90,3 @@ def digest(values: Any) -> str:
     """Return an identity of plain values: equal ones have an equal one."""
     text = json.dumps(values, sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _values(search: SearchSettings) -> dict[str, Any]:
-    # A stop rule of a caller's own is code: it has no place in a file.
-    return {
-        item.name: getattr(search, item.name) for item in fields(search) if item.name != "stop_rule"
-    }
-
-
-def _of_prognosis(settings: PrognosisSettings) -> dict[str, Any]:
-    # An archive knows no other units: what they taught is no setting of it.
-    tracker = {
-        item.name: getattr(settings.tracker, item.name)
-        for item in fields(settings.tracker)
-        if item.name != "fleet"
-    }
-    tracker["laws"] = {name: asdict(law) for name, law in settings.tracker.laws.items()}
-    return {
-        "limits": asdict(settings.limits),
-        "requirements": asdict(settings.requirements),
-        "tracker": tracker,
-        "service": asdict(settings.service),
-    }

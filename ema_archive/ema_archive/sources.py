@@ -82,29 +82,21 @@ def _listed(files: Any, root: str, source: str, without: Path | None) -> Iterato
             continue
         beside = entries.get(CALIBRATION_FILE)
         calibration = _url(files, beside["name"]) if beside else ""
-        bags = [
-            Listed(
-                _url(files, info["name"]),
-                int(info["size"]),
-                _mark([info]),
-                calibration,
-            )
-            for name, info in entries.items()
-            if name.endswith(".mcap")
-        ]
+        found = [(info, [info]) for name, info in entries.items() if name.endswith(".mcap")]
         for name, info in sorted(folders.items()):
             inside = files.ls(info["name"], detail=True)
             if any(item["name"].endswith(f"/{METADATA_FILE}") for item in inside):
                 del folders[name]
-                size = sum(int(item["size"] or 0) for item in inside)
-                bags.append(
-                    Listed(
-                        _url(files, info["name"]),
-                        size,
-                        _mark(sorted(inside, key=lambda item: item["name"])),
-                        calibration,
-                    )
-                )
+                found.append((info, sorted(inside, key=lambda item: item["name"])))
+        bags = [
+            Listed(
+                _url(files, info["name"]),
+                sum(int(item["size"] or 0) for item in parts),
+                _mark(parts),
+                calibration,
+            )
+            for info, parts in found
+        ]
         if bags:
             yield sorted(bags, key=lambda bag: bag.url)
 
