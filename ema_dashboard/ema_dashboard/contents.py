@@ -1,11 +1,9 @@
 """What the port serves by path: the files of the page, and texts made when they are asked for."""
 
 import asyncio
-import gzip
-import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path, PurePath
 from typing import Final, NamedTuple
@@ -13,7 +11,7 @@ from typing import Final, NamedTuple
 from aiohttp import web
 
 _MOST_WAITING: Final = 16
-_INDEX: Final = "index.html"
+_OTHER: Final = "application/octet-stream"
 # Not those of the machine: a browser runs no script of another type.
 _CONTENT_TYPES: Final = {
     ".css": "text/css",
@@ -34,17 +32,15 @@ _NUMBERS: Final = frozenset(map(str, range(1, _MOST_WORST + 1)))
 _MOST_SUMMARIES: Final = 8
 
 
-@dataclass(frozen=True)
-class PageFile:
-    """One file: its content, the same compressed, its type and a tag that changes with it."""
+class Made(NamedTuple):
+    """A file or text with the type that its header gives, and the status of the answer."""
 
     content: bytes
-    compressed: bytes
     content_type: str
-    tag: str
+    status: int = 200
 
 
-def read_page() -> dict[str, PageFile]:
+def read_page() -> dict[str, Made]:
     """Return the files of the page by the path at which they are served, the page itself at ``/``.
 
     Raises
@@ -53,27 +49,13 @@ def read_page() -> dict[str, PageFile]:
         When a file cannot be read.
     """
     folder = files("ema_dashboard").joinpath("page")
-    found = {}
-    if folder.is_dir():
-        for item in folder.iterdir():
-            if item.is_file() and not item.name.startswith("."):
-                found[f"/{item.name}"] = _page_file(item.name, item.read_bytes())
-    found["/"] = found.pop(f"/{_INDEX}", None) or _page_file(_INDEX, _NOT_BUILT)
+    found = {"/": Made(_NOT_BUILT, _CONTENT_TYPES[".html"])}
+    for item in folder.iterdir() if folder.is_dir() else ():
+        if item.is_file() and not item.name.startswith("."):
+            content_type = _CONTENT_TYPES.get(PurePath(item.name).suffix, _OTHER)
+            path = "/" if item.name == "index.html" else f"/{item.name}"
+            found[path] = Made(item.read_bytes(), content_type)
     return found
-
-
-def _page_file(name: str, content: bytes) -> PageFile:
-    content_type = _CONTENT_TYPES.get(PurePath(name).suffix, "application/octet-stream")
-    tag = hashlib.sha256(content).hexdigest()[:32]
-    return PageFile(content, gzip.compress(content, mtime=0), content_type, tag)
-
-
-class Made(NamedTuple):
-    """A text with the type that its header gives, and the status of the answer."""
-
-    content: bytes
-    content_type: str
-    status: int = 200
 
 
 Document = Callable[[Mapping[str, str], str], Made]

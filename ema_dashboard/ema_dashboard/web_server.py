@@ -11,7 +11,7 @@ from aiohttp import web
 from ema_core.steady_thread import SteadyThread
 from ema_dashboard.access import Access
 from ema_dashboard.client import MOST_REQUEST_BYTES, SUBPROTOCOL, Client
-from ema_dashboard.contents import Document, Documents, PageFile, read_page
+from ema_dashboard.contents import Document, Documents, Made, read_page
 from ema_dashboard.hub import Hub
 
 _COOKIE: Final = "ema_dashboard"
@@ -209,7 +209,7 @@ class WebServer:
             return self._refuse(404, f"there is no {request.path[:100]}")
         return self._file(request, file)
 
-    def _file(self, request: web.Request, file: PageFile) -> web.Response:
+    def _file(self, request: web.Request, file: Made) -> web.Response:
         # WebSockets are named, as not all browsers take them for part of 'self'.
         sockets = f"{self._scheme.replace('http', 'ws')}://{request.headers['Host']}"
         headers = {
@@ -222,14 +222,9 @@ class WebServer:
             "Content-Type": file.content_type,
             "Vary": "Accept-Encoding",
         }
-        if request.path != "/":
-            headers |= {"Cache-Control": "no-cache", "ETag": f'"{file.tag}"'}
-            if request.headers.get("If-None-Match") == headers["ETag"]:
-                return web.Response(status=304, headers=headers)
-        if "gzip" in request.headers.get("Accept-Encoding", ""):
-            headers["Content-Encoding"] = "gzip"
-            return web.Response(body=file.compressed, headers=headers)
-        return web.Response(body=file.content, headers=headers)
+        answer = web.Response(body=file.content, headers=headers)
+        answer.enable_compression()
+        return answer
 
     async def _connect(self, request: web.Request) -> web.StreamResponse:
         if self.admitted >= self._most_clients:
