@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from ema_archive.partitions import write_whole
 from ema_archive.summaries import SUMMARIES
-from ema_dashboard.fleet_document import FleetDocument
+from ema_dashboard.contents import FleetDocument
 
 LATEST = datetime(2031, 5, 20, 14, 30, tzinfo=UTC)
 MONTHS = 30
