@@ -140,11 +140,3 @@ def test_row_holds_every_figure_of_an_estimate_to_the_bit(archive):
         again = pa.Table.from_pylist([estimate_row(estimate, row["number"])], ESTIMATES)
         for name in ("covariance", *FAULT_NAMES, "fitness", "unexplained_share"):
             np.testing.assert_array_equal(again[name].to_pylist()[0], row[name])
-
-
-def test_rows_lie_by_model_unit_and_month(archive):
-    months = {path.parent.name for path in (archive / "tables" / "estimates").rglob("*.parquet")}
-    assert months == {"month=1970-01", "month=1970-02", "month=1970-03"}
-    [model] = (archive / "tables" / "estimates").iterdir()
-    assert model.name == "model=bldc-flap-actuator"
-    assert len(list(model.iterdir())) == 2

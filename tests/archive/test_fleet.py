@@ -11,7 +11,7 @@ import pytest
 
 from ema_archive.fleet import fleet_summary
 from ema_archive.partitions import write_whole
-from ema_archive.service_record import lives_of, months_of
+from ema_archive.service_record import lives_of
 from ema_archive.summaries import SUMMARIES
 from ema_archive.survival import survival
 
@@ -28,16 +28,6 @@ def test_survival_is_that_of_the_textbook():
     assert {step.age: round(step.share, 3) for step in steps} == SHARES
     assert [step.at_risk for step in steps] == [21, 17, 15, 12, 11, 7, 6]
     assert all(0.0 < step.lower < step.share < step.upper < 1.0 for step in steps)
-
-
-def test_units_do_not_count_before_they_were_watched():
-    # Of two that are watched from the start one fails at 10 h; another, watched from 20 h on,
-    # fails at 30 h beside the one that is left: 1/2, then 1/2 of that.
-    steps = survival([0.0, 0.0, 20.0], [10.0, 40.0, 30.0], [True, False, True])
-    assert [(step.age, step.at_risk, step.share) for step in steps] == [
-        (10.0, 2, 0.5),
-        (30.0, 2, 0.25),
-    ]
 
 
 def test_where_nobody_is_left_the_share_is_zero():
@@ -61,17 +51,6 @@ def test_a_repair_begins_another_life_which_ends_at_its_first_error():
     assert (first["begin_hours"], first["from_age"], first["to_age"]) == (0.0, 50.0, 90.0)
     assert (second["begin_hours"], second["from_age"], second["to_age"]) == (100.0, 0.0, 30.0)
     assert (first["has_failed"], second["has_failed"]) == (True, False)
-
-
-def test_months_count_windows_and_valid_ones():
-    rows = [
-        {"end_ns": stamp * 10**9, "valid": valid}
-        for stamp, valid in ((0, True), (5, False), (31 * 86400, True))
-    ]
-    assert months_of(rows) == [
-        {"month": "1970-01", "windows": 2, "valid": 1},
-        {"month": "1970-02", "windows": 1, "valid": 1},
-    ]
 
 
 # Level, hours, median life, health index, days since the last test, days since the calibration
@@ -145,16 +124,6 @@ def test_figures_of_a_fleet(archive):
         {"month": "2031-05", "tested": 2, "units": 2, "windows": 20, "valid": 18},
     ]
     json.dumps(asdict(found), allow_nan=False)
-
-
-def test_classes_of_age_are_twelve_at_most(tmp_path):
-    for longest in (0.0, 9.99, 10.0, 49.0, 101.0, 5e4):
-        rows = [{"model": "F", "level": 0, "hours": longest * i / 999} for i in range(1000)]
-        write_whole(tmp_path, "units", pa.Table.from_pylist(rows, SUMMARIES["units"]))
-        ages = fleet_summary(tmp_path).ages
-        assert sum(row["units"] for row in ages) == 1000
-        assert len(ages) <= 12
-        assert all(row["from_hours"] < row["to_hours"] for row in ages)
 
 
 def test_a_fleet_without_tests_has_a_summary(tmp_path):

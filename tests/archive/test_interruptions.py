@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 from collections import Counter
 from pathlib import Path
 
@@ -20,7 +19,6 @@ from ema_archive.manifest import Manifest
 from ema_archive.running import Tally, run, run_bags, scan
 from ema_core.tasks import Workers
 
-from ..waiting import wait_for
 from .conftest import exactly, table_of
 
 # Workers import it by this name from the path of this process; they do not know pytest's names.
@@ -55,24 +53,6 @@ def assert_whole(archive, undisturbed):
     )
 
 
-@pytest.mark.long
-def test_killed_workers_lose_nothing(scanned, undisturbed):
-    """Workers are killed as fast as they come, so that a task has two or three tries."""
-    with subprocess.Popen(["ema", "archive", "run", scanned, "--workers", "2"]) as command:
-        kills, seen = 0, set()
-        while command.poll() is None and kills < 4:
-            for pid in workers_of(command.pid) - seen:
-                wait_for(lambda pid=pid: has_begun(pid), "the work of a worker")
-                seen.add(pid)
-                os.kill(pid, signal.SIGKILL)
-                kills += 1
-    assert kills == 4
-    # A bag that lost three workers is done again.
-    with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
-        run(manifest, pool)
-    assert_whole(scanned, undisturbed)
-
-
 @pytest.mark.slow
 def test_bag_that_lost_three_workers_keeps_its_rows_and_is_done_again(ema, fleet, tmp_path):
     folder, bag = tmp_path / "archive", fleet / "unit_0" / "5.mcap"
@@ -98,26 +78,6 @@ def test_bag_that_lost_three_workers_keeps_its_rows_and_is_done_again(ema, fleet
         assert manifest.find_due(manifest.settings) == 0
     assert (tally.bags, tally.failed) == (1, 0)
     assert exactly(folder, "estimates") == whole
-
-
-def workers_of(pid: int) -> set[int]:
-    """Return the processes that multiprocessing started for tasks."""
-    found = set()
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in task.read_text().split():
-            words = Path(f"/proc/{child}/cmdline").read_bytes()
-            if b"spawn_main" in words:
-                found.add(int(child))
-    return found
-
-
-def has_begun(pid: int) -> bool:
-    """Whether a process has loaded the kernels: it is past its start."""
-    try:
-        maps = Path(f"/proc/{pid}/maps").read_text()
-    except OSError:
-        return True
-    return "llvmlite" in maps
 
 
 @pytest.mark.long
@@ -179,31 +139,6 @@ def test_only_one_command_changes_an_archive(ema, scanned):
         assert result.exit_code == 1
         assert "is being changed by another command" in result.stderr
         assert ema("archive", "status", scanned).exit_code == 0
-
-
-@pytest.mark.long
-def test_interrupt_keeps_what_was_done(scanned, undisturbed):
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    seen = []
-
-    def follow(progress):
-        seen.append(progress.done)
-        if progress.done == 4:
-            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
-
-    try:
-        with (
-            pytest.raises(KeyboardInterrupt),
-            Manifest(scanned) as manifest,
-            Workers("threads", 2) as pool,
-        ):
-            run(manifest, pool, follow)
-    finally:
-        signal.signal(signal.SIGINT, before)
-    with Manifest(scanned) as manifest, Workers("threads", 2) as pool:
-        assert manifest.find_due(manifest.settings) == 10 - max(seen)
-        run(manifest, pool)
-    assert_whole(scanned, undisturbed)
 
 
 @pytest.mark.long

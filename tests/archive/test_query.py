@@ -1,9 +1,7 @@
 """Questions in SQL: the ready views, and nothing beyond the tables."""
 
 import csv
-import io
 import json
-import sys
 from dataclasses import replace
 
 import pyarrow as pa
@@ -16,7 +14,6 @@ from ema_archive.query import VIEWS, answer, columns_of
 from ema_archive.running import run, scan
 from ema_archive.settings import ArchiveSettings
 from ema_archive.tables import HEALTH
-from ema_cli.main import main
 from ema_core.faults import FAULT_NAMES
 from ema_core.tasks import Workers
 
@@ -38,14 +35,6 @@ def test_every_view_can_be_read_of_an_archive_without_bags(tmp_path):
     assert {*VIEWS} <= {*columns, "growth"}
     for view in VIEWS:
         assert answer(tmp_path / "archive", f"select * from {view}")[1] == []
-
-
-@pytest.mark.slow
-def test_refused_windows_have_their_reason(archive):
-    names, rows = answer(archive, "select * from refused_why")
-    assert names == ["what", "reason", "count", "for_instance"]
-    # A gap in a test of each unit.
-    assert ("refused", 2) in {(row[0], row[2]) for row in rows}
 
 
 @pytest.mark.parametrize(
@@ -107,21 +96,6 @@ def test_export_that_fails_leaves_the_file_as_it_was(ema, archive, tmp_path):
     result = ema("archive", "export", archive, "units", "-o", tmp_path / "none" / "told.csv")
     assert result.exit_code == 1
     assert f"{tmp_path / 'none' / 'told.csv'}: cannot be written" in result.stderr
-
-
-def test_table_on_a_terminal_shows_brackets_as_they_are(archive, monkeypatch):
-    """Reasons of refusals hold lists and units in brackets."""
-
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
-
-    terminal = Terminal()
-    monkeypatch.setattr(sys, "stdout", terminal)
-    question = "select '[bold]one[/red] :smile:' as \"[name]\""
-    main(["archive", "query", str(archive), question], standalone_mode=False)
-    assert "[bold]one[/red] :smile:" in terminal.getvalue()
-    assert "[name]" in terminal.getvalue()
 
 
 def test_folder_that_is_no_archive_is_named(ema, tmp_path):

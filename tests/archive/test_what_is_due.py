@@ -10,7 +10,7 @@ import fsspec
 import pytest
 from fsspec import AbstractFileSystem
 
-from ema_archive import running, sources
+from ema_archive import running
 from ema_archive.bag_task import DONE, BagResult, diagnose_bag
 from ema_archive.manifest import Manifest
 from ema_archive.query import answer
@@ -207,21 +207,6 @@ def test_store_that_gives_no_answer_is_named(ema, tmp_path, monkeypatch, error):
     assert "no answer" in result.stderr
 
 
-def test_file_as_a_source_and_a_full_disk_are_not_laid_to_the_store(ema, tmp_path, monkeypatch):
-    bag = tmp_path / "a.mcap"
-    bag.touch()
-    result = ema("archive", "scan", tmp_path / "archive", bag)
-    assert result.exit_code == 1
-    assert f"{bag}: this is a file, not a folder of bags" in result.stderr
-    assert "the store" not in result.stderr
-    full = OSError(28, "No space left on device")
-    monkeypatch.setattr(_Unreachable, "error", full, raising=False)
-    fsspec.register_implementation("unreachable", _Unreachable, clobber=True)
-    with pytest.raises(OSError, match="No space left") as raised:
-        sources.mark_of("unreachable://fleet/bags")
-    assert raised.value is full
-
-
 @pytest.mark.slow
 def test_bag_that_moved_counts_once(archive, fleet):
     def estimates():
@@ -278,24 +263,6 @@ def test_refused_copy_does_not_hide_a_valid_test(archive, fleet):
         running.run_units(manifest, pool, running.Tally())
     assert len(answer(archive, "select bags from copies")[1]) == 1
     assert exactly(archive, "health") == health
-
-
-@pytest.mark.slow
-def test_bag_that_was_being_moved_when_the_run_died_counts_once(archive, fleet, monkeypatch):
-    before = table_of(archive, "estimates").num_rows
-    (fleet / "unit_0" / "5.mcap").rename(fleet / "unit_0" / "moved.mcap")
-    monkeypatch.setattr(Manifest, "commit", _die)
-    with pytest.raises(KeyboardInterrupt):
-        bring_up_to_date(archive)
-    monkeypatch.undo()
-    bring_up_to_date(archive)
-    assert table_of(archive, "estimates").num_rows == before
-    with Manifest(archive, writes=False) as manifest:
-        assert manifest.status(manifest.settings).bags == 10
-
-
-def _die(*_):
-    raise KeyboardInterrupt
 
 
 def test_worker_of_other_software_is_refused(fleet, tmp_path):

@@ -74,15 +74,6 @@ def test_step_that_would_cross_zero_ends_there(direction):
     assert stepped(0.0, -direction * 1.0) * direction < 0.0
 
 
-def test_friction_never_drives():
-    """Without a torque no speed grows, whatever the step."""
-    rng = np.random.default_rng(3)
-    for omega, exponent in zip(rng.normal(0.0, 50.0, 200), rng.uniform(-6, -3, 200), strict=True):
-        after = stepped(omega, 0.0, 10.0**exponent)
-        assert abs(after) < abs(omega)
-        assert after * omega >= 0.0
-
-
 def test_coast_down_converges_at_first_order():
     """J omega' = -C omega - f_d, until just before it stands still."""
     m = MECHANICS._replace(C=0.01)
@@ -104,20 +95,6 @@ def test_play_is_followed_at_its_edges():
     assert follow_in_play(0.0, -0.3, half) == 0.0
     assert follow_in_play(0.0, 0.5, half) == pytest.approx(0.2)
     assert follow_in_play(0.0, -0.5, half) == pytest.approx(-0.2)
-
-
-def test_play_depends_on_the_way_not_on_its_steps():
-    """Rate-independent: a straight way in one step or in a hundred ends in the same place."""
-    rng = np.random.default_rng(4)
-    half, corners = 0.4, rng.normal(0.0, 1.0, 50)
-    coarse = fine = motor = 0.0
-    for corner in corners:
-        coarse = follow_in_play(coarse, corner, half)
-        for angle in np.linspace(motor, corner, 100)[1:]:
-            fine = follow_in_play(fine, angle, half)
-        motor = corner
-        assert fine == pytest.approx(coarse, abs=1e-15)
-        assert abs(motor - fine) <= half + 1e-15
 
 
 def test_lag_is_exact_for_constant_input():

@@ -51,14 +51,6 @@ def test_growth_over_the_hours_until_a_limit_ends_at_the_limit(law):
     np.testing.assert_allclose(X + increment(law, X, rate, shape, hours), limit, rtol=1e-12)
 
 
-def test_what_does_not_grow_never_reaches_its_limit():
-    assert hours_until("constant", 0.1, 0.0, 0.0, 0.25) == np.inf
-    for law in ("linear", "drift", "archard", "self_heating", "exponential"):
-        assert hours_until(law, 0.1, 0.0, 2.0, 0.25) == np.inf
-        assert increment(law, 0.1, 0.0, 2.0, 1e6) == 0.0
-    assert hours_until("power", 0.1, np.inf, 2.0, 0.25) == np.inf
-
-
 def test_self_heating_runs_away_within_finite_hours():
     a, b = 1.5e-4, 6.0
     assert increment("self_heating", 0.0, a, b, 1.0 / (a * b)) == np.inf

@@ -46,16 +46,6 @@ def test_cache_folder_follows_the_sources_that_a_module_imports(package):
     assert cache_folder() == before
 
 
-def test_cache_folder_lies_where_the_environment_says(package, monkeypatch, tmp_path):
-    assert cache_folder().parent == tmp_path / "cache"
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-    assert cache_folder().parent == tmp_path / "xdg" / "ema"
-    monkeypatch.delenv("XDG_CACHE_HOME")
-    monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    assert cache_folder().parent == tmp_path / "home" / ".cache" / "ema"
-
-
 INNER = """
 from ema_core._jit import kernel
 

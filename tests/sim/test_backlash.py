@@ -52,20 +52,3 @@ def test_approach_leaves_the_gear_on_one_flank(k):
         assert (telemetry.speed[-500:] == 0.0).all()
         x = actuator.state
         assert x.theta_m - x.theta_b == pytest.approx(half, rel=1e-12)
-
-
-@pytest.mark.parametrize(("k", "lowest", "highest"), [(0.0, 0.13, 0.18), (0.3, 0.27, 0.42)])
-def test_place_in_the_play_shows_in_the_current(k, lowest, highest):
-    """What an independent prototype gave: 0.15 A rms healthy, 0.3 to 0.4 A at k2 = 0.3.
-
-    The switching pattern is part of these figures, hence the margins.
-    """
-    half = 2.5e-3 * (1 + 99 * k)
-    currents = []
-    for offset in (-1.0, 0.0, 1.0):
-        actuator = SimulatedActuator()
-        actuator.faults = fault_vector({"backlash": k})
-        actuator.state = at_rest(0.0, offset * half)
-        currents.append(actuator.advance(THESIS_CHIRP.sample(1e-4)).current)
-    for flank in (currents[0], currents[2]):
-        assert lowest < np.sqrt(np.mean((flank - currents[1]) ** 2)) < highest

@@ -70,14 +70,6 @@ def test_blocks_have_their_length_and_do_not_show(block_s, n):
     assert_same(join(blocks), whole)
 
 
-def test_telemetry_goes_on_at_rest_in_the_pause():
-    cycle = short_bench(pause_s=0.05).begin_cycle()
-    assert cycle.samples == len(SHORT_SAMPLES) + 500
-    block = telemetry(cycle)
-    np.testing.assert_array_equal(block.command[-500:], 0.0)
-    np.testing.assert_array_equal(block.speed[-100:], 0.0)
-
-
 def test_cycles_follow_each_other_unless_a_start_is_given():
     bench = short_bench()
     n, period_ns = len(SHORT_SAMPLES), 100_000
@@ -178,16 +170,6 @@ def test_causes_hold_from_the_next_cycle_on_and_their_times_begin_with_it():
     np.testing.assert_allclose(second[20:30], 0.01, rtol=0, atol=2e-5)
     bench.set_causes({})
     np.testing.assert_allclose(telemetry(bench.begin_cycle()).position[:30], 0.0, atol=2e-5)
-
-
-def test_wrong_sensor_does_not_change_the_motion():
-    causes = {"position_offset": 0.01, "position_gain": 0.05, "current_offset": 1.0}
-    bench = ActuatorBench(ActuatorDescription(), causes=causes)
-    bench.set_command(SHORT)
-    wrong, right = telemetry(bench.begin_cycle()), telemetry(short_bench().begin_cycle())
-    np.testing.assert_array_equal(wrong.speed, right.speed)
-    np.testing.assert_array_equal(wrong.position, 1.05 * right.position + 0.01)
-    np.testing.assert_array_equal(wrong.current, right.current + 1.0)
 
 
 def test_impossible_causes_are_refused_and_change_nothing():

@@ -13,13 +13,10 @@ from ema_core.commands import Command
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS, Telemetry, join
 from ema_sim.actuator import SimulatedActuator
-from ema_sim.effects import RIPPLE_FREQUENCY, STRIBECK_SPEED, Effects
+from ema_sim.effects import RIPPLE_FREQUENCY, Effects
 
 P = ActuatorParameters()
 CHIRP = Command().sample(1e-4)[:2000]
-F_D = (P.f_sm + P.f_su) * P.f_ratio
-
-
 def run(
     causes: Causes,
     command: NDArray[np.float64] = CHIRP,
@@ -76,15 +73,6 @@ def test_times_count_from_the_assignment():
     assert_same(actuator.advance(CHIRP[500:]), join([other.advance(CHIRP)]).part(500, 2000))
 
 
-def test_load_torque_is_a_load():
-    hidden, told = SimulatedActuator(), SimulatedActuator()
-    hidden.causes = {"load_torque": 0.05}
-    # At rest, which friction holds, until the load that is told has risen within a sample.
-    hidden.advance([0.0])
-    told.advance([0.0], 0.05)
-    assert_same(hidden.advance(CHIRP), told.advance(CHIRP, 0.05))
-
-
 @pytest.mark.parametrize(
     ("cause", "value", "changed"),
     [
@@ -131,25 +119,6 @@ def test_cogging_costs_a_current_of_six_waves_a_pole_pair():
     # The speed yields a little: 38 Hz against the 318 Hz of the speed loop; the equivalent current
     # holds ripple of the third phase as well.
     assert abs(amplitude) == pytest.approx(A / P.k_t, rel=0.1)
-
-
-def test_stribeck_friction_falls_with_speed():
-    s = 0.8
-    extra = []
-    for speed in (5.0, 60.0):
-        command = ramp(speed, 2)
-        both = [run({"stribeck": value}, command).current[len(command) // 2 :] for value in (0, s)]
-        extra.append((both[1] - both[0]).mean())
-    expected = [F_D * s * math.exp(-speed / STRIBECK_SPEED) / P.k_t for speed in (5.0, 60.0)]
-    # At 5 rad/s the ripple of the torque swings the speed, over which the exponential is curved.
-    np.testing.assert_allclose(extra, expected, rtol=0.15, atol=0.01)
-
-
-def test_friction_ripple_is_once_a_turn():
-    command, r = ramp(50.0, 4), 0.3
-    amplitude = wave(run({"friction_ripple": r}, command), 1) - wave(run({}, command), 1)
-    # A positive sine of the angle: -j; half of the backlash turns it by 0.0025 rad.
-    np.testing.assert_allclose(amplitude, -1j * F_D * r / P.k_t, rtol=0, atol=0.06)
 
 
 def test_supply_ripple_drives_its_current_through_the_winding():
@@ -200,13 +169,6 @@ def test_dead_switch_sources_no_current():
     highest = np.max(currents, axis=0)
     # Its upper diode still returns current to the supply.
     assert highest[0] == 0.0 < 1.0 < highest[1]
-
-
-def test_jam_blocks_the_motor_where_it_is():
-    block = run(["jam=1@0.1"])
-    np.testing.assert_array_equal(block.speed[1000:], 0.0)
-    np.testing.assert_array_equal(block.position[1000:], block.position[1000])
-    assert np.abs(block.current[1000:]).max() > 0.9 * P.I_max
 
 
 def test_winding_too_hot_for_the_step_is_refused():

@@ -44,19 +44,6 @@ def test_constant_current_comes_through_three_lags(amperes):
     np.testing.assert_allclose(orders, 1.0, atol=0.1)
 
 
-def test_current_is_delayed_by_thirty_microseconds():
-    """The area above the step response is the delay of anything slow."""
-    plant, state = frozen_current(1.0)
-    for dt in (1e-6, 5e-7, 2.5e-7):
-        missing = 1.0 - run(plant, state, round(4e-4 / dt), dt=dt).lag_3
-        delay = np.trapezoid(missing, dx=dt)
-        # Three geometric series, and half a step from the trapezoidal rule. What is not there yet
-        # after 40 T is below 1e-14.
-        assert delay == pytest.approx(3 * dt / math.expm1(dt / T) + dt / 2, rel=1e-10)
-        # Two half steps short of 3 T: 3 % at 1 us.
-        assert delay == pytest.approx(3 * T, abs=dt)
-
-
 @pytest.mark.parametrize("plant", [PLANT, FAULTY], ids=["healthy", "faulty"])
 def test_equivalent_current_is_the_largest_phase_current_with_the_sign_of_torque(
     plant: PlantConstants,

@@ -7,7 +7,7 @@ import pytest
 
 from ema_core.faults import degrade, fault_vector
 from ema_core.parameters import ActuatorParameters, constants
-from ema_sim.actuator import SimulatedActuator, at_rest
+from ema_sim.actuator import at_rest
 from ema_sim.reference import DT
 
 from .reference_twin import driven
@@ -101,19 +101,3 @@ def test_locked_torque_is_k_e_times_current():
         mean = x.torque[2000:].mean()
         # Each current hovers anywhere in its band: h_b on 10 A.
         assert mean == pytest.approx(ACTUATOR.k_e * I_ref, rel=ACTUATOR.h_b / I_ref)
-
-
-def test_no_load_speed_is_where_the_back_emf_takes_the_supply():
-    """V = R I + k_e omega with k_e I = f_d + C omega, two phases in series."""
-    friction, C = PLANT.mechanics.f_d, PLANT.mechanics.C
-    p = ACTUATOR
-    closed_form = (p.V_max - p.R_s * friction / p.k_e) / (p.k_e + p.R_s * C / p.k_e)
-    speeds = []
-    for L_s in (7.2e-4, 1.8e-4):
-        actuator = SimulatedActuator(p.replace({"L_s": L_s}))
-        speeds.append(actuator.advance(np.full(2500, 1.15)).speed[-500:].mean())
-    missing = 1 - np.array(speeds) / closed_form
-    # What is missing is the time a current needs to change phases, L_s I / V six times a turn:
-    # 1 % with the motor's inductance, and less with less of it.
-    assert 0 < missing[1] < missing[0] < 0.015
-    assert missing[1] < 0.004

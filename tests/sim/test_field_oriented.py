@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ema_core.commands import THESIS_CHIRP
 from ema_core.current_loop import current_loop
 from ema_core.faults import fault_vector
 from ema_core.parameters import ActuatorParameters
@@ -97,17 +96,6 @@ def test_speed_is_that_at_which_the_speed_loop_holds_friction():
     assert one.state.omega == pytest.approx(expected, rel=1e-6)
 
 
-def test_largest_speed_is_that_at_which_back_emf_and_drop_take_the_linear_range():
-    """V_max / sqrt(3) = k omega + R i_q, with so little inductance that i_d does not matter."""
-    weak = replace(P, V_max=30.0, L_s=1e-5, theta_stop=100.0)
-    one = actuator(weak)
-    one.advance(np.full(8000, 50.0))
-    f_d, C = weak.f_ratio * (weak.f_sm + weak.f_su), weak.C_m + weak.C_u
-    omega = one.state.omega
-    drop = 0.5 * weak.R_s * (f_d + C * omega) / P.k_t
-    assert LOOP.k * omega + drop == pytest.approx(weak.V_max / math.sqrt(3.0), rel=1e-3)
-
-
 def test_power_of_supply_is_that_of_shaft_and_copper():
     one = actuator(replace(P, V_max=200.0, theta_stop=100.0))
     one.advance(np.full(6000, 50.0))
@@ -121,15 +109,6 @@ def test_power_of_supply_is_that_of_shaft_and_copper():
     supplied = 1.5 * (v_d * i_d + v_q * i_q)
     # The step turns the axes by P omega dt = 0.002 rad.
     assert supplied == pytest.approx(x.torque * x.omega + 1.5 * R * (i_d**2 + i_q**2), rel=5e-3)
-
-
-def test_samples_do_not_depend_on_the_blocks():
-    command = THESIS_CHIRP.sample(1e-4)[:600]
-    faults = {"short_circuit_b": 0.2, "eccentricity": 0.3}
-    whole = actuator(faults=faults).advance(command)
-    parts = actuator(faults=faults)
-    current = np.concatenate([parts.advance(part).current for part in np.split(command, 6)])
-    np.testing.assert_array_equal(current, whole.current)
 
 
 @pytest.mark.parametrize("name", ["dead_time", "dead_switch"])

@@ -79,38 +79,6 @@ def test_constant_growth_changes_nothing_and_draws_nothing(law):
     assert generator.random() == rng().random()
 
 
-def test_self_heating_blows_up_to_the_highest_value():
-    a, b = 1.5e-4, 6.0
-    blow_up = 1.0 / (a * b)
-    growth = {"short_circuit_a": Growth("self_heating", a, b)}
-    almost = grow(healthy_faults(), growth, 0.0, 0.5 * blow_up, rng())[2]
-    assert almost == pytest.approx(math.log(2.0) / b)
-    for hours in (blow_up, 1.01 * blow_up, 1e6):
-        assert grow(healthy_faults(), growth, 0.0, hours, rng())[2] == 0.99
-
-
-@pytest.mark.parametrize("growth", [Growth("linear", 1e-3), Growth("archard", 1e-3, 3.0)])
-def test_growth_begins_at_its_onset(growth):
-    late = Growth(growth.law, growth.rate, growth.shape, onset=25.0)
-    assert friction_after(late, 0.0, 0.0, 25.0) == 0.0
-    expected = friction_after(growth, 0.0, 0.0, 15.0)
-    assert friction_after(late, 0.0, 0.0, 40.0) == pytest.approx(expected, rel=1e-12)
-    assert friction_after(late, 0.0, 20.0, 20.0) == pytest.approx(expected, rel=1e-12)
-    whole_step = friction_after(growth, 0.0, 0.0, 20.0)
-    assert friction_after(late, 0.0, 30.0, 20.0) == pytest.approx(whole_step, rel=1e-12)
-
-
-def gain_after(growth: Growth, gain: float, hours: float) -> float:
-    return grow({"gain": gain}, {"gain": growth}, 0.0, hours, rng())[-1]
-
-
-def test_gain_leaves_its_healthy_value_to_the_side_of_the_sign():
-    for law, shape in (("linear", 0.0), ("archard", 3.0), ("self_heating", 6.0), ("drift", 0.0)):
-        up = gain_after(Growth(law, 1e-3, shape), 0.5, 100.0) - 0.5
-        assert up > 0.09
-        assert gain_after(Growth(law, -1e-3, shape), 0.5, 100.0) == pytest.approx(0.5 - up)
-
-
 def test_drift_diffuses_with_the_root_of_the_time():
     a, s, hours, n = 1e-4, 1e-3, 400.0, 4000
     generator = rng(3)

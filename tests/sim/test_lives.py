@@ -67,24 +67,6 @@ def test_others_grow_at_a_fifth_of_their_rates():
         assert np.exp(np.mean(np.log(rates))) == pytest.approx(expected, rel=0.12)
 
 
-def test_life_that_another_fault_would_end_is_drawn_anew():
-    limits = {**LIMITS, "friction": 0.03}
-    for seed in range(8):
-        life = run_to_failure(limits, np.random.default_rng(seed), "backlash")
-        assert np.all(life.faults[:, FAULT_NAMES.index("friction")] < 0.03)
-        # The last tests lead on to where backlash passes its limit.
-        value = life.faults[:, FAULT_NAMES.index("backlash")]
-        assert value[-1] + 2.0 * (value[-1] - value[-2]) > 0.5
-
-
-def test_a_tenth_of_the_tests_is_missing_and_three_in_a_hundred_are_disturbed():
-    windows = [window for i in range(100) for window in _constant(i).windows]
-    n = len(windows)
-    for kinds, share in ((("missing",), 0.1), (("noisy", "gap"), 0.027), (("noisy",), 0.0135)):
-        found = sum(window in kinds for window in windows) / n
-        assert found == pytest.approx(share, abs=4.0 * math.sqrt(share / n))
-
-
 def _constant(seed):
     return constant_life(LIMITS, np.random.default_rng(seed))
 

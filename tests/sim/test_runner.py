@@ -78,18 +78,6 @@ def test_after_a_long_delay_the_schedule_goes_on_from_there():
     assert pacer.pace().lag_s == pytest.approx(4.99)
 
 
-def test_lateness_is_told_until_a_whole_cycle_was_in_time():
-    clock = Clock()
-    pacer = Pacer(1.0, clock)
-    told = []
-    for late in (0.0, 0.5, 0.5, 0.0, 0.0):
-        pacer.begin_cycle(from_now=False)
-        clock.now += late
-        pacer.wait(0.01, clock)
-        told.append(pacer.pace().behind)
-    assert told == [False, True, True, True, False]
-
-
 class Run:
     """A runner in simulated time, whose blocks are kept with the time at which they came."""
 

@@ -6,7 +6,7 @@ import pytest
 from ema_core.faults import fault_vector
 from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import Telemetry
-from ema_sim.actuator import SAMPLE_PERIOD, SimulatedActuator
+from ema_sim.actuator import SimulatedActuator
 
 FAULTS = fault_vector({"short_circuit_b": 0.3, "backlash": 0.02, "eccentricity": 0.2})
 RNG = np.random.default_rng(5)
@@ -91,15 +91,3 @@ def test_command_and_load_run_straight_from_sample_to_sample():
     holding.advance([0.0], 0.1689 * (1 + 1e-4) / 0.99)
     torque = -0.1689 * (1 + 1e-4) + 0.1689 / 2
     assert holding.state.omega == pytest.approx(torque / 2.5e-5 * 1e-6, rel=1e-9)
-
-
-def test_stamp_is_the_end_of_the_first_sample_and_the_index_runs_on():
-    actuator = SimulatedActuator(stamp_ns=5_000_000_000)
-    first = actuator.advance(np.zeros(3))
-    second = actuator.advance(np.zeros(2))
-    period_ns = 100_000
-    assert (first.first_index, second.first_index) == (1, 4)
-    assert first.stamp_ns == 5_000_000_000 + period_ns
-    assert second.stamp_ns == 5_000_000_000 + 4 * period_ns
-    assert second.stamps_ns.tolist() == [5_000_400_000, 5_000_500_000]
-    assert first.sample_period == SAMPLE_PERIOD

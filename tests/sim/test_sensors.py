@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -45,14 +44,6 @@ def test_resolution_rounds_to_the_nearest_step(column):
     assert np.sqrt(np.mean(error**2)) == pytest.approx(resolution / math.sqrt(12), rel=0.05)
 
 
-def test_noise_does_not_depend_on_the_blocks():
-    whole = sensors(0.3).measure(TRUTH)
-    same = sensors(0.3)
-    parts = [same.measure(TRUTH.part(0, 1700)), same.measure(TRUTH.part(1700, N))]
-    joined = np.concatenate([part.current for part in parts])
-    np.testing.assert_array_equal(joined, whole.current)
-
-
 @pytest.mark.parametrize("resolution", [0.0, -1e-3, math.nan, math.inf])
 def test_impossible_resolution_is_refused(resolution):
     with pytest.raises(ValueError, match=f"resolution of speed = {resolution:g}"):
@@ -87,13 +78,3 @@ def test_delay_of_a_fraction_of_a_sample_is_interpolated():
     line = replace(TRUTH, speed=3.0 * np.arange(N))
     measured = misread(["speed_delay=2.5e-4"], line)
     np.testing.assert_allclose(measured.speed[10:], line.speed[10:] - 3.0 * 2.5, rtol=1e-12)
-
-
-@pytest.mark.parametrize("cuts", [[1], [3, 4, 5, 6], [50, 51, 1000], list(range(1, 100))])
-def test_block_length_does_not_show_in_what_is_misread(cuts):
-    causes = ["current_delay=1.25e-3", "current_gain=0.1@0.0", "speed_delay=3e-4@0.001..0.1"]
-    edges = [0, *cuts, N]
-    blocks = [TRUTH.part(*edge) for edge in pairwise(edges)]
-    whole, cut = misread(causes, TRUTH), misread(causes, *blocks)
-    for column in COLUMNS:
-        np.testing.assert_array_equal(getattr(cut, column), getattr(whole, column))

@@ -81,22 +81,6 @@ def test_mirrored_motion(faults):
 
 
 @pytest.mark.slow
-@parametrize_faults
-def test_half_an_electrical_turn_on(faults):
-    """All currents and switching states change sign, the motion stays."""
-    turn = math.pi / ACTUATOR.P
-    plant = plant_with(faults)
-    # The eccentricity stands still while the rotor starts elsewhere.
-    turned = plant._replace(motor=plant.motor._replace(phi=plant.motor.phi - turn))
-    opposite = at_rest(turn, turn)._replace(q_a=-1.0, q_b=-1.0, q_c=-1.0)
-    x = run(plant, at_rest(), STEPS, command=command, load=load)
-    y = run(turned, opposite, STEPS, command=lambda t: command(t) + turn * ACTUATOR.tau, load=load)
-    assert_same_motion(x, y, offset=turn)
-    for one, other in zip(phase_currents(x).values(), phase_currents(y).values(), strict=True):
-        np.testing.assert_allclose(one, -other, rtol=0, atol=TOLERANCE)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("P", [1, 2, 3])
 @parametrize_faults
 def test_phases_are_alike(faults, P):

@@ -62,27 +62,6 @@ def test_verdict_says_on_which_side_of_the_range_an_error_is(runs, error, verdic
     assert (row["verdict"], row["runs"]) == (verdict, 3)
 
 
-def test_an_error_counts_as_printed_with_two_decimals(runs):
-    row = side(changed(runs, 16, error_percent=2.3151), "friction high", THESIS_MODEL)
-
-    assert row["verdict"] == "within"
-
-
-def test_other_algorithms_and_the_printed_rule_do_not_count(runs):
-    others = runs[runs["table"] == 16]
-    noise = pd.concat(
-        [
-            others.assign(rule="printed", error_percent=100.0),
-            others.assign(algorithm="ga", error_percent=100.0),
-            changed(others, 16, error_percent=2.5),
-        ]
-    )
-
-    row = side(noise, "friction high", THESIS_MODEL)
-
-    assert (row["runs"], row["mean error [%]"]) == (3, 2.5)
-
-
 def test_time_of_10000_windows_is_the_median_over_runs():
     ours = synthetic_runs("fast", 3).assign(time_s=2.0, evaluations=1000)
     ours = ours[ours["table"] <= 14]

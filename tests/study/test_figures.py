@@ -84,16 +84,6 @@ def test_bars_are_the_means_over_runs(everything, quantity):
             np.testing.assert_allclose(bars(axes, **STYLES[source]), expected)
 
 
-def test_whiskers_are_a_standard_deviation_and_stay_positive_on_a_log_axis(everything):
-    runs = everything[(everything.model == "printed") & (everything.table == 50)]
-    axes = panel(draw_single_faults(everything, TIME), "GWO, low")
-    paths = [path for whiskers in axes.collections for path in whiskers.get_paths()]
-    tops = [np.max(path.vertices, axis=0)[1] for path in paths]
-    lows = [np.min(path.vertices, axis=0)[1] for path in paths]
-    assert any(np.isclose(tops, runs.time_s.mean() + runs.time_s.std()))
-    assert min(lows) > 0.0
-
-
 def test_captions_state_the_number_of_runs(everything, monkeypatch):
     monkeypatch.setattr(Figure, "savefig", lambda figure, file, **options: None)
     single = everything[(everything.run == 1) & (everything.table > 10)]
@@ -108,10 +98,6 @@ def test_captions_state_the_number_of_runs(everything, monkeypatch):
     assert "printed 1; thesis's model 1" in one["errors"]
     assert "median over the 2 runs" in many["costs_thesis"]
     assert "a single run" in one["costs_fast"]
-
-
-def test_median_course_keeps_the_last_value_of_stopped_runs():
-    assert median_course([[8.0, 4.0], [6.0, 5.0, 1.0], [7.0, 3.0, 2.0]]).tolist() == [7.0, 4.0, 2.0]
 
 
 def test_convergence_shows_runs_medians_and_the_band_up_to_the_threshold(ours):

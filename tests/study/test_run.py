@@ -57,15 +57,6 @@ def test_no_algorithm_passes_its_generations(algorithm):
     assert result.evaluations == 20 * populations - elites * (populations - 1)
 
 
-def test_starting_population_is_random_as_in_the_thesis():
-    """A healthy individual would cost 1.3 A^2.s here, all others far more."""
-    objective, _, _ = problem("fast", "friction high")
-    [healthy] = objective.residuals(objective.encode(healthy_faults())[None])
-    first = [run_job(replace(SHORT, run=n, max_generations=1)).costs[0] for n in range(1, 4)]
-    assert len(set(first)) == 3
-    assert all(abs(cost - healthy @ healthy) > 1e-3 for cost in first)
-
-
 def test_stop_rule_ends_the_run():
     job = next(j for j in plan("fast", 1) if (j.table, j.algorithm) == (56, "pso"))
     result = run_job(job)

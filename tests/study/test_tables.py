@@ -4,7 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ema_study.cases import SINGLE_FAULTS
 from ema_study.means import reliability_coefficients
 from ema_study.printed import PRINTED, SUM, TOTAL
 from ema_study.sources import PRINTED_RUNS, with_own_code
@@ -47,15 +46,6 @@ def test_printed_runs_stand_beside_ours(tables):
     assert np.isnan(frame.loc["4", (FAST_MODEL, "error [%]")])
 
 
-def test_mean_and_deviation_are_those_of_the_runs_shown(tables, runs):
-    of_table = runs[(runs["table"] == 12) & (runs["model"] == "fast")]
-    column = tables[12].frame[FAST_MODEL, "error [%]"]
-
-    assert column["mean"] == pytest.approx(of_table["error_percent"].mean())
-    assert column["standard deviation"] == pytest.approx(of_table["error_percent"].std())
-    assert len(of_table) == 3
-
-
 def test_the_thesis_code_stands_under_the_algorithm_that_it_means(tables, runs):
     own = with_own_code(FAST_MODEL)
     of_table = runs[(runs["table"] == 13) & (runs["model"] == "fast")]
@@ -79,26 +69,6 @@ def test_runs_under_the_printed_rule_stay_out(runs):
     for table in study_tables(spoiled):
         errors = table.frame.select_dtypes("number")
         assert not (errors.abs() > 5e5).any(axis=None)
-
-
-def test_overviews_of_the_printed_runs_are_as_printed_but_for_two_cells(tables):
-    for number, column, tolerance in ((58, "eccentricity", 0.006), (59, "short circuit", 1.0)):
-        frame = tables[number].frame
-        faults = [fault.replace("_", " ") for fault in SINGLE_FAULTS]
-        cells = frame.drop(index=("mean", ""))
-        off = (cells[PRINTED][faults] - cells[PRINTED_RUNS][faults]).abs() > tolerance
-        assert off.sum().sum() == 1
-        assert off[column].sum() == 1
-
-
-def test_table_61_is_given_mixed_and_from_either_study(tables):
-    frame = tables[61].frame
-    mixed = frame[f"{PRINTED_RUNS}, times of table 56, errors of 57"]["RC [%]"]
-    precision = frame[f"{PRINTED_RUNS}, table 57"]["RC [%]"]
-
-    assert mixed["pso"] == pytest.approx(frame.loc["pso", (PRINTED, "RC [%]")], abs=0.05)
-    assert mixed.idxmax() == "pso"
-    assert precision.idxmax() == "de"
 
 
 def test_reliability_coefficient_follows_its_formula():
