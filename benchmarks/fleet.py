@@ -40,9 +40,8 @@ from ema_core.commands import THESIS_CHIRP
 from ema_core.description import ActuatorDescription
 from ema_core.faults import fault_vector
 from ema_interfaces.msg import FaultEstimate, TelemetryBlock
-from ema_ros.description import description_to_message
+from ema_ros.messages import description_to_message, telemetry_to_message
 from ema_ros.stamps import stamp_from_message, stamp_to_message
-from ema_ros.telemetry import telemetry_to_message
 from ema_ros.topics import ACTUATOR_TOPICS, DESCRIPTION, FAULT_ESTIMATE, NAMESPACE, TELEMETRY
 from ema_sim.actuator import SimulatedActuator
 

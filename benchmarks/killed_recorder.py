@@ -33,7 +33,7 @@ class Source(threading.Thread):
         from ema_core.telemetry import Telemetry
         from ema_interfaces.msg import TelemetryBlock
         from ema_ros import topics
-        from ema_ros.telemetry import telemetry_to_message
+        from ema_ros.messages import telemetry_to_message
 
         self._publisher = node.create_publisher(TelemetryBlock, "telemetry", topics.STREAM)
         rng = np.random.default_rng(3)

@@ -22,7 +22,7 @@ from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import UnusedCycle
 from ema_recording.message_type import type_hash
 from ema_recording.schema import schema_text, typestore
-from ema_ros.description import PARAMETER_FIELDS
+from ema_ros.messages import PARAMETER_FIELDS
 
 ROOT: Final = Path(__file__).parents[1]
 TYPES: Final = (

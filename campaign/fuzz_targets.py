@@ -34,10 +34,12 @@ from ema_recording.reader import Bag
 from ema_recording.telemetry import read_telemetry
 from ema_recording.windows import find_recorded_windows
 from ema_ros.actuator_file import load_description
-from ema_ros.description import description_from_message
-from ema_ros.faults import stamped_faults_from_message
-from ema_ros.measured import measured_from_message
-from ema_ros.telemetry import telemetry_from_message
+from ema_ros.messages import (
+    description_from_message,
+    measured_from_message,
+    stamped_faults_from_message,
+    telemetry_from_message,
+)
 
 FOLDER: Final = tempfile.TemporaryDirectory(
     prefix="fuzz_", dir="/dev/shm" if Path("/dev/shm").is_dir() else None

@@ -13,9 +13,8 @@ from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_monitor.windows.window import Window
 from ema_recording.reader import Bag, Recorded
-from ema_ros.description import description_from_message
+from ema_ros.messages import description_from_message, telemetry_from_message
 from ema_ros.stamps import stamp_from_message
-from ema_ros.telemetry import telemetry_from_message
 
 _TYPES: Final = {
     "ema_interfaces/msg/TelemetryBlock",

@@ -18,12 +18,11 @@ from ema_recording.message_type import message_class
 from ema_recording.qos import common_offer
 from ema_ros import topics
 from ema_ros.actuator_file import load_description
-from ema_ros.description import description_to_message
 from ema_ros.managed_node import ManagedNode
+from ema_ros.messages import description_to_message, telemetry_to_message
 from ema_ros.run import run
 from ema_ros.settings import declare, read
 from ema_ros.status import ERROR, OK, STALE, WARN, Task, hardware_name
-from ema_ros.telemetry import telemetry_to_message
 
 _DISCOVERY_S: Final = 0.2
 _SILENT_S: Final = 3.0

@@ -12,7 +12,7 @@ from ema_core.telemetry import Telemetry
 from ema_recording.writer import BagWriter
 from ema_ros import topics
 from ema_ros.actuator_messages import messages_of_block, messages_of_cycle
-from ema_ros.description import description_to_message
+from ema_ros.messages import description_to_message
 from ema_ros.stamps import stamp_from_message
 
 

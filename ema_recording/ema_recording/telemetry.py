@@ -7,9 +7,8 @@ from typing import Any, Final
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_recording.reader import Bag, Place
-from ema_ros.description import description_from_message
+from ema_ros.messages import description_from_message, telemetry_from_message
 from ema_ros.stamps import stamp_from_message
-from ema_ros.telemetry import telemetry_from_message
 
 TELEMETRY_TYPE: Final = "ema_interfaces/msg/TelemetryBlock"
 DESCRIPTION_TYPE: Final = "ema_interfaces/msg/ActuatorDescription"

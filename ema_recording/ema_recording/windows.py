@@ -30,8 +30,7 @@ from ema_recording.telemetry import (
     RecordedTelemetry,
     read_telemetry,
 )
-from ema_ros.faults import StampedFaults, stamped_faults_from_message
-from ema_ros.measured import measured_from_message
+from ema_ros.messages import StampedFaults, measured_from_message, stamped_faults_from_message
 
 _MOST_DEFECTS: Final = 5
 _KEPT_WINDOWS: Final = 64

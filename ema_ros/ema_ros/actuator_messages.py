@@ -10,9 +10,8 @@ from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import FaultVectorStamped, Usage
 from ema_ros import topics
-from ema_ros.faults import faults_to_message
+from ema_ros.messages import faults_to_message, telemetry_to_message
 from ema_ros.stamps import stamp_to_message
-from ema_ros.telemetry import telemetry_to_message
 
 
 def messages_of_cycle(

@@ -23,9 +23,8 @@ from ema_interfaces.srv import SetCommand, SetSimulatedFaults
 from ema_ros import topics
 from ema_ros.actuator_file import load_description
 from ema_ros.actuator_messages import messages_of_block, messages_of_cycle
-from ema_ros.description import description_to_message
-from ema_ros.faults import faults_from_message
 from ema_ros.managed_node import ManagedNode
+from ema_ros.messages import description_to_message, faults_from_message
 from ema_ros.run import run
 from ema_ros.settings import LIVE, declare, read
 from ema_ros.stamps import stamp_to_message

@@ -21,7 +21,7 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_recording.writer import BagWriter
 from ema_ros import topics
 from ema_ros.actuator_messages import messages_of_block
-from ema_ros.description import description_to_message
+from ema_ros.messages import description_to_message
 from ema_sim import simulate
 
 from .conftest import exactly, table_of

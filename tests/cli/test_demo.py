@@ -25,7 +25,7 @@ from ema_interfaces.msg import Health
 from ema_recording.reader import Bag
 from ema_recording.telemetry import HEALTH_TYPE
 from ema_recording.windows import truth_at
-from ema_ros.faults import StampedFaults
+from ema_ros.messages import StampedFaults
 from ema_ros.stamps import stamp_from_message
 
 from ..waiting import DEADLINE_S, started, wait_for

@@ -33,7 +33,7 @@ from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
 from ema_ros.actuator_messages import usage_at_cycle
-from ema_ros.faults import StampedFaults
+from ema_ros.messages import StampedFaults
 from ema_sim.lives import SimulatedLife, WindowKind
 
 SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"

@@ -11,7 +11,7 @@ from std_msgs.msg import String
 
 from ema_interfaces.msg import TelemetryBlock
 from ema_recording.writer import BagWriter
-from ema_ros.telemetry import telemetry_to_message
+from ema_ros.messages import telemetry_to_message
 
 
 @pytest.mark.parametrize(

@@ -26,9 +26,8 @@ from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.node.monitor_node import MonitorNode
 from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits
 from ema_ros import topics
-from ema_ros.description import description_to_message
 from ema_ros.executor import NodeExecutor
-from ema_ros.telemetry import telemetry_to_message
+from ema_ros.messages import description_to_message, telemetry_to_message
 from ema_sim.actuator import SimulatedActuator
 
 from ..waiting import DEADLINE_S, wait_for

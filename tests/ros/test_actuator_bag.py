@@ -12,8 +12,7 @@ from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.reader import Bag
 from ema_recording.writer import BagWriter
 from ema_ros import topics
-from ema_ros.description import description_from_message
-from ema_ros.faults import stamped_faults_from_message
+from ema_ros.messages import description_from_message, stamped_faults_from_message
 from ema_sim.actuator import SimulatedActuator
 
 from .recorded_messages import ros_messages

@@ -24,11 +24,14 @@ from ema_core.parameters import ActuatorParameters
 from ema_core.telemetry import COLUMNS, join
 from ema_interfaces.msg import FaultGrowth
 from ema_interfaces.srv import SetCommand, SetSimulatedFaults
-from ema_ros.description import description_from_message
 from ema_ros.executor import NodeExecutor
-from ema_ros.faults import faults_to_message, stamped_faults_from_message
+from ema_ros.messages import (
+    description_from_message,
+    faults_to_message,
+    stamped_faults_from_message,
+    telemetry_from_message,
+)
 from ema_ros.stamps import stamp_from_message
-from ema_ros.telemetry import telemetry_from_message
 from ema_ros.topics import ACTUATOR_TOPICS, LATCHED
 from ema_sim import runner
 from ema_sim.actuator_node import ActuatorNode

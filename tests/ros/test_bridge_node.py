@@ -22,8 +22,8 @@ from ema_inputs.bridge_node import BridgeNode
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import TelemetryBlock
 from ema_monitor import calibrate, find_windows
-from ema_ros.description import description_from_message
 from ema_ros.executor import NodeExecutor
+from ema_ros.messages import description_from_message
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_ros.status import ERROR, OK, WARN, Task
 from ema_ros.topics import LATCHED, STREAM

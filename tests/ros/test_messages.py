@@ -17,18 +17,17 @@ from ema_core.telemetry import COLUMNS, Telemetry
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import FaultVector
 from ema_ros.actuator_messages import joint_state_after
-from ema_ros.description import (
+from ema_ros.messages import (
     IDENTITY,
     PARAMETER_FIELDS,
     description_from_message,
     description_to_message,
-)
-from ema_ros.faults import (
     faults_from_message,
     faults_to_message,
+    telemetry_from_message,
+    telemetry_to_message,
 )
 from ema_ros.stamps import stamp_from_message, stamp_to_message
-from ema_ros.telemetry import telemetry_from_message, telemetry_to_message
 
 
 def over_the_wire(message):

@@ -16,9 +16,8 @@ from ema_interfaces.srv import Calibrate, ForgetActuator, PredictRemainingLife
 from ema_monitor.node.summary import summary_of, unknown_estimate
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_ros import topics
-from ema_ros.description import description_to_message
+from ema_ros.messages import description_to_message, telemetry_to_message
 from ema_ros.stamps import stamp_to_message
-from ema_ros.telemetry import telemetry_to_message
 
 from ..waiting import wait_for
 from .monitor_session import FLAP, START_NS, MonitorSession, Source, in_window, monitor

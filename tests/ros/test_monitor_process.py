@@ -19,8 +19,7 @@ from rclpy.node import Node
 
 from ema_interfaces.action import IdentifyFaults
 from ema_interfaces.srv import Calibrate
-from ema_ros.description import description_to_message
-from ema_ros.telemetry import telemetry_to_message
+from ema_ros.messages import description_to_message, telemetry_to_message
 from ema_ros.topics import ACTUATOR_TOPICS, DESCRIPTION, TELEMETRY
 
 from ..waiting import DEADLINE_S, wait_for

@@ -11,8 +11,7 @@ import pytest
 from ema_core.telemetry import COLUMNS, Telemetry
 from ema_interfaces.msg import TelemetryBlock
 from ema_ros import topics
-from ema_ros.description import description_to_message
-from ema_ros.telemetry import telemetry_to_message
+from ema_ros.messages import description_to_message, telemetry_to_message
 
 from ..waiting import DEADLINE_S
 from .monitor_session import FLAP, MonitorSession, Source, corrupted, in_window, monitor

@@ -20,7 +20,7 @@ from ema_recording.reader import Bag
 from ema_recording.schema import schema_text, to_installed
 from ema_recording.telemetry import DESCRIPTION_TYPE, read_telemetry
 from ema_recording.writer import BagWriter
-from ema_ros.description import description_from_message
+from ema_ros.messages import description_from_message
 from ema_sim.bench import ActuatorBench
 
 ADDED = ("current_sampling", "current_filter_time", "speed_measured", "drive")

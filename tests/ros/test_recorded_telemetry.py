@@ -17,9 +17,8 @@ from ema_interfaces.msg import TelemetryBlock
 from ema_recording.reader import Bag
 from ema_recording.telemetry import Malformed, RecordedTelemetry, read_telemetry
 from ema_recording.writer import BagWriter
-from ema_ros.description import description_to_message
+from ema_ros.messages import description_to_message, telemetry_to_message
 from ema_ros.stamps import stamp_from_message
-from ema_ros.telemetry import telemetry_to_message
 
 QOS = QoSProfile(depth=10)
 

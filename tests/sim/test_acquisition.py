@@ -5,7 +5,7 @@ import numpy as np
 from ema_core.acquisition import Acquisition
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry, join
-from ema_ros.telemetry import telemetry_from_message, telemetry_to_message
+from ema_ros.messages import telemetry_from_message, telemetry_to_message
 from ema_sim import simulate
 from ema_sim.actuator import SimulatedActuator
 

@@ -12,7 +12,7 @@ from ema_core.levels import STALE
 from ema_recording.reader import Bag
 from ema_recording.telemetry import ESTIMATE_TYPE, HEALTH_TYPE, TRUE_FAULTS_TYPE
 from ema_recording.windows import truth_at
-from ema_ros.faults import StampedFaults, stamped_faults_from_message
+from ema_ros.messages import StampedFaults, stamped_faults_from_message
 from ema_ros.stamps import stamp_from_message
 
 _LONGEST_LATENCY_S: Final = 600.0

@@ -18,7 +18,7 @@ from ema_recording.reader import Bag
 from ema_recording.telemetry import DESCRIPTION_TYPE
 from ema_recording.usage import read_counts
 from ema_recording.windows import RecordedWindow
-from ema_ros.faults import StampedFaults
+from ema_ros.messages import StampedFaults
 
 CALIBRATION_FILE: Final = "calibration.yaml"
 """Name of the calibration of the unit whose bags lie in the same folder."""

@@ -181,9 +181,8 @@ def _write(path: Path, found: list[Imported], *, overwrite: bool) -> None:
     """Write description and telemetry, one file after the other."""
     from ema_cli.new_bag import new_bag
     from ema_ros import topics
-    from ema_ros.description import description_to_message
+    from ema_ros.messages import description_to_message, telemetry_to_message
     from ema_ros.stamps import stamp_from_message
-    from ema_ros.telemetry import telemetry_to_message
 
     description = found[0].description
     names = {name: f"{topics.NAMESPACE}/{name}" for name in (topics.DESCRIPTION, topics.TELEMETRY)}

@@ -17,7 +17,7 @@ from ema_recording.qos import joint_offer, recorded_qos
 from ema_recording.reader import Bag, Recorded, Topic
 from ema_recording.schema import decoder, schema_text, to_installed
 from ema_recording.telemetry import TELEMETRY_TYPE
-from ema_ros.telemetry import telemetry_from_message
+from ema_ros.messages import telemetry_from_message
 
 
 @click.command()

@@ -30,7 +30,7 @@ from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
 from ema_ros import topics
 from ema_ros.executor import WaitingCallbackGroup
-from ema_ros.faults import faults_to_message
+from ema_ros.messages import faults_to_message
 from ema_ros.settings import LiveSettings
 
 _POLL_S = 0.1

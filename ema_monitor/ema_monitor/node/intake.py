@@ -14,10 +14,8 @@ from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.measurements import MeasurementLog
 from ema_monitor.windows.trigger import INDEX_WENT_BACK, Defect, TriggerSettings
 from ema_monitor.windows.window import Window
-from ema_ros.description import description_from_message
-from ema_ros.measured import measured_from_message
+from ema_ros.messages import description_from_message, measured_from_message, telemetry_from_message
 from ema_ros.stamps import stamp_from_message
-from ema_ros.telemetry import telemetry_from_message
 
 _MOST_MEASUREMENTS = 10_000
 

@@ -1,0 +1,252 @@
+"""Messages and what they are converted from and to: telemetry, descriptions, faults, causes.
+
+Reading needs no ROS: a message is any object with the fields of its definition.
+"""
+
+import array
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ema_core.acquisition import CURRENT_SAMPLINGS, Acquisition
+from ema_core.causes import CAUSE_BY_NAME, CauseEstimate
+from ema_core.description import DRIVES, ActuatorDescription
+from ema_core.faults import FAULT_NAMES, fault_vector
+from ema_core.parameters import ActuatorParameters
+from ema_core.telemetry import COLUMNS, Telemetry
+from ema_ros.stamps import check_stamp, stamp_from_message, stamp_to_message
+
+if TYPE_CHECKING:
+    from ema_interfaces import msg
+
+IDENTITY: Final = ("actuator_id", "serial_number", "model", "sample_period")
+"""Fields with the same name in the description and its message."""
+
+PARAMETER_FIELDS: Final = MappingProxyType(
+    {
+        "G_prop": "position_gain",
+        "GAP": "speed_p",
+        "GAI": "speed_i",
+        "GAD": "speed_d",
+        "omega_max": "speed_reference_limit",
+        "V_max": "supply_voltage",
+        "I_max": "current_limit",
+        "T_max": "torque_limit",
+        "k_t": "torque_constant",
+        "k_e": "back_emf_constant",
+        "G_M": "monitor_torque_gain",
+        "R_s": "resistance",
+        "L_s": "inductance",
+        "P": "pole_pairs",
+        "h_b": "current_hysteresis",
+        "J_m": "motor_inertia",
+        "J_u": "user_inertia",
+        "C_m": "motor_viscous_damping",
+        "C_u": "user_viscous_damping",
+        "f_sm": "motor_static_friction",
+        "f_su": "user_static_friction",
+        "f_ratio": "dynamic_friction_ratio",
+        "BLK": "backlash",
+        "tau": "gear_ratio",
+        "theta_stop": "end_stop",
+        "omega_c": "current_bandwidth",
+    }
+)
+"""Field of the message for each parameter."""
+
+
+def telemetry_to_message(block: Telemetry, actuator_id: str) -> "msg.TelemetryBlock":
+    """Return a block of telemetry as a message; its stamp is the END of the first sample.
+
+    Raises
+    ------
+    ValueError
+        When the block's stamp is out of range.
+    """
+    from ema_interfaces.msg import TelemetryBlock
+
+    message = TelemetryBlock()
+    message.header.stamp = stamp_to_message(block.stamp_ns)
+    message.actuator_id = actuator_id
+    message.sample_period = float(block.sample_period)
+    message.first_index = int(block.first_index)
+    for name in COLUMNS:
+        # An array.array is stored as it is; any other sequence is checked item by item.
+        column = np.asarray(getattr(block, name), dtype=np.float64)
+        setattr(message, name, array.array("d", column.tobytes()))
+    return message
+
+
+def telemetry_from_message(message: "msg.TelemetryBlock") -> Telemetry:
+    """Return the block of telemetry in a message, in columns of its own.
+
+    Samples that are not finite are accepted here; the monitor checks them.
+
+    Raises
+    ------
+    ValueError
+        When the columns differ in length or are empty, the period is out of range, or the block
+        ends after the latest possible stamp.
+    """
+    block = Telemetry(
+        stamp_from_message(message.header.stamp),
+        message.sample_period,
+        message.first_index,
+        *(np.array(getattr(message, name), dtype=np.float64) for name in COLUMNS),
+    )
+    check_stamp(block.stamp_at(len(block) - 1))
+    return block
+
+
+def description_to_message(
+    description: ActuatorDescription, stamp_ns: int = 0
+) -> "msg.ActuatorDescription":
+    """Return a description as a message.
+
+    Parameters
+    ----------
+    stamp_ns
+        When the description was made [ns]; 0 when unknown.
+
+    Raises
+    ------
+    ValueError
+        When the stamp is out of range.
+    """
+    from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
+
+    message = DescriptionMessage()
+    message.header.stamp = stamp_to_message(stamp_ns)
+    for name in IDENTITY:
+        setattr(message, name, getattr(description, name))
+    message.sample_period = float(description.sample_period)
+    message.drive = DRIVES.index(description.drive)
+    acquisition = description.acquisition
+    message.current_sampling = CURRENT_SAMPLINGS.index(acquisition.current)
+    message.current_filter_time = acquisition.current_filter
+    message.speed_measured = acquisition.speed
+    for name, field in PARAMETER_FIELDS.items():
+        setattr(message, field, getattr(description.parameters, name))
+    return message
+
+
+def description_from_message(message: "msg.ActuatorDescription") -> ActuatorDescription:
+    """Return the description in a message, of an older definition as well (read without ROS).
+
+    Raises
+    ------
+    ValueError
+        When a parameter is impossible, the id or serial number is empty, the period is not
+        positive or a constant is unknown.
+    """
+    parameters = {name: getattr(message, field) for name, field in PARAMETER_FIELDS.items()}
+    return ActuatorDescription(
+        **{name: getattr(message, name) for name in IDENTITY},
+        drive=_named("drive", getattr(message, "drive", 0), DRIVES),
+        acquisition=Acquisition(
+            _named("current_sampling", getattr(message, "current_sampling", 0), CURRENT_SAMPLINGS),
+            getattr(message, "current_filter_time", 0.0),
+            bool(getattr(message, "speed_measured", True)),
+        ),
+        parameters=ActuatorParameters(**parameters),
+    )
+
+
+def faults_to_message(faults: ArrayLike) -> "msg.FaultVector":
+    """Return a fault vector as a message.
+
+    Parameters
+    ----------
+    faults
+        Normalised faults, ``(8,)``. Their range is not checked, as an estimate may be NaN.
+
+    Raises
+    ------
+    ValueError
+        When there are not eight of them.
+    """
+    from ema_interfaces.msg import FaultVector
+
+    k = np.asarray(faults, dtype=np.float64)
+    if k.shape != (len(FAULT_NAMES),):
+        raise ValueError(f"faults: expected shape ({len(FAULT_NAMES)},), not {k.shape}")
+    return FaultVector(**dict(zip(FAULT_NAMES, k.tolist(), strict=True)))
+
+
+def faults_from_message(message: "msg.FaultVector") -> NDArray[np.float64]:
+    """Return the fault vector in a message, ``(8,)``.
+
+    Raises
+    ------
+    ValueError
+        When a fault is not finite or outside its range.
+    """
+    return fault_vector([getattr(message, name) for name in FAULT_NAMES])
+
+
+@dataclass(frozen=True, eq=False)
+class StampedFaults:
+    """The true faults of an actuator in one test cycle.
+
+    Attributes
+    ----------
+    stamp_ns
+        Start of the test cycle from which they hold [ns].
+    actuator_id
+        Which actuator.
+    cycle
+        Running number of the test cycle, from 0.
+    faults
+        Normalised faults, ``(8,)``.
+    """
+
+    stamp_ns: int
+    actuator_id: str
+    cycle: int
+    faults: NDArray[np.float64]
+
+
+def stamped_faults_from_message(message: "msg.FaultVectorStamped") -> StampedFaults:
+    """Return the stamped faults in a message.
+
+    Raises
+    ------
+    ValueError
+        When a fault is not finite or outside its range.
+    """
+    return StampedFaults(
+        stamp_from_message(message.header.stamp),
+        message.actuator_id,
+        message.cycle,
+        faults_from_message(message.faults),
+    )
+
+
+def measured_from_message(message: "msg.MeasuredCauses") -> tuple[int, list[CauseEstimate]]:
+    """Return when causes were measured [ns], and what they are; their values are not checked.
+
+    Raises
+    ------
+    ValueError
+        When there is no stamp, or a unit is not that of the registry.
+    """
+    stamp_ns = stamp_from_message(message.header.stamp)
+    if stamp_ns <= 0:
+        raise ValueError(f"stamp = {stamp_ns} ns: expected the time of the measurement")
+    for one in message.causes:
+        cause = CAUSE_BY_NAME.get(one.name)
+        if cause and one.unit not in ("", cause.unit):
+            raise ValueError(
+                f"measured cause {one.name}: unit = {one.unit!r}: expected {cause.unit!r}"
+            )
+    return stamp_ns, [CauseEstimate(one.name, one.value, one.sigma) for one in message.causes]
+
+
+def _named(field: str, value: int, names: tuple[str, ...]) -> str:
+    """Return what a constant of the message stands for."""
+    if value >= len(names):
+        raise ValueError(f"{field} = {value}: expected a constant of 0 to {len(names) - 1}")
+    return names[value]
