@@ -17,9 +17,9 @@ from ema_monitor.duty.flown import FlownDuty, Share
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 
 SEED: Final = 18_022
 INTERVAL_H: Final = 10.0
@@ -69,7 +69,7 @@ def scores(kind: str, seed: int, growth_per: str, every: int) -> tuple[list[floa
     into = (LIMIT - friction[end - 1]) / (friction[end] - friction[end - 1])
     settings = PrognosisSettings(service=Service(hours_per_cycle=INTERVAL_H))
     settings = replace(settings, damage=DamageSettings(growth_per=growth_per))
-    prognostics = Prognostics(History("flap", str(seed)), settings)
+    prognostics = Unit(History("flap", str(seed)), settings)
     accuracy, covered = [], []
     for number in range(end):
         flown = FlownDuty(INTERVAL_H, (Share(2, INTERVAL_H * TRAVEL * duty[number], 0.25),))

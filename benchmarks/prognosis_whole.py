@@ -20,7 +20,6 @@ from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.requirements.requirements import (
     FITTED,
     REQUIREMENTS,
@@ -28,6 +27,7 @@ from ema_monitor.prognosis.requirements.requirements import (
     Requirements,
 )
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 from ema_sim.lives import SimulatedLife
 
 _NS_PER_HOUR = 3_600_000_000_000
@@ -156,7 +156,7 @@ def _followed(
     """Return the outlook after each test, and its processor time [s]."""
     calibration = Calibration.builtin()
     settings = PrognosisSettings(tracker=tracker)
-    prognostics = Prognostics(History("flap", "drawn"), settings)
+    prognostics = Unit(History("flap", "drawn"), settings)
     parameters = calibration.unit_parameters
     outlooks, spent = [], []
     for cycle, measurement in enumerate(measurements, 1):

@@ -26,10 +26,10 @@ from ema_core.faults import N_FAULTS, fault_vector
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.requirements.requirements import FITTED, RequirementLimits
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 
 MOST_S: Final = 0.5
 UNIT: Final = ("flap", "drawn")
@@ -40,7 +40,7 @@ _SIGMA: Final = 0.004
 def lived(path: Path, tests: int) -> None:
     """Write the history of a unit whose friction and backlash grow."""
     calibration, rng = Calibration.builtin(), np.random.default_rng(1)
-    unit = Prognostics(History(*UNIT, path), SETTINGS)
+    unit = Unit(History(*UNIT, path), SETTINGS)
     shown = fault_vector({"friction": 1.0, "backlash": 1.0}) > 0.0
     for number in range(tests):
         share = number / tests
@@ -58,7 +58,7 @@ def resume_s(path: Path) -> float:
     """Return the time from the file to the health after its latest test [s]."""
     parameters = Calibration.builtin().unit_parameters
     start_s = time.perf_counter()
-    unit = Prognostics(History(*UNIT, path), SETTINGS)
+    unit = Unit(History(*UNIT, path), SETTINGS)
     outlook = unit.resume(parameters, SETTINGS)
     taken_s = time.perf_counter() - start_s
     if outlook is None or unit.history.problem:

@@ -16,8 +16,8 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 
 _SETTINGS = PrognosisSettings()
 _HOURS = 8.0
@@ -46,7 +46,7 @@ class Prognosis(Walk):
         memory = "/dev/shm" if Path("/dev/shm").is_dir() else None
         self._folder = tempfile.TemporaryDirectory(prefix="walk_", dir=memory)
         self.path = Path(self._folder.name) / "unit.sqlite"
-        self.prognostics = Prognostics(History(*UNIT, self.path))
+        self.prognostics = Unit(History(*UNIT, self.path))
         self.number = 0
         self.friction = 0.05
         self.offset_hours = 0.0
@@ -153,7 +153,7 @@ class Prognosis(Walk):
 
     def _open(self) -> None:
         tests = len(self.prognostics.history.entries)
-        self.prognostics = Prognostics(History(*UNIT, self.path))
+        self.prognostics = Unit(History(*UNIT, self.path))
         assert not self.prognostics.history.problem, self.prognostics.history.problem
         assert len(self.prognostics.history.entries) == tests, "tests are lost"
         resumed = self.prognostics.resume(None, _SETTINGS)
@@ -163,7 +163,7 @@ class Prognosis(Walk):
     def replay(self) -> None:
         """All tests once more, into a history in memory: the same is said."""
         self.step()
-        twin = Prognostics(History(*UNIT))
+        twin = Unit(History(*UNIT))
         last = None
         for estimate, count in self.told:
             last = twin.update(estimate, None, _SETTINGS, count) or last

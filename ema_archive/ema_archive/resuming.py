@@ -13,9 +13,9 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count, Entry, UnusedCycle
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.prognosis.unit_event import UnitEvent
+from ema_monitor.unit import Unit
 
 Row = Mapping[str, Any]
 
@@ -91,7 +91,7 @@ def resumed(
     settings: PrognosisSettings,
     estimates: Sequence[Row],
     health: Sequence[Row],
-) -> Prognostics | None:
+) -> Unit | None:
     """Return the prognosis of a unit after the tests that a state rests on.
 
     Parameters
@@ -105,7 +105,7 @@ def resumed(
 
     Returns
     -------
-    Prognostics
+    Unit
         None where a row is missing, so that all tests have to be repeated.
     """
     rows = {row["stamp_ns"]: row for row in health}
@@ -122,7 +122,7 @@ def resumed(
             history.append(_entry(estimate, found))
             history.assess(_assessment(found))
     history.growth = kept.growth
-    return Prognostics(history, settings)
+    return Unit(history, settings)
 
 
 def _entry(estimate: Estimate, row: Row) -> Entry:

@@ -18,9 +18,8 @@ from ema_archive.tables import (
     health_row,
 )
 from ema_monitor.model.threads import limit_threads
-from ema_monitor.prognosis.following import outlooks
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.unit import Unit
 
 
 @dataclass(frozen=True)
@@ -102,7 +101,7 @@ def follow_unit(task: UnitTask) -> UnitResult:
     settings = task.settings.prognosis
     maker = made_by(task.settings, identity_of(calibration))
     estimates, usage = _windows(task.estimates), _counts(task.usage)
-    prognostics, known, rows = _begun(task, maker, estimates, usage)
+    unit, known, rows = _begun(task, maker, estimates, usage)
     shared = {
         "actuator_id": task.actuator_id,
         "serial_number": task.serial_number,
@@ -112,20 +111,20 @@ def follow_unit(task: UnitTask) -> UnitResult:
     later = (estimate_from(row) for row in estimates[known:])
     counts = [count_from(row) for row in usage]
     last = None
-    for estimate, outlook in outlooks(prognostics, key, later, counts, parameters, settings):
+    for estimate, outlook in unit.follow(later, parameters, settings, counts):
         if outlook is not None:
-            history = prognostics.history
+            history = unit.history
             kept = entry_columns(history.entries[-1], history.assessments[outlook.stamp_ns])
             rows.append(health_row(outlook, estimate.calibration_id) | shared | kept)
             last = outlook
     if last is None:
         # Of a refused test nothing follows: health is that of the test before.
-        last = prognostics.resume(parameters, settings)
+        last = unit.resume(parameters, settings)
     names = {name: shared[name] for name in ("actuator_id", "serial_number")}
     state = b""
     if can_resume(settings) and rows:
         digest = state_digest(estimates, usage)
-        growth = prognostics.growth.state()
+        growth = unit.growth.state()
         state = KeptState(maker, len(estimates), digest, growth).as_bytes()
     return UnitResult(
         task.unit,
@@ -158,7 +157,7 @@ def _counts(table: pa.Table) -> list[dict[str, Any]]:
 
 def _begun(
     task: UnitTask, maker: str, estimates: list[dict[str, Any]], usage: list[dict[str, Any]]
-) -> tuple[Prognostics, int, list[dict[str, Any]]]:
+) -> tuple[Unit, int, list[dict[str, Any]]]:
     """Return the prognosis to go on from, how many windows it knows, and their rows of health."""
     key, settings = (task.actuator_id, task.serial_number), task.settings.prognosis
     kept = KeptState.of_bytes(task.kept) if task.kept else None
@@ -174,7 +173,7 @@ def _begun(
                 for row in health
                 if row["stamp_ns"] in stamps and (row["software"], row["settings"]) == made
             ]
-            prognostics = resumed(key, kept, settings, before, rows)
-            if prognostics is not None and len(rows) >= len(stamps):
-                return prognostics, kept.tests, rows
-    return Prognostics(History(*key), settings), 0, []
+            unit = resumed(key, kept, settings, before, rows)
+            if unit is not None and len(rows) >= len(stamps):
+                return unit, kept.tests, rows
+    return Unit(History(*key), settings), 0, []

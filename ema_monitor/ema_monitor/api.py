@@ -12,33 +12,45 @@ from ema_monitor.design.certificate import Certificate
 from ema_monitor.design.certifying import certify
 from ema_monitor.design.designing import Design, design_command
 from ema_monitor.design.limits import MotionLimits
+from ema_monitor.diagnosis import Diagnosed, Diagnosis
 from ema_monitor.health import Health, HealthLimits, assess
 from ema_monitor.identification.combination import Combination
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.search import Identification, identify
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
+from ema_monitor.monitor import Monitor, MonitorSettings
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.prediction import Prognosis, RemainingLife
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
+from ema_monitor.prognosis.history_entry import Count
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.unit import Unit
 from ema_monitor.windows.finder import Segment, WindowFinder
 from ema_monitor.windows.trigger import ANY_MOTION, Refusal, TriggerSettings
 from ema_monitor.windows.window import Window
 
 __all__ = [
     "FAULTS",
+    "ActuatorDescription",
     "Calibration",
     "Certificate",
     "Combination",
     "CombinationSettings",
+    "Count",
     "Design",
+    "Diagnosed",
+    "Diagnosis",
     "Estimate",
     "FaultVector",
     "Health",
     "HealthLimits",
     "Identification",
+    "Monitor",
+    "MonitorSettings",
     "MotionLimits",
+    "Outlook",
     "Prognosis",
     "RemainingLife",
     "SearchSettings",
@@ -46,6 +58,7 @@ __all__ = [
     "Tracker",
     "TrackerSettings",
     "TriggerSettings",
+    "Unit",
     "Window",
     "WindowFinder",
     "assess",

@@ -10,9 +10,9 @@ from ema_monitor.duty.flown import FlownDuty, Share
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 
 from .made_tests import made_test
 
@@ -55,9 +55,9 @@ def flies(
     settings: PrognosisSettings = BY_DAMAGE,
     seed: int = 3,
     told: Duty | None = None,
-) -> tuple[Prognostics, list[Outlook]]:
+) -> tuple[Unit, list[Outlook]]:
     """Follow a unit over its tests; what is told of the duty may differ from what is flown."""
-    prognostics = Prognostics(History(*UNIT), settings)
+    prognostics = Unit(History(*UNIT), settings)
     outlooks = []
     for number in range(tests):
         estimate = made_test(number, seed=seed, friction=friction(number))

@@ -13,9 +13,9 @@ from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 
 from .made_tests import made_test
 
@@ -39,9 +39,9 @@ def lived(
     settings: PrognosisSettings = TEN_HOURS,
     path: Path | None = None,
     missing: tuple[int, ...] = (),
-) -> tuple[Prognostics, list[Outlook]]:
+) -> tuple[Unit, list[Outlook]]:
     """A unit whose friction and backlash have grown over n tests."""
-    prognostics = Prognostics(History(*UNIT, path), settings)
+    prognostics = Unit(History(*UNIT, path), settings)
     outlooks = []
     for number in range(n):
         valid = number not in missing
@@ -81,7 +81,7 @@ def worn(number: int, counted_hours: float = math.nan, *, valid: bool = True) ->
 
 
 def follow(
-    prognostics: Prognostics, cycles: Iterable[Cycle], settings: PrognosisSettings = COUNTED
+    prognostics: Unit, cycles: Iterable[Cycle], settings: PrognosisSettings = COUNTED
 ) -> list[Outlook | None]:
     """What is said after each of the cycles, without requirements."""
     outlooks = []
@@ -93,7 +93,7 @@ def follow(
 
 def counted(hours: Iterable[float]) -> list[Outlook]:
     """What is said of a unit of which somebody counted these hours before its tests."""
-    outlooks = follow(Prognostics(History(*UNIT)), [worn(n, h) for n, h in enumerate(hours)])
+    outlooks = follow(Unit(History(*UNIT)), [worn(n, h) for n, h in enumerate(hours)])
     return [outlook for outlook in outlooks if outlook]
 
 

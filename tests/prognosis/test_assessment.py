@@ -16,10 +16,10 @@ from ema_monitor.prognosis.assessment import (
 )
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
 from ema_monitor.prognosis.unit_event import UnitEvent, kind_and_text
+from ema_monitor.unit import Unit
 
 from .kept_histories import UNIT, entry
 from .made_tests import made_test
@@ -36,9 +36,9 @@ def assessment(number: int, level: int = OK) -> Assessment:
     return Assessment(entry(number).stamp_ns, 10.0 * number, level, 0.9, "", (1.0, 2.0, math.inf))
 
 
-def lived(path: Path | None, frictions: list[float], first: int = 0) -> tuple[Prognostics, Outlook]:
+def lived(path: Path | None, frictions: list[float], first: int = 0) -> tuple[Unit, Outlook]:
     """A unit with more tests, from the number ``first`` on, in the history at a path."""
-    unit = Prognostics(History(*UNIT, path), SETTINGS, opened_ns=123)
+    unit = Unit(History(*UNIT, path), SETTINGS, opened_ns=123)
     outlook = None
     for number, friction in enumerate(frictions, first):
         outlook = unit.update(made_test(number, friction=friction), None, SETTINGS)
@@ -48,7 +48,7 @@ def lived(path: Path | None, frictions: list[float], first: int = 0) -> tuple[Pr
     return unit, outlook
 
 
-def kinds(unit: Prognostics) -> list[tuple[float, str, str]]:
+def kinds(unit: Unit) -> list[tuple[float, str, str]]:
     tests, _ = unit.latest_tests(1000)
     return [
         (event.hours, event.kind, event.text)

@@ -17,7 +17,7 @@ from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.duty.future import FutureDuty
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.unit import Unit
 
 from .flown_lives import (
     BY_DAMAGE,
@@ -207,7 +207,7 @@ def test_scatter_is_no_change_of_the_duty():
     assert changes <= 10
 
 
-def worn(settings=BY_DAMAGE) -> Prognostics:
+def worn(settings=BY_DAMAGE) -> Unit:
     return flies(40, lambda _: flown(50.0, rise=80.0), lambda n: 0.008 * n, settings)[0]
 
 
@@ -254,7 +254,7 @@ def test_restart_finds_the_same_growth(tmp_path):
     for entry in prognostics.history.entries:
         kept.append(entry)
     kept.close()
-    again = Prognostics(History(*UNIT, path), BY_DAMAGE)
+    again = Unit(History(*UNIT, path), BY_DAMAGE)
     assert [one.flown for one in again.history.entries] == [
         one.flown for one in prognostics.history.entries
     ]

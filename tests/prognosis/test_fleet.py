@@ -19,8 +19,8 @@ from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history import History, history_path, read_history
 from ema_monitor.prognosis.history_entry import Entry
-from ema_monitor.prognosis.prognostics import KEPT_EVERY, Prognostics
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import KEPT_EVERY, Unit
 from ema_sim.growth import Growth
 
 from .made_tests import made_test
@@ -166,7 +166,7 @@ def test_other_limits_are_refused_and_said_and_the_prognosis_goes_on(units):
         fleet.together(Fleet(grid_digest(other)))
     history = history_of("1", None)
     settings = PrognosisSettings(limits=other, fleet=fleet)
-    outlook = Prognostics(history, settings).resume(None, settings)
+    outlook = Unit(history, settings).resume(None, settings)
     assert outlook is not None
     assert "the fleet is not used: the fleet is about other limits" in outlook.assumption
     assert outlook.rul_faults.known
@@ -179,8 +179,8 @@ def test_an_outlook_says_whose_growth_it_assumes_and_a_restart_goes_on_with_it(
     history_of("1", path, KEPT_EVERY).close()
     settings = PrognosisSettings(fleet=Fleet(GRID, units, frozenset(["line A"])))
 
-    def opened(with_settings: PrognosisSettings) -> Prognostics:
-        prognostics = Prognostics(History("flap", "1", path), with_settings)
+    def opened(with_settings: PrognosisSettings) -> Unit:
+        prognostics = Unit(History("flap", "1", path), with_settings)
         prognostics.write()
         prognostics.history.close()
         return prognostics

@@ -8,9 +8,9 @@ import pytest
 from ema_monitor.prognosis.forecaster import LEVELS, hours_ahead
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 
 from .made_tests import made_test
 
@@ -19,7 +19,7 @@ SETTINGS = PrognosisSettings(service=Service(hours_per_cycle=10.0))
 
 def grown(tests: int, settings: PrognosisSettings = SETTINGS):
     """A unit whose friction grows by 0.01 a test, and the outlook after its latest test."""
-    unit = Prognostics(History("flap", "0001"), settings)
+    unit = Unit(History("flap", "0001"), settings)
     outlook = None
     for number in range(tests):
         estimate = made_test(number, seed=1, friction=0.05 + 0.01 * number)

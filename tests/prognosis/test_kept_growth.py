@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ema_monitor import unit as unit_module
 from ema_monitor.health import HealthLimits
-from ema_monitor.prognosis import prognostics as prognostics_module
 from ema_monitor.prognosis.growth.measurement import Measurement
 from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 
 from .lived_units import TEN_HOURS, UNIT, Cycle, drawn_count, follow, plain, worn
 
@@ -33,7 +33,7 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.fixture(autouse=True)
 def kept_each_fourth_test(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prognostics_module, "KEPT_EVERY", 4)
+    monkeypatch.setattr(unit_module, "KEPT_EVERY", 4)
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def fed(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 def lived(path: Path, cycles: list[Cycle], settings: PrognosisSettings = TEN_HOURS) -> list[str]:
     """What is said of each cycle, in a run of its own; all is written after each."""
-    unit = Prognostics(History(*UNIT, path), settings)
+    unit = Unit(History(*UNIT, path), settings)
     said = []
     for cycle in cycles:
         [outlook] = follow(unit, [cycle], settings)
@@ -63,7 +63,7 @@ def lived(path: Path, cycles: list[Cycle], settings: PrognosisSettings = TEN_HOU
 
 
 def resumed(path: Path, settings: PrognosisSettings = TEN_HOURS) -> str:
-    unit = Prognostics(History(*UNIT, path), settings)
+    unit = Unit(History(*UNIT, path), settings)
     outlook = unit.resume(None, settings)
     unit.history.close()
     assert (outlook is not None, unit.history.problem) == (True, "")
@@ -87,9 +87,7 @@ def test_restart_from_what_is_kept_says_the_same_to_the_last_bit(
             odd = cycle.estimate.faults._replace(friction=0.6)
             cycle = cycle._replace(estimate=replace(cycle.estimate, faults=odd))
         cycles.append(cycle)
-    expected = [
-        plain(one) if one else "" for one in follow(Prognostics(History(*UNIT)), cycles, settings)
-    ]
+    expected = [plain(one) if one else "" for one in follow(Unit(History(*UNIT)), cycles, settings)]
     said = []
     for first in range(0, 16, 3):
         said += lived(path, cycles[first : first + 3], settings)

@@ -10,9 +10,9 @@ from ema_core.levels import OK, WARN
 from ema_monitor.health import HealthLimits, assess
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.history_entry import Count
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 
 from .lived_units import (
     COUNTED,
@@ -35,14 +35,14 @@ from .made_tests import FIRST_NS, PERIOD_NS, made_test
 
 def test_stray_count_does_not_switch_a_unit_by_cycles_to_counted_hours():
     """It did for good, and the test after it had no service hours."""
-    prognostics = Prognostics(History(*UNIT))
+    prognostics = Unit(History(*UNIT))
     cycles = [worn(n, 3.0 if n == 5 else math.nan) for n in range(9)]
     outlooks = [item for item in follow(prognostics, cycles, TEN_HOURS) if item]
     assert [item.hours for item in outlooks] == [10.0 * n for n in range(1, 10)]
     assert [item.events for item in outlooks if item.events] == [
         ("usage is ignored, 3 h: hours_per_cycle = 10 h is set",)
     ]
-    alone = follow(Prognostics(History(*UNIT)), [worn(n) for n in range(9)], TEN_HOURS)[-1]
+    alone = follow(Unit(History(*UNIT)), [worn(n) for n in range(9)], TEN_HOURS)[-1]
     assert alone is not None
     assert plain(outlooks[-1]) == plain(alone)
 
@@ -51,9 +51,9 @@ def test_stray_count_does_not_switch_a_unit_by_cycles_to_counted_hours():
 def test_count_that_is_not_renewed_gives_no_growth_in_zero_time():
     """Counted before every fifth test alone: the prognosis is that of hours counted before each."""
     sparse = [worn(n, 10.0 * n if n % 5 == 0 else math.nan) for n in range(31)]
-    prognostics = Prognostics(History(*UNIT))
+    prognostics = Unit(History(*UNIT))
     outlooks = follow(prognostics, sparse)
-    full = follow(Prognostics(History(*UNIT)), [worn(n, 10.0 * n) for n in range(31)])
+    full = follow(Unit(History(*UNIT)), [worn(n, 10.0 * n) for n in range(31)])
     last, expected = outlooks[-1], full[-1]
     assert last is not None
     assert expected is not None
@@ -91,7 +91,7 @@ def test_one_count_too_high_is_as_if_it_had_been_right():
 def test_one_count_too_high_raises_no_alarm(wrong: float, is_worn: bool):
     """Growth is not extrapolated to hours that nothing has confirmed."""
     outlooks = []
-    prognostics = Prognostics(History(*UNIT))
+    prognostics = Unit(History(*UNIT))
     for number, hours in enumerate(ten_hours_a_test(24, at_20=wrong)):
         estimate = worn(number).estimate if is_worn else made_test(number, seed=3, friction=0.1)
         count = Count(estimate.start_ns, hours, number + 1)
@@ -113,7 +113,7 @@ def test_long_pause_is_used_from_the_next_test_on():
         Cycle(made_test(n, seed=3, friction=friction(20), backlash=backlash(20)), hours[n])
         for n in range(21, 24)
     ]
-    prognostics = Prognostics(History(*UNIT))
+    prognostics = Unit(History(*UNIT))
     outlooks = [item for item in follow(prognostics, cycles) if item]
     assert "went from 200 h to 5000 h" in outlooks[20].rul.reason
     assert "service hours set from 200 h to 5010 h" in outlooks[21].events
@@ -124,10 +124,10 @@ def test_long_pause_is_used_from_the_next_test_on():
 def test_same_window_without_estimate_counts_as_one_cycle(tmp_path: Path):
     path = tmp_path / "history.sqlite"
     for _ in range(3):
-        prognostics = Prognostics(History(*UNIT, path), TEN_HOURS)
+        prognostics = Unit(History(*UNIT, path), TEN_HOURS)
         follow(prognostics, [worn(0, valid=False)] * 2, TEN_HOURS)
         prognostics.history.close()
-    prognostics = Prognostics(History(*UNIT, path), TEN_HOURS)
+    prognostics = Unit(History(*UNIT, path), TEN_HOURS)
     # The same window with an estimate is taken, but is no further cycle.
     first, second = follow(prognostics, [worn(0), worn(1)], TEN_HOURS)
     prognostics.history.close()
@@ -151,7 +151,7 @@ def test_restart_at_any_test_goes_on_as_if_there_had_been_none(
         hours = math.nan if by_cycles else hours
         cycles.append(worn(number, hours, valid=rng.random() > 0.3))
     path = tmp_path / "history.sqlite"
-    live = Prognostics(History(*UNIT, path), settings)
+    live = Unit(History(*UNIT, path), settings)
     expected = []
     for number, cycle in enumerate(cycles, 1):
         expected += follow(live, [cycle], settings)
@@ -160,7 +160,7 @@ def test_restart_at_any_test_goes_on_as_if_there_had_been_none(
             (tmp_path / f"{number}.sqlite").write_bytes(path.read_bytes())
     live.history.close()
     for number in (3, 7, 11, 15):
-        again = Prognostics(History(*UNIT, tmp_path / f"{number}.sqlite"), settings)
+        again = Unit(History(*UNIT, tmp_path / f"{number}.sqlite"), settings)
         outlooks = follow(again, cycles[number:], settings)
         again.history.close()
         assert [plain(one) if one else None for one in outlooks] == [
@@ -173,7 +173,7 @@ def test_cycles_without_estimate_count_across_a_restart(tmp_path: Path):
     path = tmp_path / "history.sqlite"
     first, _ = lived(5, path=path, missing=(3, 4))
     first.history.close()
-    second = Prognostics(History(*UNIT, path), TEN_HOURS)
+    second = Unit(History(*UNIT, path), TEN_HOURS)
     [outlook] = follow(second, [worn(5)], TEN_HOURS)
     second.history.close()
     assert outlook is not None
@@ -182,7 +182,7 @@ def test_cycles_without_estimate_count_across_a_restart(tmp_path: Path):
 
 
 def test_counted_cycles_hold_over_those_seen_and_one_wrong_count_costs_one_test():
-    prognostics = Prognostics(History(*UNIT))
+    prognostics = Unit(History(*UNIT))
     cycles = []
     for number in range(8):
         estimate = made_test(number)
@@ -199,20 +199,20 @@ def test_unit_is_judged_after_a_restart_without_a_new_test(tmp_path: Path):
     path = tmp_path / "history.sqlite"
     first, outlooks = lived(12, path=path)
     first.history.close()
-    second = Prognostics(History(*UNIT, path), TEN_HOURS)
+    second = Unit(History(*UNIT, path), TEN_HOURS)
     resumed = second.resume(PARAMETERS, TEN_HOURS)
     second.history.close()
     assert resumed is not None
     assert plain(resumed) == plain(outlooks[-1])
-    assert Prognostics(History(*UNIT)).resume(PARAMETERS, TEN_HOURS) is None
+    assert Unit(History(*UNIT)).resume(PARAMETERS, TEN_HOURS) is None
 
 
 def test_count_known_from_the_history_alone_still_holds_after_a_restart(tmp_path: Path):
     path = tmp_path / "history.sqlite"
-    first = Prognostics(History(*UNIT, path))
+    first = Unit(History(*UNIT, path))
     follow(first, [worn(n, 10.0 * n) for n in range(8)])
     first.history.close()
-    second = Prognostics(History(*UNIT, path))
+    second = Unit(History(*UNIT, path))
     [waiting, counted_again] = follow(second, [worn(8), worn(9, 90.0)])
     second.history.close()
     assert waiting is not None
@@ -236,7 +236,7 @@ def test_unknown_hours_leave_life_unknown_and_health_to_the_estimate():
 
 
 def test_count_that_was_read_after_the_test_does_not_count_for_it():
-    prognostics = Prognostics(History(*UNIT))
+    prognostics = Unit(History(*UNIT))
     late = Count(FIRST_NS + 1000 * PERIOD_NS, 50.0, 0)
     outlook = prognostics.update(made_test(0), None, COUNTED, late)
     assert outlook is not None
@@ -244,7 +244,7 @@ def test_count_that_was_read_after_the_test_does_not_count_for_it():
 
 
 def test_alarm_does_not_wait_for_a_count_to_be_confirmed():
-    prognostics = Prognostics(History(*UNIT))
+    prognostics = Unit(History(*UNIT))
     follow(prognostics, [worn(n, h) for n, h in enumerate(ten_hours_a_test(30))])
     count = Count(FIRST_NS + 29 * PERIOD_NS + 1, 3.0, 0)
     odd = prognostics.update(made_test(30, friction=0.3), PARAMETERS, COUNTED, count)

@@ -12,9 +12,9 @@ import pytest
 from ema_core.description import ActuatorDescription
 from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Health
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.requirements import requirements as requirements_module
 from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS, Requirements
+from ema_monitor.unit import Unit
 from ema_recording.actuator_bag import SimulatedActuatorBag
 from ema_recording.writer import BagWriter
 from ema_ros import topics
@@ -226,15 +226,15 @@ def test_telemetry_is_received_while_a_prognosis_is_made(
 ):
     begun, go_on = threading.Event(), threading.Event()
     threads = []
-    update = Prognostics.update
+    update = Unit.update
 
-    def slow(self: Prognostics, *args: Any) -> Any:
+    def slow(self: Unit, *args: Any) -> Any:
         threads.append(threading.current_thread().name)
         begun.set()
         assert go_on.wait(DEADLINE_S)
         return update(self, *args)
 
-    monkeypatch.setattr(Prognostics, "update", slow)
+    monkeypatch.setattr(Unit, "update", slow)
     with monitor() as session:
         session.describe()
         session.feed(cycles[:1])
@@ -287,7 +287,7 @@ def test_prognosis_that_fails_costs_neither_estimate_nor_alarm(
     def fail(*_: Any) -> Any:
         raise FloatingPointError("made up")
 
-    monkeypatch.setattr(Prognostics, "update", fail)
+    monkeypatch.setattr(Unit, "update", fail)
     with monitor({"hours_per_cycle": HOURS}) as session:
         session.describe()
         [health] = live(session, cycles[TESTS + 1 :])

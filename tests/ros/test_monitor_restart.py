@@ -11,8 +11,8 @@ import pytest
 from ema_core.telemetry import Telemetry
 from ema_monitor.node.prognosis import MonitorHistories
 from ema_monitor.prognosis.history import History
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 
 from ..waiting import DEADLINE_S, wait_for
 from .monitor_session import FLAP, monitor
@@ -60,14 +60,14 @@ def test_telemetry_is_received_while_a_history_is_read(
         mount(session, FLAP)
         live(session, cycles[:1])
     begun, go_on = threading.Event(), threading.Event()
-    begin = Prognostics.__init__
+    begin = Unit.__init__
 
-    def slow(self: Prognostics, *args: Any) -> None:
+    def slow(self: Unit, *args: Any) -> None:
         begun.set()
         assert go_on.wait(DEADLINE_S)
         begin(self, *args)
 
-    monkeypatch.setattr(Prognostics, "__init__", slow)
+    monkeypatch.setattr(Unit, "__init__", slow)
     with monitor({"hours_per_cycle": HOURS, "history_folder": str(tmp_path)}) as session:
         session.describe()
         assert begun.wait(DEADLINE_S)
@@ -107,15 +107,15 @@ def test_search_after_a_restart_begins_where_an_uninterrupted_one_does(
 
 def test_long_history_of_one_unit_does_not_hold_up_another(monkeypatch: pytest.MonkeyPatch):
     begun, go_on = threading.Event(), threading.Event()
-    begin = Prognostics.__init__
+    begin = Unit.__init__
 
-    def slow(self: Prognostics, history: History, *args: Any) -> None:
+    def slow(self: Unit, history: History, *args: Any) -> None:
         if not begun.is_set():
             begun.set()
             assert go_on.wait(DEADLINE_S)
         begin(self, history, *args)
 
-    monkeypatch.setattr(Prognostics, "__init__", slow)
+    monkeypatch.setattr(Unit, "__init__", slow)
     histories = MonitorHistories()
     histories.begin(None)
     first = threading.Thread(target=histories.of, args=(("flap", "1"), PrognosisSettings()))

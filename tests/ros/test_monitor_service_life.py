@@ -11,8 +11,8 @@ from ema_core.telemetry import Telemetry
 from ema_interfaces.msg import Usage
 from ema_monitor.calibration.calibration import Calibration
 from ema_monitor.calibration.store import CalibrationStore
-from ema_monitor.node.unit import Unit
-from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.node.actuator import Actuator
+from ema_monitor.unit import Unit
 from ema_ros import topics
 
 from .monitor_session import FLAP, monitor
@@ -150,7 +150,7 @@ def test_service_that_fails_says_so_and_goes_on(
         mount(session, FLAP)
         live(session, cycles[:1])
         with monkeypatch.context() as patched:
-            patched.setattr(Prognostics, "outlook", fail)
+            patched.setattr(Unit, "outlook", fail)
             answer = predict(session, 1.0)
         assert not answer.success
         assert "the prognosis failed: FloatingPointError('made up')" in answer.message
@@ -192,7 +192,7 @@ def test_health_that_cannot_be_published_costs_no_second_estimate(
     with monitor({"hours_per_cycle": HOURS}) as session:
         mount(session, FLAP)
         with monkeypatch.context() as patched:
-            patched.setattr(Unit, "record", fail)
+            patched.setattr(Actuator, "record", fail)
             session.feed(cycles[:1])
             session.until_status("flap telemetry", "publishing health failed: OverflowError")
         live(session, cycles[1:2])

@@ -11,10 +11,11 @@ from lifecycle_msgs.msg import Transition
 from rosgraph_msgs.msg import Clock
 
 from ema_core.faults import healthy_faults
+from ema_monitor import diagnosis
 from ema_monitor.identification.estimate import refusal
 from ema_monitor.identification.search import Identification
 from ema_monitor.node import worker
-from ema_monitor.prognosis.prognostics import Prognostics
+from ema_monitor.unit import Unit
 from ema_monitor.windows.window import Window
 
 from .monitor_session import DEADLINE_S, FLAP, MonitorSession, Source, in_window, monitor
@@ -45,7 +46,7 @@ class HeldIdentification(Identification):
 @pytest.fixture
 def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
     """Identification goes on when this is set."""
-    monkeypatch.setattr(worker, "Identification", HeldIdentification)
+    monkeypatch.setattr(diagnosis, "Identification", HeldIdentification)
     monkeypatch.setattr(HeldIdentification, "may", threading.Event())
     yield HeldIdentification.may
     HeldIdentification.may.set()
@@ -188,15 +189,15 @@ def test_node_that_ends_waits_for_the_health_that_is_being_published(
 ):
     """Else its publishers would be gone when the thread comes to publish."""
     begun, ended = threading.Event(), threading.Event()
-    record = Prognostics.update
+    record = Unit.update
 
-    def slow(self: Prognostics, *args: Any) -> Any:
+    def slow(self: Unit, *args: Any) -> Any:
         begun.set()
         # A node that does not wait has ended within this time.
         ended.wait(0.5)
         return record(self, *args)
 
-    monkeypatch.setattr(Prognostics, "update", slow)
+    monkeypatch.setattr(Unit, "update", slow)
     monkeypatch.setattr(worker, "_JOIN_S", 0.0)
     with monitor() as session:
         session.describe()

@@ -13,14 +13,13 @@ from ema_core.faults import FAULTS, N_FAULTS
 from ema_core.parameters import ActuatorParameters
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.duty.scenario import Scenario
-from ema_monitor.prognosis.following import outlooks
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth_record import GrowthRecord
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS
 from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
 from ema_recording.windows import truth_at
 
 
@@ -90,24 +89,22 @@ def follow(
     scenarios
         Future duties under which to predict its life after the last test.
     """
-    unit = record.description
-    key = unit.unit_key
-    prognostics = Prognostics(History(*key), settings)
+    followed = Unit(History(*record.description.unit_key), settings)
     with progress_bar() as progress:
         tracked = progress.track(estimates, description="following growth")
         steps = [
             Step(estimate, outlook)
-            for estimate, outlook in outlooks(
-                prognostics, key, tracked, record.counts, parameters, settings, record.flown
+            for estimate, outlook in followed.follow(
+                tracked, parameters, settings, record.counts, record.flown
             )
         ]
     last = next((step.outlook for step in reversed(steps) if step.outlook is not None), None)
-    forecaster = prognostics.forecaster(last) if last is not None else None
+    forecaster = followed.forecaster(last) if last is not None else None
     lives = tuple(
-        (one, prognostics.under(one, parameters, settings))
+        (one, followed.under(one, parameters, settings))
         for one in (scenarios if last is not None else ())
     )
-    return Course(record, settings, parameters, steps, prognostics.growth, forecaster, lives)
+    return Course(record, settings, parameters, steps, followed.growth, forecaster, lives)
 
 
 def true_faults(course: Course) -> NDArray[np.float64]:

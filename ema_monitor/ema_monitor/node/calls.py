@@ -21,11 +21,11 @@ from ema_monitor.calibration.store import CalibrationStore
 from ema_monitor.identification.search import Identification
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.model.measured import taken_for_known
+from ema_monitor.node.actuator import Actuator
+from ema_monitor.node.actuators import Actuators
 from ema_monitor.node.messages import estimate_to_message
 from ema_monitor.node.settings import Operation
 from ema_monitor.node.summary import unknown_estimate
-from ema_monitor.node.unit import Unit
-from ema_monitor.node.units import Units
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.window import Window
 from ema_ros import topics
@@ -60,7 +60,7 @@ class MonitorCalls:
         self,
         node: Node,
         store: CalibrationStore,
-        units: Units,
+        units: Actuators,
         search: LiveSettings[SearchSettings],
         operation: LiveSettings[Operation],
         is_active: Callable[[], bool],
@@ -294,7 +294,7 @@ class MonitorCalls:
             budget=request.budget or default.budget,
         )
 
-    def _window(self, unit: Unit, goal: Any) -> Segment | None:
+    def _window(self, unit: Actuator, goal: Any) -> Segment | None:
         """Return the window of a goal; None when it is cancelled before there is one."""
         if not goal.request.next_window:
             if unit.latest is None:

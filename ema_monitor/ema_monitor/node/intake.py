@@ -8,8 +8,8 @@ from typing import Any
 from ema_core.description import ActuatorDescription, check_name
 from ema_core.telemetry import Telemetry
 from ema_monitor.duty.meter import DutyLog
-from ema_monitor.node.unit import Unit
-from ema_monitor.node.units import Units
+from ema_monitor.node.actuator import Actuator
+from ema_monitor.node.actuators import Actuators
 from ema_monitor.windows.finder import Segment
 from ema_monitor.windows.measurements import MeasurementLog
 from ema_monitor.windows.trigger import INDEX_WENT_BACK, Defect, TriggerSettings
@@ -36,7 +36,7 @@ class Intake:
     max_age_s
         Gives the age up to which what was measured holds for a window [s].
     warn
-        Called as by ``Units``.
+        Called as by ``Actuators``.
     inform
         Called with what is worth a line in the log.
     settings_now
@@ -49,7 +49,7 @@ class Intake:
 
     def __init__(
         self,
-        units: Units,
+        units: Actuators,
         now_ns: Callable[[], int],
         describe: Callable[[ActuatorDescription], None],
         queue_window: Callable[[Segment], None],
@@ -147,7 +147,7 @@ class Intake:
             if unit.next_trigger is not None and (is_over or not unit.finder.is_open):
                 self._restart(unit, unit.next_trigger)
 
-    def _note_duty(self, unit: Unit, block: Telemetry) -> None:
+    def _note_duty(self, unit: Actuator, block: Telemetry) -> None:
         """Add a block to the duty of a unit, once that is described."""
         if unit.description is not None:
             rise = self._measurements.winding_rise(
@@ -187,7 +187,7 @@ class Intake:
             events = [event for unit in self._units.values() for event in unit.finder.finish()]
         return [event for event in events if isinstance(event, Segment)]
 
-    def _restart(self, unit: Unit, settings: TriggerSettings) -> None:
+    def _restart(self, unit: Actuator, settings: TriggerSettings) -> None:
         """Look for the windows of a unit with other settings from now on."""
         unit.next_trigger = None
         events = unit.finder.restart(settings, "the settings of the window changed")
@@ -195,7 +195,7 @@ class Intake:
         self._handle(unit, [event for event in events if isinstance(event, Segment)])
         unit.settings = self._settings_now()
 
-    def _look_for_publishers(self, unit: Unit) -> None:
+    def _look_for_publishers(self, unit: Actuator) -> None:
         """Name the publishers where an index goes back and forth, as that of two streams does."""
         if not unit.goes_back_and_forth():
             return
@@ -207,7 +207,7 @@ class Intake:
             unit.publishers = ", ".join(sorted(names))
             self._warn(unit.actuator_id, f"several publishers: {unit.publishers}", False)
 
-    def _handle(self, unit: Unit, events: Iterable[Segment | Defect]) -> None:
+    def _handle(self, unit: Actuator, events: Iterable[Segment | Defect]) -> None:
         """Queue windows for identification, and report defects."""
         for event in events:
             if isinstance(event, Defect):

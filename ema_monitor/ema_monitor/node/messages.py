@@ -32,10 +32,10 @@ from ema_monitor.prognosis.forecaster import LEVELS, Forecaster
 from ema_monitor.prognosis.growth.check import Calibration
 from ema_monitor.prognosis.growth.prediction import RemainingLife
 from ema_monitor.prognosis.outlook import Outlook
-from ema_monitor.prognosis.prognostics import KnownTest
 from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.sentences import cause_of_level, reason_of, removal_in_words
 from ema_monitor.prognosis.unit_event import UnitEvent
+from ema_monitor.unit import KnownTest
 from ema_monitor.windows.window import MIN_TRAVEL
 from ema_ros.messages import faults_to_message
 from ema_ros.stamps import stamp_to_message

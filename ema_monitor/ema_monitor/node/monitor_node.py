@@ -17,6 +17,7 @@ from ema_monitor.duty.meter import DutyLog
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.settings import SearchSettings
 from ema_monitor.identification.tally import CombinationSettings
+from ema_monitor.node.actuators import Actuators
 from ema_monitor.node.admission import Admission
 from ema_monitor.node.calls import MonitorCalls
 from ema_monitor.node.follow_ups import FollowUps
@@ -28,7 +29,6 @@ from ema_monitor.node.prognosis import MonitorPrognosis
 from ema_monitor.node.selection import Selection, Shard
 from ema_monitor.node.settings import Files, Operation, WindowSettings, folder_of
 from ema_monitor.node.summary import summary_of
-from ema_monitor.node.units import Units
 from ema_monitor.node.worker import IdentificationWorker
 from ema_monitor.prognosis.advisory import Costs
 from ema_monitor.prognosis.fleet import Fleet
@@ -74,7 +74,7 @@ class MonitorNode(ManagedNode):
             lambda: self._operation.value.most_actuators,
             self._warn,
         )
-        self._units = Units(
+        self._units = Actuators(
             self._admission,
             self._trigger.value,
             self._now_ns,

@@ -20,12 +20,12 @@ from ema_monitor.calibration.loading import AnyCalibration
 from ema_monitor.duty.meter import DutyLog
 from ema_monitor.health import HealthLimits
 from ema_monitor.identification.estimate import Estimate
+from ema_monitor.node.actuators import Actuators
 from ema_monitor.node.messages import health_to_message, history_to_message
 from ema_monitor.node.recordable import Recordable
 from ema_monitor.node.scenario_messages import scenario_to_message, scenarios_from_messages
 from ema_monitor.node.settings import folder_of
 from ema_monitor.node.summary import unknown_health
-from ema_monitor.node.units import Units
 from ema_monitor.prognosis.count_log import CountLog
 from ema_monitor.prognosis.duty.damage import DamageSettings
 from ema_monitor.prognosis.fleet import Fleet
@@ -35,7 +35,6 @@ from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.history import History, history_path
 from ema_monitor.prognosis.history_entry import Count
 from ema_monitor.prognosis.outlook import Outlook, outlook_of_one
-from ema_monitor.prognosis.prognostics import Prognostics, RequirementsOf
 from ema_monitor.prognosis.requirements.requirements import (
     BEING_COMPUTED,
     FITTED,
@@ -44,6 +43,7 @@ from ema_monitor.prognosis.requirements.requirements import (
 )
 from ema_monitor.prognosis.service import Service
 from ema_monitor.prognosis.settings import PrognosisSettings, duty_of
+from ema_monitor.unit import RequirementsOf, Unit
 from ema_monitor.windows.finder import Segment
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.settings import LiveSettings
@@ -75,7 +75,7 @@ class MonitorHistories:
         self._lock = threading.Lock()
         # A lock for each unit: reading a long history must not delay the others.
         self._opening: dict[UnitKey, threading.Lock] = {}
-        self._units: dict[UnitKey, Prognostics] = {}
+        self._units: dict[UnitKey, Unit] = {}
         self._folder: Path | None = None
         self.counts = CountLog()
         self.is_serving = False
@@ -107,11 +107,11 @@ class MonitorHistories:
                 self._units.pop(unit, None)
                 prognostics.history.close()
 
-    def items(self) -> list[tuple[UnitKey, Prognostics]]:
+    def items(self) -> list[tuple[UnitKey, Unit]]:
         """Return the units with open histories."""
         return list(self._units.items())
 
-    def of(self, unit: UnitKey, settings: PrognosisSettings) -> Prognostics:
+    def of(self, unit: UnitKey, settings: PrognosisSettings) -> Unit:
         """Return the history of a unit and what follows from it.
 
         Parameters
@@ -135,9 +135,7 @@ class MonitorHistories:
                 self._require_serving()
                 path = history_path(self._folder, *unit) if self._folder else None
                 history = History(*unit, path)
-                self._units[unit] = Prognostics(
-                    history, settings, self._requirements_of, time.time_ns()
-                )
+                self._units[unit] = Unit(history, settings, self._requirements_of, time.time_ns())
             return self._units[unit]
 
     def _require_serving(self) -> None:
@@ -166,7 +164,7 @@ class MonitorPrognosis:
         self,
         node: Node,
         calibration_of: Callable[[ActuatorDescription], AnyCalibration | str],
-        units: Units,
+        units: Actuators,
         resume: Callable[[ActuatorDescription, Outlook], None],
         duties: DutyLog,
     ) -> None:
@@ -389,7 +387,7 @@ class MonitorPrognosis:
         in_sim_time = self._node.get_parameter("use_sim_time").value
         return (FITTED.of if in_sim_time else FITTED.if_ready)(parameters, limits)
 
-    def _of(self, description: ActuatorDescription) -> Prognostics:
+    def _of(self, description: ActuatorDescription) -> Unit:
         prognostics = self._histories.of(description.unit_key, self.settings)
         self._log_problem(description, prognostics)
         return prognostics
@@ -398,7 +396,7 @@ class MonitorPrognosis:
         calibration = self._calibration_of(description)
         return None if isinstance(calibration, str) else calibration.unit_parameters
 
-    def _log_problem(self, description: ActuatorDescription, prognostics: Prognostics) -> None:
+    def _log_problem(self, description: ActuatorDescription, prognostics: Unit) -> None:
         problem, unit = prognostics.history.problem, description.unit_key
         if problem and self._logged.get(unit) != problem:
             self._node.get_logger().error(f"{description.actuator_id}: {problem}")

@@ -3,7 +3,7 @@
 from ema_core.levels import ERROR, LEVEL_NAMES, OK, STALE, WARN
 from ema_core.quantity import is_finite_number
 from ema_monitor.health import FaultHealth
-from ema_monitor.node.unit import Unit
+from ema_monitor.node.actuator import Actuator
 from ema_ros.status import (
     CHECK_FUNCTION,
     DIAGNOSTICS_ACTIVE,
@@ -15,7 +15,7 @@ from ema_ros.status import (
 )
 
 
-def unit_tasks(unit: Unit, waiting: int, dropped: int = 0) -> list[Task]:
+def unit_tasks(unit: Actuator, waiting: int, dropped: int = 0) -> list[Task]:
     """Return the status of telemetry and health, and of each fault.
 
     ``waiting`` windows of all actuators wait, and ``dropped`` ones of this one had to give way.
@@ -53,7 +53,7 @@ def unit_tasks(unit: Unit, waiting: int, dropped: int = 0) -> list[Task]:
     ]
 
 
-def _telemetry_task(unit: Unit, waiting: int, dropped: int) -> Task:
+def _telemetry_task(unit: Actuator, waiting: int, dropped: int) -> Task:
     finder, category = unit.finder, ""
     if unit.is_silent and finder.blocks:
         level, message = STALE, "no telemetry any more"
@@ -105,7 +105,7 @@ def _telemetry_task(unit: Unit, waiting: int, dropped: int) -> Task:
     return Task(name, level, message, unit.hardware_id, counts, category)
 
 
-def _item_task(unit: Unit, item: FaultHealth, end: str) -> Task:
+def _item_task(unit: Actuator, item: FaultHealth, end: str) -> Task:
     level, is_known = unit.level_of(item), is_finite_number(item.value)
     message = f"{item.value:.4g}, limit {item.limit:.4g}" if is_known else "not known"
     name = f"{unit.actuator_id} {item.name.replace('_', ' ')}"

@@ -19,16 +19,16 @@ from ema_monitor.prognosis.growth.settings import TrackerSettings
 from ema_monitor.prognosis.growth.tracker import Tracker
 from ema_monitor.prognosis.history import History
 from ema_monitor.prognosis.outlook import Outlook, earlier
-from ema_monitor.prognosis.prognostics import Prognostics
 from ema_monitor.prognosis.requirements.requirements import FITTED, REQUIREMENTS, RequirementLimits
 from ema_monitor.prognosis.settings import duty_of
+from ema_monitor.unit import Unit
 
 from .lived_units import PARAMETERS, TEN_HOURS, UNIT, backlash, friction, lived, plain
 from .made_tests import made_test
 
 
 @pytest.fixture(scope="module")
-def worn() -> tuple[Prognostics, list[Outlook]]:
+def worn() -> tuple[Unit, list[Outlook]]:
     return lived(60)
 
 
@@ -87,7 +87,7 @@ def test_health_is_that_of_the_tracked_values(worn):
 
 def test_healthy_actuator_is_told_no_life_and_no_alarm():
     """Of errors that a false alarm could be made of."""
-    prognostics = Prognostics(History(*UNIT), TEN_HOURS)
+    prognostics = Unit(History(*UNIT), TEN_HOURS)
     for number in range(30):
         estimate = made_test(number, seed=11, friction=0.0, backlash=0.0, gain=0.5)
         last = prognostics.update(estimate, PARAMETERS, TEN_HOURS)
@@ -103,7 +103,7 @@ def test_restart_changes_nothing(tmp_path: Path, worn):
     first, _ = lived(25, path=path)
     # Killed: nothing is closed, but for the lock that goes with a process.
     first.history.close()
-    second = Prognostics(History(*UNIT, path), TEN_HOURS)
+    second = Unit(History(*UNIT, path), TEN_HOURS)
     outlooks = [
         second.update(
             made_test(number, seed=3, friction=friction(number), backlash=backlash(number)),
@@ -148,7 +148,7 @@ def test_impossible_duty_is_refused_by_name_and_range(duty: float):
 
 def test_without_history_there_is_no_answer():
     with pytest.raises(ValueError, match="no history yet"):
-        Prognostics(History(*UNIT)).outlook(PARAMETERS, TEN_HOURS)
+        Unit(History(*UNIT)).outlook(PARAMETERS, TEN_HOURS)
 
 
 def test_stamps_that_go_back_are_told():
@@ -207,7 +207,7 @@ def test_criterion_is_the_same_be_its_life_known_or_not(worn):
 
 def test_worst_requirement_with_a_warning_is_named_while_no_life_is_known():
     """The torque margin suffers from backlash that is well within its own limit."""
-    prognostics = Prognostics(History(*UNIT), TEN_HOURS)
+    prognostics = Unit(History(*UNIT), TEN_HOURS)
     estimates = [made_test(number, backlash=0.09) for number in range(3)]
     *_, last = [prognostics.update(one, PARAMETERS, TEN_HOURS) for one in estimates]
     assert last is not None
@@ -255,7 +255,7 @@ def test_what_is_not_known_to_grow_ends_no_life(worn, monkeypatch: pytest.Monkey
 @pytest.mark.slow
 @pytest.mark.parametrize("hidden", ["eccentricity", "backlash"])
 def test_component_that_no_test_has_shown_ends_no_life(hidden: str):
-    prognostics = Prognostics(History(*UNIT), TEN_HOURS)
+    prognostics = Unit(History(*UNIT), TEN_HOURS)
     outlook = None
     number = FAULT_NAMES.index(hidden)
     for test in range(60):
@@ -274,7 +274,7 @@ def test_component_that_no_test_has_shown_ends_no_life(hidden: str):
 
 def test_first_test_alone_ends_no_life():
     """However bad: it may be an outlier, and the tracker waits for a second one that agrees."""
-    prognostics = Prognostics(History(*UNIT), TEN_HOURS)
+    prognostics = Unit(History(*UNIT), TEN_HOURS)
     outlook = prognostics.update(made_test(0, backlash=0.4), PARAMETERS, TEN_HOURS)
     assert outlook is not None
     assert not outlook.rul_requirements.known

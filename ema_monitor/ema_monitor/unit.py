@@ -1,8 +1,9 @@
-"""The prognosis of one unit: its history, its tracker, and what follows from them."""
+"""One unit: estimates and counts of service in; health, remaining life and advice out."""
 
 import math
 import threading
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -12,6 +13,7 @@ from ema_core.wording import counted
 from ema_monitor.duty.flown import FlownDuty, together
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.prognosis.assessment import Assessment, assessment_of
+from ema_monitor.prognosis.count_log import CountLog
 from ema_monitor.prognosis.duty.scenario import NotComparableError, Scenario
 from ema_monitor.prognosis.forecaster import Forecaster
 from ema_monitor.prognosis.growth.settings import TrackerSettings
@@ -38,7 +40,7 @@ class KnownTest(NamedTuple):
 RequirementsOf = Callable[[ActuatorParameters, RequirementLimits], Requirements | str]
 
 
-class Prognostics:
+class Unit:
     """Follows one unit from test to test; any thread may call.
 
     The outlook depends on the tests in the history and on the settings alone: a replay of the same
@@ -132,6 +134,35 @@ class Prognostics:
                 self.history.append(entry)
                 self._events = (*self._events, *events)
             return self._outlook_with_events(parameters)
+
+    def follow(
+        self,
+        estimates: Iterable[Estimate],
+        parameters: ActuatorParameters | None,
+        settings: PrognosisSettings,
+        counts: Sequence[Count] = (),
+        flown: Sequence[tuple[int, FlownDuty]] = (),
+    ) -> Iterator[tuple[Estimate, Outlook | None]]:
+        """Yield each estimate with the outlook after it, as ``update`` gives it.
+
+        Parameters
+        ----------
+        estimates, counts
+            Tests, and service life that was counted, each in order of time.
+        parameters, settings
+            As of ``update``.
+        flown
+            Duty up to the ends of windows, by their stamps [ns], in order of time.
+        """
+        # Only counts before a test are logged before it, however many there are in all.
+        waiting, log, pieces = deque(counts), CountLog(), deque(flown)
+        for estimate in estimates:
+            while waiting and waiting[0].stamp_ns <= estimate.end_ns:
+                log.add(self.history.unit, waiting.popleft())
+            count, duty = log.latest(self.history.unit, estimate.end_ns), None
+            while pieces and pieces[0][0] <= estimate.end_ns:
+                duty = together(duty, pieces.popleft()[1])
+            yield estimate, self.update(estimate, parameters, settings, count, duty)
 
     def write(self) -> None:
         """Write what was found after the latest test; seldom also what is known of growth."""

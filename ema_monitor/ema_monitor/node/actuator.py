@@ -27,7 +27,7 @@ _SETTLED = 3
 _NOTHING_KNOWN = unknown_outlook("no valid estimate so far")
 
 
-class Unit:
+class Actuator:
     """One actuator that is monitored.
 
     Parameters
@@ -150,7 +150,7 @@ class Unit:
     def exchange(self, old: str, new: str) -> bool:
         """Record that a unit replaces another; return whether it was there before.
 
-        Units are exchanged seldom, and those that are taken out seldom come back: where they
+        Actuators are exchanged seldom, and those that are taken out seldom come back: where they
         alternate, two actuators have the same name.
 
         Parameters

@@ -8,8 +8,8 @@ from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import Health as HealthMessage
 from ema_monitor.identification.estimate import Estimate
 from ema_monitor.identification.tally import Tally
+from ema_monitor.node.actuator import Actuator
 from ema_monitor.node.admission import Admission
-from ema_monitor.node.unit import Unit
 from ema_monitor.node.unit_status import unit_tasks
 from ema_monitor.prognosis.outlook import Outlook
 from ema_monitor.windows.finder import Segment
@@ -19,8 +19,8 @@ from ema_ros.status import Task
 _MOST_NAMED = 10
 
 
-class Units(dict[str, Unit]):
-    """Units by ``actuator_id``: those that are listed, then in the order of their first message.
+class Actuators(dict[str, Actuator]):
+    """Actuators by name: those that are listed, then in the order of their first message.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class Units(dict[str, Unit]):
                 is_first = self.admission.note_wrong(actuator_id, reason)
         self._warn(actuator_id, reason, is_first)
 
-    def find(self, actuator_id: str) -> tuple[Unit, ActuatorDescription]:
+    def find(self, actuator_id: str) -> tuple[Actuator, ActuatorDescription]:
         """Return a unit that is described, and its description.
 
         Parameters
@@ -186,7 +186,7 @@ class Units(dict[str, Unit]):
         now_ns: int,
         confirmations: int,
     ) -> None:
-        """Record an estimate as ``Unit.record`` does; nothing when the actuator is forgotten."""
+        """Record an estimate as ``Actuator.record`` does; nothing when that is forgotten."""
         actuator_id = segment.description.actuator_id
         with self.lock:
             unit = self.get(actuator_id)
@@ -246,7 +246,7 @@ class Units(dict[str, Unit]):
 
     def get_or_add(
         self, actuator_id: str, description: ActuatorDescription | None = None
-    ) -> Unit | None:
+    ) -> Actuator | None:
         """Return a unit, None when it is not followed; its description is kept for later then."""
         if (unit := self.get(actuator_id)) is not None:
             return unit
@@ -254,7 +254,7 @@ class Units(dict[str, Unit]):
             self.admission.refuse(actuator_id, description)
             return None
         publish, now_ns = self._add_publisher(actuator_id), self._now_ns()
-        unit = Unit(actuator_id, self.trigger, publish, now_ns, self._namespace)
+        unit = Actuator(actuator_id, self.trigger, publish, now_ns, self._namespace)
         unit.settings = self._settings_now()
         unit.is_listed = actuator_id in self.admission.listed
         self[actuator_id] = unit

@@ -1,0 +1,130 @@
+"""Monitor of one actuator: telemetry in, what happened out. It needs no ROS."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ema_core.description import ActuatorDescription
+from ema_core.telemetry import Telemetry
+from ema_monitor.calibration.calibration import Calibration
+from ema_monitor.calibration.loading import AnyCalibration
+from ema_monitor.diagnosis import Diagnosed, Diagnosis
+from ema_monitor.identification.search import Generation
+from ema_monitor.identification.settings import SearchSettings
+from ema_monitor.identification.tally import CombinationSettings
+from ema_monitor.prognosis.count_log import CountLog
+from ema_monitor.prognosis.history import History, history_path
+from ema_monitor.prognosis.history_entry import Count
+from ema_monitor.prognosis.outlook import Outlook
+from ema_monitor.prognosis.settings import PrognosisSettings
+from ema_monitor.unit import Unit
+from ema_monitor.windows.finder import Segment, WindowFinder
+from ema_monitor.windows.trigger import Defect, TriggerSettings
+
+Event = Defect | Diagnosed | Outlook
+"""A defect of the telemetry; the estimate of a window, or its refusal; health and life after it."""
+
+
+@dataclass(frozen=True)
+class MonitorSettings:
+    """How an actuator is monitored.
+
+    Attributes
+    ----------
+    trigger
+        When a window begins and how long it is.
+    search
+        How its faults are identified.
+    combining
+        Until when stretches of ordinary motion are combined.
+    prognosis
+        What health and remaining life rest on.
+    """
+
+    trigger: TriggerSettings = field(default_factory=TriggerSettings)
+    search: SearchSettings = field(default_factory=SearchSettings)
+    combining: CombinationSettings = field(default_factory=CombinationSettings)
+    prognosis: PrognosisSettings = field(default_factory=PrognosisSettings)
+
+
+class Monitor:
+    """Monitors one actuator: finds its windows, diagnoses them, and follows the unit.
+
+    The node does the same with each part in the thread where it belongs.
+
+    Parameters
+    ----------
+    description
+        The actuator; the built-in one by default.
+    calibration
+        Its calibration; the shipped one by default.
+    settings
+        How to monitor it.
+    history_folder
+        Folder of the history of the unit; in memory alone when None.
+
+    Attributes
+    ----------
+    unit
+        The unit with its history.
+    """
+
+    def __init__(
+        self,
+        description: ActuatorDescription | None = None,
+        calibration: AnyCalibration | None = None,
+        settings: MonitorSettings | None = None,
+        history_folder: Path | None = None,
+    ) -> None:
+        self._description = description or ActuatorDescription()
+        self._calibration = calibration or Calibration.builtin()
+        self._settings = settings or MonitorSettings()
+        self._finder = WindowFinder(self._settings.trigger, self._description)
+        self._diagnosis = Diagnosis()
+        key = self._description.unit_key
+        path = history_path(history_folder, *key) if history_folder else None
+        self.unit = Unit(History(*key, path), self._settings.prognosis)
+        self._counts = CountLog()
+
+    def feed(self, telemetry: Telemetry) -> Iterator[Event]:
+        """Yield what a block of telemetry leads to, in its order."""
+        return self._follow(self._finder.feed(telemetry))
+
+    def count(self, count: Count) -> None:
+        """Take a count of service hours; it holds for the tests after its stamp."""
+        self._counts.add(self.unit.history.unit, count)
+
+    def finish(self) -> Iterator[Event]:
+        """End the telemetry; yield what that leads to."""
+        yield from self._follow(self._finder.finish())
+        yield from self._assess(self._diagnosis.finish())
+
+    def _follow(self, events: Iterable[Segment | Defect]) -> Iterator[Event]:
+        settings = self._settings
+        for event in events:
+            if isinstance(event, Defect):
+                yield event
+                continue
+            yield from self._assess(
+                self._diagnosis.add(
+                    event,
+                    self._calibration,
+                    settings.search,
+                    settings.combining if event.is_stretch else None,
+                )
+            )
+
+    def _assess(self, found: Iterable[Generation | Diagnosed]) -> Iterator[Event]:
+        for one in found:
+            if not isinstance(one, Diagnosed):
+                continue
+            yield one
+            count = self._counts.latest(self.unit.history.unit, one.estimate.end_ns)
+            outlook = self.unit.update(
+                one.estimate,
+                self._calibration.unit_parameters,
+                self._settings.prognosis,
+                count,
+            )
+            if outlook is not None:
+                yield outlook
