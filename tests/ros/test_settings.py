@@ -125,9 +125,9 @@ def test_live_settings_follow_and_tell(make_oven: Callable[..., Node]):
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        *(("temperature", value) for value in (10.0, 10, float("nan"), "hot", True)),
-        *(("trays", value) for value in (5, 2.5, -1)),
-        *(("mode", value) for value in ("steam", 3)),
+        *(("temperature", value) for value in (10, float("nan"), "hot", True)),
+        ("trays", 2.5),
+        ("mode", "steam"),
         ("label", 3),
     ],
 )
