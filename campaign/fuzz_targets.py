@@ -29,7 +29,6 @@ from ema_monitor.prognosis.requirements.requirements import RequirementLimits
 from ema_monitor.prognosis.service import Service
 from ema_monitor.windows.trigger import TriggerSettings
 from ema_recording import schema
-from ema_recording.cdr import trimmer
 from ema_recording.reader import Bag
 from ema_recording.telemetry import read_telemetry
 from ema_recording.windows import find_recorded_windows
@@ -109,8 +108,8 @@ def _bag(data: bytes) -> None:
 
 def _message(data: bytes) -> None:
     name = fuzz_seeds.TYPES[data[0] % len(fuzz_seeds.TYPES) if data else 0]
-    trim = trimmer(name)
-    if trim is not None and not data[1:].startswith(trim(data[1:])):
+    trim = schema.trimmer(name)
+    if not data[1:].startswith(trim(data[1:])):
         raise AssertionError("what is behind a message is not all that is cut off")
     try:
         message = schema.decoder(name, schema.schema_text(name))(data[1:])

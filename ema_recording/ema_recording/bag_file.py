@@ -1,25 +1,16 @@
-"""One MCAP file of a recording that is being written."""
+"""One MCAP file of a recording that is being written, also while the disk is full."""
 
+import errno
 from dataclasses import dataclass
 from io import BufferedWriter
 from pathlib import Path
 from typing import Any, cast
 
-from mcap.writer import CompressionType, Writer
+from mcap.writer import Writer
 
 from ema_core import __version__
-from ema_recording.chunk_index import keep_packed_index
 from ema_recording.gaps import GAP, Gap
-from ema_recording.held_file import HeldFile
-from ema_recording.metadata import (
-    FileInformation,
-    TopicInformation,
-    serialized_metadata,
-)
-from ema_recording.records import LIBRARY
-
-COMPRESSION = {"zstd": CompressionType.ZSTD, "none": CompressionType.NONE}
-"""How chunks are compressed, by name."""
+from ema_recording.metadata import FileInformation, TopicInformation, serialized_metadata
 
 
 @dataclass
@@ -31,26 +22,59 @@ class RecordedType:
     offered_qos: str
 
 
+class _HeldFile:
+    """A new file whose ``write`` takes everything: ``flush`` alone fails, and can be repeated.
+
+    Whoever writes through it never stops in the middle of a record.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("xb", buffering=0)
+        self._written = 0
+        self.held = bytearray()
+
+    def write(self, data: bytes) -> int:
+        self.held += data
+        return len(data)
+
+    def tell(self) -> int:
+        return self._written + len(self.held)
+
+    def flush(self) -> None:
+        while self.held:
+            count = self._file.write(self.held) or 0
+            if not count:
+                raise OSError(errno.EIO, "nothing was written")
+            self._written += count
+            del self.held[:count]
+
+    def close(self) -> None:
+        self._file.close()
+
+
 class BagFile:
-    """One MCAP file.
+    """One MCAP file; what does not fit on the disk waits in memory until there is room.
 
     Attributes
     ----------
     information
         Its name, and the extent of what is in it.
+
+    Raises
+    ------
+    OSError
+        When there is such a file, or it cannot be made.
     """
 
-    def __init__(self, path: Path, compression: str, chunk_bytes: int) -> None:
+    def __init__(self, path: Path, chunk_bytes: int) -> None:
         self.path = path
         self.information = FileInformation(path.name)
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
-        self._file = HeldFile(path)
+        self._file = _HeldFile(path)
         # It writes, tells where it is and flushes: more is not asked of a stream.
-        stream = cast(BufferedWriter, self._file)
-        self._mcap = Writer(stream, chunk_bytes, COMPRESSION[compression])
-        keep_packed_index(self._mcap)
-        self._mcap.start(profile="ros2", library=f"{LIBRARY} {__version__}")
+        self._mcap = Writer(cast(BufferedWriter, self._file), chunk_bytes)
+        self._mcap.start(profile="ros2", library=f"ema_recording {__version__}")
 
     @property
     def size(self) -> int:
@@ -60,7 +84,7 @@ class BagFile:
     @property
     def waiting(self) -> int:
         """How many of them are not written yet [B]."""
-        return self._file.waiting
+        return len(self._file.held)
 
     def add_topic(self, topic: RecordedType) -> None:
         """Add a topic that messages follow of."""
@@ -94,16 +118,6 @@ class BagFile:
             "end_ns": str(gap.end_ns),
         }
         self._mcap.add_metadata(GAP, record)
-
-    def write_waiting(self) -> None:
-        """Hand what waits to the operating system, without the chunk that is being gathered.
-
-        Raises
-        ------
-        OSError
-            When that could not be written; it waits.
-        """
-        self._file.flush()
 
     def flush(self) -> None:
         """Hand everything so far to the operating system.

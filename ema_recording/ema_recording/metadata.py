@@ -8,12 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
 import yaml
 
 from ema_core.yaml_file import load_yaml
-from ema_recording.packed import PACKED_SUFFIX
+
+PACKED_SUFFIX: Final = ".zstd"
+"""What rosbag2 appends to the name of a file that it compresses."""
 
 METADATA_FILE = "metadata.yaml"
 _ROOT = "rosbag2_bagfile_information"

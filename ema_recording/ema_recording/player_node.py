@@ -2,7 +2,7 @@
 
 import threading
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -10,23 +10,43 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as SteadyClock
 from rclpy.clock_type import ClockType
+from std_srvs.srv import Trigger
 
 from ema_core.wording import counted
 from ema_interfaces.msg import PlaybackState
-from ema_interfaces.srv import BurstPlayback, SeekPlayback, SetPlaybackRate
-from ema_recording.passes import Passes
-from ema_recording.played_bag import PlayedBag
+from ema_interfaces.srv import (
+    BurstPlayback,
+    GetPlaybackRate,
+    IsPlaybackPaused,
+    SeekPlayback,
+    SetPlaybackRate,
+)
+from ema_recording.playback import Playback
+from ema_recording.played_bag import PlayedBag, PlayerSettings
 from ema_recording.player_outputs import PlayerOutputs
-from ema_recording.player_settings import PlayerSettings
-from ema_recording.steering import Steering
 from ema_recording.topic_names import topic_names
+from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.managed_node import ManagedNode
 from ema_ros.run import run
 from ema_ros.settings import declare, read
 from ema_ros.stamps import stamp_from_message, stamp_to_message
 from ema_ros.status import ERROR, OK, WARN, Task
+from ema_ros.topics import LATCHED, PLAYBACK_STATE
 
 _STATE_S: Final = 0.5
+_BETWEEN_PASSES_S: Final = 0.05
+# Names and fields of rosbag2's player; types of our own, whose answers say why one is refused.
+_SERVICES: Final = {
+    "pause": Trigger,
+    "resume": Trigger,
+    "toggle_paused": Trigger,
+    "is_paused": IsPlaybackPaused,
+    "play_next": Trigger,
+    "burst": BurstPlayback,
+    "get_rate": GetPlaybackRate,
+    "set_rate": SetPlaybackRate,
+    "seek": SeekPlayback,
+}
 
 
 class PlayerNode(ManagedNode):
@@ -71,36 +91,27 @@ class PlayerNode(ManagedNode):
         self._settings = read(self, PlayerSettings)
         self._played = PlayedBag(self._settings, topic_names(self))
         for name, reason in self._played.remarks.items():
-            self._warn(f"{name} is not played: {reason}")
-        for name, reason in self._played.odd_offers.items():
-            self._warn(f"{name} is played as a reliable stream: {reason}")
+            self._warn(f"{name}: {reason}")
         self._warn_of_damage("")
         self._outputs = PlayerOutputs(self, self._played)
-        self._passes = Passes(
-            self._played,
-            self._outputs,
-            self._settings,
-            self._set_phase,
-            self._warn,
-            lambda: self._publish_state(jumped=True),
+        self._playback = Playback(
+            self._played.messages(self._played.start_ns),
+            self._settings.rate,
+            1.0 / self._settings.clock_rate_hz,
+            self._outputs.publish,
+            self._outputs.publish_clock,
         )
-        self._playback = self._passes.playback
+        self._is_begun, self._pass = False, 1
         self._failure = ""
         self._phase = "ready"
         paused, playing = PlaybackState.PAUSED, PlaybackState.PLAYING
         self._status = paused if self._settings.start_paused else playing
-        acts = {
-            "pause": self._pause,
-            "resume": self._resume,
-            "toggle_paused": self._toggle_paused,
-            "is_paused": self._is_paused,
-            "play_next": self._play_next,
-            "burst": self._burst,
-            "get_rate": self._get_rate,
-            "set_rate": self._set_rate,
-            "seek": self._seek,
-        }
-        self._steering = Steering(self, acts)
+        group = WaitingCallbackGroup()  # a seek reads the bag
+        self._steering = [
+            self.create_service(kind, f"~/{name}", self._answerer(name), callback_group=group)
+            for name, kind in _SERVICES.items()
+        ]
+        self._state_output = self.create_publisher(PlaybackState, PLAYBACK_STATE, LATCHED)
 
     def activate(self) -> None:
         """Play on, unless it is paused."""
@@ -115,7 +126,9 @@ class PlayerNode(ManagedNode):
 
     def clean_up(self) -> None:
         """Destroy the publishers and services."""
-        self._steering.close()
+        for service in self._steering:
+            self.destroy_service(service)
+        self.destroy_publisher(self._state_output)
         self._outputs.close()
 
     def tasks(self) -> list[Task]:
@@ -123,17 +136,17 @@ class PlayerNode(ManagedNode):
         playback, played = self._playback, self._played
         bag = played.bag
         remarks = [f"{bag.path.name} is damaged: {bag.damage}"] if bag.damage else []
-        remarks += [f"{name}: not played, {why}" for name, why in played.remarks.items()]
-        remarks += self._outputs.remarks()
+        remarks += [f"{name}: {why}" for name, why in played.remarks.items()]
+        remarks += self._outputs.live_monitors()
         values = {
             "bag": bag.path,
             "rate [-]": playback.rate,
             "played": playback.played,
             "messages": played.count,
-            "pass": self._passes.number,
+            "pass": self._pass,
             "position [s]": (playback.reached_ns - playback.start_ns) / 1e9,
             "topics": ", ".join(sorted(played.topics)),
-            "not played": ", ".join(played.remarks),
+            "not played": ", ".join(played.remarks.keys() - played.topics.keys()),
         }
         level = ERROR if self._failure else WARN if remarks else OK
         message = self._failure or "; ".join([self._phase, *remarks])
@@ -158,6 +171,22 @@ class PlayerNode(ManagedNode):
             self._stop.set()
             if self._worker is not None:
                 self._worker.join()
+
+    def _answerer(self, name: str) -> Callable[[Any, Any], Any]:
+        """Return what serves a request: a refusal says why."""
+        act: Callable[[Any], Mapping[str, Any] | None] = getattr(self, f"_{name}")
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                fields = act(request)
+            except (OSError, ValueError) as error:
+                response.message = str(error)
+                return response
+            for field, value in ({"success": True} if fields is None else fields).items():
+                setattr(response, field, value)
+            return response
+
+        return answer
 
     def _pause(self, _: Any) -> None:
         with self._steered:
@@ -200,7 +229,7 @@ class PlayerNode(ManagedNode):
             if self._status == PlaybackState.PLAYING:
                 raise ValueError("the player plays: pause it first")
             self._stop = threading.Event()
-            self._passes.begin()
+            self._begin()
             played = self._playback.step(count, self._stop)
             if not played:
                 raise ValueError(f"{self._played.bag.path} is at its end: seek first")
@@ -231,7 +260,7 @@ class PlayerNode(ManagedNode):
             except (OSError, ValueError):
                 self._go_on()  # from where it was
                 raise
-            self._passes.skip_begin()
+            self._is_begun = True
             if self._status == PlaybackState.ENDED:
                 self._status = PlaybackState.PAUSED
             self._publish_state(jumped=True)
@@ -250,22 +279,22 @@ class PlayerNode(ManagedNode):
             self._publish_state()
 
     def _publish_state(self, *, jumped: bool = False) -> None:
-        self._steering.publish(
-            PlaybackState(
-                bag=str(self._played.bag.path),
-                status=self._status,
-                rate=self._playback.rate,
-                start=stamp_to_message(self._played.start_ns),
-                end=stamp_to_message(self._played.end_ns),
-                position=stamp_to_message(self._playback.reached_ns),
-                jumped=jumped,
-            )
+        state = PlaybackState(
+            bag=str(self._played.bag.path),
+            status=self._status,
+            rate=self._playback.rate,
+            start=stamp_to_message(self._played.start_ns),
+            end=stamp_to_message(self._played.end_ns),
+            position=stamp_to_message(self._playback.reached_ns),
+            jumped=jumped,
         )
+        state.header.stamp = self.get_clock().now().to_msg()
+        self._state_output.publish(state)
 
     def _work(self, stop: threading.Event) -> None:
         damage = self._played.bag.damage
         try:
-            if self._passes.run(stop):
+            if self._run(stop):
                 self._status = PlaybackState.ENDED
                 self._publish_state()
                 if not self._settings.stay:
@@ -277,6 +306,56 @@ class PlayerNode(ManagedNode):
             self.report()
             self.finished.set()
         self._warn_of_damage(damage)
+
+    def _begin(self) -> None:
+        """Publish what is latched before the first message that is played, once."""
+        if not self._is_begun and self._settings.start_offset:
+            self._outputs.publish_latched(self._played.latched_before(self._played.start_ns))
+        self._is_begun = True
+
+    def _run(self, stop: threading.Event) -> bool:
+        """Play on, the first time once there are subscribers.
+
+        Returns
+        -------
+        bool
+            Whether the end is reached, and all that was played has arrived.
+        """
+        if not self._is_begun:
+            self._wait_for_subscribers(stop)
+        if stop.is_set():
+            return False
+        self._begin()
+        while True:
+            self._set_phase(f"playing at rate {self._playback.rate:g}")
+            is_at_end = self._playback.run(stop)
+            played = counted(self._playback.played, "message")
+            if not is_at_end:
+                self._set_phase(f"paused after {played}")
+                return False
+            if pending := self._outputs.await_acknowledgement(stop):
+                self._warn(f"not all messages on {', '.join(pending)} are acknowledged")
+            # A bag without duration would be begun again at once.
+            if stop.is_set() or (self._settings.loop and stop.wait(_BETWEEN_PASSES_S)):
+                return False
+            self._set_phase(f"played {played} of {self._played.bag.path}")
+            if not self._settings.loop:
+                return True
+            start_ns = self._played.start_ns
+            self._pass += 1
+            self._playback.go_to(start_ns, self._played.messages(start_ns))
+            self._publish_state(jumped=True)
+            self._outputs.publish_latched(self._played.latched_before(start_ns))
+
+    def _wait_for_subscribers(self, stop: threading.Event) -> None:
+        wait_s = self._settings.wait_s
+        if wait_s and (missing := self._outputs.missing()):
+            self._set_phase(f"waiting for a subscriber of {missing}")
+        self._outputs.await_subscribers(stop, wait_s)
+        if not stop.is_set() and (missing := self._outputs.missing()):
+            self._warn(f"no subscriber of {missing} after {wait_s:g} s: starting")
+        for words in self._outputs.live_monitors():
+            self._warn(words)
 
     def _warn_of_damage(self, known: str) -> None:
         bag = self._played.bag

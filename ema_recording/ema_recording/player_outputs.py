@@ -13,14 +13,12 @@ from rosgraph_msgs.msg import Clock
 
 from ema_interfaces.msg import Health, TelemetryBlock
 from ema_recording.message_type import message_class, type_name
-from ema_recording.playable import CLOCK
-from ema_recording.played_bag import PlayedBag
+from ema_recording.played_bag import CLOCK, PlayedBag
 from ema_recording.reader import Recorded
 from ema_ros.peers import UNKNOWN_NODE
 
 _TELEMETRY: Final = type_name(TelemetryBlock)
 _HEALTH: Final = type_name(Health)
-_SHARED_TOPICS: Final = frozenset(("/diagnostics", "/rosout", "/parameter_events", "/tf"))
 _POLL_S: Final = 0.05
 _LATCHED_S: Final = 0.2
 _SETTLE_S: Final = 1.0  # a subscription learns of its match after the publisher
@@ -88,17 +86,6 @@ class PlayerOutputs:
             else:
                 waits -= 1
         return [name for name, _ in pending]
-
-    def remarks(self) -> list[str]:
-        """Return who else publishes what is played, and who should not listen, in words."""
-        found = []
-        for name in (*self.publishers, CLOCK):
-            sources = [item.node_name for item in self._node.get_publishers_info_by_topic(name)]
-            if self._node.get_name() in sources:
-                sources.remove(self._node.get_name())
-            if sources and name not in _SHARED_TOPICS:
-                found.append(f"{name}: also published by {', '.join(sorted(set(sources)))}")
-        return found + self.live_monitors()
 
     def live_monitors(self) -> list[str]:
         """Return which nodes estimate from what is played and do not follow its time, in words.

@@ -1,28 +1,22 @@
-"""Reads recordings as rosbag2 makes them in MCAP, damaged ones as far as they are intact.
-
-The container is read here and not by mcap or rosbags: their readers refuse a file that is cut off,
-has no index or one damaged chunk, and a recorder that is killed leaves such files.
-"""
+"""Reads recordings as rosbag2 makes them in MCAP, damaged ones as far as they are intact."""
 
 import heapq
+import shutil
+import tempfile
+import weakref
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import zstandard
+from mcap.records import Message
+
 from ema_core.wording import counted
-from ema_recording.contents import Contents, Stretch, read_contents, read_messages
 from ema_recording.gaps import Gap
+from ema_recording.mcap_file import Contents, DamageError, Stretch, read_contents, read_messages
 from ema_recording.message_type import is_installed
-from ema_recording.packed import (
-    PackedError,
-    StoredFiles,
-    UnknownCompressionError,
-    is_packed,
-    unpack_message,
-)
-from ema_recording.records import DamageError, StoredMessage
 from ema_recording.schema import decoder, schema_text, to_installed
 
 
@@ -65,7 +59,6 @@ class Recorded(NamedTuple):
     publish_time_ns: int
 
 
-_MOST_MALFORMED: Final = 100_000
 _MOST_GAPS: Final = 10
 
 
@@ -81,9 +74,9 @@ class Place(NamedTuple):
 class Bag:
     """A recording: one ``.mcap`` file, or a folder as ``ros2 bag record`` makes it.
 
-    Messages and files that rosbag2 compressed are unpacked as they are read. A file that was not
-    closed, is cut off or lost its index is read through once when the recording is opened. Any
-    file is checked as it is read. Chunks are taken whole or not at all.
+    Messages and files that rosbag2 compressed by zstd are unpacked. A file that was not closed, is
+    cut off or lost its index is read through once when the recording is opened. Chunks are taken
+    whole or not at all.
 
     Attributes
     ----------
@@ -106,9 +99,8 @@ class Bag:
         self._damage: dict[str, None] = {}
         # Why the first malformed message of each topic is none, and where all of them are.
         self._malformed: dict[str, tuple[str, set[Place]]] = {}
-        self._counts: dict[tuple[Path, int], Counter[int]] = {}
         self._files: dict[Path, Contents] = {}
-        self._stored = StoredFiles()
+        self._unpacked: dict[Path, Any] = {}
         if not self.path.exists():
             raise FileNotFoundError(f"{self.path}: there is no such recording")
         if self.path.is_dir():
@@ -139,47 +131,24 @@ class Bag:
         return "; ".join([*self._damage, *malformed])
 
     @property
-    def unchecked(self) -> str:
-        """Why damage of messages may go unnoticed; empty where all of them have checksums."""
-        files = [
-            path.name
-            for path, contents in self._files.items()
-            if contents.counts and not contents.has_checksums
-        ]
-        if not files:
-            return ""
-        return f"{', '.join(files)}: recorded without checksums, damaged messages go unnoticed"
-
-    @property
     def gaps(self) -> list[Gap]:
         """What the recorder told that it did not record."""
         return [gap for contents in self._files.values() for gap in contents.gaps]
 
     @property
     def remarks(self) -> list[str]:
-        """What there is to say of the recording so far: damage, gaps, missing checksums."""
+        """What there is to say of the recording so far: damage and gaps."""
         gaps = self.gaps
         told = [f"gap: {gap}" for gap in gaps[:_MOST_GAPS]]
         if more := gaps[_MOST_GAPS:]:
             lacking = counted(sum(gap.count for gap in more), "message")
             unknown = "" if all(gap.count for gap in more) else ", and others may be missing"
             told.append(f"{counted(len(more), 'more gap')}: {lacking} not recorded{unknown}")
-        return list(filter(None, (self.damage, *told, self.unchecked)))
+        return list(filter(None, (self.damage, *told)))
 
     def readable_counts(self) -> dict[str, int]:
-        """Return how many messages of each topic are in chunks that are whole.
-
-        Chunks that were not read before are read for it. What an index says is not believed: it
-        may promise what is damaged.
-        """
-        found: Counter[str] = Counter()
-        for path, contents in self._files.items():
-            for stretch in contents.stretches:
-                if (path, stretch.offset) not in self._counts:
-                    self._stored_messages(path, stretch)
-                for number, count in self._counts[path, stretch.offset].items():
-                    if number in contents.channels:
-                        found[contents.channels[number].topic] += count
+        """Return how many messages of each topic can be read: all chunks are read for it."""
+        found = Counter(item.topic for item in self.raw_messages())
         return {name: found[name] for name in self.topics}
 
     def note_malformed(self, topic: str, place: Place, reason: str) -> None:
@@ -191,9 +160,7 @@ class Bag:
             Which message; it is counted once, however often it is read.
         """
         first = f"the first of log time {place.log_time_ns} ns: {reason}"
-        _, places = self._malformed.setdefault(topic, (first, set()))
-        if len(places) < _MOST_MALFORMED:
-            places.add(place)
+        self._malformed.setdefault(topic, (first, set()))[1].add(place)
 
     def topics_of(self, *type_names: str) -> list[str]:
         """Return the topics of some types."""
@@ -239,27 +206,12 @@ class Bag:
         return self._decoded(chosen, decoders, first, last)
 
     def raw_messages(
-        self, topics: Iterable[str] | None = None, start_ns: int = 0
+        self,
+        topics: Iterable[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
     ) -> Iterator[Recorded]:
         """Read messages as they are stored, in the order of their log times.
-
-        Parameters
-        ----------
-        start_ns
-            Log time of the earliest wanted [ns].
-
-        Raises
-        ------
-        ValueError
-            When a topic is not in the recording.
-        """
-        first = Place(start_ns, -1, -1, -1) if start_ns else None
-        return (item for _, item in self._in_log_order(self._chosen(topics), first))
-
-    def placed_raw_messages(
-        self, topics: Iterable[str], start_ns: int | None = None, end_ns: int | None = None
-    ) -> Iterator[tuple[Place, Recorded]]:
-        """Read messages as they are stored, with their places, in the order of their log times.
 
         Parameters
         ----------
@@ -271,19 +223,18 @@ class Bag:
         ValueError
             When a topic is not in the recording.
         """
+        return (item for _, item in self.placed_raw_messages(topics, start_ns, end_ns))
+
+    def placed_raw_messages(
+        self,
+        topics: Iterable[str] | None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[tuple[Place, Recorded]]:
+        """Read messages as they are stored, with their places; as of :meth:`raw_messages`."""
         first = None if start_ns is None else Place(start_ns, -1, -1, -1)
         last = None if end_ns is None else Place(end_ns + 1, -1, -1, -1)
         return self._in_log_order(self._chosen(topics), first, last)
-
-    def raw_at(self, topics: Iterable[str], place: Place) -> list[Recorded]:
-        """Read the message at a place again; empty when it has been lost since.
-
-        Parameters
-        ----------
-        topics, place
-            Topics, one of which is that of the message, and a place that another call gave.
-        """
-        return [item for _, item in self._in_log_order(self._chosen(topics), place, place)]
 
     def _open_folder(self) -> None:
         from ema_recording.metadata import METADATA_FILE, folder_contents  # YAML only for these
@@ -303,12 +254,33 @@ class Bag:
             self._note(self.path, [f"{promised}, {found} are there"])
 
     def _open_file(self, path: Path) -> None:
-        with self._stored.open(path) as file:
-            try:
+        try:
+            with self._readable(path).open("rb") as file:
                 contents = self._files[path] = read_contents(file)
-            except ValueError as error:
-                raise ValueError(f"{path} {error}") from error
+        except ValueError as error:
+            raise ValueError(f"{path} {error}") from error
         self._note(path, contents.damage)
+
+    def _readable(self, path: Path) -> Path:
+        """Return where a file can be read; one that is compressed is unpacked as far as it goes."""
+        if path not in self._unpacked:
+            with path.open("rb") as packed:
+                if packed.read(len(zstandard.FRAME_HEADER)) != zstandard.FRAME_HEADER:
+                    return path
+                packed.seek(0)
+                unpacked = tempfile.NamedTemporaryFile(prefix="ema_bag_")  # noqa: SIM115
+                weakref.finalize(self, unpacked.close)
+                reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
+                try:
+                    shutil.copyfileobj(reader, unpacked)
+                except zstandard.ZstdError as error:
+                    if not unpacked.tell():
+                        raise ValueError(
+                            f"cannot be unpacked: {error}; expected a file compressed by zstd"
+                        ) from error
+                unpacked.flush()
+                self._unpacked[path] = unpacked
+        return Path(self._unpacked[path].name)
 
     def _note(self, path: Path, findings: Iterable[str]) -> None:
         # Of a folder it says in which file.
@@ -419,35 +391,26 @@ class Bag:
         """Yield the messages of a stretch with their numbers in it, whatever topics are wanted."""
         channels = self._files[path].channels
         for number, stored in enumerate(self._stored_messages(path, stretch)):
-            data, channel = stored.data, channels.get(stored.channel)
+            data, channel = stored.data, channels.get(stored.channel_id)
             if channel is None or channel.topic not in chosen:
                 continue
             topic = chosen[channel.topic]
-            if topic.encoding == "cdr" and is_packed(data):
+            # No CDR message begins like a frame of zstd.
+            if topic.encoding == "cdr" and data.startswith(zstandard.FRAME_HEADER):
                 try:
-                    data = unpack_message(data)
-                except PackedError as error:
+                    data = zstandard.decompress(data)
+                except zstandard.ZstdError as error:
                     lost = f"topic {channel.topic}: a compressed message is lost: {error}"
                     self._note(path, [lost])
                     continue
-            times = stored.log_time_ns, stored.publish_time_ns
+            times = stored.log_time, stored.publish_time
             yield number, Recorded(channel.topic, topic.type_name, data, *times)
 
-    def _stored_messages(self, path: Path, stretch: Stretch) -> list[StoredMessage]:
-        """Read the messages of a stretch, and count them; none where it is damaged."""
+    def _stored_messages(self, path: Path, stretch: Stretch) -> list[Message]:
+        """Read the messages of a stretch; none where it is damaged."""
         try:
-            with self._stored.open(path) as file:
-                messages = read_messages(file, stretch, self._files[path])
-        except (DamageError, UnknownCompressionError) as error:  # the index says another one
+            with self._readable(path).open("rb") as file:
+                return read_messages(file, stretch, self._files[path])
+        except DamageError as error:
             self._note(path, [f"the chunk at byte {stretch.offset} is lost: {error}"])
-            messages = []
-        outside = sum(
-            not stretch.start_ns <= item.log_time_ns <= stretch.end_ns for item in messages
-        )
-        if outside:
-            said = f"the chunk at byte {stretch.offset} has {counted(outside, 'message')}"
-            where = "outside of the times in the index: they may be missing or out of order"
-            self._note(path, [f"{said} {where}"])
-        if (path, stretch.offset) not in self._counts:
-            self._counts[path, stretch.offset] = Counter(item.channel for item in messages)
-        return messages
+            return []

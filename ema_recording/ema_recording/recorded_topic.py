@@ -1,10 +1,8 @@
 """A topic that is recorded: what is requested of its publishers, who they are, what is lost."""
 
-import math
 import threading
-import time
 from collections.abc import Hashable, Sequence
-from typing import Any, Final
+from typing import Any
 
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
@@ -12,11 +10,6 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ema_recording.message_type import message_class, type_hash
 from ema_recording.qos import RELIABLE_DEPTH, common_offer, joint_offer
-
-_LEAST_SILENCE_S: Final = 10.0
-_UNUSUAL: Final = 5.0
-_REGULAR: Final = 50
-"""Silence that is told: seconds, times the longest so far, and after how many messages."""
 
 
 class SequenceGaps:
@@ -61,52 +54,6 @@ class SequenceGaps:
         self._last, self._unconfirmed = None, 0
 
 
-class Silence:
-    """Tells how long a topic has been silent whose messages came one after the other before.
-
-    After a node stood still, or the network was cut, for longer than the lease of DDS, the
-    middleware may show its publishers and yet receive nothing from them any more. Times are those
-    of a clock that is never set [s].
-    """
-
-    def __init__(self) -> None:
-        self._last_s = math.nan
-        self._is_excused = True
-        self._count = 0
-        self._longest_s = self._longest_before_s = 0.0
-        self._grown_s = -math.inf
-
-    def end(self, now_s: float) -> None:
-        """Note a message."""
-        length = now_s - self._last_s
-        if not self._is_excused and length > self._longest_s:
-            self._longest_before_s, self._longest_s = self._longest_s, length
-            self._grown_s = now_s
-        self._last_s, self._is_excused = now_s, False
-        self._count += 1
-
-    def begin(self, now_s: float) -> None:
-        """Let silence begin now: that until now, or which has just ended, had a reason."""
-        if now_s - self._grown_s < _LEAST_SILENCE_S:
-            self._longest_s = self._longest_before_s
-        self._last_s, self._is_excused = now_s, True
-
-    def pause(self) -> None:
-        """Tell of no silence until it begins again."""
-        self._last_s, self._is_excused = math.nan, True
-
-    @property
-    def is_paused(self) -> bool:
-        """Whether silence has not begun."""
-        return math.isnan(self._last_s)
-
-    def length(self, now_s: float) -> float:
-        """Return for how long nothing has come, where that is unusual; else 0 [s]."""
-        usual = max(_LEAST_SILENCE_S, _UNUSUAL * self._longest_s)
-        length = now_s - self._last_s
-        return length if self._count >= _REGULAR and length > usual else 0.0
-
-
 class RecordedTopic:
     """A topic that is recorded, with the request that all its publishers meet, as rosbag2 has it.
 
@@ -138,19 +85,13 @@ class RecordedTopic:
         self.subscription: Subscription | None = None
         self.request = common_offer(offers, RELIABLE_DEPTH)
         self._lock = threading.Lock()
-        self._gaps, self._silence = SequenceGaps(), Silence()
+        self._gaps = SequenceGaps()
         self.set_publishers(publishers)
 
     @property
     def lost(self) -> int:
         """Number of messages that are known to be lost."""
         return self._gaps.lost
-
-    @property
-    def silent_s(self) -> float:
-        """For how long it has been silent, against its habit and with a publisher; else 0 [s]."""
-        with self._lock:
-            return self._silence.length(time.monotonic())
 
     def set_publishers(self, publishers: Sequence[TopicEndpointInfo]) -> None:
         """Set the publishers of the moment; to be called regularly."""
@@ -162,27 +103,16 @@ class RecordedTopic:
         ]
         with self._lock:
             self._gaps.set_publishers(frozenset(bytes(item.endpoint_gid) for item in publishers))
-            if not publishers:
-                self._silence.pause()
-            elif self._silence.is_paused:
-                self._silence.begin(time.monotonic())
-
-    def begin_silence(self) -> None:
-        """Note that it could not be heard until now."""
-        with self._lock:
-            self._silence.begin(time.monotonic())
 
     def pause(self) -> None:
         """Note that nothing is recorded until publishers are set again."""
         with self._lock:
             self._gaps.pause()
-            self._silence.pause()
 
     def count(self, sequence_number: int | None) -> None:
         """Count a message; None where the middleware gives no number."""
         with self._lock:
             self._gaps.count(sequence_number)
-            self._silence.end(time.monotonic())
 
 
 def _installed_class(types: Sequence[str], publishers: Sequence[TopicEndpointInfo]) -> Any:

@@ -15,10 +15,10 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from ema_core.wording import counted
+from ema_recording.gaps import Gap
 from ema_recording.recorded_topic import RecordedTopic
 from ema_recording.recorder_settings import RecorderSettings
 from ema_recording.recording import Recording
-from ema_recording.standstills import Standstills
 from ema_recording.topic_names import topic_names
 from ema_ros.executor import WaitingCallbackGroup
 from ema_ros.managed_node import ManagedNode
@@ -28,6 +28,7 @@ from ema_ros.status import ERROR, OK, WARN, Task
 
 _DISCOVERY_S: Final = 0.2
 _MOST_NAMED: Final = 3
+_STANDSTILL_S: Final = 2.0
 _BESIDES_NAMESPACE: Final = ("/diagnostics", "/clock")
 
 
@@ -48,7 +49,7 @@ class RecorderNode(ManagedNode):
 
     While the bag cannot be written, as the disk is full, the status is ERROR; it goes on when there
     is room, and status and bag tell what was not recorded. They also tell when the recorder itself
-    did not get on, as it was stopped, the machine asleep or a disk slow: what it missed is unknown.
+    stood still, as it was stopped, the machine asleep or a disk slow: what it missed is unknown.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -85,7 +86,8 @@ class RecorderNode(ManagedNode):
         self._topics: dict[str, RecordedTopic] = {}
         self._skipped: dict[str, str] = {}
         self._trouble = ""
-        self._standstills = Standstills()
+        self._last_call: tuple[float, int] | None = None
+        self._standstills = 0
         output = settings.output or f"ema_{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
         try:
             own = self.get_fully_qualified_name()
@@ -109,7 +111,7 @@ class RecorderNode(ManagedNode):
         self._note_standstill()
         with self._discovering:
             self._recording = False
-            self._standstills.pause()
+            self._last_call = None
             self._update_publishers()
             for topic in self._topics.values():
                 topic.pause()
@@ -137,7 +139,7 @@ class RecorderNode(ManagedNode):
         recorded = self._recorded
         if recorded is None:
             return []
-        bag, kept = recorded.bag, recorded.kept
+        bag, settings = recorded.bag, self._settings.value
         topics = dict(self._topics)
         lost = sum(topic.lost for topic in topics.values())
         gone = [name for name, topic in topics.items() if not topic.has_publisher]
@@ -151,10 +153,9 @@ class RecorderNode(ManagedNode):
             for name, topic in topics.items()
             if topic.incompatible
         ]
-        if kept is not None and kept.is_short:
-            settings = self._settings.value
+        if recorded.is_short:
             remarks.append(
-                f"max_cache_size = {settings.max_cache_size} B holds {kept.span_s:.3g} of "
+                f"max_cache_size = {settings.max_cache_size} B holds {recorded.kept_s:.3g} of "
                 f"{settings.snapshot_duration:g} s"
             )
         doing = f"recording {counted(len(topics), 'topic')}" if self._recording else "paused"
@@ -174,26 +175,19 @@ class RecorderNode(ManagedNode):
             "lost by topic": ", ".join(
                 f"{name} {topic.lost}" for name, topic in sorted(topics.items()) if topic.lost
             ),
-            "standstills": self._standstills.count,
-            "stood still [s]": self._standstills.total_s,
+            "standstills": self._standstills,
             "waiting [B]": bag.waiting,
-            "messages without room": bag.not_recorded,
+            "messages without room": sum(gap.count for gap in bag.gaps),
             "ends of threads": bag.flusher.ends,
             "topics": ", ".join(sorted(topics)),
-            # No warning: tests may be over for today.
-            "silent [s]": ", ".join(
-                f"{name} {silent_s:.0f}"
-                for name, topic in sorted(topics.items())
-                if (silent_s := topic.silent_s)
-            ),
             "publisher gone": ", ".join(gone),
             "not recorded": ", ".join(self._skipped),
         }
-        if kept is not None:
+        if settings.snapshot_duration:
             values |= {
                 "snapshots": recorded.snapshots,
-                "kept [s]": kept.span_s,
-                "kept [B]": kept.size,
+                "kept [s]": recorded.kept_s,
+                "kept [B]": recorded.kept_bytes,
             }
             doing += f" for {counted(recorded.snapshots, 'snapshot')} so far"
         if bag.failure:
@@ -248,16 +242,18 @@ class RecorderNode(ManagedNode):
 
     def _note_standstill(self) -> None:
         """Tell of a time before now in which this process did not run."""
-        now_s = time.clock_gettime(time.CLOCK_BOOTTIME)
-        gap = self._standstills.call(now_s, self.get_clock().now().nanoseconds)
-        if gap is None:
+        now = time.clock_gettime(time.CLOCK_BOOTTIME), self.get_clock().now().nanoseconds
+        last, self._last_call = self._last_call, now
+        if last is None or now[0] - last[0] < _STANDSTILL_S:
             return
+        # Simulated time may have gone back meanwhile.
+        start_ns, end_ns = sorted((last[1], now[1]))
+        gap = Gap(f"the recorder stood still for {now[0] - last[0]:.1f} s", start_ns, end_ns)
+        self._standstills += 1
         with self._writing:
             if self._recorded is not None:
                 self._recorded.bag.note_gap(gap)
         self.get_logger().warning(str(gap))
-        for topic in list(self._topics.values()):
-            topic.begin_silence()
         self.report()
 
     def _add_topic(self, recorded: Recording, name: str, types: list[str]) -> None:

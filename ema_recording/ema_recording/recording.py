@@ -1,20 +1,36 @@
 """Where what a recorder receives goes: into the bag, or into memory until there is a reason."""
 
+from collections import deque
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
+from ema_core.levels import LEVEL_NAMES
 from ema_core.wording import counted
-from ema_interfaces.msg import FaultEstimate
-from ema_recording.level_changes import LevelChanges
+from ema_interfaces.msg import FaultEstimate, Health, HealthSummary
 from ema_recording.recorder_settings import RecorderSettings
-from ema_recording.snapshot_buffer import Kept, SnapshotBuffer
 from ema_recording.writer import BagWriter
 
-CALIBRATION: Final = "calibration_id of {}"
-"""Name in the metadata of a bag under which the calibration of an actuator is noted."""
+_CALIBRATION: Final = "calibration_id of {}"
+_WITH_LEVELS: Final = (Health, HealthSummary, DiagnosticArray)
+_BESIDES_BYTES: Final = 200
+
+
+class _Kept(NamedTuple):
+    """A serialised message with its times [ns]."""
+
+    topic: str
+    data: bytes
+    log_time_ns: int
+    publish_time_ns: int | None
+
+    @property
+    def size(self) -> int:
+        """Memory that it takes, about [B]."""
+        return len(self.data) + _BESIDES_BYTES
 
 
 class Recording:
@@ -25,7 +41,7 @@ class Recording:
     path
         Where to record.
     own
-        Full name of the recorder.
+        Full name of the recorder, whose own statuses are no reason for a snapshot.
     on_failure
         Called as by ``BagWriter``.
 
@@ -35,8 +51,10 @@ class Recording:
         How many messages were received and written.
     snapshots
         How many snapshots were written.
-    kept
-        What is kept for the next one; None when all is written.
+    kept_bytes
+        Memory of what is kept for the next one [B].
+    is_short
+        Whether messages of the span to keep had to go for want of room.
 
     Raises
     ------
@@ -60,13 +78,19 @@ class Recording:
             waits_for_room=True,
             on_failure=on_failure,
         )
-        self.messages = 0
-        self.snapshots = 0
-        self.kept: SnapshotBuffer | None = None
-        if settings.snapshot_duration:
-            self.kept = SnapshotBuffer(settings.snapshot_duration, settings.max_cache_size)
-        self._changes = LevelChanges(own)
+        self.messages = self.snapshots = self.kept_bytes = 0
+        self.is_short = False
+        self._settings = settings
+        self._kept: deque[_Kept] = deque()
+        self._own = f"{own}:"
+        self._levels: dict[str, int] = {}
         self._classes: dict[str, Any] = {}
+
+    @property
+    def kept_s(self) -> float:
+        """Time from the first to the last message that is kept [s]."""
+        kept = self._kept
+        return max(0.0, (kept[-1].log_time_ns - kept[0].log_time_ns) / 1e9) if kept else 0.0
 
     def add_topic(self, topic: str, message_class: Any, qos: QoSProfile) -> None:
         """Add a topic, as of ``BagWriter``."""
@@ -86,22 +110,12 @@ class Recording:
         message_class = self._classes[topic]
         if message_class is FaultEstimate:
             self._note_calibration(data)
-        if self.kept is None:
+        if not self._settings.snapshot_duration:
             self.messages += self.bag.write_serialized(topic, data, log_time_ns, publish_time_ns)
             return ""
-        for item in self.kept.append(Kept(topic, data, log_time_ns, publish_time_ns)):
-            self.bag.note_state(item.topic, item.data, item.publish_time_ns or item.log_time_ns)
-        change = self._changes.find(message_class, data)
-        return change if len(self.kept) else ""
-
-    def _note_calibration(self, data: bytes) -> None:
-        try:
-            estimate: Any = deserialize_message(data, FaultEstimate)
-        except Exception:  # whatever the middleware makes of what is no message
-            return
-        if estimate.calibration_id:
-            name = CALIBRATION.format(estimate.actuator_id)
-            self.bag.custom_data[name] = estimate.calibration_id
+        self._keep(_Kept(topic, data, log_time_ns, publish_time_ns))
+        change = self._level_change(message_class, data)
+        return change if self._kept else ""
 
     def write_snapshot(self) -> str:
         """Write what is kept to a file of its own, and say what was written.
@@ -114,11 +128,13 @@ class Recording:
             When the bag cannot be written: what it has room for waits in memory, is counted as
             written, and is written when it can be.
         """
-        if self.kept is None:
+        if not self._settings.snapshot_duration:
             raise ValueError("all is written: snapshot_duration is 0")
-        span_s, items = self.kept.span_s, self.kept.take()
-        if not items:
+        if not self._kept:
             raise ValueError("nothing was received since the last snapshot")
+        span_s, items = self.kept_s, list(self._kept)
+        self._kept.clear()
+        self.kept_bytes, self.is_short = 0, False
         self.bag.begin_next_file(items[0].log_time_ns)
         count = sum(self.bag.write_serialized(*item) for item in items)
         self.bag.flush()
@@ -131,3 +147,52 @@ class Recording:
                 f"{count} messages of {span_s:.3f} s: waits in memory, not written: {failure}{more}"
             )
         return f"{count} messages of {span_s:.3f} s to {self.bag.file_path}"
+
+    def _keep(self, item: _Kept) -> None:
+        """Keep a message; of those that go for it, the next file begins with the latest state."""
+        self._kept.append(item)
+        self.kept_bytes += item.size
+        duration_ns = round(self._settings.snapshot_duration * 1e9)
+        while self._kept:
+            # A clock that was set back makes nothing old.
+            is_old = item.log_time_ns - self._kept[0].log_time_ns > duration_ns
+            if not is_old and self.kept_bytes <= self._settings.max_cache_size:
+                break
+            self.is_short |= not is_old
+            gone = self._kept.popleft()
+            self.kept_bytes -= gone.size
+            self.bag.note_state(gone.topic, gone.data, gone.publish_time_ns or gone.log_time_ns)
+
+    def _level_change(self, message_class: Any, data: bytes) -> str:
+        """Return which levels a message changes, in words; the first of a status is no change."""
+        if not issubclass(message_class, _WITH_LEVELS):
+            return ""
+        try:
+            message: Any = deserialize_message(data, message_class)
+        except Exception:  # whatever the middleware makes of what is no message
+            return ""
+        if message_class is DiagnosticArray:
+            levels = {item.name: ord(item.level) for item in message.status}
+        else:
+            # Both topics tell of the same level.
+            levels = {f"health of {message.actuator_id}": message.level}
+        changes = []
+        for name, level in levels.items():
+            before = self._levels.setdefault(name, level)
+            if level != before and not name.startswith(self._own):
+                changes.append(f"{name} from {_word(before)} to {_word(level)}")
+            self._levels[name] = level
+        return ", ".join(changes)
+
+    def _note_calibration(self, data: bytes) -> None:
+        try:
+            estimate: Any = deserialize_message(data, FaultEstimate)
+        except Exception:  # whatever the middleware makes of what is no message
+            return
+        if estimate.calibration_id:
+            name = _CALIBRATION.format(estimate.actuator_id)
+            self.bag.custom_data[name] = estimate.calibration_id
+
+
+def _word(level: int) -> str:
+    return LEVEL_NAMES[level] if level < len(LEVEL_NAMES) else str(level)

@@ -151,6 +151,31 @@ def _defaults(text: str) -> dict[str, bool | int | float | str]:
 
 
 @cache
+def trimmer(name: str) -> Callable[[bytes], bytes]:
+    """Return what cuts off what is behind the content of a message of an installed type.
+
+    ROS reserves the padding of empty sequences, does not use it, and leaves it behind the message.
+    Readers that check where a message ends refuse more than 3 bytes there.
+
+    Raises
+    ------
+    ValueError
+        When the type is not installed.
+    """
+    store = typestore(name, schema_text(name))
+    definition = store.get_msgdef(name)
+
+    def trim(data: bytes) -> bytes:
+        try:
+            _, end = definition.deserialize_cdr_le(data[4:], 0, definition.cls, store)
+        except Exception:
+            return data
+        return data[: 4 + end] if data[:2] == b"\x00\x01" else data
+
+    return trim
+
+
+@cache
 def decoder(type_name: str, schema: str) -> Callable[[bytes], Any]:
     """Return the function that decodes messages of a type.
 

@@ -1,28 +1,44 @@
 """Writes recordings as rosbag2 does, in MCAP."""
 
+import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
-from rclpy.qos import QoSProfile
-from rclpy.serialization import serialize_message
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message, serialize_message
 
 from ema_core.steady_thread import SteadyThread
-from ema_recording.bag_file import COMPRESSION, RecordedType
-from ema_recording.bag_files import BagFiles, FileSettings, WrittenTopic
-from ema_recording.cdr import trimmer
+from ema_interfaces.msg import ActuatorDescription, Usage
+from ema_recording.bag_file import BagFile, RecordedType
 from ema_recording.gaps import Gap
 from ema_recording.message_type import type_hash, type_name
-from ema_recording.metadata import TopicInformation
+from ema_recording.metadata import (
+    METADATA_FILE,
+    FileInformation,
+    TopicInformation,
+    bag_information,
+    write_metadata,
+)
 from ema_recording.qos import offered_qos, offered_qos_profiles
-from ema_recording.schema import schema_text
-from ema_recording.state_messages import says_state
+from ema_recording.schema import schema_text, trimmer
 
 _MOST_WAITING: Final = 16 * 1024 * 1024
-_MOST_GAPS: Final = 100
+_DESCRIBING: Final = (ActuatorDescription, Usage)
+
+
+@dataclass(frozen=True)
+class _Topic:
+    """A topic that is written; ``says_state``: its latest message holds until the next one."""
+
+    message_class: Any
+    recorded: RecordedType
+    says_state: bool
+    trim: Callable[[bytes], bytes]
 
 
 class BagWriter(AbstractContextManager["BagWriter", None]):
@@ -38,15 +54,14 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     file when there is room. The metadata of the file tell of the gap.
 
     A folder may have several files. Each begins with the latest message of each topic that is
-    latched, or describes an actuator, so that it can be read alone.
+    latched, or describes an actuator, so that it can be read alone. The metadata of a folder list
+    the files that are closed.
 
     Parameters
     ----------
     path
         Where to record: a name ending in ``.mcap`` makes this one file, any other name a folder
         with a file and ``metadata.yaml``. Missing parent folders are made.
-    compression
-        "zstd" or "none".
     chunk_bytes
         Size at which a chunk is full, before compression [B].
     flush_s
@@ -74,9 +89,7 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         The thread that writes by time.
     gaps
         What was received and could not be recorded, the last one open while ``failure`` is set, and
-        what :meth:`note_gap` told of; the latest 100.
-    not_recorded
-        How many messages that are, those of earlier gaps among them.
+        what :meth:`note_gap` told of.
 
     Raises
     ------
@@ -90,7 +103,6 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         self,
         path: str | Path,
         *,
-        compression: Literal["zstd", "none"] = "zstd",
         chunk_bytes: int = 128 * 1024,
         flush_s: float = 0.5,
         max_bytes: int = 0,
@@ -99,28 +111,32 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         waits_for_room: bool = False,
         on_failure: Callable[[str, str], object] = lambda failure, trace: None,
     ) -> None:
-        if compression not in COMPRESSION:
-            raise ValueError(f"compression = {compression!r}: expected 'zstd' or 'none'")
-        if chunk_bytes < 1:
-            raise ValueError(f"chunk_bytes = {chunk_bytes!r} B: expected at least 1 B")
         if not 0.0 < flush_s < float("inf"):
             raise ValueError(f"flush_s = {flush_s!r} s: expected a positive number of seconds")
-        if max_bytes < 0:
-            raise ValueError(f"max_bytes = {max_bytes!r} B: expected 0 or more")
-        if not 0.0 <= max_duration_s < float("inf"):
-            raise ValueError(f"max_duration_s = {max_duration_s!r} s: expected 0 or more seconds")
         self.path = Path(path)
+        self._folder = None if self.path.suffix == ".mcap" else self.path
+        self._chunk_bytes = chunk_bytes
+        self._max_bytes, self._max_duration_s = max_bytes, max_duration_s
+        if max_bytes or max_duration_s:
+            self._require_folder()
+        _clear(self.path, overwrite)
+        (self._folder or self.path.parent).mkdir(parents=True, exist_ok=True)
         self.custom_data: dict[str, str] = {}
-        settings = FileSettings(compression, chunk_bytes, max_bytes, max_duration_s, waits_for_room)
-        self._files = BagFiles(self.path, settings, self.custom_data, overwrite=overwrite)
-        self._trimmers: dict[str, Callable[[bytes], bytes]] = {}
+        self._topics: dict[str, _Topic] = {}
+        # The latest message of each topic and actuator that says how things stand.
+        self._states: dict[tuple[str, str], tuple[bytes, int]] = {}
+        self._ended: list[FileInformation] = []
+        # Files that have ended and are not on the disk yet, and the metadata of the folder.
+        self._unwritten: list[BagFile] = []
+        self._metadata: dict[str, Any] | None = None
+        self._number = 0
+        self._file = self._next_file()
         self._is_closed = False
         self._waits_for_room = waits_for_room
         self.failure: OSError | None = None
         self.gaps: list[Gap] = []
-        self.not_recorded = 0
         self._gap: Gap | None = None
-        self._ended_gaps = 0
+        self._told = 0
         self._flush_s = flush_s / 2
         self._flushed_s = time.monotonic()
         self._lock = threading.Lock()
@@ -130,12 +146,12 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
     @property
     def file_path(self) -> Path:
         """The file that is written."""
-        return self._files.file.path
+        return self._file.path
 
     @property
     def waiting(self) -> int:
         """How much waits to be written, without the chunk that is being gathered [B]."""
-        return self._files.waiting
+        return self._file.waiting + sum(file.waiting for file in self._unwritten)
 
     def add_topic(self, topic: str, message_class: type, qos: QoSProfile) -> None:
         """Add a topic; it must be added before it is written.
@@ -153,14 +169,14 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         name = type_name(message_class)
         information = TopicInformation(topic, name, type_hash(name), offered_qos(qos))
         recorded = RecordedType(information, schema_text(name), offered_qos_profiles(qos))
-        added = WrittenTopic(message_class, recorded, says_state(message_class, qos))
-        trim = trimmer(name)
-        with self._writing() as files:
-            if topic in files.topics:
+        is_latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        says_state = is_latched or issubclass(message_class, _DESCRIBING)
+        added = _Topic(message_class, recorded, says_state, trimmer(name))
+        with self._writing():
+            if topic in self._topics:
                 raise ValueError(f"topic {topic} was added before")
-            files.add_topic(added)
-            if trim is not None:
-                self._trimmers[topic] = trim
+            self._file.add_topic(recorded)
+            self._topics[topic] = added
 
     def write(
         self, topic: str, message: Any, log_time_ns: int, publish_time_ns: int | None = None
@@ -206,23 +222,23 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         for name, value in (("log_time_ns", log_time_ns), ("publish_time_ns", publish_time_ns)):
             if not 0 <= value < 2**63:
                 raise ValueError(f"{name} = {value!r} ns on topic {topic} is outside [0, 2^63) ns")
-        self._topic(topic)
-        trim = self._trimmers.get(topic)
-        data = trim(data) if trim else data
-        with self._writing() as files:
-            if self.failure and files.waiting > _MOST_WAITING:
+        data = self._topic(topic).trim(data)
+        with self._writing():
+            if self.failure and self.waiting > _MOST_WAITING:
                 if self._gap is None:
                     self._gap = Gap(str(self.failure), log_time_ns, log_time_ns)
                     self.gaps.append(self._gap)
-                    del self.gaps[:-_MOST_GAPS]
                 self._gap.add(log_time_ns)
-                self.not_recorded += 1
-                files.note_state(topic, data, publish_time_ns)
+                self._note_state(topic, data, publish_time_ns)
                 return False
-            files.write(topic, data, log_time_ns, publish_time_ns)
+            if self._is_full(log_time_ns) and not self.failure:
+                with self._trying():
+                    self._begin_next(log_time_ns)
+            self._write(topic, data, log_time_ns, publish_time_ns)
+            self._note_state(topic, data, publish_time_ns)
             # The thread that flushes may get no processor while messages keep coming.
             if time.monotonic() - self._flushed_s >= self._flush_s:
-                self._flush(files)
+                self._flush()
         return True
 
     def note_state(self, topic: str, data: bytes, publish_time_ns: int) -> None:
@@ -231,8 +247,8 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         The next file begins with it if its topic is latched, or describes an actuator.
         """
         self._topic(topic)
-        with self._writing() as files:
-            files.note_state(topic, data, publish_time_ns)
+        with self._writing():
+            self._note_state(topic, data, publish_time_ns)
 
     def note_gap(self, gap: Gap) -> None:
         """Tell of messages that did not come here.
@@ -242,10 +258,9 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         ValueError, OSError
             As of :meth:`write`.
         """
-        with self._writing() as files:
+        with self._writing():
             self.gaps.insert(len(self.gaps) - (self._gap is not None), gap)
-            del self.gaps[:-_MOST_GAPS]
-            self._tell(gap, files)
+            self._tell(gap)
 
     def begin_next_file(self, log_time_ns: int) -> None:
         """Begin the next file, unless nothing has been written to this one.
@@ -260,9 +275,9 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         ValueError, OSError
             As for :meth:`write`; ValueError also when the recording is one file.
         """
-        with self._writing() as files:
-            files.require_folder()
-            files.begin_next(log_time_ns)
+        with self._writing():
+            self._require_folder()
+            self._begin_next(log_time_ns)
 
     def flush(self) -> None:
         """Hand everything written so far to the operating system.
@@ -272,8 +287,8 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
         OSError
             When that could not be written, of a recording that does not wait for room.
         """
-        with self._writing() as files:
-            self._flush(files)
+        with self._writing():
+            self._flush()
 
     def close(self) -> None:
         """Write index and metadata and close; a closed recording stays as it is.
@@ -288,60 +303,146 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
             if self._is_closed:
                 return
             self._is_closed = True
-            if self.failure and not self._waits_for_room:
-                self._files.abandon()
-                raise self.failure
-            self._end_gap(self._files)
-            self._files.close()
+            try:
+                if self.failure and not self._waits_for_room:
+                    raise self.failure
+                self._end_gap()
+                self._end_file()
+                self._write_ended()
+            except OSError:
+                for file in (*self._unwritten, self._file):
+                    file.abandon()
+                raise
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _topic(self, topic: str) -> WrittenTopic:
-        topics = self._files.topics
-        if topic not in topics:
-            known = ", ".join(topics) or "none"
+    def _topic(self, topic: str) -> _Topic:
+        if topic not in self._topics:
+            known = ", ".join(self._topics) or "none"
             raise ValueError(f"topic {topic!r} was not added to the recording; added: {known}")
-        return topics[topic]
+        return self._topics[topic]
 
     @contextmanager
-    def _writing(self) -> Iterator[BagFiles]:
-        """Give the files to one thread at a time, until they are closed or fail for good."""
+    def _writing(self) -> Iterator[None]:
+        """Let one thread at a time write, until the recording is closed or fails for good."""
         with self._lock:
             if self.failure and not self._waits_for_room:
                 raise self.failure
             if self._is_closed:
                 raise ValueError(f"the recording {self.path} is closed")
-            try:
-                yield self._files
-            except OSError as error:
-                self.failure = error
-                if not self._waits_for_room:
-                    raise
+            with self._trying():
+                yield
 
-    def _flush(self, files: BagFiles) -> None:
+    @contextmanager
+    def _trying(self) -> Iterator[None]:
+        """Note a failure; it is raised where the recording does not wait for room."""
+        try:
+            yield
+        except OSError as error:
+            self.failure = error
+            if not self._waits_for_room:
+                raise
+
+    def _require_folder(self) -> None:
+        if self._folder is None:
+            raise ValueError(
+                f"{self.path} is one file: expected a folder (a name that does not end in .mcap) "
+                "for a recording in several files"
+            )
+
+    def _next_file(self) -> BagFile:
+        """Make the next file, with its first bytes on the disk."""
+        path = self.path
+        if self._folder is not None:
+            path = self._folder / f"{self._folder.name}_{self._number}.mcap"
+        file = BagFile(path, self._chunk_bytes)
+        try:
+            file.flush()
+        except OSError:
+            file.abandon()
+            path.unlink(missing_ok=True)
+            raise
+        self._number += 1
+        return file
+
+    def _is_full(self, log_time_ns: int) -> bool:
+        information = self._file.information
+        if not information.count:
+            return False
+        age_s = (log_time_ns - information.start_ns) / 1e9
+        is_large = self._max_bytes and self._file.size >= self._max_bytes
+        return bool(is_large or (self._max_duration_s and age_s >= self._max_duration_s))
+
+    def _begin_next(self, log_time_ns: int) -> None:
+        """Begin the next file; if there is no room for it, this one goes on."""
+        if self._file.information.count:
+            following = self._next_file()
+            self._end_file()
+            self._file = following
+            for topic in self._topics.values():
+                following.add_topic(topic.recorded)
+        for (topic, _), (data, publish_time_ns) in self._states.items():
+            self._write(topic, data, log_time_ns, publish_time_ns)
+        self._write_ended()
+
+    def _write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
+        information = self._topics[topic].recorded.information
+        self._file.write(topic, data, log_time_ns, publish_time_ns, information.count)
+        information.count += 1
+
+    def _note_state(self, topic: str, data: bytes, publish_time_ns: int) -> None:
+        """Take a message for the latest of its topic and actuator."""
+        written, actuator = self._topics[topic], ""
+        if self._folder is None or not written.says_state:
+            return
+        if "actuator_id" in written.message_class.get_fields_and_field_types():
+            try:
+                message: Any = deserialize_message(data, written.message_class)
+            except Exception:  # whatever the middleware makes of what is no message
+                return
+            actuator = message.actuator_id
+        self._states.pop((topic, actuator), None)  # it becomes the last one
+        self._states[topic, actuator] = data, publish_time_ns
+
+    def _end_file(self) -> None:
+        """End the file; what is left of it waits to be written."""
+        topics = [topic.recorded.information for topic in self._topics.values()]
+        self._ended.append(self._file.information)
+        self._metadata = bag_information(self._ended, topics, self.custom_data)
+        self._file.finish(self._metadata)
+        self._unwritten.append(self._file)
+
+    def _write_ended(self) -> None:
+        """Write what waits of the files that have ended, and the metadata of the folder."""
+        while self._unwritten:
+            self._unwritten[0].close()
+            del self._unwritten[0]
+        if self._folder is not None and self._metadata is not None:
+            write_metadata(self._folder, self._metadata)
+        self._metadata = None
+
+    def _flush(self) -> None:
         """Hand everything to the operating system, and note that there is room again."""
         self._flushed_s = time.monotonic()
-        files.flush()
+        self._write_ended()
+        self._file.flush()
         if self.failure:
             self.failure = None
-            self._end_gap(files)
-            files.flush()
+            self._end_gap()
+            self._file.flush()
 
-    def _end_gap(self, files: BagFiles) -> None:
+    def _end_gap(self) -> None:
         """Tell of the gap that has just ended, if there is one."""
         gap, self._gap = self._gap, None
         if gap is not None:
-            self._tell(gap, files)
+            self._tell(gap)
 
-    def _tell(self, gap: Gap, files: BagFiles) -> None:
+    def _tell(self, gap: Gap) -> None:
         """Write of a gap to the file, and to the metadata of the recording."""
-        files.note_gap(gap)
-        self._ended_gaps += 1
-        self.custom_data[f"gap {self._ended_gaps}"] = str(gap)
-        earlier = self._ended_gaps - _MOST_GAPS
-        if self.custom_data.pop(f"gap {earlier}", None):
-            self.custom_data["earlier gaps"] = f"{earlier}, each in a record of its file"
+        self._file.note_gap(gap)
+        self._told += 1
+        self.custom_data[f"gap {self._told}"] = str(gap)
 
     def _keep_flushing(self) -> None:
         # The library itself ends a chunk by size only.
@@ -350,3 +451,22 @@ class BagWriter(AbstractContextManager["BagWriter", None]):
                 self.flush()
             except OSError:  # the next call of write or close raises it
                 self.flusher.ending.set()
+
+
+def _clear(path: Path, overwrite: bool) -> None:
+    """Remove a recording from a path, if that is allowed; raise if anything else is there."""
+    if not path.exists():
+        return
+    if not overwrite:
+        raise FileExistsError(f"{path} is there already")
+    is_file = path.suffix == ".mcap"
+    if is_file and path.is_file():
+        path.unlink()
+    elif (
+        not is_file
+        and path.is_dir()
+        and all(item.suffix == ".mcap" or item.name == METADATA_FILE for item in path.iterdir())
+    ):
+        shutil.rmtree(path)
+    else:
+        raise FileExistsError(f"{path} is not a recording alone: it is not replaced")

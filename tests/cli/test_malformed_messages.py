@@ -11,7 +11,7 @@ from ema_recording.reader import Bag
 from ema_recording.telemetry import DESCRIPTION_TYPE, TELEMETRY_TYPE
 from ema_recording.writer import BagWriter
 
-from ..ros.recorded_messages import ros_messages
+from ..bags.recorded_messages import ros_messages
 
 SAMPLE = Path(__file__).parents[2] / "bags" / "faulty_flap.mcap"
 pytestmark = pytest.mark.slow

@@ -157,3 +157,20 @@ def test_options_become_parameters_of_the_nodes(monkeypatch, ema):
         {"bag": "bag", "rate": 4.0, "actuator_only": True},
         {},
     ]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("record", "-o", "a.mcap", "--max-bag-size", "1000000"), "is one file: expected a folder"),
+        (("play", str(SAMPLE), "--start-offset", "1000"), "start_offset = 1000 s is beyond"),
+        (("play", str(SAMPLE), "--topic", "telemetri"), "did you mean '/ema/telemetry'"),
+    ],
+)
+def test_impossible_options_are_one_clear_line(words: tuple[str, ...], told: str, tmp_path: Path):
+    result = subprocess.run(
+        ["ema", *words], cwd=tmp_path, stderr=subprocess.PIPE, text=True, timeout=DEADLINE_S
+    )
+    assert result.returncode == 1
+    [line] = result.stderr.splitlines()
+    assert told in line

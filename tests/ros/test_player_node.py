@@ -1,13 +1,10 @@
 """The player gives a bag back as it was recorded: message by message, in time, and no more."""
 
-import math
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -21,8 +18,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 
 from ema_interfaces.msg import ActuatorDescription, FaultVectorStamped, Health, TelemetryBlock
-from ema_recording import playable, playback
-from ema_recording.playback import Playback
+from ema_recording import played_bag
 from ema_recording.player_node import PlayerNode
 from ema_recording.reader import Bag, Recorded
 from ema_recording.recorder_node import RecorderNode
@@ -30,8 +26,8 @@ from ema_recording.writer import BagWriter
 from ema_ros.managed_node import ManagedNode
 from ema_ros.status import ERROR, OK, WARN, Task
 
+from ..bags.recorded_messages import ros_messages
 from ..waiting import DEADLINE_S, wait_for
-from .recorded_messages import ros_messages
 from .spinning import Spinning, made
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -92,125 +88,10 @@ def texts(heard: list[Any]) -> list[int]:
     return [int(message.data) for message in heard]
 
 
-def recorded(count: int) -> list[Recorded]:
-    return [
-        Recorded("/t", "", str(number), START_NS + number * STEP_NS, 0) for number in range(count)
-    ]
-
-
-class SimulatedTime(threading.Event):
-    """A clock that stands still unless somebody waits; as an event, it may be set at a time."""
-
-    def __init__(self, set_at_s: float = math.inf) -> None:
-        super().__init__()
-        self.now_s = 100.0
-        self._set_at_s = self.now_s + set_at_s
-
-    def monotonic(self) -> float:
-        return self.now_s
-
-    def wait(self, timeout: float | None = None) -> bool:
-        assert timeout is not None
-        self.now_s = min(self.now_s + timeout, self._set_at_s)
-        if self.now_s == self._set_at_s:
-            self.set()
-        return self.is_set()
-
-
-@pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> SimulatedTime:
-    """Time as the playback has it."""
-    clock = SimulatedTime()
-    monkeypatch.setattr(playback, "time", clock)
-    return clock
-
-
-@pytest.mark.parametrize("rate", [1.0, 5.0])
-def test_messages_come_at_their_times(clock: SimulatedTime, rate: float):
-    begin_s = clock.now_s
-    published: list[tuple[int, float]] = []
-    played = Playback(
-        recorded(50),
-        rate,
-        0.01,
-        lambda item: published.append((item.log_time_ns, clock.now_s)),
-        lambda _: None,
-    )
-    assert played.run(clock)
-    assert [log_time_ns for log_time_ns, _ in published] == [
-        START_NS + number * STEP_NS for number in range(50)
-    ]
-    # Added and subtracted again, times of 100 s are exact to some 1e-14 s.
-    assert [at - begin_s for _, at in published] == pytest.approx(
-        [number * 0.01 / rate for number in range(50)], abs=1e-12
-    )
-
-
-def test_delays_do_not_add_up(clock: SimulatedTime):
-    begin_s = clock.now_s
-
-    def publish(_: Recorded) -> None:
-        clock.now_s += 0.005
-
-    assert Playback(recorded(51), 1.0, 0.01, publish, lambda _: None).run(clock)
-    assert clock.now_s - begin_s == pytest.approx(0.505, abs=1e-9)  # 0.755 s if they did
-
-
-def test_clock_goes_on_between_messages_and_never_past_the_next(clock: SimulatedTime):
-    events: list[tuple[str, int]] = []
-    played = Playback(
-        [recorded(1)[0], *recorded(41)[20:21], *recorded(41)[40:]],
-        1.0,
-        0.01,
-        lambda item: events.append(("message", item.log_time_ns - START_NS)),
-        lambda stamp_ns: events.append(("tick", stamp_ns - START_NS)),
-    )
-    assert played.run(clock)
-    times = [at for _, at in events]
-    assert times == sorted(times)
-    assert (times[0], times[-1]) == (0, 40 * STEP_NS)
-    assert events[-1][0] == "tick"
-    # One at each 10 ms, and one at the end.
-    assert len([at for kind, at in events if kind == "tick"]) in (41, 42)
-
-
-def test_recorded_time_stands_still_while_nothing_is_played(clock: SimulatedTime):
-    ticks: list[int] = []
-    items = [recorded(1)[0], recorded(31)[30]]
-    played = Playback(items, 1.0, 0.01, lambda _: None, ticks.append)
-    stopped = SimulatedTime(set_at_s=0.1)
-    clock.monotonic = stopped.monotonic
-    assert not played.run(stopped)
-    assert played.played == 1
-    # It is 0.09 s behind what was played then, and an hour passes.
-    reached_s = (played.reached_ns - START_NS) / 1e9
-    assert 0.0 < reached_s <= 0.1
-    clock.monotonic = lambda: clock.now_s
-    clock.now_s = begin_s = 3700.0
-    assert played.run(clock)
-    assert clock.now_s - begin_s == pytest.approx(0.3 - reached_s, abs=1e-9)
-    assert ticks == sorted(ticks)
-    assert played.played == 2
-
-
-def test_player_that_is_late_stops_before_the_next_message():
-    stop = threading.Event()
-    together = [item._replace(log_time_ns=START_NS) for item in recorded(5)]
-    played = Playback(together, 1.0, 0.01, lambda _: stop.set(), lambda _: None)
-    assert not played.run(stop)
-    assert played.played == 1
-
-
-def test_nothing_to_play_is_refused():
-    with pytest.raises(ValueError, match="no message"):
-        Playback([], 1.0, 0.01, lambda _: None, lambda _: None)
-
-
-@pytest.mark.parametrize("rate", [1.0, 5.0])
-def test_bag_is_played_in_order_with_its_clock(graph: Graph, bag: Path, rate: float):
+def test_bag_is_played_in_order_with_its_clock(graph: Graph, bag: Path):
     heard = [graph.listen(String, f"t{number}", STREAM) for number in range(2)]
     clock = graph.listen(Clock, "/clock", BEST_EFFORT)
-    player = graph.player(bag, rate=rate)
+    player = graph.player(bag, rate=5.0)
     assert player.bring_up()
     assert player.finished.wait(DEADLINE_S)
     wait_for(lambda: len(heard[0]) + len(heard[1]) == 101, "all messages")
@@ -252,22 +133,6 @@ def test_telemetry_is_waited_for_in_particular(graph: Graph, tmp_path: Path):
     assert not texts_heard
     graph.listen(TelemetryBlock, "telemetry", STREAM)
     assert player.finished.wait(DEADLINE_S)
-
-
-def test_it_starts_without_subscribers_in_the_end(graph: Graph, bag: Path):
-    player = graph.player(bag, rate=100.0, wait_s=0.2)
-    assert player.bring_up()
-    assert player.finished.wait(DEADLINE_S)
-    assert player._playback.played == 102
-
-
-def test_latched_message_reaches_a_late_subscriber(graph: Graph, bag: Path):
-    player = graph.player(bag, wait_s=0.0, rate=0.2)
-    assert player.bring_up()
-    wait_for(lambda: player._playback.played > 5, "some messages")
-    heard = graph.listen(String, "latched", LATCHED)
-    wait_for(lambda: heard, "the latched message")
-    assert [message.data for message in heard] == ["latched"]
 
 
 def test_only_what_an_actuator_sends_is_played_on_demand(graph: Graph, tmp_path: Path):
@@ -321,21 +186,12 @@ def test_truncated_bag_is_played_as_far_as_it_is_intact(graph: Graph, bag: Path)
     assert "flight.mcap is damaged: it breaks off at byte" in task(player).message
 
 
-def test_second_source_is_told(graph: Graph, bag: Path):
-    graph.node("actuator").create_publisher(String, "t1", STREAM)
-    player = graph.player(bag)
-    assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
-    wait_for(lambda: task(player).level == WARN, "the warning")
-    assert "/ema/t1: also published by actuator" in task(player).message
-    assert "/ema/t0" not in task(player).message
-
-
 def test_type_of_another_version_is_not_played(graph: Graph, bag: Path, monkeypatch: Any):
     def check(name: str, *_: str) -> None:
         if name == "std_msgs/msg/Header":
             raise ValueError(f"the recorded {name} is not the installed one: old there, new here")
 
-    monkeypatch.setattr(playable, "to_installed", check)
+    monkeypatch.setattr(played_bag, "to_installed", check)
     other = bag.with_name("other.mcap")
     with BagWriter(other) as writer:
         writer.add_topic("/ema/text", String, STREAM)
@@ -343,7 +199,7 @@ def test_type_of_another_version_is_not_played(graph: Graph, bag: Path, monkeypa
         writer.write("/ema/header", Header(), 0)
     player = graph.player(other)
     assert player.trigger_configure() == TransitionCallbackReturn.FAILURE
-    assert "/ema/header: the recorded std_msgs/msg/Header is not" in player._refused
+    assert "/ema/header: not played, the recorded std_msgs/msg/Header" in player._refused
     with BagWriter(other, overwrite=True) as writer:
         writer.add_topic("/ema/text", String, STREAM)
         writer.add_topic("/ema/header", Header, STREAM)
@@ -404,8 +260,6 @@ def player_process(*parameters: str) -> subprocess.Popen[str]:
     [
         (["bag:=nowhere"], "nowhere: there is no such recording"),
         ([], "parameter bag is empty: expected the path of a recording"),
-        (["bag:={empty}"], "{empty}: nothing to play: no message in it"),
-        (["bag:={bag}", "actuator_only:=1"], "parameter actuator_only = 1: expected true or false"),
         (
             ["bag:={bag}", "actuator_only:=true"],
             "{bag}: nothing to play: no message of an actuator",
@@ -413,17 +267,14 @@ def player_process(*parameters: str) -> subprocess.Popen[str]:
     ],
 )
 def test_what_cannot_be_played_is_one_clear_line(bag: Path, parameters: list[str], told: str):
-    empty = bag.with_name("empty.mcap")
-    BagWriter(empty).close()
-    names = {"bag": bag, "empty": empty}
-    with player_process(*[item.format(**names) for item in parameters]) as process:
+    with player_process(*[item.format(bag=bag) for item in parameters]) as process:
         try:
             assert process.wait(timeout=DEADLINE_S) == 1
         finally:
             process.kill()
         assert process.stderr is not None
         (line,) = process.stderr.read().splitlines()
-    assert told.format(**names) in line
+    assert told.format(bag=bag) in line
 
 
 def test_interrupted_player_does_not_wait_for_the_next_message(graph: Graph, tmp_path: Path):
@@ -439,21 +290,3 @@ def test_interrupted_player_does_not_wait_for_the_next_message(graph: Graph, tmp
             assert process.wait(timeout=DEADLINE_S) == 0
         finally:
             process.kill()
-
-
-def test_listener_whose_name_is_not_known_yet_does_not_end_the_status(
-    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    path = tmp_path / "flight.mcap"
-    with BagWriter(path) as writer:
-        writer.add_topic("/ema/telemetry", TelemetryBlock, STREAM)
-        writer.write("/ema/telemetry", TelemetryBlock(actuator_id="flap"), START_NS)
-    player = graph.player(path, stay=True)
-    # So the middleware gives it between the discovery of a subscription and that of its node.
-    unknown = SimpleNamespace(
-        node_name="_NODE_NAME_UNKNOWN_", node_namespace="_NODE_NAMESPACE_UNKNOWN_"
-    )
-    monkeypatch.setattr(player, "get_subscriptions_info_by_topic", lambda _: [unknown])
-    assert player.trigger_configure() == TransitionCallbackReturn.SUCCESS
-    [playback] = [task for task in player.tasks() if task.name == "playback"]
-    assert playback.level == OK

@@ -180,7 +180,7 @@ def test_monitor_that_does_not_follow_the_clock_is_named(graph: Graph, tmp_path:
 
 
 def test_compressed_and_split_bags_are_played(graph: Graph, bag: Path, tmp_path: Path):  # noqa: F811
-    from . import compressed
+    from ..bags import compressed
 
     heard = [graph.listen(String, f"t{number}", STREAM) for number in range(2)]
     count = sum(topic.count for topic in Bag(bag).topics.values())

@@ -24,15 +24,13 @@ from std_msgs.msg import Header, String
 
 from ema_interfaces.msg import ActuatorDescription, FaultEstimate, Health, TelemetryBlock
 from ema_recording import recorded_topic
-from ema_recording.qos import offered_qos, offered_qos_profiles, recorded_qos, replay_qos
+from ema_recording.qos import offered_qos, recorded_qos
 from ema_recording.reader import Bag
-from ema_recording.recorded_topic import SequenceGaps, Silence
 from ema_recording.recorder_node import RecorderNode
-from ema_recording.standstills import LEAST_S, Standstills
 from ema_ros.status import ERROR, OK, WARN, Task
 
+from ..bags.recorded_messages import ros_messages
 from ..waiting import DEADLINE_S, wait_for
-from .recorded_messages import ros_messages
 from .spinning import Spinning, made, ros_context, wait_for_match
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -337,115 +335,6 @@ def test_messages_that_the_middleware_drops_are_counted(
     assert task(recorder).values["lost by topic"] == f"/ema/text {values['lost messages']}"
 
 
-def test_gaps_count_where_one_publisher_stays():
-    gaps = SequenceGaps()
-    gaps.set_publishers(frozenset("a"))
-    for number in (7, 8, 11, None, 12):
-        gaps.count(number)
-    assert gaps.lost == 0  # until the publisher is seen to be the same
-    gaps.set_publishers(frozenset("a"))
-    assert gaps.lost == 2
-    gaps.set_publishers(frozenset("a"))
-    assert gaps.lost == 2
-
-
-def test_what_a_publisher_sent_while_it_was_out_of_reach_counts_as_lost():
-    gaps = SequenceGaps()
-    gaps.set_publishers(frozenset("a"))
-    gaps.count(100)
-    gaps.set_publishers(frozenset())
-    gaps.count(1101)
-    gaps.set_publishers(frozenset("a"))
-    assert gaps.lost == 1000
-    # Another one in its place has numbers of its own.
-    gaps.set_publishers(frozenset())
-    gaps.count(5000)
-    gaps.set_publishers(frozenset("b"))
-    gaps.set_publishers(frozenset("b"))
-    assert gaps.lost == 1000
-
-
-def test_what_comes_while_nothing_is_recorded_is_not_lost():
-    gaps = SequenceGaps()
-    gaps.set_publishers(frozenset("a"))
-    gaps.count(1)
-    gaps.pause()
-    gaps.count(1001)
-    gaps.set_publishers(frozenset("a"))
-    assert gaps.lost == 0
-
-
-def test_gap_before_the_last_message_of_a_publisher_counts_when_it_has_gone():
-    gaps = SequenceGaps()
-    gaps.set_publishers(frozenset("a"))
-    gaps.count(1)
-    gaps.count(7)
-    for _ in range(2):
-        gaps.set_publishers(frozenset())
-        assert gaps.lost == 5
-
-
-def test_standstill_is_told_with_its_times():
-    found = Standstills()
-    assert found.call(100.0, 5_000_000_000) is None
-    assert found.call(101.9, 6_900_000_000) is None
-    gap = found.call(104.0, 9_000_000_000)
-    assert str(gap) == (
-        "messages from 6.900 s to 9.000 s may be missing: the recorder stood still for 2.1 s"
-    )
-    found.pause()
-    assert found.call(200.0, 105_000_000_000) is None
-    assert (found.count, found.total_s) == (1, pytest.approx(2.1))
-    # Simulated time was set back meanwhile.
-    gap = found.call(210.0, 4_000_000_000)
-    assert gap is not None
-    assert gap.start_ns < gap.end_ns
-
-
-def test_silence_is_told_of_what_came_regularly():
-    silence = Silence()
-    for number in range(60):
-        silence.end(0.1 * number)
-    assert silence.length(15.0) == 0.0
-    assert silence.length(17.0) == pytest.approx(17.0 - 5.9)
-    silence.end(17.0)
-    assert silence.length(18.0) == 0.0
-    # It was silent for 11 s once, so that it takes more to be told.
-    assert silence.length(60.0) == 0.0
-    assert silence.length(73.0) == pytest.approx(56.0)
-    # There was no publisher for a while: that is no habit, and told of the one that is back.
-    silence.pause()
-    assert silence.is_paused
-    assert silence.length(1e6) == 0.0
-    silence.begin(1e6)
-    assert silence.length(1e6 + 60.0) == pytest.approx(60.0)
-    # The recorder stood still: one message of before it was heard before that was known.
-    silence.end(1e6 + 600.0)
-    silence.end(1e6 + 1200.0)
-    silence.begin(1e6 + 1200.1)
-    assert silence.length(1e6 + 1260.1) == pytest.approx(60.0)
-    rare = Silence()
-    rare.end(0.0)
-    assert rare.length(1e6) == 0.0
-
-
-def test_gaps_of_several_or_new_publishers_do_not_count():
-    gaps = SequenceGaps()
-    gaps.set_publishers(frozenset("a"))
-    gaps.count(100)
-    for number in (1, 101, 2):  # a second publisher that is not seen yet
-        gaps.count(number)
-    for publishers in ("ab", "ab", "b", "ab", "", "a"):
-        gaps.set_publishers(frozenset(publishers))
-        if len(publishers) != 1:
-            for number in (10, 9000, 11, 9001):
-                gaps.count(number)
-    gaps.set_publishers(frozenset("c"))
-    gaps.count(1)  # a publisher that starts anew
-    gaps.set_publishers(frozenset("c"))
-    assert gaps.lost == 0
-
-
 def test_message_that_is_none_is_recorded_as_it_is_and_harms_nothing(
     graph: Graph, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ):
@@ -471,31 +360,6 @@ def test_message_that_is_none_is_recorded_as_it_is_and_harms_nothing(
     for name in names:
         assert f"topic {name}: 1 malformed message skipped" in bag.damage
     assert "Traceback" not in "".join(capfd.readouterr())
-
-
-@pytest.mark.parametrize("numbers", [False, True])
-def test_recorded_qos_is_read_back(numbers: bool):
-    for qos in (STREAM, LATCHED, BEST_EFFORT):
-        text = offered_qos_profiles(qos)
-        if numbers:  # as recordings before Jazzy have it
-            text = text.replace("keep_last", "1").replace("automatic", "1")
-            text = text.replace("reliable", "1").replace("best_effort", "2")
-            text = text.replace("transient_local", "1").replace("volatile", "2")
-        (read,) = recorded_qos(text)
-        assert offered_qos(read) == offered_qos(qos)
-    assert recorded_qos("") == []
-    with pytest.raises(ValueError, match="offered_qos_profiles"):
-        recorded_qos("- history: keep_some\n")
-
-
-def test_replayed_qos_keeps_what_is_latched_and_widens_streams():
-    assert replay_qos([LATCHED]).depth == 1
-    assert replay_qos([LATCHED]).durability == DurabilityPolicy.TRANSIENT_LOCAL
-    assert replay_qos([STREAM]).depth == 1000
-    assert replay_qos([STREAM]).durability == DurabilityPolicy.VOLATILE
-    assert replay_qos([BEST_EFFORT]).reliability == ReliabilityPolicy.BEST_EFFORT
-    assert replay_qos([LATCHED, STREAM]).durability == DurabilityPolicy.VOLATILE
-    assert replay_qos([]).reliability == ReliabilityPolicy.RELIABLE
 
 
 def recorder_process(path: Path, *, script: str = "") -> subprocess.Popen[str]:
@@ -606,14 +470,13 @@ def test_recorder_that_stood_still_says_so_in_status_and_bag(graph: Graph, tmp_p
             wait_for(publisher.get_subscription_count, "the recorder")
             before = standstills()
             process.send_signal(signal.SIGSTOP)
-            time.sleep(1.5 * LEAST_S)
+            time.sleep(3.0)
             process.send_signal(signal.SIGCONT)
             wait_for(lambda: standstills() > before, "the recorder to say that it stood still")
             status = told["/ema/recorder: recording"]
             assert status.level[0] == WARN
             assert "may be missing: the recorder stood still for " in status.message
             values = {item.key: item.value for item in status.values}
-            assert float(values["stood still [s]"]) >= 1.5 * LEAST_S
             process.send_signal(signal.SIGINT)
             assert process.wait(timeout=DEADLINE_S) == 0
         finally:

@@ -19,13 +19,11 @@ from ema_interfaces.msg import (
     HealthSummary,
     TelemetryBlock,
 )
-from ema_recording.bag_files import BagFiles
-from ema_recording.level_changes import LevelChanges
+from ema_recording.bag_file import BagFile
 from ema_recording.metadata import METADATA_FILE
 from ema_recording.reader import Bag
 from ema_recording.recorder_settings import RecorderSettings
 from ema_recording.recording import Recording
-from ema_recording.snapshot_buffer import Kept, SnapshotBuffer
 from ema_ros.status import WARN
 
 from ..waiting import wait_for
@@ -50,42 +48,15 @@ def health(level: int, actuator: str = "flap") -> Health:
     return Health(actuator_id=actuator, level=level)
 
 
-def kept_text(number: int, time_ns: int) -> Kept:
-    return Kept("/t", str(number).encode(), time_ns, None)
-
-
-def test_buffer_reaches_back_for_its_duration():
-    buffer = SnapshotBuffer(2.0, 10**6)
-    gone = [item for n in range(50) for item in buffer.append(kept_text(n, n * S // 10))]
-    assert [int(item.data) for item in gone] == list(range(29))
-    assert buffer.span_s == 2.0
-    assert not buffer.is_short
-    assert [int(item.data) for item in buffer.take()] == list(range(29, 50))
-    assert (len(buffer), buffer.size, buffer.span_s) == (0, 0, 0.0)
-
-
-def test_buffer_is_bounded_in_bytes_and_says_so():
-    buffer = SnapshotBuffer(1000.0, 5000)
-    for number in range(1000):
-        buffer.append(Kept("/t", bytes(800), number * S, None))
-        assert buffer.size <= 5000
-    assert buffer.is_short
-    assert len(buffer) == 5
-    assert len(buffer.append(Kept("/t", bytes(10_000), 0, None))) == 6
-    assert (len(buffer), buffer.size) == (0, 0)
-
-
-def test_clock_that_is_set_back_makes_nothing_old():
-    buffer = SnapshotBuffer(1.0, 10**6)
-    for time_ns in (100 * S, 5 * S, 5 * S + S // 2):
-        assert buffer.append(kept_text(0, time_ns)) == []
-
-
-def test_first_level_is_no_change_and_own_statuses_do_not_count():
-    changes = LevelChanges("/ema/recorder")
+def test_first_level_is_no_change_and_own_statuses_do_not_count(tmp_path: Path):
+    settings = RecorderSettings(output="flight", snapshot_duration=1.0)
+    recording = Recording(str(tmp_path / "flight"), settings, "/ema/recorder", lambda *_: None)
+    for kind in (Health, HealthSummary, String, DiagnosticArray):
+        recording.add_topic(f"/{kind.__name__}", kind, STREAM)
 
     def find(message: Any) -> str:
-        return changes.find(type(message), serialize_message(message))
+        data = serialize_message(message)
+        return recording.receive(f"/{type(message).__name__}", data, 0, None)
 
     assert find(health(Health.OK)) == ""
     assert find(health(Health.OK)) == ""
@@ -101,6 +72,7 @@ def test_first_level_is_no_change_and_own_statuses_do_not_count():
         array = DiagnosticArray(status=[status(name, level) for name in names])
         found = find(array)
         assert found == (", ".join(f"{name} from OK to WARN" for name in told) if told else "")
+    recording.bag.close()
 
 
 def test_snapshot_begins_with_what_held_before_it(tmp_path: Path):
@@ -167,7 +139,7 @@ def test_recorder_writes_when_a_level_changes_and_on_demand(graph: Graph, tmp_pa
     output.publish(health(Health.OK))
     for number in range(20):
         text.publish(String(data=str(number)))
-    wait_for(lambda: recorder._recorded and len(recorder._recorded.kept or ()) == 21, "all of it")
+    wait_for(lambda: recorder._recorded and len(recorder._recorded._kept) == 21, "all of it")
     assert task(recorder).values["messages"] == 0
     output.publish(health(Health.WARN))
     recorded(recorder, 22)
@@ -215,7 +187,7 @@ def test_snapshot_that_cannot_be_written_is_refused_and_written_later(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as full:
-        full.setattr(BagFiles, "flush", refuse)
+        full.setattr(BagFile, "flush", refuse)
         future = client.call_async(Trigger.Request())
         wait_for(future.done, "the answer")
         answer: Any = future.result()

@@ -14,7 +14,6 @@ from mcap_ros2.decoder import DecoderFactory
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
-from std_msgs.msg import String
 
 import ema_interfaces.msg
 from ema_core.commands import THESIS_CHIRP, build_cycle
@@ -22,9 +21,9 @@ from ema_core.description import ActuatorDescription
 from ema_interfaces.msg import ActuatorDescription as DescriptionMessage
 from ema_interfaces.msg import TelemetryBlock, Usage
 from ema_recording.actuator_bag import SimulatedActuatorBag
-from ema_recording.cdr import trimmer
 from ema_recording.message_type import type_name
 from ema_recording.reader import Bag
+from ema_recording.schema import trimmer
 from ema_recording.windows import read_windows
 from ema_recording.writer import BagWriter
 from ema_sim.actuator import SimulatedActuator
@@ -143,7 +142,7 @@ def test_metadata_list_what_is_closed_and_the_rest_is_found(tmp_path: Path):
 KILLED = """
 import os, sys
 from pathlib import Path
-from tests.ros.test_split_bags import record
+from tests.bags.test_split import record
 record(Path(sys.argv[1]), max_duration_s=0.25).flush()
 os._exit(9)
 """
@@ -161,10 +160,6 @@ def test_one_file_cannot_be_split(tmp_path: Path):
     with pytest.raises(ValueError, match=r"flight.mcap is one file: expected a folder"):
         BagWriter(tmp_path / "flight.mcap", max_bytes=1_000_000)
     assert not any(tmp_path.iterdir())
-    with pytest.raises(ValueError, match="max_bytes = -1 B"):
-        BagWriter(tmp_path / "flight", max_bytes=-1)
-    with pytest.raises(ValueError, match="max_duration_s = nan s"):
-        BagWriter(tmp_path / "flight", max_duration_s=float("nan"))
 
 
 @pytest.mark.slow
@@ -213,8 +208,6 @@ def test_messages_end_where_their_content_ends(tmp_path: Path, kind: type):
 def test_ros_leaves_bytes_behind_a_message_and_they_are_cut_off():
     data = serialize_message(TelemetryBlock(actuator_id="flap"))
     trim = trimmer(type_name(TelemetryBlock))
-    assert trim is not None
     assert len(data) > len(trim(data))
     assert trim(trim(data)) == trim(data) == data[: len(trim(data))]
     assert trim(b"no message") == b"no message"
-    assert trimmer(type_name(String)) is None

@@ -20,7 +20,6 @@ from std_msgs.msg import Header, String
 from visualization_msgs.msg import InteractiveMarkerUpdate
 
 import ema_interfaces.msg
-from ema_interfaces.msg import FaultEstimate, TelemetryBlock
 from ema_recording.message_type import definition, message_class, type_hash, type_name
 from ema_recording.qos import offered_qos, offered_qos_profiles
 from ema_recording.schema import decoder, schema_text, to_installed
@@ -41,22 +40,6 @@ TYPES = [
 ]
 TELEMETRY = "ema_interfaces/msg/TelemetryBlock"
 SEPARATOR = "=" * 80
-
-
-@pytest.mark.parametrize("kind", TYPES, ids=type_name)
-def test_names_go_both_ways(kind: type):
-    assert message_class(type_name(kind)) is kind
-
-
-def test_hashes_are_those_of_discovery(make_node):
-    node = make_node("schema_test")
-    for number, kind in enumerate(TYPES):
-        topic = f"/hash_{number}"
-        publisher = node.create_publisher(kind, topic, 1)
-        (info,) = node.get_publishers_info_by_topic(topic)
-        assert str(info.topic_type_hash) == type_hash(info.topic_type)
-        assert info.topic_type == type_name(kind)
-        node.destroy_publisher(publisher)
 
 
 @pytest.mark.parametrize("kind", TYPES, ids=type_name)
@@ -175,17 +158,6 @@ def test_offered_qos_in_words():
         "avoid_ros_namespace_conventions": False,
     }
     assert yaml.safe_load(offered_qos_profiles(qos)) == [offered_qos(qos)]
-
-
-def test_offered_qos_is_what_discovery_reports(make_node):
-    node = make_node("schema_test")
-    # Discovery does not tell history and depth.
-    qos = QoSProfile(depth=3)
-    node.create_publisher(FaultEstimate, "/offered", qos)
-    node.create_publisher(TelemetryBlock, "/offered_too", qos)
-    (info,) = node.get_publishers_info_by_topic("/offered")
-    told = {"history": "unknown", "depth": 0}
-    assert offered_qos(info.qos_profile) == offered_qos(qos) | told
 
 
 def test_offered_qos_is_read_by_rosbags():
