@@ -12,8 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 from ema_core.wording import counted, unknown_name
 from ema_inputs.mapping import Mapping
 from ema_inputs.series import Collector, Series
-from ema_recording.metadata import METADATA_FILE
-from ema_recording.packed import PACKED_SUFFIX
+from ema_recording.metadata import METADATA_FILE, PACKED_SUFFIX
 from ema_recording.reader import Bag
 
 _PACKED_MCAP = f".mcap{PACKED_SUFFIX}"
